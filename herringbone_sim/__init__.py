@@ -1,0 +1,3 @@
+"""Herringbone planetary gear dynamics: stream, steer, record, analyse, diagnose."""
+
+__version__ = "0.1.0"

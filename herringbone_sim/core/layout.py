@@ -1,0 +1,98 @@
+"""Index <-> name: sides, planets, meshes, bodies, the state vector and the recorded channels.
+
+Arrays over meshes have the axes (kind, side, planet), flattened in this order: kind 0 is
+sun-planet ``sp``, kind 1 is ring-planet ``rp``; side 0 is ``L``, side 1 is ``R``. The state ``y``
+holds ``2 + 2 * n_classes`` displacements, then as many velocities (see ``Layout.state_names``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+KINDS = ("sp", "rp")
+SIDES = ("L", "R")
+HEAD = ("t", "phase", "K", "delta_T", "T_1")
+UNITS = {"t": "s", "phase": "rad", "K": "-", "delta_T": "K", "T_1": "N m"}
+PREFIX_UNITS = {"x": "m", "v": "m/s", "F": "N", "u": "m"}
+MEANINGS = {
+    "t": "time of the sample",
+    "phase": "mesh phase, unwrapped: its slope is the mesh frequency",
+    "K": "control amplitude in force",
+    "delta_T": "temperature rise in force",
+    "T_1": "input torque",
+    "x": "relative displacement along the line of action (Eqs. 15, 16) of mesh",
+    "v": "rate of the relative displacement of mesh",
+    "F": "normal mesh force k f(x) + c v of mesh",
+    "u": "rotation times base radius, rigid rotation removed, of body",
+}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names and sizes of a model with ``n_classes`` planets that are told apart.
+
+    The reduced model has one class that stands for all planets and leaves the number out.
+
+    Attributes:
+        n_classes: planets told apart, 1 in the reduced model.
+        numbered: whether names carry the planet's number (full model).
+    """
+
+    n_classes: int
+    numbered: bool
+
+    @property
+    def planets(self) -> tuple[str, ...]:
+        return tuple(str(i + 1) for i in range(self.n_classes)) if self.numbered else ("",)
+
+    @property
+    def n_mesh(self) -> int:
+        return 4 * self.n_classes
+
+    @property
+    def n_coordinate(self) -> int:
+        return 2 + 2 * self.n_classes
+
+    @property
+    def n_state(self) -> int:
+        return 2 * self.n_coordinate
+
+    @property
+    def meshes(self) -> tuple[str, ...]:
+        """Names such as ``sp1_L`` (``sp_L`` when reduced), in the order of mesh arrays."""
+        return tuple(f"{k}{p}_{s}" for k in KINDS for s in SIDES for p in self.planets)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names such as ``s_L``, ``c``, ``p1_L``."""
+        planets = tuple(f"p{p}_{s}" for s in SIDES for p in self.planets)
+        return ("s_L", "s_R", "c", *planets)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Displacements q_S, r_pS and their rates.
+
+        ``q_S = (u_s_S - 2 u_c) cos beta`` is the path through one planet from sun to ring,
+        ``r_pS = (u_p_S - u_c) cos beta``; then ``x_sp = q - r - e_sp`` and ``x_rp = r - e_rp``.
+        """
+        q = tuple(f"q_{s}" for s in SIDES)
+        r = tuple(f"r{p}_{s}" for s in SIDES for p in self.planets)
+        return (*q, *r, *(f"d{name}" for name in q + r))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Recorded channels in order: head, then x, v and F of the meshes, then u of the bodies."""
+        of_meshes = tuple(f"{a}_{m}" for a in "xvF" for m in self.meshes)
+        return (*HEAD, *of_meshes, *(f"u_{b}" for b in self.bodies))
+
+
+def unit_of(channel: str) -> str:
+    """Unit of a recorded channel, ``-`` for a number; KeyError for a foreign name."""
+    return UNITS[channel] if channel in UNITS else PREFIX_UNITS[channel.split("_")[0]]
+
+
+def describe(channel: str) -> dict[str, str]:
+    """Name, unit and meaning of a recorded channel, for the ``channels`` topic."""
+    prefix, _, rest = channel.partition("_")
+    meaning = MEANINGS[channel] if channel in MEANINGS else f"{MEANINGS[prefix]} {rest}"
+    return {"name": channel, "unit": unit_of(channel), "meaning": meaning}

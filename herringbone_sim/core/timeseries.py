@@ -1,0 +1,68 @@
+"""Frozen time series: the one form in which samples leave the model or a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.errors import AnalysisError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TimeSeries:
+    """Samples of named channels over time.
+
+    Attributes:
+        times: (n,) seconds, strictly increasing.
+        data: (n, n_channels) one row a sample, SI units.
+        names: n_channels names, as in ``core.layout``.
+
+    Raises:
+        AnalysisError: shapes disagree, a name stands twice, or time does not increase.
+    """
+
+    times: Array
+    data: Array
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if self.data.shape != (len(self.times), len(self.names)):
+            raise AnalysisError(
+                f"data must be (n, n_channels) = ({len(self.times)}, {len(self.names)}), "
+                f"got {self.data.shape}: hand in one row a sample and one name a column"
+            )
+        if len(set(self.names)) != len(self.names):
+            twice = sorted({name for name in self.names if self.names.count(name) > 1})
+            raise AnalysisError(f"channel names must be unique, got twice: {', '.join(twice)}")
+        steps = np.diff(self.times)
+        if steps.size and not np.all(steps > 0):
+            at = int(np.argmax(~(steps > 0)))
+            raise AnalysisError(
+                f"times must increase strictly, got {self.times[at]!r} s then "
+                f"{self.times[at + 1]!r} s at sample {at + 1}: cut the series there"
+            )
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __getitem__(self, name: str) -> Array:
+        """Samples (n,) of one channel; KeyError names the channels there are."""
+        try:
+            return self.data[:, self.names.index(name)]
+        except ValueError:
+            raise KeyError(f"no channel {name!r}; there are {', '.join(self.names)}") from None
+
+    def rows(self, start: int, stop: int) -> TimeSeries:
+        """Samples start (included) to stop (excluded), as views."""
+        return TimeSeries(self.times[start:stop], self.data[start:stop], self.names)
+
+    def columns(self, names: tuple[str, ...]) -> Array:
+        """Samples (n, len(names)) of some channels, a copy."""
+        return np.stack([self[name] for name in names], axis=1)
