@@ -1,0 +1,226 @@
+"""The four message types of a recording, from and to bytes.
+
+Every ``decode_*`` raises RecordingError for a message that is shorter than its own lengths say,
+or in another encapsulation than plain CDR.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.cdr import Array, Buffer, CdrReader, CdrWriter, checked
+
+Value = bool | int | float | str | bytes | list[bool] | list[int] | list[float] | list[str] | None
+
+_TYPES = ("none", "bool", "int", "float", "str", "bytes", "bools", "ints", "floats", "strs")
+
+
+def encode_string(text: str) -> bytes:
+    """std_msgs/String."""
+    out = CdrWriter()
+    out.text(text)
+    return bytes(out.buffer)
+
+
+@checked
+def decode_string(message: Buffer) -> str:
+    """Text of a std_msgs/String."""
+    return CdrReader(message).text()
+
+
+@lru_cache(maxsize=8)
+def _samples_head(names: tuple[str, ...], n: int) -> bytes:
+    out, c = CdrWriter(), len(names)
+    out.pack("I", 2)
+    for label, size, stride in (("sample", n, n * c), (",".join(names), c, c)):
+        out.text(label)
+        out.pack("2I", size, stride)
+    out.pack("2I", 0, n * c)
+    if n:
+        out.pack("0d")
+    return bytes(out.buffer)
+
+
+def encode_samples(names: tuple[str, ...], rows: Array) -> bytes:
+    """std_msgs/Float64MultiArray of a block of samples.
+
+    Args:
+        names: c channel names, without commas.
+        rows: (n, c) samples.
+    """
+    content = np.ascontiguousarray(rows, dtype="<f8")
+    return b"".join((_samples_head(names, len(rows)), content.data.cast("B")))
+
+
+@checked
+def decode_samples(message: Buffer) -> tuple[tuple[str, ...], Array]:
+    """Channel names (c,) and samples (n, c), a view, of a std_msgs/Float64MultiArray.
+
+    Raises:
+        RecordingError: the layout is not that of the ``samples`` topic.
+    """
+    source = CdrReader(message)
+    dims = [(source.text(), source.one("I"), source.one("I")) for _ in range(source.one("I"))]
+    offset = source.one("I")
+    data = source.doubles()[offset:]
+    if len(dims) != 2:
+        raise RecordingError(
+            f"samples need a layout of 2 dimensions (sample, channels), got {len(dims)}: "
+            "put the channel names, separated by commas, into the label of the second"
+        )
+    n, names = dims[0][1], tuple(name.strip() for name in dims[1][0].split(","))
+    if dims[1][1] != len(names) or n * len(names) != len(data):
+        raise RecordingError(
+            f"samples need size(sample) x size(channels) values and one name a channel, got "
+            f"{n} x {dims[1][1]}, {len(names)} names and {len(data)} values: mend the layout"
+        )
+    return names, data.reshape(n, len(names))
+
+
+@dataclass(frozen=True)
+class JointState:
+    """sensor_msgs/JointState: m meshes at one instant.
+
+    Attributes:
+        stamp_ns: time of the header in nanoseconds.
+        names: m mesh names.
+        position, velocity, effort: (m,) displacement [m], its rate [m/s], force [N].
+    """
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    effort: Array
+    frame_id: str = ""
+
+
+def encode_joint_state(state: JointState) -> bytes:
+    """sensor_msgs/JointState.
+
+    Raises:
+        RecordingError: the arrays are not all as long as the names.
+    """
+    arrays = (state.position, state.velocity, state.effort)
+    if any(len(array) != len(state.names) for array in arrays):
+        raise RecordingError(
+            f"position, velocity and effort must be as long as the {len(state.names)} names, got "
+            f"{', '.join(str(len(array)) for array in arrays)}: give one value a mesh in each"
+        )
+    out = CdrWriter()
+    out.pack("iI", *divmod(state.stamp_ns, 10**9))
+    out.text(state.frame_id)
+    out.texts(state.names)
+    for array in arrays:
+        out.numbers("d", [float(value) for value in array])
+    return bytes(out.buffer)
+
+
+@checked
+def decode_joint_state(message: Buffer) -> JointState:
+    """A sensor_msgs/JointState."""
+    source = CdrReader(message)
+    stamp_ns = source.one("i") * 10**9 + source.one("I")
+    frame_id, names = source.text(), tuple(source.texts())
+    position, velocity, effort = (source.doubles() for _ in range(3))
+    return JointState(stamp_ns, names, position, velocity, effort, frame_id)
+
+
+@dataclass(frozen=True)
+class ParameterEvent:
+    """rcl_interfaces/ParameterEvent.
+
+    Attributes:
+        stamp_ns: time of the change in nanoseconds.
+        node: full name of the node.
+        changed: new value by parameter name; None for a deleted or unset one.
+    """
+
+    stamp_ns: int
+    node: str
+    changed: Mapping[str, Value]
+
+
+def _type_of(value: object) -> str:
+    if isinstance(value, (bool, np.bool_)):
+        return "bool"
+    if isinstance(value, (int, np.integer)):
+        return "int"
+    if isinstance(value, (float, np.floating)):
+        return "float"
+    if isinstance(value, (bytes, str)):
+        return type(value).__name__
+    if isinstance(value, (list, tuple, np.ndarray)):
+        kinds = {_type_of(item) for item in value}
+        if kinds <= {"int", "float"}:
+            return "ints" if kinds == {"int"} else "floats"
+        if len(kinds) == 1 and kinds <= {"bool", "str"}:
+            return f"{kinds.pop()}s"
+    raise RecordingError(
+        "a parameter must be a bool, int, float, str, bytes or a list of one of these kinds, "
+        f"got {value!r}: convert it before it is recorded"
+    )
+
+
+def _write_value(out: CdrWriter, value: Value) -> None:
+    kind = "none" if value is None else _type_of(value)
+    held: dict[str, Any] = {kind: value}
+    out.pack("B", _TYPES.index(kind))
+    out.pack("?", bool(held.get("bool", False)))
+    out.pack("q", held.get("int", 0))
+    out.pack("d", held.get("float", 0.0))
+    out.text(str(held.get("str", "")))
+    for key, code in (("bytes", "B"), ("bools", "?"), ("ints", "q"), ("floats", "d")):
+        out.numbers(code, held.get(key, ()))
+    out.texts(held.get("strs", ()))
+
+
+def _read_value(source: CdrReader) -> Value:
+    kind = source.one("B")
+    scalars = (None, bool(source.one("B")), source.one("q"), source.double(), source.text())
+    arrays = (
+        bytes(source.raw(source.one("I"))),
+        [bool(item) for item in source.raw(source.one("I"))],
+        [int(item) for item in source.array("i8", source.one("I"))],
+        [float(item) for item in source.doubles()],
+        source.texts(),
+    )
+    values: tuple[Value, ...] = (*scalars, *arrays)
+    return values[kind] if kind < len(values) else None
+
+
+def encode_parameter_event(event: ParameterEvent) -> bytes:
+    """rcl_interfaces/ParameterEvent with all values under ``changed_parameters``.
+
+    Raises:
+        RecordingError: a value that no ROS parameter can have.
+    """
+    out = CdrWriter()
+    out.pack("iI", *divmod(event.stamp_ns, 10**9))
+    out.text(event.node)
+    out.pack("I", 0)
+    out.pack("I", len(event.changed))
+    for name, value in event.changed.items():
+        out.text(name)
+        _write_value(out, value)
+    out.pack("I", 0)
+    return bytes(out.buffer)
+
+
+@checked
+def decode_parameter_event(message: Buffer) -> ParameterEvent:
+    """A rcl_interfaces/ParameterEvent: new, changed and deleted parameters in one mapping."""
+    source = CdrReader(message)
+    stamp_ns, node = source.one("i") * 10**9 + source.one("I"), source.text()
+    changed: dict[str, Value] = {}
+    for deleted in (False, False, True):
+        for _ in range(source.one("I")):
+            name, value = source.text(), _read_value(source)
+            changed[name] = None if deleted else value
+    return ParameterEvent(stamp_ns, node, changed)
