@@ -1,0 +1,61 @@
+"""Missing samples: the phase advances by the same step a sample, so it counts them exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from herringbone_sim.recording.cdr import Array
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Samples that are missing in one place.
+
+    Attributes:
+        index: first sample behind the gap.
+        t_s: time of the last sample before it [s].
+        missing: number of samples.
+    """
+
+    index: int
+    t_s: float
+    missing: int
+
+
+def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
+    """Places where ``counter`` advances by more than 1.5 times the steps before and after.
+
+    The step may change (another number of samples a cycle, another speed) without being a gap.
+
+    Args:
+        times: (n,) times [s].
+        counter: (n,) the phase [rad], or whatever advances evenly.
+    """
+    steps = np.diff(counter)
+    if len(steps) < 2:
+        return ()
+    before, after = np.r_[steps[1], steps[:-1]], np.r_[steps[1:], steps[-2]]
+    usual = np.maximum(before, after)
+    wide = np.flatnonzero((usual > 0) & np.isfinite(steps) & (steps > 1.5 * usual))
+    return tuple(
+        Gap(int(i) + 1, float(times[i]), round(float(steps[i] / usual[i])) - 1) for i in wide
+    )
+
+
+def sample_gaps(names: tuple[str, ...], rows: Array) -> tuple[Gap, ...]:
+    """Gaps in samples (n, c), counted by ``phase``, or by ``t`` where there is no phase."""
+    counter = "phase" if "phase" in names else "t"
+    return find_gaps(rows[:, names.index("t")], rows[:, names.index(counter)])
+
+
+def gap_notes(names: tuple[str, ...], rows: Array) -> list[str]:
+    """A sentence on missing samples, if any are missing."""
+    gaps = sample_gaps(names, rows)
+    if not gaps:
+        return []
+    return [
+        f"{sum(gap.missing for gap in gaps)} samples are missing in {len(gaps)} gaps, the first "
+        f"after t = {gaps[0].t_s:.9g} s (sample {gaps[0].index})"
+    ]
