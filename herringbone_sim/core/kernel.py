@@ -33,11 +33,11 @@ class Packed(NamedTuple):
         multiplicity: planets that one class stands for.
         stiffness: (n,) mean mesh stiffness times the projection over omega_n^2 [kg].
         damping: (n,) mesh damping times the projection over omega_n [kg].
-        k_cos: (n, h) cosine shares of the harmonics of k (Eq. 7).
-        k_sin: (n, h) sine shares.
+        k_cos: (h, n) cosine amplitudes of the harmonics of k (Eq. 7), as stiffness.
+        k_sin: (h, n) sine amplitudes.
         e_mean: (n,) mean error (Eq. 9).
-        e_cos: (n, g) cosine amplitudes of the harmonics of e.
-        e_sin: (n, g) sine amplitudes.
+        e_cos: (g, n) cosine amplitudes of the harmonics of e.
+        e_sin: (g, n) sine amplitudes.
         b: (n,) half-backlash b' in force (Eq. 3).
         inv_M_s: (2,) of the sun halves [1/kg].
         inv_M_p: (2, c) of the planet halves [1/kg].
@@ -79,8 +79,11 @@ class Work(NamedTuple):
     """Scratch of one integration, made once outside the loop; p = order, n, m = coordinates."""
 
     k: Array  # (p + 1, n) series of the stiffness
-    offset_x: Array  # (p + 1, n) what is taken off G q to get the deflection
-    offset_v: Array  # (p + 1, n) what is taken off G dq to get the rate
+    error: Array  # (p + 1, n) series of e, taken off G q to get the deflection
+    error_rate: Array  # (n,) de/dtau at one phase
+    cos: Array  # (p + 1,) series of one harmonic
+    sin: Array  # (p + 1,)
+    inverse: Array  # (p + 2,) 1 / i
     load: Array  # (p + 1, m) series of the outer acceleration
     none_n: Array  # (p + 1, n) zeros
     none_m: Array  # (p + 1, m) zeros
@@ -93,6 +96,8 @@ class Work(NamedTuple):
     next: Array  # (n,) contact after the switch
     at: Array  # (n,) where in the step a mesh switches, 2 when it does not
     end: Array  # (n,) deflection at the end of the step
+    end_slope: Array  # (n,) its rate
+    closed: Array  # (n,) 1 in contact, 0 separated
     force: Array  # (n,) one order of the mesh forces
     rate: Array  # (4, n_state) stages of RK4
     stage: Array  # (n_state,)
@@ -106,25 +111,37 @@ def make_work(n_mesh: int, n_coordinate: int, order: int) -> Work:
         return np.zeros(shape)
 
     return Work(
-        *(zeros(p, n_mesh) for _ in range(3)),
-        zeros(p, n_coordinate),
-        zeros(p, n_mesh),
-        zeros(p, n_coordinate),
-        zeros(p, n_coordinate),
-        zeros(p, n_coordinate),
-        zeros(p, n_mesh),
-        zeros(p, n_mesh),
-        *(zeros(n_mesh) for _ in range(6)),
-        zeros(4, 2 * n_coordinate),
-        zeros(2 * n_coordinate),
+        k=zeros(p, n_mesh),
+        error=zeros(p, n_mesh),
+        error_rate=zeros(n_mesh),
+        cos=zeros(p),
+        sin=zeros(p),
+        inverse=1.0 / np.maximum(np.arange(p + 1.0), 1.0),
+        load=zeros(p, n_coordinate),
+        none_n=zeros(p, n_mesh),
+        none_m=zeros(p, n_coordinate),
+        q=zeros(p, n_coordinate),
+        v=zeros(p, n_coordinate),
+        x=zeros(p, n_mesh),
+        f=zeros(p, n_mesh),
+        contact=zeros(n_mesh),
+        now=zeros(n_mesh),
+        next=zeros(n_mesh),
+        at=zeros(n_mesh),
+        end=zeros(n_mesh),
+        end_slope=zeros(n_mesh),
+        closed=zeros(n_mesh),
+        force=zeros(n_mesh),
+        rate=zeros(4, 2 * n_coordinate),
+        stage=zeros(2 * n_coordinate),
     )
 
 
 compiled: Any = njit(cache=True, nogil=True, error_model="numpy")
-inlined: Any = njit(cache=True, nogil=True, error_model="numpy", inline="always")
+inlined: Any = njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 
 
-@compiled
+@inlined
 def deflections(p, coordinate, x):  # type: ignore[no-untyped-def]
     """x = G q of Eqs. (15), (16), without the errors: sun meshes q - r, ring meshes r."""
     c = len(p.classes)
@@ -135,7 +152,7 @@ def deflections(p, coordinate, x):  # type: ignore[no-untyped-def]
             x[2 * c + m] = coordinate[2 + m]
 
 
-@compiled
+@inlined
 def accelerate(p, force, acceleration):  # type: ignore[no-untyped-def]
     """Subtract the accelerations that the mesh forces give (Eqs. 12-14, as 18): in place."""
     c = len(p.classes)
@@ -161,64 +178,79 @@ def accelerate(p, force, acceleration):  # type: ignore[no-untyped-def]
             acceleration[2 + m] -= carrier - planet
 
 
-@compiled
+@inlined
 def expand_excitation(p, w, phase, cycle, h):  # type: ignore[no-untyped-def]
-    """Series over one step of length h of k(t), e(t), de/dt and the control, from a phase."""
+    """Series over one step of length h of k(t) (Eq. 7), e(t) (Eq. 9) and the control."""
     order = w.k.shape[0] - 1
     n = 4 * len(p.classes)
     for m in range(n):
         w.k[0, m] = p.stiffness[m]
-        w.offset_x[0, m] = p.e_mean[m]
-        w.offset_v[0, m] = 0.0
+        w.error[0, m] = p.e_mean[m]
     for i in range(1, order + 1):
         for m in range(n):
             w.k[i, m] = 0.0
-            w.offset_x[i, m] = 0.0
-            w.offset_v[i, m] = 0.0
-    for j in range(p.k_cos.shape[1]):
-        frequency = (j + 1) * p.Omega
-        cos = np.cos((j + 1) * phase)
-        sin = np.sin((j + 1) * phase)
-        scale = 1.0
-        for i in range(order + 1):
-            for m in range(n):
-                share = p.k_cos[m, j] * cos + p.k_sin[m, j] * sin
-                w.k[i, m] += p.stiffness[m] * scale * share
-            cos, sin = -sin, cos
-            scale *= frequency * h / (i + 1)
-    for j in range(p.e_cos.shape[1]):
-        frequency = (j + 1) * p.Omega
-        cos = np.cos((j + 1) * phase)
-        sin = np.sin((j + 1) * phase)
-        scale = 1.0
-        for i in range(order + 1):
-            for m in range(n):
-                e = p.e_cos[m, j] * cos + p.e_sin[m, j] * sin
-                de = p.e_sin[m, j] * cos - p.e_cos[m, j] * sin
-                w.offset_x[i, m] += scale * e
-                w.offset_v[i, m] += scale * frequency * de
-            cos, sin = -sin, cos
-            scale *= frequency * h / (i + 1)
+            w.error[i, m] = 0.0
+    harmonics = max(p.k_cos.shape[0], p.e_cos.shape[0])
+    for j in range(harmonics):
+        expand_harmonic(w, (j + 1) * phase, (j + 1) * p.Omega * h)
+        for four in range(len(p.classes)):
+            if j < p.k_cos.shape[0]:
+                add_harmonic(w, w.k, p.k_cos[j], p.k_sin[j], 4 * four)
+            if j < p.e_cos.shape[0]:
+                add_harmonic(w, w.error, p.e_cos[j], p.e_sin[j], 4 * four)
     expand_load(p, w, phase, cycle, h)
 
 
-@compiled
+@inlined
+def expand_harmonic(w, angle, turn):  # type: ignore[no-untyped-def]
+    """Series of cos(angle + s turn) and sin(angle + s turn) in s into ``w.cos`` and ``w.sin``."""
+    cos = np.cos(angle)
+    sin = np.sin(angle)
+    scale = 1.0
+    for i in range(w.cos.size):
+        w.cos[i] = scale * cos
+        w.sin[i] = scale * sin
+        cos, sin = -sin, cos
+        scale *= turn * w.inverse[i + 1]
+
+
+@inlined
+def add_harmonic(w, out, in_cos, in_sin, m):  # type: ignore[no-untyped-def]
+    """Add one harmonic to the series of meshes m to m + 3, side by side in vector lanes."""
+    c0, c1, c2, c3 = in_cos[m], in_cos[m + 1], in_cos[m + 2], in_cos[m + 3]
+    s0, s1, s2, s3 = in_sin[m], in_sin[m + 1], in_sin[m + 2], in_sin[m + 3]
+    for i in range(w.cos.size):
+        cos = w.cos[i]
+        sin = w.sin[i]
+        a0 = out[i, m] + (c0 * cos + s0 * sin)
+        a1 = out[i, m + 1] + (c1 * cos + s1 * sin)
+        a2 = out[i, m + 2] + (c2 * cos + s2 * sin)
+        a3 = out[i, m + 3] + (c3 * cos + s3 * sin)
+        out[i, m] = a0
+        out[i, m + 1] = a1
+        out[i, m + 2] = a2
+        out[i, m + 3] = a3
+
+
+@inlined
 def expand_load(p, w, phase, cycle, h):  # type: ignore[no-untyped-def]
     """Series of the torques and of the control K cos(order * phase + control_phase), Eq. (20)."""
     order = w.load.shape[0] - 1
     c = len(p.classes)
-    turns = p.control_order * cycle
-    angle = TWO_PI * (turns - np.floor(turns)) + p.control_order * phase + p.control_phase
-    cos = np.cos(angle)
-    sin = np.sin(angle)
-    scale = p.K
-    for i in range(order + 1):
-        for side in range(2):
-            w.load[i, side] = -scale * cos * p.control_q[side]
-            for k in range(c):
-                w.load[i, 2 + side * c + k] = -scale * cos * p.control_r[side]
-        cos, sin = -sin, cos
-        scale *= p.control_order * p.Omega * h / (i + 1)
+    if p.K != 0.0:
+        turns = p.control_order * cycle
+        angle = TWO_PI * (turns - np.floor(turns)) + p.control_order * phase + p.control_phase
+        expand_harmonic(w, angle, p.control_order * p.Omega * h)
+        for i in range(order + 1):
+            control = p.K * w.cos[i]
+            for side in range(2):
+                w.load[i, side] = -control * p.control_q[side]
+                for k in range(c):
+                    w.load[i, 2 + side * c + k] = -control * p.control_r[side]
+    else:
+        for i in range(order + 1):
+            for k in range(2 + 2 * c):
+                w.load[i, k] = 0.0
     for side in range(2):
         w.load[0, side] += p.load_q[side]
         for k in range(c):
@@ -240,8 +272,8 @@ def cauchy(w, i, m):  # type: ignore[no-untyped-def]
     w.force[m + 3] += a3
 
 
-@compiled
-def expand_motion(p, w, y, h, offset_x, offset_v, load, border):  # type: ignore[no-untyped-def]
+@inlined
+def expand_motion(p, w, y, h, error, load, border):  # type: ignore[no-untyped-def]
     """Series of the motion over one step in the contact state ``w.contact``.
 
     The same recurrence serves the motion (all inputs) and a tangent vector (zero inputs,
@@ -254,29 +286,31 @@ def expand_motion(p, w, y, h, offset_x, offset_v, load, border):  # type: ignore
     for k in range(m_coordinate):
         w.q[0, k] = y[k]
         w.v[0, k] = y[m_coordinate + k]
+    for m in range(n):
+        w.closed[m] = abs(w.contact[m])
     for i in range(order):
+        rate = (i + 1) / h
         for side in range(2):
             for k in range(c):
                 m = side * c + k
                 r = w.q[i, 2 + m]
                 dr = w.v[i, 2 + m]
-                w.x[i, m] = w.q[i, side] - r - offset_x[i, m]
-                w.x[i, 2 * c + m] = r - offset_x[i, 2 * c + m]
-                w.force[m] = p.damping[m] * (w.v[i, side] - dr - offset_v[i, m])
-                w.force[2 * c + m] = p.damping[2 * c + m] * (dr - offset_v[i, 2 * c + m])
+                w.x[i, m] = w.q[i, side] - r - error[i, m]
+                w.x[i, n // 2 + m] = r - error[i, n // 2 + m]
+                w.force[m] = w.v[i, side] - dr - rate * error[i + 1, m]
+                w.force[n // 2 + m] = dr - rate * error[i + 1, n // 2 + m]
         for m in range(n):
-            w.f[i, m] = w.x[i, m]
+            w.force[m] *= p.damping[m]
+            w.f[i, m] = w.closed[m] * w.x[i, m]
         if i == 0:
             for m in range(n):
                 w.f[0, m] -= w.contact[m] * border * p.b[m]
-        for m in range(n):
-            w.f[i, m] *= abs(w.contact[m])
         for four in range(c):
             cauchy(w, i, 4 * four)
         for k in range(m_coordinate):
             w.v[i + 1, k] = load[i, k]
         accelerate(p, w.force, w.v[i + 1])
-        scale = h / (i + 1)
+        scale = h * w.inverse[i + 1]
         for k in range(m_coordinate):
             w.v[i + 1, k] *= scale
             w.q[i + 1, k] = w.v[i, k] * scale
@@ -284,11 +318,11 @@ def expand_motion(p, w, y, h, offset_x, offset_v, load, border):  # type: ignore
         for k in range(c):
             m = side * c + k
             r = w.q[order, 2 + m]
-            w.x[order, m] = w.q[order, side] - r - offset_x[order, m]
-            w.x[order, 2 * c + m] = r - offset_x[order, 2 * c + m]
+            w.x[order, m] = w.q[order, side] - r - error[order, m]
+            w.x[order, n // 2 + m] = r - error[order, n // 2 + m]
 
 
-@compiled
+@inlined
 def polynomial(a, m, s):  # type: ignore[no-untyped-def]
     """Value at s of the series in column m."""
     value = a[a.shape[0] - 1, m]
@@ -297,7 +331,7 @@ def polynomial(a, m, s):  # type: ignore[no-untyped-def]
     return value
 
 
-@compiled
+@inlined
 def value_and_slope(a, m, s):  # type: ignore[no-untyped-def]
     """Value and derivative at s of the series in column m."""
     value = a[a.shape[0] - 1, m]
@@ -308,7 +342,7 @@ def value_and_slope(a, m, s):  # type: ignore[no-untyped-def]
     return value, ds
 
 
-@compiled
+@inlined
 def slope(a, m, s):  # type: ignore[no-untyped-def]
     """Derivative at s of the series in column m."""
     last = a.shape[0] - 1
@@ -318,7 +352,7 @@ def slope(a, m, s):  # type: ignore[no-untyped-def]
     return value
 
 
-@compiled
+@inlined
 def curvature(a, m, s):  # type: ignore[no-untyped-def]
     """Second derivative at s of the series in column m."""
     last = a.shape[0] - 1
@@ -329,10 +363,8 @@ def curvature(a, m, s):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def root(a, m, level, low, high):  # type: ignore[no-untyped-def]
+def root(a, m, level, low, at_low, high, at_high):  # type: ignore[no-untyped-def]
     """Where the series in column m takes a level between low and high: Newton in a bracket."""
-    at_low = polynomial(a, m, low) - level
-    at_high = polynomial(a, m, high) - level
     below = at_low < 0.0
     s = low + (high - low) * at_low / (at_low - at_high) if at_low != at_high else low
     for _ in range(60):
@@ -372,48 +404,51 @@ def turning_point(a, m, low, high):  # type: ignore[no-untyped-def]
     return s
 
 
-@compiled
-def leaves_at(a, m, level, sign, end, before):  # type: ignore[no-untyped-def]
+@inlined
+def leaves_at(a, m, level, sign, end, end_slope, before):  # type: ignore[no-untyped-def]
     """First s in [0, 1] at which sign * (x - level) turns negative; 2 when it does not.
 
-    A crossing known to lie after ``before`` may be left out (then 2): another switch comes first.
-
     A step is short against the fastest oscillation, so x has at most one turning point in it.
+    A crossing known to lie after ``before`` may be left out (then 2): another switch comes first.
     """
     start = sign * (a[0, m] - level)
     start_slope = sign * a[1, m]
-    if sign * (end - level) < 0.0:
+    stop = sign * (end - level)
+    stop_slope = sign * end_slope
+    if stop < 0.0:
         if start > 0.0:
             if before < 1.0 and sign * (polynomial(a, m, before) - level) > 1e-12:
                 return 2.0
-            return root(a, m, level, 0.0, 1.0)
+            return root(a, m, level, 0.0, a[0, m] - level, 1.0, end - level)
         if start_slope <= 0.0:
             return 0.0
         top = turning_point(a, m, 0.0, 1.0)
-        if sign * (polynomial(a, m, top) - level) <= 0.0:
+        at_top = polynomial(a, m, top) - level
+        if sign * at_top <= 0.0:
             return 0.0
-        return root(a, m, level, top, 1.0)
-    if start_slope < 0.0 and start + 0.5 * start_slope < 0.5 * abs(start_slope):
-        end_slope = sign * slope(a, m, 1.0)
-        if end_slope > 0.0 and start + start_slope < 0.0:
+        return root(a, m, level, top, at_top, 1.0, end - level)
+    if start_slope < 0.0 and stop_slope > 0.0:
+        corner = (stop - stop_slope - start) / (start_slope - stop_slope)
+        if start + start_slope * corner < 0.1 * (stop_slope - start_slope):
             bottom = turning_point(a, m, 0.0, 1.0)
-            if sign * (polynomial(a, m, bottom) - level) < 0.0:
+            at_bottom = polynomial(a, m, bottom) - level
+            if sign * at_bottom < 0.0:
                 if start <= 0.0:
                     return 0.0
-                return root(a, m, level, 0.0, bottom)
+                return root(a, m, level, 0.0, a[0, m] - level, bottom, at_bottom)
     return 2.0
 
 
-@compiled
+@inlined
 def set_contact(p, w, y):  # type: ignore[no-untyped-def]
-    """Contact of every mesh (Eqs. 1, 4) from the state and ``w.offset_x``."""
+    """Contact of every mesh (Eqs. 1, 4) from the state and ``w.error``."""
     deflections(p, y[: 2 + 2 * len(p.classes)], w.end)
     for m in range(4 * len(p.classes)):
-        x = w.end[m] - w.offset_x[0, m]
+        x = w.end[m] - w.error[0, m]
         w.contact[m] = 1.0 if x > p.b[m] else (-1.0 if x < -p.b[m] else 0.0)
 
 
-@compiled
+@inlined
 def next_switch(p, w):  # type: ignore[no-untyped-def]
     """First switching within the step, s = 2 when there is none; new contacts in ``w.contact``.
 
@@ -421,20 +456,23 @@ def next_switch(p, w):  # type: ignore[no-untyped-def]
     """
     n = 4 * len(p.classes)
     for m in range(n):
-        w.end[m] = w.x[w.x.shape[0] - 1, m]
-    for i in range(w.x.shape[0] - 2, -1, -1):
+        w.end[m] = w.x[0, m]
+        w.end_slope[m] = 0.0
+    for i in range(1, w.x.shape[0]):
         for m in range(n):
             w.end[m] += w.x[i, m]
+            w.end_slope[m] += i * w.x[i, m]
     first = 2.0
     for m in range(n):
         side = w.contact[m]
-        w.at[m] = 2.0
+        end = w.end[m]
+        end_slope = w.end_slope[m]
         w.next[m] = 0.0
         if side != 0.0:
-            w.at[m] = leaves_at(w.x, m, side * p.b[m], side, w.end[m], first)
+            w.at[m] = leaves_at(w.x, m, side * p.b[m], side, end, end_slope, first)
         else:
-            up = leaves_at(w.x, m, p.b[m], -1.0, w.end[m], first)
-            down = leaves_at(w.x, m, -p.b[m], 1.0, w.end[m], first)
+            up = leaves_at(w.x, m, p.b[m], -1.0, end, end_slope, first)
+            down = leaves_at(w.x, m, -p.b[m], 1.0, end, end_slope, first)
             w.at[m] = min(up, down)
             w.next[m] = 1.0 if up < down else -1.0
         first = min(first, w.at[m])
@@ -445,7 +483,7 @@ def next_switch(p, w):  # type: ignore[no-untyped-def]
     return first
 
 
-@compiled
+@inlined
 def take_state(w, y, s):  # type: ignore[no-untyped-def]
     """State of the series at s into y."""
     m = w.q.shape[1]
@@ -454,7 +492,7 @@ def take_state(w, y, s):  # type: ignore[no-untyped-def]
         y[m + k] = polynomial(w.v, k, s)
 
 
-@compiled
+@inlined
 def take_end(w, y):  # type: ignore[no-untyped-def]
     """State at the end of the step into y."""
     m = w.q.shape[1]
@@ -482,7 +520,7 @@ def taylor_step(p, w, y, tangents, phase, cycle, h):  # type: ignore[no-untyped-
         expand_excitation(p, w, at, cycle, left)
         if switches == 0:
             set_contact(p, w, y)
-        expand_motion(p, w, y, left, w.offset_x, w.offset_v, w.load, 1.0)
+        expand_motion(p, w, y, left, w.error, w.load, 1.0)
         for m in range(4 * len(p.classes)):
             w.now[m] = w.contact[m]
         s = next_switch(p, w) if switches < MAX_SUBSTEPS else 2.0
@@ -505,35 +543,35 @@ def move_tangents(p, w, tangents, h, s):  # type: ignore[no-untyped-def]
     for m in range(4 * len(p.classes)):
         w.contact[m], w.now[m] = w.now[m], w.contact[m]
     for k in range(tangents.shape[0]):
-        expand_motion(p, w, tangents[k], h, w.none_n, w.none_n, w.none_m, 0.0)
+        expand_motion(p, w, tangents[k], h, w.none_n, w.none_m, 0.0)
         take_state(w, tangents[k], s)
     for m in range(4 * len(p.classes)):
         w.contact[m], w.now[m] = w.now[m], w.contact[m]
 
 
-@compiled
+@inlined
 def excite(p, w, phase):  # type: ignore[no-untyped-def]
     """k, e and de/dtau of all meshes at a phase into order 0 of the series (Eqs. 7-10)."""
     n = 4 * len(p.classes)
     for m in range(n):
         w.k[0, m] = p.stiffness[m]
-        w.offset_x[0, m] = p.e_mean[m]
-        w.offset_v[0, m] = 0.0
-    for j in range(p.k_cos.shape[1]):
+        w.error[0, m] = p.e_mean[m]
+        w.error_rate[m] = 0.0
+    for j in range(p.k_cos.shape[0]):
         cos = np.cos((j + 1) * phase)
         sin = np.sin((j + 1) * phase)
         for m in range(n):
-            w.k[0, m] += p.stiffness[m] * (p.k_cos[m, j] * cos + p.k_sin[m, j] * sin)
-    for j in range(p.e_cos.shape[1]):
+            w.k[0, m] += p.k_cos[j, m] * cos + p.k_sin[j, m] * sin
+    for j in range(p.e_cos.shape[0]):
         cos = np.cos((j + 1) * phase)
         sin = np.sin((j + 1) * phase)
         for m in range(n):
-            w.offset_x[0, m] += p.e_cos[m, j] * cos + p.e_sin[m, j] * sin
-            rate = p.e_sin[m, j] * cos - p.e_cos[m, j] * sin
-            w.offset_v[0, m] += (j + 1) * p.Omega * rate
+            w.error[0, m] += p.e_cos[j, m] * cos + p.e_sin[j, m] * sin
+            rate = p.e_sin[j, m] * cos - p.e_cos[j, m] * sin
+            w.error_rate[m] += (j + 1) * p.Omega * rate
 
 
-@compiled
+@inlined
 def mesh_forces(p, w, y, phase):  # type: ignore[no-untyped-def]
     """Deflection, its rate and the force k f(x) + c v of all meshes at a phase (Eqs. 1, 4, 12).
 
@@ -544,15 +582,15 @@ def mesh_forces(p, w, y, phase):  # type: ignore[no-untyped-def]
     deflections(p, y[:m_coordinate], w.end)
     deflections(p, y[m_coordinate:], w.at)
     for m in range(4 * len(p.classes)):
-        x = w.end[m] - w.offset_x[0, m]
-        v = w.at[m] - w.offset_v[0, m]
+        x = w.end[m] - w.error[0, m]
+        v = w.at[m] - w.error_rate[m]
         f = x - p.b[m] if x > p.b[m] else (x + p.b[m] if x < -p.b[m] else 0.0)
         w.end[m] = x
         w.at[m] = v
         w.force[m] = w.k[0, m] * f + p.damping[m] * v
 
 
-@compiled
+@inlined
 def right_hand_side(p, w, y, phase, cycle, dy):  # type: ignore[no-untyped-def]
     """dy/dtau of Eqs. (18), (22) at a phase; the kinks of f are in it."""
     m_coordinate = 2 + 2 * len(p.classes)

@@ -33,7 +33,8 @@ def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
         times: (n,) times [s].
         counter: (n,) the phase [rad], or whatever advances evenly.
     """
-    steps = np.diff(counter)
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(counter)
     if len(steps) < 2:
         return ()
     before, after = np.r_[steps[1], steps[:-1]], np.r_[steps[1:], steps[-2]]

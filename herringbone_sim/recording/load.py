@@ -222,9 +222,9 @@ def _take_scan(raw: RawRecording, scan: Scan) -> None:
     raw.notes += scan.notes
     raw.complete &= scan.complete
     raw.bytes_on_disk += scan.size
-    for name, content in scan.metadata:
-        if name == RECORD_NAME and content.get("samples_written", "").isdigit():
-            raw.counted = (raw.counted or 0) + int(content["samples_written"])
+    told = dict(scan.metadata).get(RECORD_NAME, {}).get("samples_written", "")
+    if told.isdigit():
+        raw.counted = (raw.counted or 0) + int(told)
 
 
 def _check_blocks(path: Path, blocks: list[tuple[int, Array]]) -> None:

@@ -27,6 +27,7 @@ from herringbone_sim.recording.bag import Topic
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
+_TAIL = _RECORD.size + 20 + len(MCAP0_MAGIC)
 _DAMAGE = (zstandard.ZstdError, RuntimeError, ValueError, struct.error, EOFError, MemoryError)
 
 
@@ -50,6 +51,7 @@ class Scan:
         size: bytes of the file.
         kept: bytes up to the end of the last whole record.
         damaged: chunks left out.
+        skipped: attachments, and messages of a channel that was never announced.
         notes: a sentence on everything odd.
     """
 
@@ -61,8 +63,10 @@ class Scan:
         self.size = 0
         self.kept = 0
         self.damaged = 0
+        self.skipped = 0
         self.notes: list[str] = []
         self._schemas: dict[int, Schema] = {}
+        self._ended = False
 
     def messages(self) -> Iterator[Found]:
         """Every message that is whole, in the order of the file.
@@ -79,8 +83,11 @@ class Scan:
             ) from error
         with stream:
             self._check_magic(stream)
+            self._read_summary(stream)
+            self._ended = False
             for opcode, body in self._records(stream):
                 yield from self._take(opcode, body)
+        self.complete &= self._ended
         self._note_end()
 
     def _check_magic(self, stream: BinaryIO) -> None:
@@ -92,24 +99,32 @@ class Scan:
             )
         self.kept = stream.tell()
 
+    def _read_summary(self, stream: BinaryIO) -> None:
+        """Take the channels of a finished file from its end: their first copy may be damaged."""
+        start = stream.tell()
+        stream.seek(max(self.size - _TAIL, start))
+        tail = stream.read()
+        self.complete = tail[:1] == bytes([Opcode.FOOTER]) and tail.endswith(MCAP0_MAGIC)
+        if self.complete and (summary := struct.unpack_from("<Q", tail, _RECORD.size)[0]):
+            stream.seek(summary)
+            for opcode, body in self._records(stream):
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    list(self._take(opcode, body))
+        stream.seek(start)
+        self.kept = start
+
     def _records(self, stream: BinaryIO) -> Iterator[tuple[int, memoryview]]:
-        """Records of the data section, up to its end or to the first that is not whole."""
+        """Records from here to the end of the section, or to the first that is not whole."""
         while len(head := stream.read(_RECORD.size)) == _RECORD.size:
             opcode, length = _RECORD.unpack(head)
             if opcode == 0 or length > self.size - stream.tell():
                 return
             body = memoryview(stream.read(length))
             self.kept = stream.tell()
-            if opcode == Opcode.DATA_END:
-                self._check_tail(stream)
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                self._ended = True
                 return
             yield opcode, body
-
-    def _check_tail(self, stream: BinaryIO) -> None:
-        footer = _RECORD.size + 20
-        stream.seek(max(self.size - footer - len(MCAP0_MAGIC), self.kept))
-        tail = stream.read()
-        self.complete = tail[:1] == bytes([Opcode.FOOTER]) and tail[footer:] == MCAP0_MAGIC
 
     def _take(self, opcode: int, body: memoryview) -> Iterator[Found]:
         if opcode == Opcode.CHUNK:
@@ -124,6 +139,8 @@ class Scan:
         elif opcode == Opcode.METADATA:
             record = Metadata.read(_fields(body))
             self.metadata.append((record.name, record.metadata))
+        elif opcode == Opcode.ATTACHMENT:
+            self.skipped += 1
 
     def _chunk(self, body: memoryview) -> Iterator[Found]:
         try:
@@ -142,6 +159,8 @@ class Scan:
         channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
         if channel in self.topics:
             yield Found(self.topics[channel], log_ns, publish_ns, body[_MESSAGE.size :])
+        else:
+            self.skipped += 1
 
     def _channel(self, channel: Channel) -> None:
         schema = self._schemas.get(channel.schema_id, Schema(0, b"", "", ""))
