@@ -1,0 +1,102 @@
+"""What the mirror is handed: one frozen block of samples, and the scale they are drawn on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+DRIVE, SEPARATED, BACK = "drive", "separated", "back"
+STATES = (DRIVE, SEPARATED, BACK)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Units of the phase plane and the borders between contact states.
+
+    Attributes:
+        b_c: displacement scale b_c [m].
+        b_half: mesh kind (``sp``, ``rp``) -> half backlash b' [m]; a kind that is left out has no
+            contact state.
+        omega_n: frequency scale [rad/s], 0 when unknown: velocities are then shown in m/s.
+
+    Raises:
+        ParameterError: b_c is not positive.
+    """
+
+    b_c: float
+    b_half: Mapping[str, float] = field(default_factory=dict)
+    omega_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.b_c > 0:
+            raise ParameterError(
+                f"b_c must be positive, got {self.b_c!r} m: hand in the displacement scale"
+            )
+
+    @property
+    def velocity(self) -> tuple[float, str]:
+        """Unit of velocity [m/s] and how the rest of its label reads."""
+        return (self.b_c * self.omega_n, " / (b_c ω_n)") if self.omega_n > 0 else (1.0, " [m/s]")
+
+
+@dataclass(frozen=True)
+class MirrorBlock:
+    """Samples since the block before, with what is known about the motion.
+
+    Attributes:
+        wall_ns: wall-clock stamp of the last row [ns since 1970].
+        names: c channel names as in ``Layout.channels``, any subset that has ``t``.
+        rows: (n, c) samples at full rate, SI.
+        sections: (m, c) samples at mesh phase 0, SI.
+        contact_shares: name -> share of time, or None when unknown.
+        parameters: name -> value in force at the end of the block.
+        events: lines of text, oldest first.
+        regime: ``P1``, ``P2``, ..., ``chaotic``, or empty when unknown.
+        exponent: running largest Lyapunov exponent, NaN when unknown.
+        b_half: half backlash [m] by mesh kind where it changed from that of ``Scale``.
+
+    Raises:
+        ParameterError: shapes and names disagree, or ``t`` is missing.
+    """
+
+    wall_ns: int
+    names: tuple[str, ...]
+    rows: Array
+    sections: Array
+    contact_shares: Mapping[str, float] | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    events: tuple[str, ...] = ()
+    regime: str = ""
+    exponent: float = nan
+    b_half: Mapping[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        if "t" not in self.names:
+            raise ParameterError(f"a block needs a channel 't', got {', '.join(self.names)}")
+        for label, array in (("rows", self.rows), ("sections", self.sections)):
+            if array.ndim != 2 or array.shape[1] != len(self.names):
+                raise ParameterError(
+                    f"{label} must be (n, {len(self.names)}), one column a name, "
+                    f"got {array.shape}: hand in one row a sample"
+                )
+
+    def column(self, name: str) -> Array:
+        """Samples (n,) of a channel at full rate; ValueError when it is not there."""
+        return self.rows[:, self.names.index(name)]
+
+    def at_section(self, name: str) -> Array:
+        """Samples (m,) of a channel at phase 0; ValueError when it is not there."""
+        return self.sections[:, self.names.index(name)]
+
+
+def contact_states(x: Array, b_half: float) -> NDArray[np.int64]:
+    """Index into ``STATES`` (n,) of displacements (n,) [m] in a backlash of 2 b' [m]."""
+    return np.where(x > b_half, 0, np.where(x < -b_half, 2, 1))

@@ -1,0 +1,183 @@
+"""Where a Rerun recording goes: a new viewer, a running one, a server, or a file."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from shutil import which
+from typing import Any
+from urllib.parse import urlsplit
+
+import rerun as rr
+
+from herringbone_sim.errors import HerringboneError, ParameterError, RecordingError
+
+APPLICATION = "herringbone_sim"
+HOST, PORT = "127.0.0.1", 9876
+START_S = 20.0
+PROBE_S = 1.0
+
+
+class ViewerError(HerringboneError):
+    """A viewer that can't be started, found or fed."""
+
+
+@dataclass
+class Sink:
+    """An open recording, and how to find out that nobody takes it any more.
+
+    Attributes:
+        recording: the stream to log to.
+        address: where it goes, for people.
+        endpoint: host and port of a viewer that must answer, or None.
+        viewer: the viewer's process if it was started here.
+        errors: file of what that process said.
+    """
+
+    recording: Any
+    address: str
+    endpoint: tuple[str, int] | None = None
+    viewer: subprocess.Popen[bytes] | None = None
+    errors: Path | None = None
+    _checked: float = field(default_factory=time.monotonic)
+
+    def check(self) -> None:
+        """Raise ViewerError when the viewer has gone; asks at most once a second."""
+        if self.viewer and self.viewer.poll() is not None:
+            raise ViewerError(f"the viewer ended{last_words(self.errors)}")
+        if self.endpoint and time.monotonic() - self._checked > PROBE_S:
+            self._checked = time.monotonic()
+            if not answers(*self.endpoint):
+                raise ViewerError(f"the viewer at {self.address} has gone")
+
+    def close(self, timeout_s: float) -> None:
+        """Flush and let go; raises what Rerun raises when the rest can't be delivered."""
+        try:
+            self.recording.flush(timeout_sec=timeout_s)
+        finally:
+            self.recording.disconnect()
+
+
+def open_sink(mode: str, address: str, path: Path | None, memory_limit: str) -> Sink:
+    """Open the sink of a mirror mode.
+
+    Raises:
+        ParameterError: an address that names no port.
+        ViewerError: no viewer answers or starts, or the port is taken.
+        RecordingError: the file can't be written.
+    """
+    recording = rr.RecordingStream(APPLICATION)
+    if mode == "save" and path is not None:
+        return save_to(recording, path)
+    host, port = parse_address(address)
+    if mode == "serve":
+        return serve_at(recording, port, memory_limit)
+    if mode == "spawn" and not answers(host, port):
+        return spawn_viewer(recording, port, memory_limit)
+    return connect_to(recording, host, port)
+
+
+def save_to(recording: Any, path: Path) -> Sink:
+    """Write a .rrd file."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("wb").close()
+    except OSError as error:
+        raise RecordingError(
+            f"can't write {path} ({error.strerror}): choose another file"
+        ) from error
+    recording.save(path)
+    return Sink(recording, str(path))
+
+
+def serve_at(recording: Any, port: int, memory_limit: str) -> Sink:
+    """Wait for viewers at a port of this machine."""
+    if answers(HOST, port):
+        raise ViewerError(f"port {port} is taken: choose another address")
+    return Sink(recording, recording.serve_grpc(grpc_port=port, server_memory_limit=memory_limit))
+
+
+def connect_to(recording: Any, host: str, port: int) -> Sink:
+    """Send to a running viewer. Asks the port first: Rerun itself waits seconds for a dead one."""
+    if not answers(host, port):
+        raise ViewerError(
+            f"no viewer answers at {host}:{port}: start one with `rerun --port {port}`"
+        )
+    url = f"rerun+http://{host}:{port}/proxy"
+    recording.connect_grpc(url)
+    return Sink(recording, url, endpoint=(host, port))
+
+
+def spawn_viewer(recording: Any, port: int, memory_limit: str) -> Sink:
+    """Start a viewer of its own session, so that it outlives an interrupt of this program."""
+    command = [rerun_binary(), "--port", str(port), "--memory-limit", memory_limit]
+    errors = Path(tempfile.mkstemp(prefix="rerun-", suffix=".log")[1])
+    with errors.open("wb") as log:
+        viewer = subprocess.Popen(
+            [*command, "--expect-data-soon"],
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+            start_new_session=True,
+        )
+    await_viewer(viewer, errors, port)
+    sink = connect_to(recording, HOST, port)
+    sink.viewer, sink.errors = viewer, errors
+    return sink
+
+
+def await_viewer(viewer: subprocess.Popen[bytes], errors: Path, port: int) -> None:
+    """Return once the viewer answers; raises ViewerError when it ends or takes too long."""
+    deadline = time.monotonic() + START_S
+    while not answers(HOST, port):
+        if viewer.poll() is not None:
+            raise ViewerError(f"the viewer did not start{last_words(errors)}")
+        if time.monotonic() > deadline:
+            raise ViewerError(f"the viewer did not answer within {START_S:g} s")
+        time.sleep(0.1)
+
+
+def rerun_binary() -> str:
+    """The viewer beside this interpreter, or the one on the path; ViewerError without one."""
+    beside = Path(sys.executable).with_name("rerun")
+    found = str(beside) if beside.exists() else which("rerun")
+    if found is None:
+        raise ViewerError("no `rerun` program found: install it with `pip install rerun-sdk`")
+    return found
+
+
+def last_words(errors: Path | None) -> str:
+    """Last line of what a program said on stderr, led by a colon; empty when it said nothing."""
+    if errors is None:
+        return ""
+    lines = [line for line in errors.read_text(errors="replace").splitlines() if line.strip()]
+    return f": {lines[-1].strip()}" if lines else ""
+
+
+def parse_address(address: str) -> tuple[str, int]:
+    """Host and port of ``HOST:PORT``, ``PORT``, a Rerun URL or nothing; raises ParameterError."""
+    text = address.strip()
+    if not text:
+        return HOST, PORT
+    if text.isdigit():
+        text = f"{HOST}:{text}"
+    try:
+        parts = urlsplit(text if "://" in text else f"//{text}")
+        return parts.hostname or HOST, parts.port or PORT
+    except ValueError as error:
+        raise ParameterError(
+            f"address must read HOST:PORT, got {address!r}: try {HOST}:{PORT}"
+        ) from error
+
+
+def answers(host: str, port: int) -> bool:
+    """Whether anything listens at a port."""
+    try:
+        socket.create_connection((host, port), timeout=PROBE_S).close()
+    except OSError:
+        return False
+    return True
