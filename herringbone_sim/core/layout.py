@@ -81,7 +81,7 @@ class Layout:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Recorded channels in order: head, then x, v and F of the meshes, then u of the bodies."""
+        """Recorded channels in order: head, x, v and F of the meshes, u of the bodies."""
         of_meshes = tuple(f"{a}_{m}" for a in "xvF" for m in self.meshes)
         return (*HEAD, *of_meshes, *(f"u_{b}" for b in self.bodies))
 

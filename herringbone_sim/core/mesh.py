@@ -1,0 +1,107 @@
+"""The mesh: backlash and its thermal loss, stiffness, error, damping. One function, one equation.
+
+Plain NumPy functions in SI units; the kernel's compiled forms are tested against them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def backlash(x: Array | float, b: Array | float) -> Array:
+    """Backlash function f(x) with half-backlash b, Eqs. (1) and (4); same unit as x."""
+    x = np.asarray(x, dtype=float)
+    return np.where(x > b, x - b, np.where(x < -np.asarray(b), x + b, 0.0))
+
+
+def thermal_backlash_loss(
+    delta_T: float, gamma: float, m_t: float, teeth: int, alpha_w: float
+) -> float:
+    """Loss Delta b [m] of the whole backlash by a temperature rise, Eq. (2).
+
+    Args:
+        delta_T: temperature rise [K].
+        gamma: linear expansion [1/K].
+        m_t: transverse module [m].
+        teeth: z_s + z_p for a sun mesh. For a ring mesh the paper prints z_r + z_p, and this is
+            kept; the centre distance of an internal mesh would ask for z_r - z_p.
+        alpha_w: working pressure angle alpha' [rad].
+    """
+    strain = delta_T * gamma
+    return (
+        strain * (1.0 + strain) * m_t * np.pi + m_t * strain * teeth * float(np.sin(alpha_w)) / 2.0
+    )
+
+
+def half_backlash(b: float, b_c: float, loss: float) -> float:
+    """Half-backlash b' [m] when hot, Eq. (3).
+
+    Misprint corrected: the paper takes metres off the dimensionless b; b b_c [m] is meant.
+    """
+    return b * b_c - loss / 2.0
+
+
+def single_pair_stiffness(
+    k_h: float,
+    k_a: Sequence[float],
+    k_b: Sequence[float],
+    k_s: Sequence[float],
+    k_f: Sequence[float],
+) -> float:
+    """Stiffness of one tooth pair [N/m], Eq. (5): all parts in series.
+
+    Args:
+        k_h: contact stiffness [N/m].
+        k_a, k_b, k_s, k_f: compression, bending, shear and foundation stiffness [N/m] of the
+            driving and of the driven tooth.
+    """
+    parts = [k_h, *k_a, *k_b, *k_s, *k_f]
+    return 1.0 / sum(1.0 / part for part in parts)
+
+
+def double_pair_stiffness(first: float, second: float) -> float:
+    """Stiffness of two tooth pairs [N/m], Eq. (6): two of Eq. (5) side by side."""
+    return first + second
+
+
+def stiffness(
+    phase: Array | float, k_m: float, k_amp: Sequence[float], phi_a: float = 0.0
+) -> Array:
+    """k(t) [N/m] at a mesh phase [rad], Eq. (7); one harmonic of share 0.25 is Eq. (8).
+
+    Args:
+        phase: mesh phase omega t.
+        k_m: mean [N/m].
+        k_amp: amplitudes of orders 1, 2, ... as shares of the mean.
+        phi_a: initial phase [rad], the same for every order as the paper has it.
+    """
+    phase = np.asarray(phase, dtype=float)
+    terms = [a * np.cos((j + 1) * phase + phi_a) for j, a in enumerate(k_amp)]
+    k: Array = k_m * (1.0 + np.sum(terms, axis=0))
+    return k
+
+
+def mesh_error(
+    phase: Array | float, amplitudes: Sequence[float], mean: float = 0.0, phi_b: float = 0.0
+) -> Array:
+    """e(t) [m] at a mesh phase [rad], Eq. (9); one harmonic and no mean is Eq. (10).
+
+    Misprint corrected: Eq. (10) gives the ring meshes e_mspi; they have their own amplitude.
+    """
+    phase = np.asarray(phase, dtype=float)
+    terms = [a * np.sin((j + 1) * phase + phi_b) for j, a in enumerate(amplitudes)]
+    e: Array = mean + np.sum(terms, axis=0)
+    return e
+
+
+def damping(xi: float, k_m: float, M_1: float, M_2: float) -> float:
+    """Mesh damping c [N s/m], Eq. (11), of equivalent masses M = I / r_b^2 [kg].
+
+    Misprint corrected: the paper prints M = I / r_b, which is no mass.
+    """
+    return 2.0 * xi * float(np.sqrt(k_m / (1.0 / M_1 + 1.0 / M_2)))

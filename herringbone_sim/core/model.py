@@ -1,0 +1,304 @@
+"""The equations of motion: Eqs. (12)-(16) of the bodies, Eqs. (18)-(22) of the reduced system.
+
+``build`` packs a parameter set for the kernel. The functions with plain NumPy are the equations
+as the paper writes them, misprints corrected; the tests hold the kernel against them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core import mesh
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.packed import Packed
+from herringbone_sim.core.parameters import Parameters, spread
+from herringbone_sim.core.right_hand_side import accelerate
+from herringbone_sim.core.scaling import Scales, scales
+from herringbone_sim.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A gear ready to run.
+
+    Attributes:
+        parameters: what it was built from.
+        layout: names and sizes.
+        scales: radii, masses, scales (SI).
+        half_backlash_m: (n_mesh,) b' in force [m], Eq. (3).
+        damping_n_s_per_m: (n_mesh,) c [N s/m], Eq. (11).
+        packed: the same for the kernel, dimensionless.
+    """
+
+    parameters: Parameters
+    layout: Layout
+    scales: Scales
+    half_backlash_m: Array
+    damping_n_s_per_m: Array
+    packed: Packed
+
+
+def build(p: Parameters) -> Model:
+    """Model of a parameter set.
+
+    Raises:
+        ParameterError: heating takes more backlash than there is (b' < 0).
+    """
+    s = scales(p)
+    half = half_backlashes(p, s)
+    damping = mesh_damping(p, s)
+    return Model(p, p.layout, s, half, damping, _pack(p, s, half, damping))
+
+
+def half_backlashes(p: Parameters, s: Scales) -> Array:
+    """Half-backlash b' [m] of each mesh (n_mesh,), Eqs. (2), (3); ParameterError below zero."""
+    alpha_w = float(np.radians(p.alpha_w))
+    losses = [
+        mesh.thermal_backlash_loss(p.delta_T, p.gamma, s.m_t, z + p.z_p, alpha_w)
+        for z in (p.z_s, p.z_r if p.thermal_rp == "own" else p.z_s)
+    ]
+    n = p.layout.n_mesh
+    cold = np.repeat([mesh.half_backlash(p.b, p.b_c, loss) for loss in losses], n // 2)
+    half: Array = cold + np.array(spread(p.b_offset, n))
+    if half.min() < 0.0:
+        worst = int(np.argmin(half))
+        raise ParameterError(
+            f"delta_T = {p.delta_T:g} K leaves mesh {p.layout.meshes[worst]} a half-backlash "
+            f"b' of {half[worst]:.3e} m by Eq. (3); it can't be negative: lower delta_T or raise b "
+            f"({p.b:g} b_c) or b_offset"
+        )
+    return half
+
+
+def mesh_damping(p: Parameters, s: Scales) -> Array:
+    """Damping c [N s/m] of each mesh (n_mesh,), Eq. (11)."""
+    n = p.layout.n_mesh
+    c_sp = mesh.damping(p.xi, p.k_m_sp, s.M_s, s.M_p)
+    c_rp = mesh.damping(p.xi, p.k_m_rp, s.M_r, s.M_p)
+    c: Array = np.repeat([c_sp, c_rp], n // 2) * np.array(spread(p.c_factor, n))
+    return c
+
+
+def mesh_phases(p: Parameters) -> Array:
+    """Phase shift [rad] (n_mesh,) of k and e together: ``mesh_phase``, and geometry if wanted.
+
+    With planets at angles psi, the sun meshes shift by z_s psi and the ring meshes by -z_r psi.
+    """
+    n = p.layout.n_mesh
+    shift = np.array(spread(p.mesh_phase, n))
+    if p.phasing == "in_phase" or p.model == "reduced":
+        return shift
+    equal = 360.0 * np.arange(p.n_planets) / p.n_planets
+    psi = np.radians(np.array(p.planet_angle) if p.planet_angle else equal)
+    phases: Array = shift + np.concatenate([np.tile(p.z_s * psi, 2), np.tile(-p.z_r * psi, 2)])
+    return phases
+
+
+def mean_stiffness(p: Parameters) -> Array:
+    """Mean stiffness k_m [N/m] of each mesh (n_mesh,)."""
+    n = p.layout.n_mesh
+    k_m: Array = np.repeat([p.k_m_sp, p.k_m_rp], n // 2) * np.array(spread(p.k_factor, n))
+    return k_m
+
+
+def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
+    layout = p.layout
+    n = layout.n_mesh
+    shift = mesh_phases(p)
+    stiffness = mean_stiffness(p) * s.projection / s.omega_n**2
+    k_angle = [(j + 1) * shift + np.array(spread(p.phi_a, n)) for j in range(len(p.k_amp))]
+    e_angle = [(j + 1) * shift + np.array(spread(p.phi_b, n)) for j in range(len(p.e_amp))]
+    e_factor = np.array(spread(p.e_factor, n))
+    e = [p.e_m * share * e_factor for share in p.e_amp]
+    k = [share * stiffness for share in p.k_amp]
+    on_sp, on_rp = np.array(spread(p.control_on, 4)).reshape(2, 2)
+    unit = s.omega_n**2 * s.b_c
+    of_output = s.T_2 * s.cos_beta / (s.r_bc * s.M_c * unit)
+    M_s = s.M_s * np.array(spread(p.I_s_factor, 2))
+    M_p = s.M_p * np.array(spread(p.I_p_factor, n // 2)).reshape(2, -1)
+    return Packed(
+        classes=(0,) * layout.n_classes,
+        multiplicity=p.n_planets / layout.n_classes,
+        stiffness=stiffness,
+        damping=damping * s.projection / s.omega_n,
+        k_cos=np.array([a * np.cos(t) for a, t in zip(k, k_angle, strict=True)]).reshape(-1, n),
+        k_sin=np.array([-a * np.sin(t) for a, t in zip(k, k_angle, strict=True)]).reshape(-1, n),
+        e_mean=p.e_mean + np.array(spread(p.e_offset, n)) / s.b_c,
+        e_cos=np.array([a * np.sin(t) for a, t in zip(e, e_angle, strict=True)]).reshape(-1, n),
+        e_sin=np.array([a * np.cos(t) for a, t in zip(e, e_angle, strict=True)]).reshape(-1, n),
+        b=half / s.b_c,
+        inv_M_s=1.0 / M_s,
+        inv_M_p=1.0 / M_p,
+        inv_M_c=1.0 / s.M_c,
+        load_q=p.T_1 * s.cos_beta / (2.0 * s.r_bs * M_s * unit) + 2.0 * of_output,
+        load_r=of_output,
+        control_q=on_sp + on_rp,
+        control_r=on_rp.copy(),
+        control_order=p.control_order,
+        control_phase=p.control_phase,
+        K=p.K,
+        Omega=p.Omega,
+    )
+
+
+def errors_at(model: Model, phase: float) -> tuple[Array, Array]:
+    """e and de/dtau (n_mesh,) of all meshes at a phase [rad], in units of b_c, Eqs. (9), (10)."""
+    p = model.packed
+    orders = np.arange(1, len(p.e_cos) + 1)[:, None]
+    cos, sin = np.cos(orders * phase), np.sin(orders * phase)
+    e = p.e_mean + np.sum(p.e_cos * cos + p.e_sin * sin, axis=0)
+    rate = p.Omega * np.sum(orders * (p.e_sin * cos - p.e_cos * sin), axis=0)
+    return e, rate
+
+
+def relative(model: Model, y: Array, phase: float) -> tuple[Array, Array]:
+    """Relative displacements x and rates v (n_mesh,) of a state, Eqs. (15), (16), dimensionless.
+
+    Args:
+        y: (n_state,) as ``Layout.state_names``.
+        phase: mesh phase [rad].
+    """
+    e, rate = errors_at(model, phase)
+    displacement, velocity = np.split(np.asarray(y), 2)
+    return _deflect(displacement) - e, _deflect(velocity) - rate
+
+
+def _deflect(coordinates: Array) -> Array:
+    sides = np.repeat(coordinates[:2], (len(coordinates) - 2) // 2)
+    return np.concatenate([sides - coordinates[2:], coordinates[2:]])
+
+
+def state(model: Model, x: Array, v: Array, phase: float) -> Array:
+    """State y (n_state,) from relative displacements and rates (n_mesh,): inverse of ``relative``.
+
+    The sun meshes of planets 2.. follow from geometry; their entries in x and v are not read.
+    """
+    e, rate = errors_at(model, phase)
+    return np.concatenate([_coordinates(x + e), _coordinates(v + rate)])
+
+
+def _coordinates(deflection: Array) -> Array:
+    sun, ring = np.split(deflection, 2)
+    c = len(ring) // 2
+    return np.concatenate([[sun[0] + ring[0], sun[c] + ring[c]], ring])
+
+
+def initial_state(model: Model) -> Array:
+    """State y (n_state,) at phase 0 by initial_x, initial_v and the seeded initial_noise."""
+    p = model.parameters
+    c = model.layout.n_classes
+    x = np.repeat(spread(p.initial_x, 4), c)
+    v = np.repeat(spread(p.initial_v, 4), c)
+    y = state(model, x, v, 0.0)
+    noise = np.random.default_rng(p.seed).normal(size=model.layout.n_coordinate)
+    y[: model.layout.n_coordinate] += p.initial_noise * noise
+    return y
+
+
+def carry_over(old: Model, new: Model, y: Array, phase: float) -> Array:
+    """State for changed parameters that keeps relative displacements and rates as they are.
+
+    A change of the error or of Omega moves e and de/dtau, so the coordinates move with them.
+    With errors that differ between planets only the ring meshes and planet 1 are kept to the bit.
+    """
+    same = all(
+        np.array_equal(getattr(old.packed, name), getattr(new.packed, name))
+        for name in ("e_mean", "e_cos", "e_sin", "Omega")
+    )
+    return y if same else state(new, *relative(old, y, phase), phase)
+
+
+def body_displacements(model: Model, y: Array) -> Array:
+    """u = r_b theta of all bodies (n_bodies,) in units of b_c, rigid rotation removed.
+
+    The rigid rotation (2 on the suns, 1 elsewhere) carries no part of the momentum sum
+    2 M_s u_s + M_p u_p + M_c u_c, which is therefore zero.
+    """
+    s = model.scales
+    share = model.packed.multiplicity
+    q = y[:2] / s.cos_beta
+    r = y[2 : model.layout.n_coordinate] / s.cos_beta
+    M_s, M_p = 1.0 / model.packed.inv_M_s, 1.0 / model.packed.inv_M_p.ravel()
+    whole = s.M_c + 4.0 * M_s.sum() + share * M_p.sum()
+    u_c = -(2.0 * (M_s @ q) + share * (M_p @ r)) / whole
+    return np.concatenate([q + 2.0 * u_c, [u_c], r + u_c])
+
+
+def body_accelerations(model: Model, force_n: Array) -> Array:
+    """Accelerations r_b d2theta/dt2 [m/s^2] of all bodies (n_bodies,), Eqs. (12)-(14).
+
+    Args:
+        force_n: (n_mesh,) mesh forces k f(x) + c v [N] of the full model.
+    """
+    s, p = model.scales, model.parameters
+    sun, ring = force_n.reshape(2, 2, -1)
+    share = model.packed.multiplicity
+    M_s, M_p = 1.0 / model.packed.inv_M_s, 1.0 / model.packed.inv_M_p
+    suns = (p.T_1 / 2.0 / s.r_bs - share * sun.sum(axis=1) * s.cos_beta) / M_s
+    planets = (sun - ring) * s.cos_beta / M_p
+    carrier = (share * force_n.sum() * s.cos_beta - s.T_2 / s.r_bc) / s.M_c
+    return np.concatenate([suns, [carrier], planets.ravel()])
+
+
+def reduced_accelerations(model: Model, x: Array, v: Array, phase: float) -> Array:
+    """Second derivatives of (x_sp_L, x_sp_R, x_rp_L, x_rp_R), Eqs. (18) and (22), dimensionless.
+
+    Misprints corrected: Eq. (22) writes k y for k f(y); k_sp, c_sp stand before y3, y4 in its
+    line of y6; the planet's part of k_rp in its line of y8 is added. Eq. (18) is right.
+
+    Args:
+        x, v: (4,) relative displacements and their rates.
+        phase: mesh phase [rad] = Omega tau.
+    """
+    s, p, N = model.scales, model.parameters, model.parameters.n_planets
+    half = model.half_backlash_m / s.b_c
+    k_m = mean_stiffness(p)
+    shift = mesh_phases(p)
+    k = np.array(
+        [float(mesh.stiffness(phase, km, p.k_amp, a)) for km, a in zip(k_m, shift, strict=True)]
+    )
+    spring = k * mesh.backlash(x, half) / s.omega_n**2
+    damper = model.damping_n_s_per_m * v / s.omega_n
+    sp_L, sp_R, rp_L, rp_R = (spring + damper) * s.projection
+    carrier = N * (sp_L + sp_R + rp_L + rp_R) / s.M_c
+    M_s, M_p = 1.0 / model.packed.inv_M_s, 1.0 / model.packed.inv_M_p[:, 0]
+    unit = s.omega_n**2 * s.b_c
+    T_1_term = p.T_1 * s.cos_beta / (2.0 * s.r_bs * M_s * unit)
+    T_2_term = s.T_2 * s.cos_beta / (s.r_bc * s.M_c * unit)
+    e_dd = -p.e_m * p.Omega**2 * np.sin(phase + shift)
+    control = p.K * np.cos(p.control_order * phase + p.control_phase)
+    loads = np.array([*(T_1_term + T_2_term), T_2_term, T_2_term])
+    meshes = np.array(
+        [
+            carrier + N * sp_L / M_s[0] + sp_L / M_p[0] - rp_L / M_p[0],
+            carrier + N * sp_R / M_s[1] + sp_R / M_p[1] - rp_R / M_p[1],
+            carrier - sp_L / M_p[0] + rp_L / M_p[0],
+            carrier - sp_R / M_p[1] + rp_R / M_p[1],
+        ]
+    )
+    result: Array = loads - meshes - e_dd - control * np.array(spread(p.control_on, 4))
+    return result
+
+
+def jacobian(model: Model, y: Array, phase: float) -> Array:
+    """Derivative (n_state, n_state) of dy/dtau by y, off the kinks of the backlash function."""
+    packed = model.packed
+    m = model.layout.n_coordinate
+    n = model.layout.n_mesh
+    x, _ = relative(model, y, phase)
+    orders = np.arange(1, len(packed.k_cos) + 1)[:, None]
+    k = packed.stiffness + np.sum(
+        packed.k_cos * np.cos(orders * phase) + packed.k_sin * np.sin(orders * phase), axis=0
+    )
+    into = np.array([_deflect(row) for row in np.eye(m)]).T
+    out = np.zeros((m, n))
+    for j in range(n):
+        accelerate(packed, np.eye(n)[j], out[:, j])
+    top = np.hstack([np.zeros((m, m)), np.eye(m)])
+    springs = out @ np.diag(k * (np.abs(x) > packed.b)) @ into
+    return np.vstack([top, np.hstack([springs, out @ np.diag(packed.damping) @ into])])

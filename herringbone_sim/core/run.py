@@ -1,0 +1,102 @@
+"""The compiled run: step by step over a grid of the mesh phase, a row of samples at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from herringbone_sim.core.packed import TWO_PI, compiled
+from herringbone_sim.core.right_hand_side import mesh_forces, rk4_step
+from herringbone_sim.core.taylor import taylor_step
+
+LIMIT = 1e6
+
+
+@compiled
+def write_row(p, w, y, phase, cycle, head, si, bodies, row):
+    """One sample: head, then x, v, F of the meshes, then u of the bodies; returns max |x|."""
+    mesh_forces(p, w, y, phase)
+    n = 4 * len(p.classes)
+    for k in range(head.size):
+        row[k] = head[k]
+    row[1] = TWO_PI * cycle + phase
+    largest = 0.0
+    for m in range(n):
+        row[5 + m] = w.end[m] * si[0]
+        row[5 + n + m] = w.at[m] * si[1]
+        row[5 + 2 * n + m] = w.force[m] * si[2]
+        if not abs(w.end[m]) <= largest:
+            largest = abs(w.end[m])
+    for i in range(bodies.shape[0]):
+        u = 0.0
+        for k in range(bodies.shape[1]):
+            u += bodies[i, k] * y[k]
+        row[5 + 3 * n + i] = u
+    return largest
+
+
+@compiled
+def orthonormalise(tangents, growth):
+    """Gram-Schmidt in place; adds the logarithms of the lengths to growth."""
+    for i in range(tangents.shape[0]):
+        for j in range(i):
+            dot = 0.0
+            for k in range(tangents.shape[1]):
+                dot += tangents[i, k] * tangents[j, k]
+            for k in range(tangents.shape[1]):
+                tangents[i, k] -= dot * tangents[j, k]
+        norm = 0.0
+        for k in range(tangents.shape[1]):
+            norm += tangents[i, k] * tangents[i, k]
+        norm = np.sqrt(norm)
+        growth[i] += np.log(norm)
+        for k in range(tangents.shape[1]):
+            tangents[i, k] /= norm
+
+
+@compiled
+def run(
+    p,
+    w,
+    y,
+    tangents,
+    growth,
+    place,
+    t,
+    omega_n,
+    steps,
+    stride,
+    rk4,
+    head,
+    si,
+    bodies,
+    rows,
+    contact,
+):
+    """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
+
+    ``place`` is (cycle, index) and moves on. The run stops after the row that is out of range.
+    """
+    h = TWO_PI / (p.Omega * steps)
+    dt = h / omega_n
+    switches = 0
+    for i in range(rows.shape[0]):
+        phase = TWO_PI * place[1] / steps
+        head[0] = t
+        largest = write_row(p, w, y, phase, place[0], head, si, bodies, rows[i])
+        for m in range(contact.shape[0]):
+            contact[m, 1 + (w.end[m] > p.b[m]) - (w.end[m] < -p.b[m])] += 1
+        if not largest < LIMIT:
+            return t, i + 1, switches
+        for _ in range(stride):
+            phase = TWO_PI * place[1] / steps
+            if rk4:
+                rk4_step(p, w, y, phase, place[0], h)
+            else:
+                switches += taylor_step(p, w, y, tangents, phase, place[0], h)
+            t += dt
+            place[1] += 1
+            if place[1] == steps:
+                place[1] = 0
+                place[0] += 1
+                orthonormalise(tangents, growth)
+    return t, rows.shape[0], switches
