@@ -149,7 +149,9 @@ class _Stream:
         os.ftruncate(self.handle, self.whole)
 
     def close(self) -> None:
-        os.close(self.handle)
+        handle, self.handle = self.handle, -1
+        if handle >= 0:
+            os.close(handle)
 
 
 class Bag:

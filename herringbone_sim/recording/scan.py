@@ -17,6 +17,7 @@ from typing import BinaryIO
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
@@ -28,7 +29,7 @@ _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
 _TAIL = _RECORD.size + 20 + len(MCAP0_MAGIC)
-_DAMAGE = (zstandard.ZstdError, RuntimeError, ValueError, struct.error, EOFError, MemoryError)
+_DAMAGE = (zstandard.ZstdError, EndOfFile, RuntimeError, ValueError, struct.error, MemoryError)
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Scan:
         complete: whether the file was finished.
         size: bytes of the file.
         kept: bytes up to the end of the last whole record.
-        damaged: chunks left out.
+        damaged: records, chunks above all, left out.
         skipped: attachments, and messages of a channel that was never announced.
         notes: a sentence on everything odd.
     """
@@ -86,7 +87,9 @@ class Scan:
             self._read_summary(stream)
             self._ended = False
             for opcode, body in self._records(stream):
-                yield from self._take(opcode, body)
+                yield from self._take_whole(opcode, body)
+        if self._ended:
+            self.kept = self.size
         self.complete &= self._ended
         self._note_end()
 
@@ -109,7 +112,7 @@ class Scan:
             stream.seek(summary)
             for opcode, body in self._records(stream):
                 if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    list(self._take(opcode, body))
+                    list(self._take_whole(opcode, body))
         stream.seek(start)
         self.kept = start
 
@@ -126,9 +129,20 @@ class Scan:
                 return
             yield opcode, body
 
+    def _take_whole(self, opcode: int, body: memoryview) -> Iterator[Found]:
+        try:
+            yield from self._take(opcode, body)
+        except _DAMAGE as error:
+            self.damaged += 1
+            self.notes.append(
+                f"a record of {len(body)} bytes that ends at byte {self.kept} is damaged "
+                f"({error}) and left out"
+            )
+
     def _take(self, opcode: int, body: memoryview) -> Iterator[Found]:
         if opcode == Opcode.CHUNK:
-            yield from self._chunk(body)
+            for inner, record in list(_split(_content(body))):
+                yield from self._take(inner, record)
         elif opcode == Opcode.MESSAGE:
             yield from self._message(body)
         elif opcode == Opcode.SCHEMA:
@@ -141,19 +155,6 @@ class Scan:
             self.metadata.append((record.name, record.metadata))
         elif opcode == Opcode.ATTACHMENT:
             self.skipped += 1
-
-    def _chunk(self, body: memoryview) -> Iterator[Found]:
-        try:
-            records = list(_split(_content(body)))
-        except _DAMAGE as error:
-            self.damaged += 1
-            self.notes.append(
-                f"a chunk of {len(body)} bytes that ends at byte {self.kept} is damaged "
-                f"({error}) and left out"
-            )
-            return
-        for opcode, record in records:
-            yield from self._take(opcode, record)
 
     def _message(self, body: memoryview) -> Iterator[Found]:
         channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)

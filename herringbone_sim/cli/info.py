@@ -1,0 +1,161 @@
+"""``info``: what a recorded run holds, as a page or as JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.recording.info import OPERATING, Channel, RunInfo, recording_info
+
+_SHOWN = 10
+_DESCRIPTION = """\
+Shows what a recorded run holds: how long it is, how many samples a second and a mesh cycle it
+has, the operating point, every parameter that was changed while it ran, missing samples, and
+whether the file is whole. Works on runs of this simulator and of any rig that keeps to the same
+topics, finished or cut off, without ROS."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Register ``info`` with the sub-parsers of the command line."""
+    parser = subparsers.add_parser(
+        "info",
+        help="show what a recorded run holds",
+        description=_DESCRIPTION,
+        epilog="example: python -m herringbone_sim info runs/my_run",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "run", type=Path, metavar="RUN", help="run folder, as runs/my_run, or a .mcap file"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON, for other programs")
+    parser.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the summary of ``args.run``; RecordingError if it can't be read."""
+    info = recording_info(args.run)
+    print(as_json(info) if args.json else as_page(info))
+    return 0
+
+
+def as_json(info: RunInfo) -> str:
+    """All fields as one JSON object, with null for a number that is none."""
+    content = asdict(info) | {"path": str(info.path), "missing_samples": info.missing}
+    return json.dumps(_plain(content), indent=2, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, bytes):
+        return list(value)
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
+
+
+def as_page(info: RunInfo) -> str:
+    """Aligned text for the terminal."""
+    parts = [
+        _pairs(_overview(info)),
+        _titled("operating point", _operating(info)),
+        _titled("parameter changes", _changes(info)),
+        _titled("missing samples", _gaps(info)),
+        _titled("channels", _table(_channel_rows(info.channels))),
+        _titled("notes", [f"- {note}" for note in info.notes]),
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _overview(info: RunInfo) -> list[tuple[str, str]]:
+    origin = " ".join(word for word in (info.source, info.model, info.version) if word)
+    span = f"{info.duration_s:.6g} s, from {info.t_first_s:.6g} s to {info.t_last_s:.6g} s"
+    return [
+        ("run", f"{info.name} ({info.path})"),
+        ("recorded by", origin or "unknown"),
+        ("file", "finished" if info.complete else "cut off: 'recover' rebuilds its index"),
+        ("duration", span),
+        ("samples", f"{info.n_samples} ({_counted(info)})"),
+        ("sample rate", _number(info.sample_rate_hz, "Hz")),
+        ("mesh frequency", _number(info.mesh_hz, "Hz")),
+        ("samples a cycle", _number(info.samples_per_cycle, "")),
+        ("size", f"{_size(info.bytes_on_disk)}, samples unpacked {_size(info.bytes_of_samples)}"),
+    ]
+
+
+def _counted(info: RunInfo) -> str:
+    if info.samples_counted is None:
+        return "the writer left no count"
+    same = info.samples_counted == info.n_samples
+    return "as many as were written" if same else f"{info.samples_counted} were written"
+
+
+def _number(value: float | None, unit: str) -> str:
+    return "unknown" if value is None else f"{value:.6g} {unit}".rstrip()
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.3g} MB" if count >= 1e5 else f"{count} bytes"
+
+
+def _operating(info: RunInfo) -> list[str]:
+    rows = []
+    for channel in info.channels:
+        if channel.name in OPERATING and channel.minimum is not None:
+            span = f"{channel.minimum:.6g}"
+            span += "" if channel.constant else f" to {channel.maximum:.6g}"
+            rows.append((channel.name, f"{span} {channel.unit}".rstrip()))
+    rows += [("Omega", f"{info.parameters['Omega']}")] if "Omega" in info.parameters else []
+    return _table(rows)
+
+
+def _changes(info: RunInfo) -> list[str]:
+    return _shortened(
+        f"t = {change.t_s:.9g} s  {change.node}  "
+        + ", ".join(f"{name} = {value}" for name, value in change.values.items())
+        for change in info.changes
+    )
+
+
+def _gaps(info: RunInfo) -> list[str]:
+    return _shortened(
+        f"{gap.missing} after t = {gap.t_s:.9g} s (sample {gap.index})" for gap in info.gaps
+    )
+
+
+def _shortened(lines: Iterable[str]) -> list[str]:
+    told = list(lines)
+    more = [f"... and {len(told) - _SHOWN} more"] if len(told) > _SHOWN else []
+    return told[:_SHOWN] + more
+
+
+def _channel_rows(channels: tuple[Channel, ...]) -> list[tuple[str, ...]]:
+    rows = [("name", "unit", "minimum", "mean", "maximum")]
+    for channel in channels:
+        values = (channel.minimum, channel.mean, channel.maximum)
+        rows.append((channel.name, channel.unit, *(_number(value, "") for value in values)))
+    return rows
+
+
+def _table(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = (
+        [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
+    )
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def _pairs(rows: list[tuple[str, str]]) -> str:
+    return "\n".join(_table(rows))
+
+
+def _titled(title: str, lines: list[str]) -> str:
+    return "\n".join([title, *(f"  {line}" for line in lines)]) if lines else ""

@@ -1,0 +1,189 @@
+"""What a run holds: duration, rates, operating point, parameter changes, gaps, health."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.recording.cdr import Array
+from herringbone_sim.recording.gaps import Gap, sample_gaps
+from herringbone_sim.recording.load import ParameterChange, RawRecording, load
+from herringbone_sim.recording.reader import first_jump
+
+OPERATING = ("K", "delta_T", "T_1")
+_TWO_PI = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of the samples.
+
+    Attributes:
+        unit: as the ``channels`` topic says, empty if it doesn't.
+        nans: values that are no finite number.
+        minimum, maximum, mean: of the finite ones; None if there are none.
+    """
+
+    name: str
+    unit: str
+    nans: int
+    minimum: float | None
+    maximum: float | None
+    mean: float | None
+
+    @property
+    def constant(self) -> bool:
+        return self.minimum is not None and self.minimum == self.maximum
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """Summary of a run.
+
+    Attributes:
+        n_samples: samples in the files.
+        t_first_s, t_last_s, duration_s: span of time [s].
+        sample_rate_hz: samples a second, from the median step; None for less than two samples.
+        samples_per_cycle: samples a mesh cycle, from the median step of ``phase``; or None.
+        mesh_hz: mesh frequency [Hz]; None without ``phase``.
+        channels: one entry a column.
+        changes: parameter changes.
+        gaps: places where samples are missing.
+        time_jump: sample at which time does not increase; None if it always does.
+        parameters: of the model, as recorded.
+        source, model, version: who recorded it, as far as the ``channels`` topic says.
+        complete: whether the file was finished.
+        samples_counted: by the writer; None if it doesn't say.
+        bytes_on_disk, bytes_of_samples: size of the files, and of the samples unpacked.
+        notes: a sentence on everything odd.
+    """
+
+    path: Path
+    name: str
+    source: str
+    model: str
+    version: str
+    n_samples: int
+    t_first_s: float
+    t_last_s: float
+    duration_s: float
+    sample_rate_hz: float | None
+    samples_per_cycle: float | None
+    mesh_hz: float | None
+    channels: tuple[Channel, ...]
+    changes: tuple[ParameterChange, ...]
+    gaps: tuple[Gap, ...]
+    time_jump: int | None
+    parameters: dict[str, Any]
+    complete: bool
+    samples_counted: int | None
+    bytes_on_disk: int
+    bytes_of_samples: int
+    notes: tuple[str, ...]
+
+    @property
+    def missing(self) -> int:
+        """Samples that are missing in all gaps together."""
+        return sum(gap.missing for gap in self.gaps)
+
+
+def recording_info(path: Path | str) -> RunInfo:
+    """Summary of a run folder or .mcap file, also of one whose time goes backwards.
+
+    Raises:
+        RecordingError: as ``read_recording``.
+    """
+    return summarise(load(path))
+
+
+def summarise(raw: RawRecording) -> RunInfo:
+    """Summary of a run in memory."""
+    times = raw.times
+    time_step, phase_step = _median_step(times), _phase_step(raw)
+    rate = 1 / time_step if time_step else None
+    jump, channels = first_jump(times), _channels(raw)
+    return RunInfo(
+        path=raw.path,
+        name=raw.name,
+        source=str(raw.channels.get("source", "")),
+        model=str(raw.channels.get("model", "")),
+        version=str(raw.channels.get("version", "")),
+        n_samples=len(times),
+        t_first_s=float(times[0]),
+        t_last_s=float(times[-1]),
+        duration_s=float(times[-1] - times[0]),
+        sample_rate_hz=rate,
+        samples_per_cycle=_TWO_PI / phase_step if phase_step else None,
+        mesh_hz=phase_step / _TWO_PI * rate if phase_step and rate else None,
+        channels=channels,
+        changes=raw.changes,
+        gaps=sample_gaps(raw.names, raw.rows),
+        time_jump=jump,
+        parameters=_mapping(raw.channels.get("parameters")),
+        complete=raw.complete,
+        samples_counted=raw.counted,
+        bytes_on_disk=raw.bytes_on_disk,
+        bytes_of_samples=raw.rows.nbytes,
+        notes=(*raw.notes, *_jump_notes(times, jump), *_channel_notes(channels)),
+    )
+
+
+def _mapping(content: object) -> dict[str, Any]:
+    return dict(content) if isinstance(content, dict) else {}
+
+
+def _median_step(values: Array) -> float | None:
+    steps = np.diff(values)
+    middle = float(np.median(steps)) if len(steps) else float("nan")
+    return middle if middle > 0 else None
+
+
+def _phase_step(raw: RawRecording) -> float | None:
+    if "phase" not in raw.names:
+        return None
+    return _median_step(raw.rows[:, raw.names.index("phase")])
+
+
+def _units(raw: RawRecording) -> dict[str, str]:
+    told = raw.channels.get("channels")
+    entries = told if isinstance(told, list) else []
+    return {
+        str(entry.get("name")): str(entry.get("unit", ""))
+        for entry in entries
+        if isinstance(entry, dict)
+    }
+
+
+def _channels(raw: RawRecording) -> tuple[Channel, ...]:
+    units = _units(raw)
+    return tuple(
+        _channel(name, units.get(name, ""), raw.rows[:, column])
+        for column, name in enumerate(raw.names)
+    )
+
+
+def _channel(name: str, unit: str, values: Array) -> Channel:
+    finite = values[np.isfinite(values)]
+    nans = len(values) - len(finite)
+    if not len(finite):
+        return Channel(name, unit, nans, None, None, None)
+    low, high, mean = float(finite.min()), float(finite.max()), float(finite.mean())
+    return Channel(name, unit, nans, low, high, mean)
+
+
+def _jump_notes(times: Array, jump: int | None) -> list[str]:
+    if jump is None:
+        return []
+    return [
+        f"time goes from {float(times[jump - 1])!r} s to {float(times[jump])!r} s at sample {jump}"
+    ]
+
+
+def _channel_notes(channels: tuple[Channel, ...]) -> list[str]:
+    broken = [f"{channel.name} ({channel.nans})" for channel in channels if channel.nans]
+    still = [c.name for c in channels if c.constant and c.name not in OPERATING]
+    notes = [f"no finite number in some samples of {', '.join(broken)}"] if broken else []
+    return notes + ([f"constant throughout: {', '.join(still)}"] if still else [])
