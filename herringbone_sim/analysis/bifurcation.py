@@ -1,0 +1,112 @@
+"""Bifurcation diagram: section points and exponents over the one parameter that differs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from herringbone_sim.analysis.pipeline import SegmentResult
+from herringbone_sim.core.timeseries import Array
+from herringbone_sim.errors import AnalysisError
+
+MAX_POINTS = 400
+
+
+@dataclass(frozen=True)
+class BifurcationDiagram:
+    """Long-term motion over one parameter.
+
+    Attributes:
+        parameter: name of the parameter, as in the operating points.
+        values: (n,) its values, in the order of the runs.
+        points: n arrays of section displacements of one mesh, m.
+        mesh: name such as ``sp_L``.
+        exponents: (n, 3) from data: value, low, high, per mesh cycle.
+        model_exponents: (n, 2) of the model: value, standard error, per mesh cycle.
+        periods: n periods, None where there is none to be had.
+        cycles_per_tau: (n,) Omega / 2 pi, NaN when unknown.
+    """
+
+    parameter: str
+    values: Array
+    points: tuple[Array, ...]
+    mesh: str
+    exponents: Array
+    model_exponents: Array
+    periods: tuple[int | None, ...]
+    cycles_per_tau: Array
+
+
+def bifurcation_diagram(
+    results: Sequence[SegmentResult], mesh: str | None = None, least_values: int = 3
+) -> BifurcationDiagram:
+    """Diagram over the parameter that takes most values; the others stay at their commonest.
+
+    Args:
+        results: segments of one run, or of several.
+        mesh: whose displacement; the first one by default.
+        least_values: fewer different values than this make no diagram.
+
+    Raises:
+        AnalysisError: no parameter differs enough, or several differ from run to run.
+    """
+    used = [result for result in results if len(result.section)]
+    parameter, chosen = _one_parameter(used, least_values)
+    mesh = mesh or chosen[0].motion.meshes[0]
+    exponents = [(r.exponent.value, r.exponent.low, r.exponent.high) for r in chosen]
+    return BifurcationDiagram(
+        parameter,
+        np.array([r.segment.point[parameter] for r in chosen]),
+        tuple(_points(r, mesh) for r in chosen),
+        mesh,
+        np.array(exponents),
+        np.array([r.model_exponent for r in chosen]),
+        tuple(r.period.value for r in chosen),
+        np.array([r.cycles_per_tau for r in chosen]),
+    )
+
+
+def _points(result: SegmentResult, mesh: str) -> Array:
+    x = result.section.x[:, result.motion.meshes.index(mesh)]
+    stride = 1 if result.period.value else max(len(x) // MAX_POINTS, 1)
+    points: Array = x[-MAX_POINTS * stride :: stride].copy()
+    return points
+
+
+def _one_parameter(
+    results: Sequence[SegmentResult], least_values: int
+) -> tuple[str, list[SegmentResult]]:
+    keys = [{name: _key(value) for name, value in r.segment.point.items()} for r in results]
+    names = list(dict.fromkeys(name for key in keys for name in key))
+    counts = {name: len({key.get(name) for key in keys}) for name in names}
+    parameter = max(names, key=lambda name: counts[name], default="")
+    if not parameter or counts[parameter] < least_values:
+        raise AnalysisError(
+            f"a bifurcation diagram needs {least_values} different values of one parameter, got "
+            f"{_list(counts)}: hand in a ramp, a staircase, or runs that differ in one parameter"
+        )
+    rests = [tuple(key.get(name) for name in names if name != parameter) for key in keys]
+    commonest = Counter(rests).most_common(1)[0][0]
+    chosen = [r for r, rest in zip(results, rests, strict=True) if rest == commonest]
+    if len({_key(r.segment.point[parameter]) for r in chosen}) < least_values:
+        raise AnalysisError(
+            f"several parameters differ at once ({_list(counts)}): hand in runs that differ in "
+            "one parameter only"
+        )
+    return parameter, chosen
+
+
+def _list(counts: dict[str, int]) -> str:
+    many = [f"{name}: {count} values" for name, count in counts.items() if count > 1]
+    return ", ".join(many) or "no parameter that differs"
+
+
+def _key(value: float) -> float | None:
+    """Value rounded so that the same setting is the same key; None for NaN."""
+    if not np.isfinite(value):
+        return None
+    digits = 6 if value == 0 else 6 - int(np.floor(np.log10(abs(value)))) - 1
+    return round(value, digits)

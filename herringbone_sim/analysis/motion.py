@@ -1,0 +1,138 @@
+"""What moves: the mesh phase and the displacements and rates of the meshes of a series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.errors import AnalysisError
+
+MIN_SAMPLES = 32
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Phase and relative displacements of some meshes over time.
+
+    Attributes:
+        times: (n,) seconds.
+        turns: (n,) mesh phase in cycles, strictly increasing.
+        x: (n, k) displacements, m.
+        v: (n, k) rates, m/s.
+        meshes: k names such as ``sp_L``.
+        notes: channels left out and rates worked out, in words.
+    """
+
+    times: Array
+    turns: Array
+    x: Array
+    v: Array
+    meshes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def cycles(self) -> float:
+        """Length in mesh cycles."""
+        return float(self.turns[-1] - self.turns[0]) if len(self) else 0.0
+
+    @property
+    def samples_per_cycle(self) -> float:
+        return (len(self) - 1) / self.cycles if self.cycles else float("nan")
+
+    @property
+    def frequency_hz(self) -> float:
+        """Mesh frequency."""
+        return self.cycles / float(self.times[-1] - self.times[0])
+
+    def rows(self, start: int, stop: int) -> Motion:
+        """Samples start (included) to stop (excluded), as views."""
+        cut = slice(start, stop)
+        return Motion(
+            self.times[cut], self.turns[cut], self.x[cut], self.v[cut], self.meshes, self.notes
+        )
+
+
+def motion_of(series: TimeSeries) -> Motion:
+    """Phase, displacements and rates of all meshes whose channel is whole.
+
+    A displacement without its ``v`` channel gets a rate by central differences. A displacement
+    with a NaN or an infinity in it is left out, with a note.
+
+    Raises:
+        AnalysisError: fewer than 32 samples, no usable phase, or no usable ``x`` channel.
+    """
+    if len(series) < MIN_SAMPLES:
+        raise AnalysisError(
+            f"an analysis needs at least {MIN_SAMPLES} samples, got {len(series)}: record longer"
+        )
+    turns = _turns(series)
+    found = [name[2:] for name in series.names if name.startswith("x_")]
+    whole = tuple(mesh for mesh in found if np.isfinite(series[f"x_{mesh}"]).all())
+    if not whole:
+        raise AnalysisError(_why_no_motion(series, found))
+    rates = {mesh: _recorded_rate(series, mesh) for mesh in whole}
+    x = series.columns(tuple(f"x_{mesh}" for mesh in whole))
+    return Motion(
+        series.times, turns, x, _rates(series, x, rates), whole, _notes(found, whole, rates)
+    )
+
+
+def _turns(series: TimeSeries) -> Array:
+    if "phase" not in series:
+        raise AnalysisError(
+            "no channel 'phase', and nothing tells the mesh cycles without it: record the phase, "
+            f"or give the mesh frequency (--mesh-frequency); channels: {', '.join(series.names)}"
+        )
+    turns = series["phase"] / (2 * np.pi)
+    steps = np.diff(turns)
+    if not np.all(steps > 0):
+        at = int(np.argmax(~(steps > 0)))
+        raise AnalysisError(
+            "phase must be finite and increase from sample to sample, got "
+            f"{series['phase'][at]!r} rad then {series['phase'][at + 1]!r} rad at "
+            f"t = {series.times[at + 1]:.6g} s: unwrap the phase, or cut the recording there"
+        )
+    return turns
+
+
+def _why_no_motion(series: TimeSeries, found: list[str]) -> str:
+    if found:
+        names = ", ".join(f"x_{mesh}" for mesh in found)
+        return f"every displacement holds NaN or infinity ({names}): record at least one whole"
+    return (
+        "no displacement to analyse: at least one channel x_sp..., x_rp... is needed, got "
+        f"{', '.join(series.names)}"
+    )
+
+
+def _recorded_rate(series: TimeSeries, mesh: str) -> Array | None:
+    name = f"v_{mesh}"
+    if name not in series or not np.isfinite(series[name]).all():
+        return None
+    return series[name]
+
+
+def _rates(series: TimeSeries, x: Array, rates: dict[str, Array | None]) -> Array:
+    columns = [
+        rate if rate is not None else np.gradient(x[:, column], series.times)
+        for column, rate in enumerate(rates.values())
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _notes(
+    found: list[str], whole: tuple[str, ...], rates: dict[str, Array | None]
+) -> tuple[str, ...]:
+    broken = [f"x_{mesh}" for mesh in found if mesh not in whole]
+    derived = [f"v_{mesh}" for mesh, rate in rates.items() if rate is None]
+    notes = []
+    if broken:
+        notes.append(f"left out, as they hold NaN or infinity: {', '.join(broken)}")
+    if derived:
+        notes.append(f"worked out from displacements by differences: {', '.join(derived)}")
+    return tuple(notes)

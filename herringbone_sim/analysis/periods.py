@@ -1,0 +1,84 @@
+"""Period of a motion in mesh cycles, from its stroboscopic section."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from herringbone_sim.core.timeseries import Array
+
+MAX_PERIOD = 16
+TOLERANCE = 1e-3  # of the scale of the motion
+NOISE_MARGIN = 1.15
+MIN_REPEATS = 5
+GROWTH = 3.0
+
+
+@dataclass(frozen=True)
+class Period:
+    """Period of a motion.
+
+    Attributes:
+        value: mesh cycles; 0 = aperiodic; None = not to be had, see ``reason``.
+        residual: RMS distance of the section points from the centres of their ``value`` groups
+            (smallest of all periods tried when aperiodic), per coordinate, in units of the scale.
+        threshold: residual up to which a motion counts as periodic.
+        reason: why there is no period, or why it is 0, in words.
+    """
+
+    value: int | None
+    residual: float
+    threshold: float
+    reason: str = ""
+
+    @property
+    def label(self) -> str:
+        """``P3``, ``aperiodic`` or ``-``."""
+        return "-" if self.value is None else f"P{self.value}" if self.value else "aperiodic"
+
+
+def find_period(
+    points: Array, noise: float = 0.0, max_period: int = MAX_PERIOD, tolerance: float = TOLERANCE
+) -> Period:
+    """Smallest p for which every p-th section point is the same over the whole window.
+
+    All points n, n + p, n + 2p, ... must gather around one centre: slow drift and slow chaos pass
+    from point to point, but not over the window. The distance from one repeat to the next must
+    not grow either: a motion that leaves an unstable orbit is not periodic.
+
+    Args:
+        points: (m, k) section points, each coordinate in units of the scale of the motion.
+        noise: RMS of the measurement noise per coordinate, in the same units.
+        max_period: largest period tried; each needs 5 repeats within the window.
+        tolerance: largest RMS distance from the centres without noise.
+    """
+    threshold = float(max(tolerance, NOISE_MARGIN * noise))
+    largest = min(max_period, len(points) // MIN_REPEATS)
+    if largest < 1:
+        reason = f"{len(points)} cycles are too few: a period needs {MIN_REPEATS} repeats"
+        return Period(None, float("nan"), threshold, reason)
+    residuals = [spread_of_repeats(points, p) for p in range(1, largest + 1)]
+    fits = [p for p, residual in enumerate(residuals, start=1) if residual <= threshold]
+    if not fits:
+        nearest = int(np.argmin(residuals)) + 1
+        reason = f"no repeat within {largest} cycles (nearest: P{nearest})"
+        return Period(0, min(residuals), threshold, reason)
+    period = fits[0]
+    if _grows(points, period, noise):
+        return Period(0, residuals[period - 1], threshold, f"leaves a period of {period}")
+    return Period(period, residuals[period - 1], threshold)
+
+
+def spread_of_repeats(points: Array, period: int) -> float:
+    """RMS distance per coordinate from the centres of the groups n mod period."""
+    groups = (points[first::period] for first in range(period))
+    squares = sum(float(np.sum((group - group.mean(0)) ** 2)) for group in groups)
+    return float(np.sqrt(squares / ((len(points) - period) * points.shape[1])))
+
+
+def _grows(points: Array, period: int, noise: float) -> bool:
+    returns = np.sqrt(np.mean((points[period:] - points[:-period]) ** 2, axis=1))
+    third = max(len(returns) // 3, 1)
+    early, late = float(np.median(returns[:third])), float(np.median(returns[-third:]))
+    return late > GROWTH * max(early, noise, 1e-9)

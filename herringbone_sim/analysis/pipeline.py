@@ -1,0 +1,260 @@
+"""From a run to one result a segment: section, period, exponent, spectrum, contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from herringbone_sim.analysis.contact import ContactShares, contact_shares
+from herringbone_sim.analysis.lyapunov import Exponent, largest_exponent, no_exponent
+from herringbone_sim.analysis.motion import Motion, motion_of
+from herringbone_sim.analysis.noise import white_noise_rms
+from herringbone_sim.analysis.periods import MAX_PERIOD, Period, find_period
+from herringbone_sim.analysis.sections import Section, section_noise, stroboscopic_section
+from herringbone_sim.analysis.segments import Change, Segment, cut
+from herringbone_sim.analysis.spectra import (
+    Line,
+    Spectrum,
+    amplitude_spectrum,
+    lines,
+    share_off_lines,
+)
+from herringbone_sim.analysis.transients import settling_cycles
+from herringbone_sim.core.timeseries import Array, TimeSeries
+
+MIN_CYCLES = 6
+RESOLVED_NOISE = 4e-3
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user may choose.
+
+    Attributes:
+        transient_cycles: cycles dropped at the start of each segment; None = measured.
+        noise_share: RMS of the measurement noise as a share of each channel's RMS; None =
+            estimated from the top of the spectrum.
+        max_period: largest period looked for, mesh cycles.
+        phase: phase of the stroboscopic section, rad.
+        seed: of the resampling behind the intervals.
+    """
+
+    transient_cycles: int | None = None
+    noise_share: float | None = None
+    max_period: int = MAX_PERIOD
+    phase: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Gear:
+    """What is known of the gear besides the samples.
+
+    Attributes:
+        b_c_m: displacement scale, m; None when unknown.
+        omega_n: natural frequency, rad/s; None when unknown.
+        base: parameters in force from the start that are no channel (xi, control_phase).
+        half_backlash_m: operating point -> b' of ``sp`` and ``rp`` in m.
+        model_exponent: operating point -> largest exponent of the model per tau, and its
+            standard error.
+    """
+
+    b_c_m: float | None = None
+    omega_n: float | None = None
+    base: Mapping[str, float] = field(default_factory=dict)
+    half_backlash_m: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None
+    model_exponent: Callable[[Mapping[str, float]], tuple[float, float]] | None = None
+
+
+@dataclass(frozen=True)
+class SegmentResult:
+    """What one segment says.
+
+    Attributes:
+        number: 1, 2, ... within the run.
+        segment: rows, operating point, length.
+        motion: its samples, transients dropped.
+        section: its stroboscopic points, transients dropped.
+        dropped_cycles: cycles dropped as transient.
+        noise: RMS of the noise per coordinate, in units of the scale of the motion.
+        period: in mesh cycles.
+        exponent: from the data, per mesh cycle.
+        model_exponent: of the model, per mesh cycle, and its standard error; NaN when unknown.
+        spectrum: None when there are too few cycles.
+        lines: at h / n of all meshes.
+        off_lines: (k,) share of power off the lines.
+        contact: of every mesh.
+        cycles_per_tau: Omega / 2 pi, NaN when omega_n is unknown.
+        notes: what a reader must know, in words.
+    """
+
+    number: int
+    segment: Segment
+    motion: Motion
+    section: Section
+    dropped_cycles: int
+    noise: float
+    period: Period
+    exponent: Exponent
+    model_exponent: tuple[float, float]
+    spectrum: Spectrum | None
+    lines: tuple[Line, ...]
+    off_lines: Array
+    contact: tuple[ContactShares, ...]
+    cycles_per_tau: float
+    notes: tuple[str, ...]
+
+
+def analyze_series(
+    series: TimeSeries,
+    changes: Sequence[Change] = (),
+    options: Options | None = None,
+    gear: Gear | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[SegmentResult]:
+    """Cut a run at its changes and analyse each segment.
+
+    Args:
+        series: the run, channels as in ``core.layout``; ``phase`` and one ``x`` are needed.
+        changes: (time in s, new values) of parameters that are no channel.
+        options: what the user chose.
+        gear: what is known besides the samples.
+        progress: told (segments done, segments in all).
+
+    Raises:
+        AnalysisError: too short, no phase, no whole displacement.
+    """
+    options, gear = options or Options(), gear or Gear()
+    motion = motion_of(series)
+    segments = cut(series, motion, changes, gear.base)
+    results = []
+    for number, segment in enumerate(segments, start=1):
+        results.append(analyze_segment(motion, segment, number, options, gear))
+        progress(number, len(segments))
+    return results
+
+
+def analyze_segment(
+    motion: Motion, segment: Segment, number: int, options: Options, gear: Gear
+) -> SegmentResult:
+    """One segment of a run; what can't be had is NaN or None with its reason."""
+    whole = motion.rows(segment.start, segment.stop)
+    scales = _scales(whole)
+    noise = _noise(whole, scales, options)
+    section = stroboscopic_section(whole, options.phase)
+    dropped, settled = _dropped(_points(section, scales), segment, options)
+    section, kept = section.after(dropped), _after(whole, section, dropped)
+    points = _points(section, scales)
+    period = _period(points, segment, noise, options)
+    exponent = _exponent(points, segment, period, noise, options)
+    spectrum = amplitude_spectrum(kept, period.value or 1) if kept.cycles >= MIN_CYCLES else None
+    rate = whole.frequency_hz / gear.omega_n if gear.omega_n and len(whole) > 1 else float("nan")
+    return SegmentResult(
+        number=number,
+        segment=segment,
+        motion=kept,
+        section=section,
+        dropped_cycles=dropped,
+        noise=noise,
+        period=period,
+        exponent=exponent,
+        model_exponent=_model_exponent(segment, gear, rate),
+        spectrum=spectrum,
+        lines=lines(spectrum, period.value or 1) if spectrum else (),
+        off_lines=share_off_lines(spectrum, period.value or 1) if spectrum else np.zeros(0),
+        contact=contact_shares(kept, _half_backlash(segment, gear)),
+        cycles_per_tau=rate,
+        notes=tuple(_notes(kept, segment, settled, noise)),
+    )
+
+
+def _scales(motion: Motion) -> tuple[float, float]:
+    """Common scale of all displacements, and of all rates: root mean variance."""
+    x, v = (float(np.sqrt(np.mean(np.var(part, axis=0)))) for part in (motion.x, motion.v))
+    return x or 1.0, v or 1.0
+
+
+def _noise(motion: Motion, scales: tuple[float, float], options: Options) -> float:
+    """RMS noise per coordinate of the section, in units of the scales."""
+    if options.noise_share is not None:
+        x, v = (options.noise_share * np.sqrt(np.mean(p**2, axis=0)) for p in (motion.x, motion.v))
+    else:
+        x, v = white_noise_rms(motion.x), white_noise_rms(motion.v)
+    rms = section_noise(motion, (x, v), options.phase) / np.repeat(scales, x.size)
+    noise = float(np.sqrt(np.mean(rms**2))) if np.isfinite(rms).all() else 0.0
+    # Clean impacts fill the top of the band as a little noise would: an estimate below this is
+    # taken for them.
+    return noise if options.noise_share is not None or noise > RESOLVED_NOISE else 0.0
+
+
+def _points(section: Section, scales: tuple[float, float]) -> Array:
+    return np.hstack((section.x / scales[0], section.v / scales[1]))
+
+
+def _dropped(points: Array, segment: Segment, options: Options) -> tuple[int, bool]:
+    if options.transient_cycles is not None:
+        return min(options.transient_cycles, max(len(points) - 1, 0)), True
+    return (0, True) if segment.ramp else settling_cycles(points)
+
+
+def _after(motion: Motion, section: Section, dropped: int) -> Motion:
+    if not dropped or dropped >= len(section):
+        return motion
+    return motion.rows(int(np.searchsorted(motion.times, section.times[dropped])), len(motion))
+
+
+def _period(points: Array, segment: Segment, noise: float, options: Options) -> Period:
+    if segment.ramp:
+        return Period(None, float("nan"), float("nan"), f"{segment.ramp} moves all the time")
+    return find_period(points, noise, options.max_period)
+
+
+def _exponent(
+    points: Array, segment: Segment, period: Period, noise: float, options: Options
+) -> Exponent:
+    if segment.ramp:
+        return no_exponent(f"{segment.ramp} moves all the time")
+    if period.value:
+        return no_exponent(f"periodic (P{period.value}): neighbours differ by noise or rounding")
+    return largest_exponent(points, np.random.default_rng(options.seed), noise)
+
+
+def _model_exponent(segment: Segment, gear: Gear, rate: float) -> tuple[float, float]:
+    if gear.model_exponent is None or not np.isfinite(rate):
+        return float("nan"), float("nan")
+    value, error = gear.model_exponent(segment.point)
+    return value / rate, error / rate
+
+
+def _half_backlash(segment: Segment, gear: Gear) -> Mapping[str, float] | None:
+    return None if gear.half_backlash_m is None else gear.half_backlash_m(segment.point)
+
+
+def _notes(motion: Motion, segment: Segment, settled: bool, noise: float) -> Iterator[str]:
+    yield from motion.notes
+    if not settled:
+        yield "still settling at half-time: the first half was dropped, results are of the rest"
+    if segment.ramp:
+        yield f"{segment.ramp} moves all the time: points only"
+    if noise:
+        yield f"noise of {noise:.2%} of the motion's scale taken into account"
+    if _sides_alike(motion):
+        yield (
+            "left and right are the same to rounding: the exponent from data can't see growth "
+            "that parts them, the model's can"
+        )
+
+
+def _sides_alike(motion: Motion) -> bool:
+    left = [i for i, mesh in enumerate(motion.meshes) if mesh.endswith("_L")]
+    pairs = [
+        (i, motion.meshes.index(motion.meshes[i][:-1] + "R"))
+        for i in left
+        if motion.meshes[i][:-1] + "R" in motion.meshes
+    ]
+    scale = float(np.abs(motion.x).max())
+    return bool(pairs) and all(
+        np.abs(motion.x[:, i] - motion.x[:, j]).max() <= 1e-9 * scale for i, j in pairs
+    )

@@ -1,0 +1,186 @@
+"""Cut a run where its parameters change: steps, staircases, ramps, gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.analysis.motion import Motion
+from herringbone_sim.core.timeseries import Array, TimeSeries
+
+Change = tuple[float, Mapping[str, float]]
+Rows = NDArray[np.intp]
+
+COLUMNS = ("K", "delta_T", "T_1")
+EVENTS = ("xi", "control_phase", *COLUMNS)  # changes of anything else are no change of the gear
+FREQUENCY = "mesh_frequency_hz"
+MIN_RAMP = 8
+MIN_DWELL_CYCLES = 8.0
+BIN_CYCLES = 40.0
+MAX_BINS = 240
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Rows of a run at one operating point.
+
+    Attributes:
+        start, stop: first row, and the row after the last.
+        point: parameters in force, and the measured mesh frequency in Hz.
+        cycles: length in mesh cycles.
+        ramp: parameter that moves all the time within the segment, or "".
+    """
+
+    start: int
+    stop: int
+    point: Mapping[str, float]
+    cycles: float
+    ramp: str = ""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Values of one parameter: ``values[i]`` from row ``rows[i]`` on; ``rows[0]`` is 0."""
+
+    name: str
+    rows: Rows
+    values: Array
+
+
+def cut(
+    series: TimeSeries,
+    motion: Motion,
+    changes: Sequence[Change] = (),
+    base: Mapping[str, float] | None = None,
+) -> tuple[Segment, ...]:
+    """Segments of constant parameters, in order, without overlap.
+
+    Cuts are the changes of the channels K, delta_T and T_1, of the mesh frequency, the given
+    changes of xi and control_phase (and of K, delta_T, T_1 where they are no channel), and gaps
+    in the phase. More than 8 successive changes of one parameter in one direction are a ramp: with
+    dwells of at least 8 cycles each dwell is a segment, else the ramp is cut into bins of about
+    40 cycles. A channel that changes to and fro more than once a cycle is a measurement, not a
+    setting: it cuts nothing and gives its mean.
+
+    Args:
+        series: the run.
+        motion: the same samples.
+        changes: (time in s, new values) of parameters, in order.
+        base: parameters in force from the start, where no channel tells.
+    """
+    tracks = _tracks(series, motion, changes, base or {})
+    cuts: set[int] = {int(row) for row in _gaps(motion)}
+    ramps: list[tuple[int, int, str]] = []
+    for track in tracks:
+        rows, moving = _cuts_of(track, motion)
+        cuts |= {int(row) for row in rows}
+        ramps += moving
+    edges = [0, *sorted(cut for cut in cuts if 0 < cut < len(motion)), len(motion)]
+    return tuple(_segment(*ends, tracks, ramps, motion) for ends in pairwise(edges))
+
+
+def _tracks(
+    series: TimeSeries, motion: Motion, changes: Sequence[Change], base: Mapping[str, float]
+) -> list[Track]:
+    columns = [name for name in COLUMNS if name in series and np.isfinite(series[name]).all()]
+    tracks = [_track_of_column(name, series[name], motion) for name in columns]
+    tracks.append(_track_of_frequency(motion))
+    moved = {name for _, values in changes for name in values if name in EVENTS}
+    named = [name for name in EVENTS if name in moved | base.keys() and name not in columns]
+    return tracks + [_track_of_events(name, series.times, changes, base) for name in named]
+
+
+def _track_of_column(name: str, values: Array, motion: Motion) -> Track:
+    steps = np.diff(values)
+    rows = np.flatnonzero(steps) + 1
+    both_ways = rows.size and 0.1 < np.mean(steps[rows - 1] > 0) < 0.9
+    if both_ways and rows.size > max(motion.cycles, 8):
+        return Track(name, np.zeros(1, np.intp), np.array([values.mean()]))
+    rows = np.concatenate(([0], rows))
+    return Track(name, rows, values[rows])
+
+
+def _track_of_frequency(motion: Motion) -> Track:
+    slopes = np.diff(motion.turns) / np.diff(motion.times)
+    relative = np.abs(np.diff(slopes)) / slopes[:-1]
+    tolerance = 1e-6 + 20 * float(np.median(relative))
+    rows = np.flatnonzero(relative > tolerance) + 1
+    # A change within a sample interval shows as two steps: the second one counts.
+    rows = rows[np.append(np.diff(rows) > 1, True)] if rows.size else rows
+    gaps = _gaps(motion)
+    rows = rows[~np.isin(rows, np.concatenate((gaps - 1, gaps)))]
+    rows = np.concatenate(([0], rows)).astype(np.intp)
+    return Track(FREQUENCY, rows, slopes[np.minimum(rows, len(slopes) - 1)])
+
+
+def _track_of_events(
+    name: str, times: Array, changes: Sequence[Change], base: Mapping[str, float]
+) -> Track:
+    rows, values = [0], [base.get(name, float("nan"))]
+    for time, change in changes:
+        if name in change and change[name] != values[-1]:
+            row = int(np.searchsorted(times, time))
+            if row == rows[-1]:
+                values[-1] = change[name]
+            else:
+                rows.append(row)
+                values.append(change[name])
+    return Track(name, np.array(rows), np.array(values, dtype=float))
+
+
+def _gaps(motion: Motion) -> Rows:
+    steps = np.diff(motion.turns)
+    return np.flatnonzero(steps > max(3 * float(np.median(steps)), 0.25)) + 1
+
+
+def _cuts_of(track: Track, motion: Motion) -> tuple[Rows, list[tuple[int, int, str]]]:
+    """Rows at which one parameter cuts the run, and the stretches within which it moves."""
+    rows, moving = track.rows[1:], []
+    kept = np.ones(len(rows), dtype=bool)
+    bins: list[int] = []
+    for first, last in _one_way_runs(np.diff(track.values)):
+        turns = motion.turns[np.minimum(rows[first : last + 1], len(motion) - 1)]
+        if np.median(np.diff(turns)) < MIN_DWELL_CYCLES:
+            kept[first + 1 : last] = False
+            count = int(np.clip((turns[-1] - turns[0]) / BIN_CYCLES, 1, MAX_BINS))
+            edges = np.linspace(turns[0], turns[-1], count + 1)
+            bins += [int(row) for row in np.searchsorted(motion.turns, edges)]
+            moving.append((int(rows[first]), int(rows[last]), track.name))
+    return np.unique(np.concatenate((rows[kept], bins)).astype(np.intp)), moving
+
+
+def _one_way_runs(steps: Array) -> list[tuple[int, int]]:
+    """First and last index of each run of more than 8 steps of one sign."""
+    if not steps.size:
+        return []
+    turns = np.flatnonzero(np.diff(np.sign(steps)) != 0) + 1
+    edges = np.concatenate(([0], turns, [len(steps)]))
+    return [(int(a), int(b) - 1) for a, b in pairwise(edges) if b - a > MIN_RAMP]
+
+
+def _segment(
+    start: int,
+    stop: int,
+    tracks: Sequence[Track],
+    ramps: Sequence[tuple[int, int, str]],
+    motion: Motion,
+) -> Segment:
+    ramp = next((name for first, last, name in ramps if first <= start and stop <= last), "")
+    point = {track.name: _mean(track, start, stop) for track in tracks}
+    if stop - start > 1:
+        point[FREQUENCY] = motion.rows(start, stop).frequency_hz
+    return Segment(start, stop, point, motion.rows(start, stop).cycles, ramp)
+
+
+def _mean(track: Track, start: int, stop: int) -> float:
+    """Mean of the parameter over rows, each value weighted by the rows it is in force."""
+    first = int(np.searchsorted(track.rows, start, "right")) - 1
+    last = int(np.searchsorted(track.rows, stop, "left"))
+    if last - first <= 1:
+        return float(track.values[first])
+    edges = np.clip(np.append(track.rows[first:last], stop), start, stop)
+    return float(np.average(track.values[first:last], weights=np.diff(edges)))

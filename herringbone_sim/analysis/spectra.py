@@ -1,0 +1,113 @@
+"""Amplitude spectrum in mesh orders, and its lines at h Omega / n."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+import scipy.fft
+
+from herringbone_sim.analysis.motion import Motion
+from herringbone_sim.core.timeseries import Array
+
+BLOCK_CYCLES = 240
+LINE_BINS = 2
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """One-sided amplitude spectra of some channels.
+
+    Attributes:
+        orders: (n,) frequency in units of the mesh frequency.
+        amplitudes: (n, k) amplitude of a sine at that order, m; mean squares over blocks.
+        meshes: k names such as ``sp_L``.
+        block_cycles: mesh cycles in one block, the inverse of the resolution.
+    """
+
+    orders: Array
+    amplitudes: Array
+    meshes: tuple[str, ...]
+    block_cycles: int
+
+
+@dataclass(frozen=True)
+class Line:
+    """Amplitude [m] of one mesh at the mesh order ``h / n``."""
+
+    mesh: str
+    h: int
+    n: int
+    amplitude: float
+
+    @property
+    def order(self) -> float:
+        return self.h / self.n
+
+    @property
+    def label(self) -> str:
+        """Lowest terms: ``1/3``, ``2``."""
+        return str(Fraction(self.h, self.n))
+
+
+def amplitude_spectrum(motion: Motion, period: int = 1) -> Spectrum:
+    """Spectra of the displacements, Hann window, amplitude-correct.
+
+    Blocks of up to 240 cycles, a multiple of the period, so that the lines h / n fall on bins;
+    over the blocks the squares are averaged. The mean of each channel is taken off.
+
+    Args:
+        motion: at least one period long; samples evenly spaced in phase or not.
+        period: in mesh cycles, 0 or 1 when there is none.
+    """
+    x = _evenly_in_phase(motion)
+    repeat = max(period, 1)
+    cycles = max(min(BLOCK_CYCLES, int(motion.cycles)) // repeat * repeat, 1)
+    size = min(round(cycles * motion.samples_per_cycle), len(x))
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
+    blocks = x[: len(x) // size * size].reshape(-1, size, x.shape[1]) - x.mean(axis=0)
+    lines = scipy.fft.rfft(blocks * window[:, None], axis=1)
+    amplitudes = 2 / window.sum() * np.sqrt(np.mean(np.abs(lines) ** 2, axis=0))
+    orders = np.arange(len(amplitudes)) * motion.samples_per_cycle / size
+    return Spectrum(orders, amplitudes, motion.meshes, cycles)
+
+
+def _evenly_in_phase(motion: Motion) -> Array:
+    steps = np.diff(motion.turns)
+    if np.ptp(steps) < 1e-3 * steps.mean():
+        return motion.x
+    grid = np.linspace(motion.turns[0], motion.turns[-1], len(motion))
+    return np.stack([np.interp(grid, motion.turns, column) for column in motion.x.T], axis=1)
+
+
+def lines(spectrum: Spectrum, period: int, up_to_order: int = 6) -> tuple[Line, ...]:
+    """Lines h / n of all meshes, h = 1 ... n up_to_order, n the period (1 when there is none)."""
+    n = max(period, 1)
+    wanted = np.arange(1, n * up_to_order + 1)
+    wanted = wanted[wanted / n <= spectrum.orders[-1]]
+    bins = np.rint(wanted / n / spectrum.orders[1]).astype(int)
+    return tuple(
+        Line(mesh, int(h), n, float(_peak(spectrum.amplitudes[:, column], at)))
+        for column, mesh in enumerate(spectrum.meshes)
+        for h, at in zip(wanted, bins, strict=True)
+    )
+
+
+def share_off_lines(spectrum: Spectrum, period: int) -> Array:
+    """Share (k,) of the mean-free power that lies off the lines h / n, n the period."""
+    power = spectrum.amplitudes**2
+    spacing = 1 / max(period, 1) / spectrum.orders[1]
+    bins = np.arange(len(power))
+    distance = np.abs(bins - np.rint(bins / spacing) * spacing)
+    on_line = (distance <= LINE_BINS) & (bins > LINE_BINS)
+    off_line = (distance > LINE_BINS) & (bins > LINE_BINS)
+    total = power[on_line].sum(axis=0) + power[off_line].sum(axis=0)
+    share: Array = np.divide(
+        power[off_line].sum(axis=0), total, out=np.full(len(total), np.nan), where=total > 0
+    )
+    return share
+
+
+def _peak(amplitudes: Array, at: int) -> float:
+    return float(amplitudes[max(at - 1, 0) : at + 2].max())
