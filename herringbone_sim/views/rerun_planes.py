@@ -125,7 +125,7 @@ class Planes:
             self._send_page(page, axes)
         if len(at):
             bottom, top = axes.vertical(float(at[-1]))
-            here = [np.array([bottom, bottom - [0, 5]]), np.array([top, top + [0, 5]])]
+            here = [bottom - np.array([[0, 0], [0, 5]]), top + np.array([[0, 0], [0, 5]])]
             marker = rr.LineStrips2D(here, colors=[MARKER], radii=LINE, draw_order=10)
             self.recording.log("bifurcation/here", marker)
 

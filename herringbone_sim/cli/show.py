@@ -1,0 +1,158 @@
+"""``show``: a recording in the Rerun viewer, in a .rrd file or as a picture."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from herringbone_sim.errors import HerringboneError, ParameterError
+
+DESCRIPTION = """\
+Show a recorded run as the live mirror shows a running one: displacements and forces over time,
+phase portrait, stroboscopic section, bifurcation over the parameter that was changed last,
+contact states, parameters and events. Any rosbag2 MCAP bag with a `samples` topic will do, with
+any subset of channels: what is there is shown.
+"""
+EPILOG = """\
+examples:
+  python -m herringbone_sim show runs/my_run                     open a viewer
+  python -m herringbone_sim show runs/my_run --save my_run.rrd   write a file for `rerun`
+  python -m herringbone_sim show runs/my_run --screenshot my_run.png
+                                                                 draw a picture, no screen needed
+
+Long runs are thinned: each of at most --blocks blocks shows its last --burst mesh cycles at full
+rate, and all of its section points. Without parameters in the recording there is no backlash to
+compare with; --nominal takes that of the nominal rig.
+"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``show``."""
+    parser = subparsers.add_parser(
+        "show",
+        help="show a recorded run in the Rerun viewer, or draw a picture of it",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or .mcap file")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--spawn", action="store_true", help="open a viewer (the default)")
+    where.add_argument("--save", type=Path, metavar="FILE.rrd", help="write a file for `rerun`")
+    where.add_argument(
+        "--serve",
+        nargs="?",
+        const="9876",
+        metavar="PORT",
+        help="wait for viewers at a port, 9876 by default, until Ctrl-C",
+    )
+    where.add_argument("--connect", metavar="HOST:PORT", help="send to a viewer that is open")
+    add_drawing_options(parser)
+    parser.set_defaults(func=show)
+
+
+def add_drawing_options(parser: argparse.ArgumentParser) -> None:
+    """Options on what is drawn and how much of it."""
+    parser.add_argument("--screenshot", type=Path, metavar="PNG", help="also draw a picture")
+    parser.add_argument(
+        "--size", default="1400x900", metavar="WxH", help="of the picture [%(default)s]"
+    )
+    parser.add_argument(
+        "--mesh", default="", help="mesh of the phase plane, as sp1_L [the first there is]"
+    )
+    parser.add_argument(
+        "--nominal",
+        action="store_true",
+        help="scale and backlash of the nominal rig when the recording has no parameters",
+    )
+    parser.add_argument(
+        "--burst", type=int, default=20, metavar="CYCLES", help="cycles a block [%(default)s]"
+    )
+    parser.add_argument(
+        "--blocks",
+        type=int,
+        default=400,
+        metavar="N",
+        help="largest number of blocks [%(default)s]",
+    )
+
+
+def show(args: argparse.Namespace) -> int:
+    """Run the sub-command; 0 when everything was shown."""
+    try:
+        size = parse_size(args.size)
+        with tempfile.TemporaryDirectory() as folder:
+            rrd = args.save or Path(folder) / "run.rrd"
+            only_picture = args.screenshot and not (args.spawn or args.serve or args.connect)
+            mirror_run(args, "save" if args.save or only_picture else mode_of(args), rrd)
+            if args.screenshot:
+                if not (args.save or only_picture):
+                    mirror_run(args, "save", rrd)
+                draw(rrd, args.screenshot, size)
+    except HerringboneError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def mode_of(args: argparse.Namespace) -> str:
+    """Mode of the mirror that the options ask for."""
+    return "serve" if args.serve else "connect" if args.connect else "spawn"
+
+
+def mirror_run(args: argparse.Namespace, mode: str, rrd: Path) -> None:
+    """Send a recording through the mirror; raises HerringboneError when that fails."""
+    from herringbone_sim.recording.reader import read_recording
+    from herringbone_sim.views.replay import prepare, replay_blocks
+    from herringbone_sim.views.rerun_mirror import RerunMirror
+
+    recording = read_recording(args.run)
+    replay = prepare(recording, args.nominal)
+    mirror = RerunMirror(
+        mode,
+        replay.layout,
+        address=args.connect or args.serve or "",
+        path=rrd,
+        scale=replay.scale,
+        burst_cycles=args.burst,
+        mesh=args.mesh,
+    )
+    for block in replay_blocks(recording, replay, args.burst, args.blocks):
+        if not mirror.put(block, wait_s=60.0):
+            raise HerringboneError(f"the viewer took no more of {args.run}: {mirror.state}")
+    if mode == "serve":
+        wait_for_interrupt(mirror.address)
+    mirror.close(60.0)
+    if mirror.state.startswith("failed"):
+        raise HerringboneError(f"{args.run} was not shown: {mirror.state}")
+    if mode == "save" and args.save:
+        print(f"wrote {rrd}")
+
+
+def wait_for_interrupt(address: str) -> None:
+    """Keep serving until Ctrl-C."""
+    print(f"serving, open it with: rerun '{address}'    (Ctrl-C ends)", flush=True)
+    try:
+        while True:
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        print()
+
+
+def draw(rrd: Path, png: Path, size: tuple[int, int]) -> None:
+    """Write a picture of a .rrd file."""
+    from herringbone_sim.views.screenshot import take_screenshot
+
+    take_screenshot(rrd, png, size)
+    print(f"wrote {png}")
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height of ``WxH``; raises ParameterError."""
+    width, _, height = text.partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+        raise ParameterError(f"--size must read WxH, got {text!r}: try 1400x900")
+    return int(width), int(height)
