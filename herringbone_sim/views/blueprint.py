@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from herringbone_sim.views.palette import BACKGROUND
 
 KIND_WORDS = {"sp": "sun-planet", "rp": "ring-planet"}
-LEFT, RIGHT, TOP, BOTTOM = 28.0, 8.0, 12.0, 22.0
+LEFT, RIGHT, TOP, BOTTOM = 28.0, 8.0, 12.0, 24.0
 Plane = tuple[str, float, float]
 
 

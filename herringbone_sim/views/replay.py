@@ -221,9 +221,14 @@ def events_of(recording: Recording, replay: Replay) -> list[tuple[float, str]]:
     for change in recording.changes:
         new = {n: v for n, v in change.values.items() if n in live_names()}
         if new and change.t_s > start:
-            text = ", ".join(f"{name} = {value!r}" for name, value in new.items())
+            text = ", ".join(f"{name} = {readable(value)}" for name, value in new.items())
             events.append((change.t_s, f"t = {change.t_s:.6g} s: {text}"))
     return events
+
+
+def readable(value: object) -> str:
+    """A parameter's value without the digits of its binary form."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def regime_at(recording: Recording, replay: Replay, behind: int) -> str:

@@ -12,7 +12,7 @@ from herringbone_sim.views.palette import BORDER, FRAME, GRID, WORDS, Colour
 from herringbone_sim.views.plane import Axes, ticks
 
 THIN = rr.Radius.ui_points(0.5)
-TICK_X, TICK_Y, TITLE_X, TITLE_Y, LIFT = 1.5, -9.0, 10.5, -10.0, 4.0
+TICK_X, TICK_Y, TITLE_X, TITLE_Y, LIFT = 1.0, -9.0, 12.0, -10.0, 4.0
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class Lanes:
         return float(COLUMNS), float(self._lane * len(self.colours))
 
     def send(self, times: Array, x: Mapping[str, Array], b_half: Mapping[str, float]) -> None:
-        """Draw the displacements (n,) [m] of the meshes at times (n,) [s]."""
+        """Draw the displacements (n,) [m] of the meshes at rising times (n,) [s]."""
         self._send_frame(float(np.ptp(times)))
         states = np.stack([contact_states(x[m], b_half[m[:2]]) for m in self.colours])
         image = rr.SegmentationImage(painted(states, times, self._lane), opacity=1.0, draw_order=0)

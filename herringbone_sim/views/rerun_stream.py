@@ -72,6 +72,7 @@ class RerunStream:
         self._planes: Planes | None = None
         self._lanes: Lanes | None = None
         self._shown: Shown | None = None
+        self._recent: Array = np.empty((0, 0))
         self._last = -np.inf
         self._offset = 0.0
 
@@ -81,13 +82,14 @@ class RerunStream:
             return
         restart = self._restart(block)
         burst = self._burst(block)
-        self._arrange(block, burst)
-        self._send_courses(block, burst)
-        self._send_contact(block, burst)
         self.recording.set_time("sim_time", duration=burst.times[-1])
         self.recording.set_time("wall_time", timestamp=np.datetime64(int(block.wall_ns), "ns"))
+        self._arrange(block, burst)
+        self._send_courses(block, burst)
+        self._recent = self._with_recent(block, burst)
+        self._send_contact(block)
         if self._planes:
-            self._planes.send(block, burst.rows)
+            self._planes.send(block, self._recent)
         self._send_text(block, restart)
         self._last = float(burst.times[-1])
 
@@ -100,15 +102,22 @@ class RerunStream:
         return f"time starts again at {first:.6g} s, shown {self._offset:.6g} s later"
 
     def _burst(self, block: MirrorBlock) -> Burst:
-        rows = block.rows[burst_start(block, self.burst_cycles) :]
+        rows = block.rows[last_cycles(block.rows, block.names, self.burst_cycles) :]
         times = rows[:, block.names.index("t")] + self._offset
         wall_ns = block.wall_ns + np.round((times - times[-1]) * 1e9).astype(np.int64)
         gap = bool(times[0] - self._last > 1.5 * step_of(block.column("t")))
         return Burst(rows, times, wall_ns, gap)
 
+    def _with_recent(self, block: MirrorBlock, burst: Burst) -> Array:
+        """Rows (n, c) of the last cycles, those of earlier blocks too when a block is short."""
+        if burst.gap or self._recent.shape[1] != burst.rows.shape[1]:
+            return burst.rows
+        rows = np.vstack((self._recent, burst.rows))
+        return rows[last_cycles(rows, block.names, self.burst_cycles) :]
+
     def _arrange(self, block: MirrorBlock, burst: Burst) -> None:
         """Send the blueprint and what never changes, again when the views or the window do."""
-        window_s = round_up(float(np.ptp(burst.times)))
+        window_s = window_of(block, self.burst_cycles)
         before = self._shown
         if before and before.names == block.names and is_near(before.window_s, window_s):
             return
@@ -174,10 +183,11 @@ class RerunStream:
         indexes = burst.indexes(pick)
         self.recording.send_columns(entity, indexes, rr.Scalars.columns(scalars=values))
 
-    def _send_contact(self, block: MirrorBlock, burst: Burst) -> None:
+    def _send_contact(self, block: MirrorBlock) -> None:
         if self._lanes:
-            x = {m: burst.rows[:, block.names.index(f"x_{m}")] for m in self._lanes.colours}
-            self._lanes.send(burst.times, x, self._borders(block))
+            columns = {m: block.names.index(f"x_{m}") for m in self._lanes.colours}
+            x = {mesh: self._recent[:, column] for mesh, column in columns.items()}
+            self._lanes.send(self._recent[:, block.names.index("t")], x, self._borders(block))
 
     def _send_text(self, block: MirrorBlock, restart: str) -> None:
         text = status_text(block)
@@ -202,12 +212,23 @@ class RerunStream:
         return self.scale.b_half if self.scale else {}
 
 
-def burst_start(block: MirrorBlock, cycles: int) -> int:
-    """Index of the first row of the last mesh cycles; without a phase all rows are shown."""
-    if "phase" not in block.names:
+def last_cycles(rows: Array, names: tuple[str, ...], cycles: int) -> int:
+    """Index of the first row (n, c) of the last mesh cycles; 0 without a phase."""
+    if "phase" not in names:
         return 0
-    phase = block.column("phase")
+    phase = rows[:, names.index("phase")]
     return int(np.searchsorted(phase, phase[-1] - 2 * pi * cycles - 1e-9))
+
+
+def window_of(block: MirrorBlock, cycles: int) -> float:
+    """Length [s] of so many mesh cycles at the frequency of a block, or of the block."""
+    t = block.column("t")
+    span = float(t[-1] - t[0])
+    turned = 0.0
+    if "phase" in block.names:
+        phase = block.column("phase")
+        turned = float(phase[-1] - phase[0]) / (2 * pi)
+    return max(span * cycles / turned if turned > 0 else span, 1e-6)
 
 
 def step_of(times: Array) -> float:
@@ -215,11 +236,6 @@ def step_of(times: Array) -> float:
     return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
 
-def round_up(span_s: float) -> float:
-    """A span that is never empty."""
-    return max(span_s, 1e-6)
-
-
 def is_near(before_s: float, span_s: float) -> bool:
-    """Whether a window still fits what it shall show, within a quarter."""
-    return 0.8 * before_s <= span_s <= 1.02 * before_s
+    """Whether a window still fits what it shall show, within a fifth."""
+    return 0.8 * before_s <= span_s <= 1.2 * before_s
