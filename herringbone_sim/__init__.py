@@ -1,3 +1,5 @@
 """Herringbone planetary gear dynamics: stream, steer, record, analyse, diagnose."""
 
-__version__ = "0.1.0"
+from herringbone_sim.version import VERSION as __version__
+
+__all__ = ["__version__"]

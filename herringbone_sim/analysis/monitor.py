@@ -1,0 +1,89 @@
+"""What the motion is right now: period, running largest exponent, contact shares."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.core.integrate import Block
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.packed import TWO_PI
+
+Array = NDArray[np.float64]
+
+WINDOW = 96
+LEAST = 48
+EXPONENT_WINDOW = 400
+TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True)
+class Regime:
+    """The motion over the last mesh cycles.
+
+    Attributes:
+        label: ``P1``, ``P2``, ...; ``chaotic``; ``aperiodic`` where no period is seen and the
+            exponent is not positive (yet); ``settling`` when there are too few cycles.
+        exponent: running largest Lyapunov exponent per dimensionless time; NaN while settling.
+        contact: (n_mesh, 3) shares of time in back contact, separated, in drive contact.
+        cycles: mesh cycles since the last change of parameters.
+    """
+
+    label: str
+    exponent: float
+    contact: Array
+    cycles: int
+
+
+class RegimeMonitor:
+    """Follows a run block by block; starts afresh at every change of parameters."""
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was seen."""
+        self._points: deque[Array] = deque(maxlen=WINDOW)
+        self._growth: deque[tuple[int, float]] = deque()
+        self._contact: deque[NDArray[np.int64]] = deque(maxlen=16)
+        self._cycles = 0
+
+    def update(self, block: Block, model: Model) -> None:
+        """Take in a block of the given model."""
+        n, s = model.layout.n_mesh, model.scales
+        points = block.rows[block.section, 5 : 5 + 2 * n]
+        unit = np.repeat([s.b_c, s.velocity_m_per_s], n)
+        self._points.extend(points[-WINDOW:] / unit)
+        self._contact.append(block.contact)
+        self._cycles += len(block.section)
+        self._growth.append((block.end.cycle, float(block.end.growth[0])))
+        while len(self._growth) > 2 and block.end.cycle - self._growth[1][0] >= EXPONENT_WINDOW:
+            self._growth.popleft()
+
+    def regime(self, model: Model) -> Regime:
+        """What has been seen, for the model in force."""
+        exponent = self._exponent(model)
+        return Regime(self._label(exponent), exponent, self._shares(), self._cycles)
+
+    def _exponent(self, model: Model) -> float:
+        if len(self._growth) < 2 or self._growth[-1][0] == self._growth[0][0]:
+            return float("nan")
+        (from_cycle, start), (to_cycle, end) = self._growth[0], self._growth[-1]
+        return (end - start) * model.packed.Omega / (TWO_PI * (to_cycle - from_cycle))
+
+    def _label(self, exponent: float) -> str:
+        if len(self._points) < LEAST:
+            return "settling"
+        period = find_period(np.array(self._points), tolerance=TOLERANCE)
+        if period.value:
+            return period.label
+        return "chaotic" if exponent > 0.0 and self._cycles >= EXPONENT_WINDOW else "aperiodic"
+
+    def _shares(self) -> Array:
+        counts = np.sum(np.array(self._contact), axis=0) if self._contact else np.zeros((1, 3))
+        shares: Array = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+        return shares

@@ -1,0 +1,322 @@
+"""The real-time loop: integrates against a clock that is handed in, and hands blocks to sinks.
+
+One thread owns the state. Others submit changes and commands, which act between blocks, so at a
+sample, so at a step boundary; the loop tells with the block at which simulation time they did.
+On overload it slips and goes on from now, never bursts to catch up.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from herringbone_sim.core.integrate import Block, State, Stepper, change
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.errors import ParameterError
+
+BLOCK_WALL_S = 0.02
+LATEST_BLOCK_S = 0.1
+FREE_CYCLES = 64
+LATE_S = 0.1
+IDLE_S = 0.05
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Change:
+    """An accepted change of parameters and the simulation time [s] at which it took effect."""
+
+    t_s: float
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """A block with all that a sink needs beside it.
+
+    Attributes:
+        block: samples and the states around them.
+        model: the model that made it.
+        changes: what changed at the first sample of the block.
+        restarted: whether the run was reset right before this block.
+    """
+
+    block: Block
+    model: Model
+    changes: tuple[Change, ...]
+    restarted: bool
+
+
+@dataclass
+class Pace:
+    """How the loop keeps up, for diagnostics; written by the loop alone.
+
+    Attributes:
+        reached: simulation time over wall time in the last second.
+        overruns: blocks that came too late, so that the loop slipped.
+        samples: samples made since the loop was built.
+    """
+
+    reached: float = 0.0
+    overruns: int = 0
+    samples: int = 0
+    recent: deque[tuple[float, float]] = field(default_factory=deque)
+
+    def note(self, wall: float, simulated: float) -> None:
+        """Account a block of so much simulation time that left at a wall time [s]."""
+        self.recent.append((wall, simulated))
+        while len(self.recent) > 2 and wall - self.recent[0][0] > 1.0:
+            self.recent.popleft()
+        elapsed = wall - self.recent[0][0]
+        if elapsed > 0.0:
+            self.reached = sum(s for _, s in list(self.recent)[1:]) / elapsed
+
+
+def check_pace(model: Model, real_time_factor: float) -> None:
+    """Refuse a factor so slow that samples would be further apart than a block may take.
+
+    Raises:
+        ParameterError: says the least factor, or how many samples a cycle would do.
+    """
+    if real_time_factor == 0.0:
+        return
+    apart = sample_period_s(model) / real_time_factor
+    if apart > LATEST_BLOCK_S:
+        enough = model.parameters.samples_per_cycle * apart / LATEST_BLOCK_S
+        raise ParameterError(
+            f"real_time_factor {real_time_factor:g} leaves {apart:.3g} s of wall time between "
+            f"samples, more than {LATEST_BLOCK_S} s: raise it to "
+            f"{sample_period_s(model) / LATEST_BLOCK_S:.3g} or samples_per_cycle to {enough:.0f}"
+        )
+
+
+def sample_period_s(model: Model) -> float:
+    """Simulation time [s] between two samples."""
+    cycle = TWO_PI / (model.packed.Omega * model.scales.omega_n)
+    return cycle / model.parameters.samples_per_cycle
+
+
+class Loop:
+    """Runs a model against a clock in a thread of its own.
+
+    Args:
+        model: what to run.
+        deliver: called in the loop's thread with every ``Delivery``; must not block for long.
+        real_time_factor: simulation over wall time, 0 as fast as possible.
+        paused: start paused.
+        clock, sleep: wall clock [s] and wait; handed in for tests.
+        fail: called with a text when the motion diverged or the loop broke.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        deliver: Callable[[Delivery], None],
+        *,
+        real_time_factor: float = 1.0,
+        paused: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] | None = None,
+        fail: Callable[[str], None] = print,
+    ) -> None:
+        check_pace(model, real_time_factor)
+        self.pace = Pace()
+        self._deliver = deliver
+        self._clock = clock
+        self._stop = threading.Event()
+        self._sleep = sleep or self._stop.wait
+        self._fail = fail
+        self._lock = threading.Condition()
+        self._factor = real_time_factor
+        self._paused = paused
+        self._steps_left = 0
+        self._pending: list[tuple[Model, Mapping[str, Any]]] = []
+        self._calls: deque[Callable[[], None]] = deque()
+        self._untold: tuple[bool, tuple[Change, ...]] = (False, ())
+        self._begin(model)
+        self._anchor: tuple[float, float] | None = None
+        self._thread = threading.Thread(target=self._run, name="integrator", daemon=True)
+
+    def _begin(self, model: Model) -> None:
+        self._model = model
+        self._stepper = Stepper(model)
+        self._state = self._stepper.start(tangents=1)
+
+    @property
+    def paused(self) -> bool:
+        return self._paused
+
+    @property
+    def t_s(self) -> float:
+        """Simulation time [s] reached."""
+        return self._state.t
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; the last block has been delivered when this returns."""
+        self._stop.set()
+        with self._lock:
+            self._lock.notify_all()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def submit(self, model: Model, values: Mapping[str, Any]) -> None:
+        """Go on with another model (same layout) from the next sample on; the last one wins."""
+        with self._lock:
+            self._pending.append((model, values))
+            self._lock.notify_all()
+
+    def set_factor(self, real_time_factor: float) -> None:
+        with self._lock:
+            self._factor = real_time_factor
+            self._anchor = None
+
+    def pause(self) -> None:
+        """Stop before the next block; returns when the loop stands."""
+        with self._lock:
+            self._paused = True
+            self._lock.notify_all()
+
+    def resume(self) -> None:
+        with self._lock:
+            self._paused = False
+            self._anchor = None
+            self._lock.notify_all()
+
+    def step(self, cycles: int, timeout_s: float = 60.0) -> str:
+        """Advance a paused loop by whole mesh cycles exactly; '' or why it could not."""
+        with self._lock:
+            if not self._paused:
+                return "step needs a paused simulation: call pause first"
+            start = self.pace.samples
+            self._steps_left = cycles * self._model.parameters.samples_per_cycle
+            wanted = self._steps_left
+            self._lock.notify_all()
+            done = self._lock.wait_for(
+                lambda: self._steps_left == 0 or self._stop.is_set(), timeout_s
+            )
+            if not done:
+                self._steps_left = 0
+                return f"step did not finish within {timeout_s:g} s"
+            made = self.pace.samples - start
+        return "" if made == wanted else f"the motion diverged after {made} of {wanted} samples"
+
+    def call(self, do: Callable[[Model, State], T], timeout_s: float = 30.0) -> T:
+        """Result of do(model, state), run by the loop's thread between two blocks.
+
+        Raises:
+            TimeoutError: the loop did not come to it in time.
+        """
+        answer: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                answer.set_result(do(self._model, self._state))
+            except Exception as error:
+                answer.set_exception(error)
+
+        with self._lock:
+            self._calls.append(run)
+            self._lock.notify_all()
+        return answer.result(timeout_s)
+
+    def reset(self) -> None:
+        """Back to the initial state at t = 0; a paused loop stays paused. For use in ``call``."""
+        self._begin(self._model)
+        self._anchor = None
+        self._untold = (True, self._untold[1])
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self._turn()
+        except Exception as error:
+            self._paused = True
+            self._fail(f"the integrator stopped: {type(error).__name__}: {error}")
+            raise
+
+    def _turn(self) -> None:
+        while self._calls:
+            self._calls.popleft()()
+        with self._lock:
+            self._take_changes()
+            if self._paused and not self._steps_left:
+                if not self._calls:
+                    self._lock.wait(IDLE_S)
+                return
+            n = self._block_length()
+        block = self._stepper.advance(self._state, n)
+        self._keep_pace(block)
+        restarted, changes = self._untold
+        self._untold = (False, ())
+        self._deliver(Delivery(block, self._model, changes, restarted))
+        with self._lock:
+            self._account(block)
+
+    def _take_changes(self) -> None:
+        while self._pending:
+            model, values = self._pending[0]
+            if self._off_grid(model):
+                return
+            self._pending.pop(0)
+            self._state = change(self._model, model, self._state)
+            self._model = model
+            self._stepper = Stepper(model)
+            self._anchor = None
+            made = Change(self._state.t, dict(values))
+            self._untold = (self._untold[0], (*self._untold[1], made))
+
+    def _off_grid(self, model: Model) -> bool:
+        """Whether a change of the grid has to wait for phase 0."""
+        same = model.parameters.steps == self._model.parameters.steps
+        same &= model.parameters.samples_per_cycle == self._model.parameters.samples_per_cycle
+        return not same and self._state.index != 0
+
+    def _block_length(self) -> int:
+        per_cycle = self._model.parameters.samples_per_cycle
+        if self._factor == 0.0:
+            n = FREE_CYCLES * per_cycle
+        else:
+            n = max(int(BLOCK_WALL_S * self._factor / sample_period_s(self._model)), 1)
+        if self._pending:
+            stride = self._model.parameters.steps // per_cycle
+            n = min(n, (self._model.parameters.steps - self._state.index) // stride)
+        return min(n, self._steps_left) if self._steps_left else n
+
+    def _keep_pace(self, block: Block) -> None:
+        now = self._clock()
+        if self._factor == 0.0 or self._steps_left:
+            return
+        if self._anchor is None:
+            self._anchor = (now, block.start.t)
+        due = self._anchor[0] + (block.end.t - self._anchor[1]) / self._factor
+        if now > due + LATE_S:
+            self.pace.overruns += 1
+            self._anchor = (now, block.end.t)
+        elif due > now:
+            self._sleep(due - now)
+
+    def _account(self, block: Block) -> None:
+        self.pace.samples += len(block.rows)
+        self.pace.note(self._clock(), block.end.t - block.start.t)
+        self._state = block.end
+        if self._steps_left:
+            self._steps_left = max(self._steps_left - len(block.rows), 0)
+            self._lock.notify_all()
+        if block.diverged:
+            self._paused = True
+            self._steps_left = 0
+            self._lock.notify_all()
+            self._fail(
+                f"the motion diverged at t = {block.rows[-1, 0]:.9g} s: paused; reset after "
+                f"changing parameters ({self._model.parameters})"
+            )
