@@ -154,6 +154,16 @@ class Loop:
         return self._paused
 
     @property
+    def model(self) -> Model:
+        """The model in force."""
+        return self._model
+
+    @property
+    def state(self) -> State:
+        """Where the run stands; within ``call`` or before ``start`` it is exact."""
+        return self._state
+
+    @property
     def t_s(self) -> float:
         """Simulation time [s] reached."""
         return self._state.t

@@ -139,8 +139,8 @@ def body_matrix(model: Model) -> Array:
     """Matrix (n_bodies, n_coordinate) from coordinates to body displacements."""
     m = model.layout.n_coordinate
     unit = np.eye(2 * m)[:m]
-    columns: Array = np.array([body_displacements(model, row) for row in unit])
-    return columns.T.copy()
+    columns = [body_displacements(model, row) for row in unit]
+    return np.stack(columns, axis=1)
 
 
 def change(old: Model, new: Model, state: State) -> State:

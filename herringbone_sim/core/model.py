@@ -69,8 +69,8 @@ def half_backlashes(p: Parameters, s: Scales) -> Array:
         worst = int(np.argmin(half))
         raise ParameterError(
             f"delta_T = {p.delta_T:g} K leaves mesh {p.layout.meshes[worst]} a half-backlash "
-            f"b' of {half[worst]:.3e} m by Eq. (3); it can't be negative: lower delta_T or raise b "
-            f"({p.b:g} b_c) or b_offset"
+            f"b' of {half[worst]:.3e} m by Eq. (3); it can't be negative: lower delta_T or "
+            f"raise b ({p.b:g} b_c) or b_offset"
         )
     return half
 

@@ -1,0 +1,91 @@
+"""From deliveries to the mirror in the viewer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.analysis.monitor import Regime
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.parameters import live_names
+from herringbone_sim.runtime import Delivery
+from herringbone_sim.views.mirror_block import MirrorBlock, Scale
+from herringbone_sim.views.rerun_mirror import RerunMirror
+
+
+class Mirror:
+    """Feeds a ``RerunMirror`` with deliveries; off when there is none."""
+
+    def __init__(self, mirror: RerunMirror) -> None:
+        self._mirror = mirror
+        self._label = ""
+
+    @classmethod
+    def of(cls, model: Model, options: Mapping[str, Any]) -> Mirror:
+        """Mirror with the node's ``mirror*`` parameters; ParameterError when they can't be."""
+        s = model.scales
+        return cls(
+            RerunMirror(
+                options["mirror"],
+                model.layout,
+                address=options["mirror_address"],
+                path=Path(options["mirror_path"]) if options["mirror"] == "save" else None,
+                memory_limit=options["mirror_memory"],
+                scale=Scale(s.b_c, half_backlash(model), s.omega_n),
+            )
+        )
+
+    @property
+    def state(self) -> str:
+        return self._mirror.state
+
+    @property
+    def dropped(self) -> int:
+        return self._mirror.dropped
+
+    def show(self, deliveries: list[Delivery], regime: Regime) -> None:
+        """Hand the latest deliveries on, without waiting."""
+        if self._mirror.mode == "off":
+            return
+        last = deliveries[-1]
+        names, p = last.model.layout.channels, last.model.parameters
+        sections = np.vstack([d.block.rows[d.block.section] for d in deliveries])
+        block = MirrorBlock(
+            wall_ns=time.time_ns(),
+            names=names,
+            rows=np.vstack([d.block.rows for d in deliveries]),
+            sections=sections,
+            contact_shares=dict(
+                zip(last.model.layout.meshes, map(float, regime.contact[:, 2]), strict=False)
+            ),
+            parameters={name: float(getattr(p, name)) for name in live_names()},
+            events=self._events(deliveries, regime),
+            regime=regime.label,
+            exponent=regime.exponent,
+            b_half=half_backlash(last.model),
+        )
+        self._mirror.put(block)
+
+    def _events(self, deliveries: list[Delivery], regime: Regime) -> tuple[str, ...]:
+        lines = [
+            f"t = {change.t_s:.6f} s: " + ", ".join(f"{k} = {v}" for k, v in change.values.items())
+            for delivery in deliveries
+            for change in delivery.changes
+        ]
+        if regime.label != self._label:
+            self._label = regime.label
+            lines.append(f"t = {deliveries[-1].block.end.t:.6f} s: {regime.label}")
+        return tuple(lines)
+
+    def close(self) -> None:
+        self._mirror.close()
+
+
+def half_backlash(model: Model) -> dict[str, float]:
+    """Half-backlash b' [m] of the first mesh of each kind."""
+    half = model.half_backlash_m
+    return {"sp": float(half[0]), "rp": float(half[len(half) // 2])}

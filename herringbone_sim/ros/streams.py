@@ -1,0 +1,208 @@
+"""Topics: blocks of samples, decimated state, section, regime; in a thread of its own."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from collections.abc import Callable
+from queue import Empty, Full, Queue
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+
+from herringbone_sim.analysis.monitor import Regime, RegimeMonitor
+from herringbone_sim.core.model import Model
+from herringbone_sim.recording.messages import JointState as StateSample
+from herringbone_sim.recording.messages import encode_joint_state, encode_samples
+from herringbone_sim.recording.writer import split_rows, stamp_ns
+from herringbone_sim.ros.recorder import channels_content
+from herringbone_sim.runtime import Delivery, sample_period_s
+
+STREAM = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10
+)
+LATCHED = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+QUEUE_BLOCKS = 32
+REGIME_S = 0.1
+ENOUGH_PER_CYCLE = 8
+
+
+class Decimator:
+    """Picks the samples of ``~/state``: evenly where it is fast enough, else at phase 0.
+
+    At phase 0 only every m-th mesh cycle is taken, m without small factors, so that a period of
+    2, 3, 4, ... cycles shows all its points: a live plot is a section, never an alias.
+    """
+
+    def __init__(self, publish_rate: float) -> None:
+        self.publish_rate = publish_rate
+        self.speed = 1.0
+
+    def __call__(self, delivery: Delivery) -> list[int]:
+        """Row numbers to send, in order."""
+        block, p = delivery.block, delivery.model.parameters
+        rate = self.speed / sample_period_s(delivery.model)
+        per_cycle = p.samples_per_cycle
+        apart = max(rate / self.publish_rate, 1.0)
+        every = next(
+            (d for d in range(math.ceil(apart - 1e-9), per_cycle + 1) if per_cycle % d == 0),
+            per_cycle,
+        )
+        if per_cycle // every < min(ENOUGH_PER_CYCLE, per_cycle) or apart > per_cycle:
+            every = coprime(apart / per_cycle) * per_cycle
+        first = block.start.cycle * per_cycle + block.start.index // (p.steps // per_cycle)
+        return [i for i in range(len(block.rows)) if (first + i) % every == 0]
+
+
+def coprime(least: float) -> int:
+    """Smallest whole number from ``least`` on that shares no factor with 2, 3, 5, 7."""
+    m = max(math.ceil(least), 1)
+    while math.gcd(m, 210) != 1:
+        m += 1
+    return m
+
+
+class Streams:
+    """Publishes deliveries; drops and counts when the executor or DDS is too slow.
+
+    Args:
+        node: owner of the publishers.
+        decimate: picks the rows of ``~/state``.
+        onward: called in this thread with every delivery and the regime, about every
+            ``REGIME_S`` seconds of wall time (the mirror hangs on it).
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        decimate: Decimator,
+        onward: Callable[[list[Delivery], Regime], None],
+    ) -> None:
+        self.dropped = 0
+        self.regime: Regime | None = None
+        self._decimate = decimate
+        self._onward = onward
+        self._node = node
+        self._samples = node.create_publisher(Float64MultiArray, "~/samples", STREAM)
+        self._state = node.create_publisher(JointState, "~/state", STREAM)
+        self._section = node.create_publisher(Float64MultiArray, "~/section", STREAM)
+        self._channels = node.create_publisher(String, "~/channels", LATCHED)
+        self._regime = node.create_publisher(DiagnosticArray, "~/regime", STREAM)
+        self._monitor = RegimeMonitor()
+        self._told = 0.0
+        self._batch: list[Delivery] = []
+        self._queue: Queue[Delivery | None] = Queue(QUEUE_BLOCKS)
+        self._thread = threading.Thread(target=self._run, name="streams", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        """Send what waits and end the thread."""
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join(10.0)
+
+    def put(self, delivery: Delivery) -> None:
+        """Take a delivery, or drop and count it when the queue is full."""
+        try:
+            self._queue.put_nowait(delivery)
+        except Full:
+            self.dropped += 1
+
+    def announce(self, delivery: Delivery) -> None:
+        """Publish ``~/channels``: names, units, and the parameters in force."""
+        content = channels_content(delivery.model, delivery.block.start)
+        self._channels.publish(String(data=json.dumps(content)))
+
+    def _run(self) -> None:
+        while True:
+            try:
+                delivery = self._queue.get(timeout=REGIME_S)
+            except Empty:
+                self._tell()
+                continue
+            if delivery is None or not self._node.context.ok():
+                return
+            self._publish(delivery)
+            self._batch.append(delivery)
+            if time.monotonic() - self._told >= REGIME_S:
+                self._tell()
+
+    def _publish(self, delivery: Delivery) -> None:
+        block, names = delivery.block, delivery.model.layout.channels
+        if delivery.changes or delivery.restarted or self.regime is None:
+            self.announce(delivery)
+            self._monitor.restart()
+        self._monitor.update(block, delivery.model)
+        self.regime = self._monitor.regime(delivery.model) if self.regime is None else self.regime
+        for rows in split_rows(len(block.rows), len(names), len(",".join(names))):
+            self._samples.publish(encode_samples(names, block.rows[rows]))
+        self._publish_section(delivery)
+        for i in self._decimate(delivery):
+            self._publish_state(delivery.model, block.rows[i])
+
+    def _publish_section(self, delivery: Delivery) -> None:
+        n = delivery.model.layout.n_mesh
+        names = delivery.model.layout.channels
+        keep = [0, 1, *range(5, 5 + 2 * n)]
+        points = delivery.block.rows[np.ix_(delivery.block.section, keep)]
+        wanted = tuple(names[i] for i in keep)
+        for rows in split_rows(len(points), len(wanted), len(",".join(wanted))):
+            self._section.publish(encode_samples(wanted, points[rows]))
+
+    def _publish_state(
+        self, model: Model, row: np.ndarray[tuple[int], np.dtype[np.float64]]
+    ) -> None:
+        n = model.layout.n_mesh
+        x, v, force = row[5 : 5 + n], row[5 + n : 5 + 2 * n], row[5 + 2 * n : 5 + 3 * n]
+        sample = StateSample(stamp_ns(float(row[0])), model.layout.meshes, x, v, force)
+        self._state.publish(encode_joint_state(sample))
+
+    def _tell(self) -> None:
+        if not self._batch:
+            return
+        self._told = time.monotonic()
+        model = self._batch[-1].model
+        self.regime = self._monitor.regime(model)
+        message = DiagnosticArray(status=[regime_status(self.regime, model, self._batch[-1])])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._regime.publish(message)
+        self._onward(self._batch, self.regime)
+        self._batch = []
+
+
+def regime_status(regime: Regime, model: Model, delivery: Delivery) -> DiagnosticStatus:
+    """The regime as a diagnostic status: message is the label, values the figures."""
+    p = model.parameters
+    values = {
+        "regime": regime.label,
+        "largest_exponent": f"{regime.exponent:.6g}",
+        "cycles_since_change": str(regime.cycles),
+        "t": f"{delivery.block.end.t:.9g}",
+        "K": repr(p.K),
+        "delta_T": repr(p.delta_T),
+        "xi": repr(p.xi),
+    }
+    for mesh, (back, apart, drive) in zip(model.layout.meshes, regime.contact, strict=False):
+        values[f"contact_{mesh}"] = f"{drive:.4f}"
+        values[f"separated_{mesh}"] = f"{apart:.4f}"
+        values[f"back_contact_{mesh}"] = f"{back:.4f}"
+    return DiagnosticStatus(
+        level=DiagnosticStatus.OK,
+        name="herringbone_sim: regime",
+        message=regime.label,
+        hardware_id=p.model,
+        values=[KeyValue(key=k, value=v) for k, v in values.items()],
+    )
