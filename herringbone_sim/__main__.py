@@ -1,0 +1,53 @@
+"""``python -m herringbone_sim``: one command, many verbs."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import warnings
+from collections.abc import Sequence
+
+from herringbone_sim.errors import HerringboneError
+from herringbone_sim.version import VERSION
+
+VERBS = ("run", "demo", "analyze", "replay", "recover", "info", "show", "parameters")
+
+DESCRIPTION = """\
+Herringbone planetary gear dynamics: stream, steer, record, mirror, replay, analyse.
+
+Start with `demo`, which does it all once; every verb has its own --help.
+"""
+
+
+def parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
+    """The command line; a verb's module is in ``herringbone_sim.cli``."""
+    result = argparse.ArgumentParser(
+        prog="python -m herringbone_sim",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    result.add_argument("--version", action="version", version=VERSION)
+    subparsers = result.add_subparsers(title="verbs", required=True, metavar="VERB")
+    for verb in verbs:
+        importlib.import_module(f"herringbone_sim.cli.{verb}").add_parser(subparsers)
+    return result
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code of the verb: 2 with one clear line when the input is wrong."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    asked = arguments[:1]
+    args = parser(asked if asked and asked[0] in VERBS else VERBS).parse_args(arguments)
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
+    try:
+        return int(args.func(args))
+    except HerringboneError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,116 @@
+"""Integrate a recorded run again, from what it recorded, and compare bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.core.integrate import State, Stepper, change
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import from_mapping, live_names
+from herringbone_sim.core.timeseries import Array
+from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.reader import Recording
+
+CHUNK = 65536
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Comparison of a recording with its repetition.
+
+    Attributes:
+        samples: samples compared.
+        changes: parameter changes applied on the way.
+        first_difference: sample at which the first bit differs, -1 when none does.
+        largest_difference: largest absolute difference over all channels, SI.
+    """
+
+    samples: int
+    changes: int
+    first_difference: int
+    largest_difference: float
+
+    @property
+    def identical(self) -> bool:
+        return self.first_difference < 0
+
+
+def verify(recording: Recording) -> Verdict:
+    """Repeat a run from its parameters, initial state and changes; compare every bit.
+
+    Raises:
+        RecordingError: it is not a run of this simulator, or lacks what a repetition needs.
+    """
+    first, largest, at, changes = -1, 0.0, 0, 0
+    for rows, made in repeat(recording):
+        recorded = recording.samples.data[at : at + len(rows)]
+        same = (rows.view(np.int64) == np.ascontiguousarray(recorded).view(np.int64)).all(axis=1)
+        if not same.all():
+            difference = np.abs(rows - recorded)
+            largest = max(largest, float(np.nanmax(difference)))
+            if first < 0:
+                first = at + int(np.argmin(same))
+        at += len(rows)
+        changes += made
+    return Verdict(at, changes, first, largest)
+
+
+def repeat(recording: Recording) -> Iterator[tuple[Array, int]]:
+    """Blocks of the repeated run, and how many changes were applied at the start of each."""
+    state, parameters = _start(recording)
+    model = build(parameters)
+    if model.layout.channels != recording.samples.names:
+        raise RecordingError(
+            f"{recording.name} has channels that its model {parameters.model} does not have: "
+            "only unaltered runs of the simulator can be repeated"
+        )
+    cuts = _cuts(recording)
+    ends = [*[at for at, _ in cuts[1:]], len(recording.samples)]
+    for (at, values), end in zip(cuts, ends, strict=True):
+        new = build(model.parameters.changed(values))
+        state = change(model, new, state)
+        model, stepper = new, Stepper(new)
+        made = 1 if values else 0
+        while at < end:
+            block = stepper.advance(state, min(CHUNK, end - at))
+            yield block.rows, made
+            if block.diverged:
+                return
+            at, state, made = at + len(block.rows), block.end, 0
+
+
+def _start(recording: Recording) -> tuple[State, Any]:
+    content = recording.channels
+    try:
+        parameters = from_mapping(content["parameters"])
+        stored = content["state"]
+        y = np.array(stored["y"], dtype=float)
+        state = State(
+            y, stored["cycle"], stored["index"], stored["t"], np.empty((0, len(y))), np.empty(0)
+        )
+    except (KeyError, TypeError) as error:
+        raise RecordingError(
+            f"{recording.name} does not say its parameters and initial state ({error}): only a "
+            "run of this simulator can be repeated"
+        ) from error
+    return state, parameters
+
+
+def _cuts(recording: Recording) -> list[tuple[int, dict[str, Any]]]:
+    """Sample number and values of each change, after an empty one at sample 0."""
+    times = recording.samples.times
+    cuts: list[tuple[int, dict[str, Any]]] = [(0, {})]
+    for made in recording.changes:
+        values = {k: v for k, v in made.values.items() if k in live_names()}
+        at = int(np.searchsorted(times, made.t_s - 1e-9))
+        if not values or at >= len(times):
+            continue
+        if at == cuts[-1][0]:
+            cuts[-1][1].update(values)
+        else:
+            cuts.append((at, values))
+    return cuts
