@@ -8,7 +8,8 @@ import scipy.fft
 from herringbone_sim.core.timeseries import Array
 
 TOP_SHARE = 0.2
-MAX_SAMPLES = 2**15
+WINDOW = 4096
+WINDOWS = 12
 
 
 def white_noise_rms(data: Array) -> Array:
@@ -18,7 +19,6 @@ def white_noise_rms(data: Array) -> Array:
     evenly; a median leaves the lines of a periodic motion out. A motion that still has power at
     the highest frequencies counts as noise, hence upper. NaN below 64 samples.
     """
-    data = data[:MAX_SAMPLES]
     n = len(data)
     if n < 64:
         return np.full(data.shape[1], np.nan)
@@ -28,3 +28,14 @@ def white_noise_rms(data: Array) -> Array:
     # Power of white noise in one bin is exponentially distributed: mean = median / ln 2.
     mean: Array = np.median(top, axis=0) / np.log(2) / np.sum(window**2)
     return np.sqrt(mean)
+
+
+def noise_floor(data: Array) -> Array:
+    """Smallest white noise RMS (k,) of 12 stretches of 4096 samples spread over a run (n, k).
+
+    Noise of the measurement is there all the time; broad-band motion and steps are not.
+    """
+    starts = np.linspace(0, max(len(data) - WINDOW, 0), WINDOWS).astype(int)
+    stretches = [white_noise_rms(data[start : start + WINDOW]) for start in np.unique(starts)]
+    floor: Array = np.min(stretches, axis=0)
+    return floor

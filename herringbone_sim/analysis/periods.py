@@ -13,6 +13,7 @@ TOLERANCE = 1e-3  # of the scale of the motion
 NOISE_MARGIN = 1.15
 MIN_REPEATS = 5
 GROWTH = 3.0
+LEAST_LARGEST = 8
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ def find_period(
     if not fits:
         nearest = int(np.argmin(residuals)) + 1
         reason = f"no repeat within {largest} cycles (nearest: P{nearest})"
+        if largest < LEAST_LARGEST:
+            return Period(None, min(residuals), threshold, f"{reason}, and too short to look on")
         return Period(0, min(residuals), threshold, reason)
     period = fits[0]
     if _grows(points, period, noise):

@@ -10,7 +10,7 @@ import numpy as np
 from herringbone_sim.analysis.contact import ContactShares, contact_shares
 from herringbone_sim.analysis.lyapunov import Exponent, largest_exponent, no_exponent
 from herringbone_sim.analysis.motion import Motion, motion_of
-from herringbone_sim.analysis.noise import white_noise_rms
+from herringbone_sim.analysis.noise import noise_floor
 from herringbone_sim.analysis.periods import MAX_PERIOD, Period, find_period
 from herringbone_sim.analysis.sections import Section, section_noise, stroboscopic_section
 from herringbone_sim.analysis.segments import Change, Segment, cut
@@ -129,20 +129,26 @@ def analyze_series(
     options, gear = options or Options(), gear or Gear()
     motion = motion_of(series)
     segments = cut(series, motion, changes, gear.base)
+    noise = sample_noise(motion, options.noise_share)
     results = []
     for number, segment in enumerate(segments, start=1):
-        results.append(analyze_segment(motion, segment, number, options, gear))
+        results.append(analyze_segment(motion, segment, number, noise, options, gear))
         progress(number, len(segments))
     return results
 
 
 def analyze_segment(
-    motion: Motion, segment: Segment, number: int, options: Options, gear: Gear
+    motion: Motion,
+    segment: Segment,
+    number: int,
+    sample_noise: tuple[Array, Array],
+    options: Options,
+    gear: Gear,
 ) -> SegmentResult:
     """One segment of a run; what can't be had is NaN or None with its reason."""
     whole = motion.rows(segment.start, segment.stop)
     scales = _scales(whole)
-    noise = _noise(whole, scales, options)
+    noise = _noise(whole, sample_noise, scales, options.phase)
     section = stroboscopic_section(whole, options.phase)
     dropped, settled = _dropped(_points(section, scales), segment, options)
     section, kept = section.after(dropped), _after(whole, section, dropped)
@@ -176,17 +182,27 @@ def _scales(motion: Motion) -> tuple[float, float]:
     return x or 1.0, v or 1.0
 
 
-def _noise(motion: Motion, scales: tuple[float, float], options: Options) -> float:
+def sample_noise(motion: Motion, share: float | None) -> tuple[Array, Array]:
+    """RMS noise (k,) in m and (k,) in m/s of the samples: a share of each RMS, or estimated."""
+    if share is not None:
+        return share * _rms(motion.x), share * _rms(motion.v)
+    x, v = noise_floor(motion.x), noise_floor(motion.v)
+    # Clean impacts fill the top of the band as a little noise would: less is taken for them.
+    weak = not np.nanmax(np.append(x / _rms(motion.x), v / _rms(motion.v))) > RESOLVED_NOISE
+    return (np.zeros_like(x), np.zeros_like(v)) if weak else (x, v)
+
+
+def _rms(data: Array) -> Array:
+    rms: Array = np.sqrt(np.mean(data**2, axis=0))
+    return np.maximum(rms, 1e-300)
+
+
+def _noise(
+    motion: Motion, samples: tuple[Array, Array], scales: tuple[float, float], phase: float
+) -> float:
     """RMS noise per coordinate of the section, in units of the scales."""
-    if options.noise_share is not None:
-        x, v = (options.noise_share * np.sqrt(np.mean(p**2, axis=0)) for p in (motion.x, motion.v))
-    else:
-        x, v = white_noise_rms(motion.x), white_noise_rms(motion.v)
-    rms = section_noise(motion, (x, v), options.phase) / np.repeat(scales, x.size)
-    noise = float(np.sqrt(np.mean(rms**2))) if np.isfinite(rms).all() else 0.0
-    # Clean impacts fill the top of the band as a little noise would: an estimate below this is
-    # taken for them.
-    return noise if options.noise_share is not None or noise > RESOLVED_NOISE else 0.0
+    rms = section_noise(motion, samples, phase) / np.repeat(scales, len(samples[0]))
+    return float(np.sqrt(np.mean(rms**2)))
 
 
 def _points(section: Section, scales: tuple[float, float]) -> Array:
