@@ -38,7 +38,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the verb: 2 with one clear line when the input is wrong."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     asked = arguments[:1]
-    args = parser(asked if asked and asked[0] in VERBS else VERBS).parse_args(arguments)
+    commands = parser(asked if asked and asked[0] in VERBS else VERBS)
+    args, rest = commands.parse_known_args(arguments)
+    if rest and not hasattr(args, "rest"):
+        commands.error(f"unknown arguments {' '.join(rest)}: see --help")
+    args.rest = rest
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         return int(args.func(args))

@@ -7,7 +7,7 @@ import argparse
 DESCRIPTION = """\
 Start the simulator node. All after --ros-args goes to ROS 2, for example
 
-  python -m herringbone_sim run --ros-args --params-file config/paper.yaml -p K:=0.3 -p record:=true
+  python -m herringbone_sim run --ros-args --params-file config/paper.yaml -p record:=true
 
 The parameters, with unit, meaning and range: python -m herringbone_sim parameters
 """
@@ -21,10 +21,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "ros_args", nargs=argparse.REMAINDER, metavar="--ros-args ...", help="passed to ROS 2"
-    )
-    parser.set_defaults(func=run)
+    parser.set_defaults(func=run, rest=[])
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,4 +34,4 @@ def run(args: argparse.Namespace) -> int:
             "pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
         )
         return 2
-    return main(["herringbone_sim", *args.ros_args])
+    return main(["herringbone_sim", *args.rest])

@@ -2,7 +2,8 @@
 
 Listens to the simulator's ``regime``, raises K on ``cmd/K`` until the motion is periodic, then
 lowers it again until it is not, and says at which K each happened. Parameters: ``simulator``
-(name of its node), ``step``, ``largest`` (of K), ``dwell`` (seconds at each K).
+(name of its node), ``wanted`` (P: any period, P1: period 1, ...), ``step``, ``largest`` (of K),
+``dwell`` (seconds at each K).
 
     ros2 run herringbone_sim chaos_control --ros-args -p step:=0.02
     python -m herringbone_sim.examples.chaos_control --ros-args -p step:=0.02
@@ -29,6 +30,7 @@ class ChaosControl(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__("chaos_control")
         simulator = self.declare_parameter("simulator", "/herringbone_sim").value.rstrip("/")
+        self._wanted = str(self.declare_parameter("wanted", "P").value)
         self._step = float(self.declare_parameter("step", 0.05).value)
         self._largest = float(self.declare_parameter("largest", 1.0).value)
         self._dwell = float(self.declare_parameter("dwell", 0.5).value)
@@ -49,11 +51,14 @@ class ChaosControl(Node):  # type: ignore[misc]
         self.get_logger().info(
             f"K = {self._K:.3f}: {values['regime']}, exponent {values['largest_exponent']}"
         )
-        self._decide(values["regime"].startswith("P"))
+        self._decide(self._is_wanted(values["regime"]))
+
+    def _is_wanted(self, regime: str) -> bool:
+        return regime.startswith("P") if self._wanted == "P" else regime == self._wanted
 
     def _decide(self, periodic: bool) -> None:
         if self._rising and periodic:
-            self.found["periodic from"] = self._K
+            self.found[f"{self._wanted} from"] = self._K
             self._rising = False
         elif not self._rising and not periodic:
             self.found["lost again at"] = self._K

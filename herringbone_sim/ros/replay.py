@@ -53,9 +53,9 @@ def _send(node: Node, recording: Recording, speed: float) -> int:
             samples.publish(encode_samples(series.names, block))
         if end > at and whole and meshes:
             row = {name: series[name][end - 1] for name in series.names}
-            values = [np.array([row[f"{a}_{m}"] for m in meshes]) for a in "xvF"]
+            x, v, force = (np.array([row[f"{a}_{m}"] for m in meshes]) for a in "xvF")
             stamp = stamp_ns(float(series.times[end - 1]))
-            state.publish(encode_joint_state(StateSample(stamp, meshes, *values)))
+            state.publish(encode_joint_state(StateSample(stamp, meshes, x, v, force)))
         at = end
         rclpy.spin_once(node, timeout_sec=TURN_S)
     return at

@@ -1,0 +1,137 @@
+"""``demo``: the main job once, from the node to the figures, on real input."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from herringbone_sim.errors import HerringboneError, RecordingError
+
+DESCRIPTION = """\
+The main job, end to end, in under two minutes: the node runs at real_time_factor 1 in its own
+process with the paper's parameters in chaos; a control experiment in another process raises K over
+ROS topics until the motion has period 1, and lowers it again; the run is recorded and mirrored;
+it is repeated to the bit, drawn by the real Rerun viewer, and analysed into figures and a report.
+"""
+
+NODE_WAIT_S = 60.0
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``demo``."""
+    parser = subparsers.add_parser(
+        "demo",
+        help="do the main job once: simulate, steer, record, mirror, repeat, analyse",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--out", type=Path, default=Path("demo"), help="folder [%(default)s]")
+    parser.add_argument("--force", action="store_true", help="replace the folder if it is there")
+    parser.set_defaults(func=demo)
+
+
+def demo(args: argparse.Namespace) -> int:
+    """Exit code 0 when every step worked."""
+    out = args.out.absolute()
+    if out.exists() and not args.force:
+        raise RecordingError(f"{out} is there already: name another --out, or give --force")
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    run = out / "runs" / "demo"
+    began = time.monotonic()
+    experiment(out, run)
+    verb("info", str(run))
+    verb("replay", str(run), "--verify")
+    if verb(
+        "show",
+        str(run),
+        "--save",
+        str(out / "demo.rrd"),
+        "--screenshot",
+        str(out / "rerun.png"),
+        check=False,
+    ):
+        say("the picture of the viewer is left out: see the line above")
+    verb("analyze", str(run), "--out", str(out / "analysis"))
+    say(f"done in {time.monotonic() - began:.0f} s")
+    for name in ("analysis/report.html", "rerun.png", "demo.rrd", "live.rrd", "runs/demo"):
+        if (out / name).exists():
+            print(f"  {out / name}")
+    return 0
+
+
+def experiment(out: Path, run: Path) -> None:
+    """Node and control experiment, each in its process; HerringboneError when one fails."""
+    say("starting the node (real_time_factor 1, recording, mirroring to live.rrd)")
+    options = {
+        "record": "true",
+        "record_dir": run.parent,
+        "record_name": run.name,
+        "mirror": "save",
+        "mirror_path": out / "live.rrd",
+        "delta_T": "50.0",
+        "xi": "0.1",
+    }
+    node = subprocess.Popen(
+        [*python("herringbone_sim"), "run", "--ros-args", "--params-file", config("paper.yaml")]
+        + [word for k, v in options.items() for word in ("-p", f"{k}:={v}")]
+    )
+    try:
+        wait_for(run, node)
+        say("steering it from another process: raise K to period 1, and lower it again")
+        subprocess.run(
+            [*python("herringbone_sim.examples.chaos_control"), "--ros-args"]
+            + ["-p", "wanted:=P1", "-p", "step:=0.02", "-p", "dwell:=0.3"],
+            check=True,
+            timeout=90.0,
+        )
+    except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
+        raise HerringboneError(f"the control experiment failed: {error}") from error
+    finally:
+        node.send_signal(signal.SIGINT)
+        node.wait(30.0)
+
+
+def wait_for(run: Path, node: subprocess.Popen[bytes]) -> None:
+    """Wait until the node records."""
+    limit = time.monotonic() + NODE_WAIT_S
+    while not run.exists():
+        if node.poll() is not None or time.monotonic() > limit:
+            raise HerringboneError("the node did not start: see its lines above")
+        time.sleep(0.1)
+
+
+def verb(name: str, *arguments: str, check: bool = True) -> int:
+    """Run a verb of this command line in its own process, with a line about it."""
+    say(f"{name} {' '.join(arguments)}")
+    code = subprocess.run([*python("herringbone_sim"), name, *arguments], check=False).returncode
+    if check and code:
+        raise HerringboneError(f"{name} ended with exit code {code}: see its lines above")
+    return code
+
+
+def python(module: str) -> list[str]:
+    """Command that runs a module in this interpreter, quiet about gears that can't be built."""
+    return [sys.executable, "-W", "ignore::UserWarning", "-m", module]
+
+
+def config(name: str) -> str:
+    """Path of a file in config/: beside the package, or where it was installed."""
+    root = Path(__file__).parents[2]
+    places = [root / "config", Path(sys.prefix) / "share/herringbone_sim/config"]
+    places += [p / "share/herringbone_sim/config" for p in Path(__file__).parents]
+    for place in places:
+        if (place / name).exists():
+            return str(place / name)
+    raise HerringboneError(f"{name} is in none of {', '.join(map(str, places))}")
+
+
+def say(text: str) -> None:
+    print(f"\n== {text}", flush=True)
