@@ -113,9 +113,8 @@ class RerunMirror:
                 self._mirror()
                 return
             except Exception as error:
-                # Whatever a viewer does, it must not reach the integrator: this is the wall.
-                self._state = f"failed: {error}"
-                self._drop_waiting()
+                # Whatever a viewer does must not reach the integrator: this is the wall.
+                self._fail(error)
             if self.mode != "connect" or self._closing.wait(RETRY_S):
                 return
 
@@ -128,6 +127,10 @@ class RerunMirror:
             self.address = sink.address
             self._state = "running"
             self._feed(sink, RerunStream(sink.recording, *self._drawing))
+        except Exception as error:
+            # Letting go of a frozen viewer takes seconds: say so before.
+            self._fail(error)
+            raise
         finally:
             sink.close(FLUSH_S)
 
@@ -138,9 +141,12 @@ class RerunMirror:
             except Empty:
                 if self._closing.is_set():
                     return
-            sink.check()
+            sink.deliver()
 
-    def _drop_waiting(self) -> None:
+    def _fail(self, error: Exception) -> None:
+        missing = isinstance(error, ModuleNotFoundError)
+        hint = ": install it with `pip install 'rerun-sdk==0.41.*'`" if missing else ""
+        self._state = f"failed: {error}{hint}"
         with suppress(Empty):
             while True:
                 self._queue.get_nowait()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 from typing import Any
@@ -21,6 +21,7 @@ APPLICATION = "herringbone_sim"
 HOST, PORT = "127.0.0.1", 9876
 START_S = 20.0
 PROBE_S = 1.0
+STALL_S = 5.0
 
 
 class ViewerError(HerringboneError):
@@ -46,8 +47,14 @@ class Sink:
     errors: Path | None = None
     _checked: float = field(default_factory=time.monotonic)
 
-    def check(self) -> None:
-        """Raise ViewerError when the viewer has gone; asks at most once a second."""
+    def deliver(self) -> None:
+        """Wait until what was logged is taken, so that a frozen viewer can't fill the memory.
+
+        Raises:
+            ViewerError: the viewer has gone (asked at most once a second).
+            RuntimeError: nothing is taken any more.
+        """
+        self.recording.flush(timeout_sec=STALL_S)
         if self.viewer and self.viewer.poll() is not None:
             raise ViewerError(f"the viewer ended{last_words(self.errors)}")
         if self.endpoint and time.monotonic() - self._checked > PROBE_S:
@@ -115,7 +122,8 @@ def connect_to(recording: Any, host: str, port: int) -> Sink:
 
 def spawn_viewer(recording: Any, port: int, memory_limit: str) -> Sink:
     """Start a viewer of its own session, so that it outlives an interrupt of this program."""
-    command = [rerun_binary(), "--port", str(port), "--memory-limit", memory_limit]
+    command = [rerun_binary(), "--bind", HOST, "--port", str(port)]
+    command += ["--memory-limit", memory_limit]
     errors = Path(tempfile.mkstemp(prefix="rerun-", suffix=".log")[1])
     with errors.open("wb") as log:
         viewer = subprocess.Popen(
@@ -142,9 +150,15 @@ def await_viewer(viewer: subprocess.Popen[bytes], errors: Path, port: int) -> No
 
 
 def rerun_binary() -> str:
-    """The viewer beside this interpreter, or the one on the path; ViewerError without one."""
-    beside = Path(sys.executable).with_name("rerun")
-    found = str(beside) if beside.exists() else which("rerun")
+    """The viewer's own program; ViewerError without one.
+
+    The ``rerun`` script beside the interpreter only starts it, and ending that script would leave
+    the viewer running: it is the last resort.
+    """
+    package = find_spec("rerun_cli")
+    folders = package.submodule_search_locations if package else None
+    inside = [Path(folder) / "rerun" for folder in folders or []]
+    found = next((str(path) for path in inside if path.exists()), which("rerun"))
     if found is None:
         raise ViewerError("no `rerun` program found: install it with `pip install rerun-sdk`")
     return found

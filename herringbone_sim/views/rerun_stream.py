@@ -148,20 +148,20 @@ class RerunStream:
         return titles
 
     def _open_lanes(self, block: MirrorBlock) -> Lanes | None:
-        there = [m for kind in self._borders(block) for m in self._meshes(block, "x", kind)]
+        there = [m for kind in self._bordered(block) for m in self._meshes(block, "x", kind)]
         return Lanes(self.recording, {m: self._colours[m] for m in there}) if there else None
 
     def _send_styles(self, block: MirrorBlock) -> None:
         for path, prefix, _ in COURSES:
             for kind in KINDS:
-                meshes = self._meshes(block, prefix, kind)
-                style = rr.SeriesLines(
-                    names=list(meshes),
-                    colors=[self._colours[mesh] for mesh in meshes],
-                    widths=[2.6 if mesh.endswith("L") else 1.3 for mesh in meshes],
-                )
-                self.recording.log(f"{path}/{kind}", style, static=True)
-        for kind in KINDS:
+                if meshes := self._meshes(block, prefix, kind):
+                    style = rr.SeriesLines(
+                        names=list(meshes),
+                        colors=[self._colours[mesh] for mesh in meshes],
+                        widths=[2.6 if mesh.endswith("L") else 1.3 for mesh in meshes],
+                    )
+                    self.recording.log(f"{path}/{kind}", style, static=True)
+        for kind in self._bordered(block):
             borders = rr.SeriesLines(names=["b'", "-b'"], colors=[BORDER, BORDER], widths=[1, 1])
             self.recording.log(BORDERS.format(kind=kind), borders, static=True)
 
@@ -172,10 +172,9 @@ class RerunStream:
                 if meshes:
                     columns = [block.names.index(f"{prefix}_{mesh}") for mesh in meshes]
                     self._send_scalars(f"{path}/{kind}", burst, factor * burst.rows[:, columns])
-        for kind, b_half in self._borders(block).items():
-            if self._meshes(block, "x", kind):
-                values = np.full((2, 2), 1e6 * b_half) * [1.0, -1.0]
-                self._send_scalars(BORDERS.format(kind=kind), burst, values, [0, -1])
+        for kind in self._bordered(block):
+            values = np.full((2, 2), 1e6 * self._borders(block)[kind]) * [1.0, -1.0]
+            self._send_scalars(BORDERS.format(kind=kind), burst, values, [0, -1])
 
     def _send_scalars(
         self, entity: str, burst: Burst, values: Array, pick: Any = slice(None)
@@ -204,6 +203,10 @@ class RerunStream:
             for mesh in self.layout.meshes
             if mesh.startswith(kind) and f"{prefix}_{mesh}" in block.names
         )
+
+    def _bordered(self, block: MirrorBlock) -> list[str]:
+        """Mesh kinds with both a displacement and a known backlash."""
+        return [k for k in KINDS if k in self._borders(block) and self._meshes(block, "x", k)]
 
     def _borders(self, block: MirrorBlock) -> Mapping[str, float]:
         """Half backlash [m] by mesh kind, as far as it is known."""

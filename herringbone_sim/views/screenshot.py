@@ -32,8 +32,8 @@ def take_screenshot(
         ViewerError: no viewer, no Vulkan driver, or no picture in time.
     """
     port = free_port()
-    command = [rerun_binary(), "--headless", "--port", str(port), "--hide-welcome-screen"]
-    command += ["--window-size", f"{size[0]}x{size[1]}", str(rrd)]
+    command = [rerun_binary(), "--headless", "--bind", HOST, "--port", str(port)]
+    command += ["--hide-welcome-screen", "--window-size", f"{size[0]}x{size[1]}", str(rrd)]
     with tempfile.NamedTemporaryFile() as errors:
         viewer = subprocess.Popen(
             command,

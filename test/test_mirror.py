@@ -1,0 +1,270 @@
+"""The mirror: what is written, what is dropped, and that no viewer gets in the way."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.views.mirror_block import MirrorBlock, Scale
+from herringbone_sim.views.rerun_mirror import RerunMirror
+
+pytest.importorskip("rerun")
+
+REDUCED = Layout(1, numbered=False)
+FULL = Layout(3, numbered=True)
+SCALE = Scale(1e-4, {"sp": 5e-5, "rp": 5e-5}, 3.2e4)
+FREQUENCY_HZ = 5000.0
+SAMPLES = 16
+TIMELINES = ("sim_time", "wall_time")
+
+
+def make_block(
+    layout: Layout = REDUCED, start: int = 0, cycles: int = 30, K: float = 0.1, **more: object
+) -> MirrorBlock:
+    """Harmonic motion of amplitude b_c in every mesh, ``start`` in samples."""
+    turns = (start + np.arange(cycles * SAMPLES)) / SAMPLES
+    rows = np.zeros((len(turns), len(layout.channels)))
+    for column, name in enumerate(layout.channels):
+        if name[0] in "xvF" and name != "t":
+            rows[:, column] = 1e-4 * np.cos(2 * np.pi * turns)
+    rows[:, :5] = np.column_stack(
+        [turns / FREQUENCY_HZ, 2 * np.pi * turns, *np.outer([K, 50.0, 220.0], np.ones(len(turns)))]
+    )
+    return MirrorBlock(
+        wall_ns=1_700_000_000_000_000_000 + start,
+        names=layout.channels,
+        rows=rows,
+        sections=rows[::SAMPLES],
+        parameters={"K": K, "delta_T": 50.0},
+        **more,
+    )
+
+
+def save(path: Path, blocks: list[MirrorBlock], layout: Layout = REDUCED, **more: object) -> None:
+    mirror = RerunMirror("save", layout, path=path, scale=SCALE, **more)
+    for block in blocks:
+        assert mirror.put(block, wait_s=30.0)
+    mirror.close(60.0)
+    assert mirror.state == "off"
+    assert mirror.dropped == 0
+
+
+def rrd(command: str, path: Path) -> str:
+    from herringbone_sim.views.rerun_sink import rerun_binary
+
+    arguments = [rerun_binary(), "rrd", command, str(path)]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def read(path: Path) -> dict[str, list[dict[str, object]]]:
+    """Rows of each entity, static ones included; ``sim_time`` and ``wall_time`` in ns."""
+    from rerun.chunk import RrdReader
+
+    rows: dict[str, list[dict[str, object]]] = {}
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        columns = {
+            name: (column.cast("int64") if name in TIMELINES else column).to_pylist()
+            for name, column in zip(batch.schema.names, batch.columns, strict=True)
+        }
+        made = [
+            dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+        ]
+        rows.setdefault(chunk.entity_path, []).extend(made)
+    return rows
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_for(mirror: RerunMirror, start: str) -> None:
+    deadline = time.monotonic() + 60
+    while not mirror.state.startswith(start) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert mirror.state.startswith(start)
+
+
+@pytest.mark.parametrize("layout", [REDUCED, FULL], ids=["reduced", "full"])
+def test_saved_file_is_read_by_rerun_and_holds_every_view(tmp_path: Path, layout: Layout) -> None:
+    path = tmp_path / "deep" / "run.rrd"
+    save(path, [make_block(layout, 480 * i, events=(f"block {i}",)) for i in range(3)], layout)
+    rrd("verify", path)
+    assert "no footer" not in rrd("stats", path).lower()
+    found = read(path)
+    courses = [f"/{a}/{b}" for a in ("displacement", "force") for b in ("sp", "rp")]
+    planes = ["/portrait/orbit", "/section/points", "/bifurcation/points/21", "/contact/lanes"]
+    for entity in [*courses, *planes, "/displacement/sp/backlash", "/status", "/events"]:
+        assert entity in found, sorted(found)
+
+
+def test_time_courses_hold_the_last_cycles_in_micrometres(tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd"
+    save(path, [make_block(cycles=30)], burst_cycles=10)
+    rows = [row for row in read(path)["/displacement/sp"] if row.get("Scalars:scalars")]
+    assert len(rows) == 10 * SAMPLES + 1
+    last = rows[-1]["sim_time"]
+    values = np.array([row["Scalars:scalars"] for row in rows])
+    assert values.shape[1] == 2
+    assert values.max() == pytest.approx(100.0)
+    assert last == pytest.approx((30 * SAMPLES - 1) / SAMPLES / FREQUENCY_HZ * 1e9)
+
+
+def test_only_what_is_there_is_shown(tmp_path: Path) -> None:
+    block = make_block()
+    pick = [block.names.index(name) for name in ("t", "x_sp_L", "F_rp_R")]
+    names = tuple(block.names[i] for i in pick)
+    path = tmp_path / "run.rrd"
+    save(path, [MirrorBlock(0, names, block.rows[:, pick], np.empty((0, 3)))])
+    found = {entity for entity in read(path) if entity != "/__properties"}
+    assert {"/displacement/sp", "/force/rp", "/status"} <= found
+    for missing in ("/displacement/rp", "/force/sp", "/section", "/bifurcation", "/portrait"):
+        assert not [entity for entity in found if entity.startswith(missing)]
+
+
+def test_time_that_starts_again_goes_on_and_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd"
+    save(path, [make_block(), make_block()])
+    found = read(path)
+    times = [row["sim_time"] for row in found["/status"]]
+    assert times[1] - times[0] == pytest.approx(30 / FREQUENCY_HZ * 1e9)
+    assert "starts again" in str(found["/events"])
+
+
+def test_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from threading import Event
+
+    from herringbone_sim.views.rerun_stream import RerunStream
+
+    taken, go_on = Event(), Event()
+    seen = []
+
+    def slow(self: RerunStream, block: MirrorBlock) -> None:
+        seen.append(block)
+        taken.set()
+        go_on.wait(60)
+
+    monkeypatch.setattr(RerunStream, "send", slow)
+    mirror = RerunMirror("save", REDUCED, path=tmp_path / "run.rrd", queue_blocks=2)
+    assert mirror.put(make_block())
+    assert taken.wait(60)
+    assert [mirror.put(make_block(start=i)) for i in range(5)] == [True, True, False, False, False]
+    assert mirror.dropped == 3
+    go_on.set()
+    mirror.close(60.0)
+    assert len(seen) == 3
+
+
+def test_dead_address_fails_without_raising_and_close_returns() -> None:
+    mirror = RerunMirror("connect", REDUCED, address=f"127.0.0.1:{free_port()}")
+    wait_for(mirror, "failed: no viewer answers")
+    before = mirror.dropped
+    assert not mirror.put(make_block())
+    assert mirror.dropped == before + 1
+    mirror.close(60.0)
+    assert not mirror._thread.is_alive()
+
+
+def test_connect_finds_a_viewer_that_starts_later() -> None:
+    from herringbone_sim.views.rerun_sink import rerun_binary
+
+    port = free_port()
+    mirror = RerunMirror("connect", REDUCED, address=str(port))
+    wait_for(mirror, "failed")
+    server = subprocess.Popen(
+        [rerun_binary(), "--serve-grpc", "--port", str(port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        wait_for(mirror, "running")
+        assert mirror.put(make_block(), wait_s=30.0)
+        server.kill()
+        server.wait()
+        wait_for(mirror, "failed")
+    finally:
+        server.kill()
+        server.wait()
+        mirror.close(60.0)
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_server_hands_its_blocks_to_a_viewer(tmp_path: Path) -> None:
+    from herringbone_sim.views.rerun_sink import answers, rerun_binary
+
+    port = free_port()
+    mirror = RerunMirror("serve", REDUCED, address=str(port), scale=SCALE)
+    assert mirror.put(make_block(), wait_s=30.0)
+    deadline = time.monotonic() + 60
+    while not answers("127.0.0.1", port) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    path = tmp_path / "copy.rrd"
+    url = f"rerun+http://127.0.0.1:{port}/proxy"
+    viewer = subprocess.Popen(
+        [rerun_binary(), url, "--port", str(free_port()), "--save", str(path)]
+    )
+    try:
+        while (not path.exists() or path.stat().st_size < 10_000) and time.monotonic() < deadline:
+            time.sleep(0.1)
+    finally:
+        mirror.close(60.0)
+        viewer.terminate()
+        viewer.wait(30)
+    assert "/section/points" in read(path)
+
+
+def test_port_that_is_taken_is_said() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        mirror = RerunMirror("serve", REDUCED, address=str(taken.getsockname()[1]))
+        wait_for(mirror, "failed: port")
+        mirror.close(60.0)
+
+
+def test_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    mirror = RerunMirror("save", REDUCED, path=tmp_path / "file" / "run.rrd")
+    wait_for(mirror, "failed: can't write")
+    mirror.close(60.0)
+    assert mirror.state.startswith("failed")
+
+
+def test_off_takes_nothing_and_counts_nothing() -> None:
+    mirror = RerunMirror("off", REDUCED)
+    assert not mirror.put(make_block())
+    assert (mirror.state, mirror.dropped) == ("off", 0)
+    mirror.close()
+
+
+@pytest.mark.parametrize(
+    ("mode", "options", "match"),
+    [
+        ("show", {}, "mode"),
+        ("save", {}, "path"),
+        ("off", {"burst_cycles": 0}, "burst_cycles"),
+        ("off", {"queue_blocks": 0}, "queue_blocks"),
+        ("off", {"mesh": "sp9_L"}, "mesh"),
+    ],
+)
+def test_impossible_options_are_refused(mode: str, options: dict[str, object], match: str) -> None:
+    with pytest.raises(ParameterError, match=match):
+        RerunMirror(mode, REDUCED, **options)
+
+
+def test_block_of_wrong_shape_is_refused() -> None:
+    with pytest.raises(ParameterError, match="rows"):
+        MirrorBlock(0, ("t", "K"), np.zeros((3, 1)), np.zeros((0, 2)))
+    with pytest.raises(ParameterError, match="'t'"):
+        MirrorBlock(0, ("K",), np.zeros((3, 1)), np.zeros((0, 1)))

@@ -1,0 +1,98 @@
+"""Diagrams in the plane: ticks, limits, placing, the bounded bifurcation, the lanes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.views.mirror_block import contact_states
+from herringbone_sim.views.palette import mesh_colours
+from herringbone_sim.views.plane import Axes, Bifurcation, limits_for, smooth, ticks
+
+
+def test_ticks_are_round_and_inside() -> None:
+    assert ticks((0.0, 1.0)) == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    assert ticks((-7.3, 12.1)) == pytest.approx([-5.0, 0.0, 5.0, 10.0])
+
+
+def test_y_grows_upwards_in_a_box_that_grows_downwards() -> None:
+    axes = Axes((0.0, 2.0), (-1.0, 1.0), width=200.0, height=100.0)
+    corners = np.array([[0.0, -1.0], [2.0, 1.0], [1.0, 0.0]])
+    assert axes.place(corners) == pytest.approx(np.array([[0, 100], [200, 0], [100, 50]]))
+    assert axes.vertical(1.0)[:, 0] == pytest.approx([100.0, 100.0])
+    assert axes.horizontal(0.5)[:, 1] == pytest.approx([25.0, 25.0])
+
+
+def test_limits_stay_until_the_data_leave_or_shrink() -> None:
+    wide = limits_for(np.array([-1.0, 1.0, np.nan]))
+    assert wide[0] < -1.0 < 1.0 < wide[1]
+    assert limits_for(np.array([-0.8, 0.9]), wide) == wide
+    assert limits_for(np.array([-1.5, 0.9]), wide)[0] < -1.5
+    assert limits_for(np.array([-0.01, 0.01]), wide)[1] < 0.1
+    assert limits_for(np.array([]))[0] < limits_for(np.array([]))[1]
+
+
+def test_constant_data_have_room() -> None:
+    low, high = limits_for(np.array([3.0, 3.0]), least_span=0.1)
+    assert low < 3.0 < high
+    assert high - low >= 0.1
+
+
+def test_bifurcation_is_bounded_and_forgets_only_at_the_same_value() -> None:
+    store = Bifurcation(n_bins=400, n_points=50)
+    store.add(np.array([0.25]), np.array([7.0]), np.array([1]))
+    for k in np.linspace(0.0, 0.5, 300):
+        store.add(np.full(500, k), np.arange(500.0), np.zeros(500, dtype=np.int64))
+    store.add(np.full(10_000, 0.5), np.zeros(10_000), np.zeros(10_000, dtype=np.int64))
+    points = store.points()
+    assert len(points) == len(store) <= 20_000
+    assert len(np.unique(points[:, 0])) > 100
+    newest = points[points[:, 0] == 0.1 // 1e-9 * 1e-9]
+    assert set(newest[:, 1]) <= set(np.arange(450.0, 500.0))
+
+
+def test_bifurcation_keeps_its_points_when_the_bins_widen() -> None:
+    store = Bifurcation()
+    store.add(np.array([0.0, 0.1, -0.1]), np.array([1.0, 2.0, 3.0]), np.array([0, 1, 2]))
+    touched = store.add(np.array([387.0]), np.array([4.0]), np.array([0]))
+    assert touched == set(range(store.n_pages))
+    expected = {(0.0, 1.0, 0.0), (0.1, 2.0, 1.0), (-0.1, 3.0, 2.0), (387.0, 4.0, 0.0)}
+    assert set(map(tuple, store.points().tolist())) == expected
+
+
+def test_pages_that_are_not_touched_stay() -> None:
+    store = Bifurcation()
+    store.add(np.linspace(0.0, 1.0, 50), np.zeros(50), np.zeros(50, dtype=np.int64))
+    before = [store.page(i) for i in range(store.n_pages)]
+    touched = store.add(np.array([0.5]), np.array([9.0]), np.array([0]))
+    assert len(touched) == 1
+    for i, page in enumerate(before):
+        assert (i in touched) == (len(store.page(i)) != len(page))
+
+
+def test_nan_is_no_section_point() -> None:
+    store = Bifurcation()
+    store.add(np.array([0.1, 0.2]), np.array([np.nan, 1.0]), np.array([0, 0]))
+    assert len(store) == 1
+
+
+def test_spline_passes_through_the_samples_and_follows_a_circle() -> None:
+    angle = np.linspace(0, 2 * np.pi, 17)
+    samples = np.column_stack((np.cos(angle), np.sin(angle)))
+    curve = smooth(samples, 4)
+    assert curve[::4] == pytest.approx(samples)
+    inner = curve[4:-4]
+    assert np.hypot(inner[:, 0], inner[:, 1]) == pytest.approx(np.ones(len(inner)), abs=2e-3)
+
+
+def test_contact_states() -> None:
+    states = contact_states(np.array([-2.0, -1.0, 0.0, 1.0, 2.0]), 1.0)
+    assert states.tolist() == [2, 1, 1, 1, 0]
+
+
+def test_each_mesh_has_a_colour_of_its_own() -> None:
+    for layout in (Layout(1, numbered=False), Layout(3, numbered=True)):
+        colours = mesh_colours(layout)
+        assert set(colours) == set(layout.meshes)
+        assert len(set(colours.values())) == layout.n_mesh
