@@ -110,7 +110,7 @@ def _operating(info: RunInfo) -> list[str]:
         if channel.name in OPERATING and channel.minimum is not None:
             span = f"{channel.minimum:.6g}"
             span += "" if channel.constant else f" to {channel.maximum:.6g}"
-            rows.append((channel.name, f"{span} {channel.unit}".rstrip()))
+            rows.append((channel.name, f"{span} {channel.unit}".rstrip(" -")))
     rows += [("Omega", f"{info.parameters['Omega']}")] if "Omega" in info.parameters else []
     return _table(rows)
 
@@ -118,7 +118,7 @@ def _operating(info: RunInfo) -> list[str]:
 def _changes(info: RunInfo) -> list[str]:
     return _shortened(
         f"t = {change.t_s:.9g} s  {change.node}  "
-        + ", ".join(f"{name} = {value}" for name, value in change.values.items())
+        + ", ".join(f"{name} = {value!r}" for name, value in change.values.items())
         for change in info.changes
     )
 
@@ -136,7 +136,7 @@ def _shortened(lines: Iterable[str]) -> list[str]:
 
 
 def _channel_rows(channels: tuple[Channel, ...]) -> list[tuple[str, ...]]:
-    rows = [("name", "unit", "minimum", "mean", "maximum")]
+    rows: list[tuple[str, ...]] = [("name", "unit", "minimum", "mean", "maximum")]
     for channel in channels:
         values = (channel.minimum, channel.mean, channel.maximum)
         rows.append((channel.name, channel.unit, *(_number(value, "") for value in values)))

@@ -66,8 +66,8 @@ def _missing(report: RecoveryReport) -> list[str]:
     lines = []
     if not report.was_complete:
         lines.append(
-            f"missing: what was written after the last flush, at most half a second; of the file "
-            f"{report.bytes_dropped} bytes at its end"
+            "missing: what had not reached the disk (of this simulator at most the last half "
+            f"second), and {report.bytes_dropped} bytes at the end of the file"
         )
     if report.chunks_dropped:
         lines.append(f"missing: {report.chunks_dropped} damaged records inside the file")

@@ -108,14 +108,17 @@ def bag_information(folder: Path) -> tuple[dict[str, Any], list[str]]:
         information = yaml.safe_load(text)["rosbag2_bagfile_information"]
         return dict(information), []
     except FileNotFoundError:
-        return {}, [f"{METADATA_NAME} is missing: 'herringbone_sim recover' writes it"]
+        return {}, [f"{METADATA_NAME} is missing: 'python -m herringbone_sim recover' writes it"]
     except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError):
-        return {}, [f"{METADATA_NAME} can't be read: 'herringbone_sim recover' writes it anew"]
+        return {}, [
+            f"{METADATA_NAME} can't be read: 'python -m herringbone_sim recover' writes it anew"
+        ]
 
 
 def is_samples(found: Found) -> bool:
     """Whether this is a message of the ``samples`` topic of any node."""
-    return found.topic.name.rpartition("/")[2] == "samples"
+    last, kind = (text.rpartition("/")[2] for text in (found.topic.name, found.topic.type_name))
+    return (last, kind) == ("samples", "Float64MultiArray")
 
 
 def iter_sample_blocks(path: Path | str) -> Iterator[tuple[tuple[str, ...], Array]]:
@@ -219,7 +222,7 @@ def _channels(message: Buffer) -> dict[str, Any]:
 
 
 def _take_scan(raw: RawRecording, scan: Scan) -> None:
-    raw.notes += scan.notes
+    raw.notes += scan.notes + scan.end_notes()
     raw.complete &= scan.complete
     raw.bytes_on_disk += scan.size
     told = dict(scan.metadata).get(RECORD_NAME, {}).get("samples_written", "")

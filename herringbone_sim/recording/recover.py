@@ -58,7 +58,7 @@ class _Survey:
     scan: Scan
     tallies: dict[str, Tally] = field(default_factory=dict)
     samples: int = 0
-    times: list[float] = field(default_factory=list)
+    span_s: tuple[float, float] | None = None
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -136,20 +136,20 @@ def _count_samples(survey: _Survey, found: Found) -> None:
         return
     survey.samples += len(rows)
     if len(rows) and "t" in names:
-        column = names.index("t")
-        survey.times[1:] = [float(rows[-1, column])]
-        survey.times[:1] = survey.times[:1] or [float(rows[0, column])]
+        times = rows[:, names.index("t")]
+        first = survey.span_s[0] if survey.span_s else float(times[0])
+        survey.span_s = (first, float(times[-1]))
 
 
 def _report(file: Path, survey: _Survey) -> RecoveryReport:
-    scan, times = survey.scan, survey.times
+    scan = survey.scan
     return RecoveryReport(
         path=file,
         was_complete=scan.complete,
         changed=False,
         messages=survey.messages,
         samples=survey.samples,
-        span_s=(times[0], times[-1]) if times else None,
+        span_s=survey.span_s,
         bytes_dropped=0 if scan.complete else scan.size - scan.kept,
         chunks_dropped=scan.damaged,
         original=None,

@@ -91,7 +91,6 @@ class Scan:
         if self._ended:
             self.kept = self.size
         self.complete &= self._ended
-        self._note_end()
 
     def _check_magic(self, stream: BinaryIO) -> None:
         start = stream.read(len(MCAP0_MAGIC))
@@ -174,13 +173,15 @@ class Scan:
             channel.metadata,
         )
 
-    def _note_end(self) -> None:
-        if not self.complete:
-            self.notes.append(
-                f"the file {self.path.name} was not finished: its last {self.size - self.kept} "
-                f"of {self.size} bytes are no whole record and left out; 'herringbone_sim "
-                "recover' rebuilds its index"
-            )
+    def end_notes(self) -> list[str]:
+        """A sentence on an end that is missing."""
+        if self.complete:
+            return []
+        return [
+            f"the file {self.path.name} was not finished: its last {self.size - self.kept} of "
+            f"{self.size} bytes are no whole record and left out; 'python -m herringbone_sim "
+            "recover' rebuilds its index"
+        ]
 
 
 def _fields(body: memoryview) -> ReadDataStream:

@@ -284,5 +284,6 @@ class RunWriter:
             self._ended = f"{failed}: free the disk and start another"
             raise RecordingError(
                 f"{failed} after {self._samples_written} samples; what is on disk stays readable: "
-                f"free the disk, run 'herringbone_sim recover {self.path}', start another"
+                f"free the disk, run 'python -m herringbone_sim recover {self.path}', and start "
+                "another"
             ) from error
