@@ -9,6 +9,7 @@ then ring-planet the same (N = 1 in the reduced model). Lists over planet halves
 from __future__ import annotations
 
 import math
+import numbers
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -205,7 +206,9 @@ def coerce(name: str, value: Any) -> Value:
     default = Parameters.__dataclass_fields__[name].default
     try:
         if isinstance(default, tuple):
-            many = (value,) if isinstance(value, (int, float)) else tuple(value)
+            many = (value,) if isinstance(value, (int, float, str)) else tuple(value)
+            if any(isinstance(v, (bool, str)) for v in many):
+                raise TypeError
             return tuple(float(v) for v in many)
         if isinstance(default, str):
             return str(value)
@@ -251,7 +254,13 @@ def _check(name: str, value: Any, about: Meaning) -> None:
                 f"{name} must be one of {', '.join(about.choices)}, got {value!r}"
             )
         return
+    default = Parameters.__dataclass_fields__[name].default
+    number = numbers.Integral if isinstance(default, int) else numbers.Real
+    if isinstance(value, tuple) is not isinstance(default, tuple):
+        raise ParameterError(f"{name} must be {type(default).__name__}, got {value!r}")
     for one in value if isinstance(value, tuple) else (value,):
+        if isinstance(one, bool) or not isinstance(one, number):
+            raise ParameterError(f"{name} must be {number.__name__.lower()}, got {one!r}")
         if not math.isfinite(one):
             raise ParameterError(f"{name} [{about.unit}] must be finite, got {one!r}")
         if not about.low <= one <= about.high:
