@@ -173,3 +173,18 @@ def test_show_of_nothing_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixtu
     args = arguments(str(tmp_path / "missing"), "--save", str(tmp_path / "run.rrd"))
     assert args.func(args) == 1
     assert "missing" in capsys.readouterr().err
+
+
+def test_picture_is_drawn_or_the_missing_driver_is_said(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rerun")
+    monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path / "none.json"))
+    monkeypatch.setenv("VK_ICD_FILENAMES", str(tmp_path / "none.json"))
+    png = tmp_path / "run.png"
+    args = arguments(str(run), "--screenshot", str(png), "--blocks", "4")
+    if args.func(args) == 0:
+        assert png.read_bytes().startswith(b"\x89PNG")
+    else:
+        assert "Vulkan" in capsys.readouterr().err
+        assert not png.exists()

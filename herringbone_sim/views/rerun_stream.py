@@ -119,6 +119,8 @@ class RerunStream:
         """Send the blueprint and what never changes, again when the views or the window do."""
         window_s = window_of(block, self.burst_cycles)
         before = self._shown
+        if before and "phase" not in block.names:
+            window_s = max(window_s, before.window_s)
         if before and before.names == block.names and is_near(before.window_s, window_s):
             return
         if before is None or before.names != block.names:

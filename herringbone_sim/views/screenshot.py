@@ -11,7 +11,13 @@ from pathlib import Path
 
 from rerun.experimental import ViewerClient
 
-from herringbone_sim.views.rerun_sink import HOST, ViewerError, await_viewer, rerun_binary
+from herringbone_sim.views.rerun_sink import (
+    HOST,
+    ViewerError,
+    await_viewer,
+    last_words,
+    rerun_binary,
+)
 
 SETTLE_S = 1.0
 VULKAN_HINT = "the viewer draws with Vulkan: without a GPU `apt install mesa-vulkan-drivers` helps"
@@ -45,7 +51,8 @@ def take_screenshot(
             await_viewer(viewer, Path(errors.name), port)
             png.write_bytes(settled_picture(port, timeout_s))
         except (ViewerError, RuntimeError, OSError) as error:
-            raise ViewerError(f"no picture of {rrd} ({error}): {VULKAN_HINT}") from error
+            said = last_words(Path(errors.name))
+            raise ViewerError(f"no picture of {rrd} ({error}{said}): {VULKAN_HINT}") from error
         finally:
             viewer.kill()
             viewer.wait()

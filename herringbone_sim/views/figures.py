@@ -1,0 +1,291 @@
+"""The paper's six kinds of diagram: time course, phase portrait, Poincaré section, spectrum,
+bifurcation diagram and largest exponent; dimensionless where the scales are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.interpolate import CubicHermiteSpline
+
+from herringbone_sim.analysis.bifurcation import BifurcationDiagram
+from herringbone_sim.analysis.motion import Motion
+from herringbone_sim.analysis.pipeline import SegmentResult
+from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.core.timeseries import Array
+
+BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#22262c", "#9aa1ab"
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "mathtext.fontset": "dejavusans",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "lines.linewidth": 0.9,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "figure.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "herringbone_sim",
+}
+DPI = 150
+SHOWN_CYCLES, PORTRAIT_CYCLES, PER_CYCLE = 24, 160, 96
+DENSE = 3000  # vertices above which a drawing goes into an SVG as a picture
+
+PARAMETER_LABELS = {
+    "K": "control amplitude $K$",
+    "delta_T": r"temperature rise $\Delta T$ [K]",
+    "T_1": "input torque $T_1$ [N m]",
+    "xi": r"mesh damping ratio $\xi$",
+    "control_phase": "phase of the control [rad]",
+    FREQUENCY: "mesh frequency [Hz]",
+}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Units of the axes: dimensionless with ``b_c_m`` and ``omega_n``, else um, m/s and ms.
+
+    Attributes:
+        b_c_m: displacement scale, m, or None.
+        omega_n: natural frequency, rad/s, or None.
+    """
+
+    b_c_m: float | None = None
+    omega_n: float | None = None
+
+    @property
+    def bare(self) -> bool:
+        return bool(self.b_c_m and self.omega_n)
+
+    @property
+    def x(self) -> float:
+        """Metres in one unit of displacement."""
+        return self.b_c_m if self.b_c_m and self.bare else 1e-6
+
+    @property
+    def v(self) -> float:
+        """Metres per second in one unit of velocity."""
+        return self.x * self.omega_n if self.omega_n and self.bare else 1.0
+
+    @property
+    def time(self) -> float:
+        """Seconds in one unit of time."""
+        return 1 / self.omega_n if self.omega_n and self.bare else 1e-3
+
+    @property
+    def time_label(self) -> str:
+        return r"time $\tau = \omega_n t$" if self.bare else "time [ms]"
+
+    def x_label(self, mesh: str) -> str:
+        return f"$x_{{{mesh_label(mesh)}}}$" + (r" / $b_c$" if self.bare else " [µm]")
+
+    def v_label(self, mesh: str) -> str:
+        unit = r" / $b_c\,\omega_n$" if self.bare else " [m/s]"
+        return rf"$\dot x_{{{mesh_label(mesh)}}}$" + unit
+
+
+def mesh_label(mesh: str) -> str:
+    """Subscript and superscript of a mesh name in mathtext: ``sp1_L`` -> ``sp1}^{L``."""
+    body, _, side = mesh.partition("_")
+    return rf"\mathrm{{{body}}}}}^{{\mathrm{{{side}}}"
+
+
+def parameter_label(name: str) -> str:
+    """Axis label of a parameter with symbol and unit."""
+    return PARAMETER_LABELS.get(name, name)
+
+
+def motion_figure(
+    result: SegmentResult, mesh: str, scale: Scale, half_backlash_m: float | None = None
+) -> Figure:
+    """Time course, phase portrait, Poincaré section and spectrum of one mesh in one segment."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 5.4))
+        axes = figure.subplots(2, 2)
+        draw_time_course(axes[0, 0], result, mesh, scale, half_backlash_m)
+        draw_phase_portrait(axes[0, 1], result, mesh, scale, half_backlash_m)
+        draw_poincare(axes[1, 0], result, mesh, scale)
+        draw_spectrum(axes[1, 1], result, mesh, scale)
+        axes[1, 0].set_xlim(axes[0, 1].get_xlim())
+        axes[1, 0].set_ylim(axes[0, 1].get_ylim())
+        for axis, letter in zip(axes.flat, "abcd", strict=True):
+            axis.set_title(f"({letter}) {axis.get_title('left')}", loc="left")
+        figure.suptitle(motion_title(result), x=0.01, ha="left", fontsize=10)
+        return figure
+
+
+def motion_title(result: SegmentResult) -> str:
+    """Segment number, period and operating point in one line."""
+    point = ", ".join(f"{name} = {value:.6g}" for name, value in shown(result.segment.point))
+    return f"segment {result.number}: {result.period.label}     {point}"
+
+
+def shown(point: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Parameters of an operating point that are known."""
+    return [(name, value) for name, value in point.items() if np.isfinite(value)]
+
+
+def draw_time_course(
+    axes: Axes, result: SegmentResult, mesh: str, scale: Scale, half_backlash_m: float | None
+) -> None:
+    """Displacement over the last 24 cycles or so."""
+    cycles = max(SHOWN_CYCLES, 3 * (result.period.value or 0))
+    times, x, _ = _smooth(result.motion, mesh, cycles)
+    axes.plot((times - times[0]) / scale.time, x / scale.x, color=BLUE)
+    _band(axes.axhspan, half_backlash_m, scale)
+    axes.set(title="time course", xlabel=scale.time_label, ylabel=scale.x_label(mesh))
+    axes.margins(x=0)
+
+
+def draw_phase_portrait(
+    axes: Axes, result: SegmentResult, mesh: str, scale: Scale, half_backlash_m: float | None
+) -> None:
+    """Rate over displacement; grey where the flanks are apart."""
+    cycles = 2 * result.period.value if result.period.value else PORTRAIT_CYCLES
+    _, x, v = _smooth(result.motion, mesh, cycles)
+    width = 1.2 if result.period.value else 0.35
+    line = axes.plot(x / scale.x, v / scale.v, color=BLUE, linewidth=width)[0]
+    line.set_rasterized(len(x) > DENSE)
+    _band(axes.axvspan, half_backlash_m, scale)
+    axes.set(title="phase portrait", xlabel=scale.x_label(mesh), ylabel=scale.v_label(mesh))
+
+
+def draw_poincare(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) -> None:
+    """State once a cycle."""
+    column = result.motion.meshes.index(mesh)
+    x, v = result.section.x[:, column] / scale.x, result.section.v[:, column] / scale.v
+    size = 14.0 if result.period.value else 1.2 if len(x) > 1000 else 4.0
+    axes.scatter(x, v, s=size, color=ORANGE, linewidths=0, rasterized=len(x) > DENSE)
+    title = f"Poincaré section, {len(x)} cycles"
+    axes.set(title=title, xlabel=scale.x_label(mesh), ylabel=scale.v_label(mesh))
+
+
+def draw_spectrum(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) -> None:
+    """Amplitude over mesh order, up to order 5, with the lines h / n marked at the foot."""
+    spectrum = result.spectrum
+    axes.set(title="spectrum", xlabel=r"frequency / mesh frequency", ylabel=scale.x_label(mesh))
+    if spectrum is None:
+        axes.text(0.5, 0.5, "too few cycles", transform=axes.transAxes, ha="center", color=GREY)
+        return
+    amplitudes = spectrum.amplitudes[:, result.motion.meshes.index(mesh)] / scale.x
+    top = min(5.0, float(spectrum.orders[-1]))
+    kept = (spectrum.orders > 0.02) & (spectrum.orders <= top)
+    axes.semilogy(spectrum.orders[kept], np.maximum(amplitudes[kept], 1e-300), color=BLUE)
+    peak = float(amplitudes[kept].max())
+    axes.set(xlim=(0, top), ylim=(peak * 3e-6, peak * 3))
+    n = result.period.value or 1
+    marks = np.arange(1, int(top * n) + 1) / n
+    axes.plot(
+        marks,
+        np.full(len(marks), 0.015),
+        "^",
+        ms=3,
+        color=ORANGE,
+        transform=axes.get_xaxis_transform(),
+        label=f"$h\\,\\Omega/{n}$" if n > 1 else r"$h\,\Omega$",
+    )
+    axes.legend(loc="upper right", handletextpad=0.1)
+
+
+def bifurcation_figure(diagram: BifurcationDiagram, scale: Scale) -> Figure:
+    """Bifurcation diagram over its largest exponents, where there are any."""
+    with matplotlib.rc_context(STYLE):
+        parts = 2 if has_exponents(diagram) else 1
+        figure = Figure(figsize=(7.2, 3.0 + 2.2 * (parts - 1)))
+        ratios = [3, 2][:parts]
+        axes = figure.subplots(parts, 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+        draw_bifurcation(axes[0], diagram, scale)
+        if parts == 2:
+            draw_exponents(axes[1], diagram)
+        axes[-1].set_xlabel(parameter_label(diagram.parameter))
+        return figure
+
+
+def has_exponents(diagram: BifurcationDiagram) -> bool:
+    """Whether any exponent, from data or model, is a number."""
+    both = np.concatenate((diagram.exponents[:, 0], diagram.model_exponents[:, 0]))
+    return bool(np.isfinite(both).any())
+
+
+def draw_bifurcation(axes: Axes, diagram: BifurcationDiagram, scale: Scale) -> None:
+    """Section displacements over the parameter."""
+    pairs = zip(diagram.values, diagram.points, strict=True)
+    values = np.concatenate([np.full(len(points), value) for value, points in pairs])
+    x = np.concatenate(diagram.points) / scale.x
+    size = 1.5 if len(x) > 4000 else 3.0
+    axes.scatter(values, x, s=size, color=INK, linewidths=0, rasterized=len(x) > DENSE)
+    axes.set(title="bifurcation diagram", ylabel=scale.x_label(diagram.mesh))
+
+
+def draw_exponents(axes: Axes, diagram: BifurcationDiagram) -> None:
+    """Exponents from data, with 90 % intervals, and of the model; per tau where that is known."""
+    per_tau = bool(np.isfinite(diagram.cycles_per_tau).all())
+    rate = diagram.cycles_per_tau if per_tau else np.ones(len(diagram.values))
+    order = np.argsort(diagram.values, kind="stable")
+    value, low, high = (diagram.exponents * rate[:, None]).T
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    if np.isfinite(diagram.model_exponents[:, 0]).any():
+        model = diagram.model_exponents[:, 0] * rate
+        style = {"color": BLUE, "marker": ".", "ms": 3, "label": "model, tangent flow"}
+        axes.plot(diagram.values[order], model[order], **style)
+    if np.isfinite(value).any():
+        style = {"fmt": "o", "ms": 2.5, "color": ORANGE, "elinewidth": 0.7}
+        spread = np.array([value - low, high - value])
+        axes.errorbar(diagram.values, value, spread, label="data, 90 % interval", **style)
+    unit = r"$\lambda_1$ per $\tau$" if per_tau else r"$\lambda_1$ per mesh cycle"
+    axes.set(title="largest Lyapunov exponent", ylabel=unit)
+    axes.legend(loc="best", fontsize=8)
+
+
+def save(figure: Figure, folder: Path, name: str) -> tuple[Path, Path]:
+    """Write ``name.png`` (150 dpi) and ``name.svg`` into a folder; returns both paths."""
+    paths = folder / f"{name}.png", folder / f"{name}.svg"
+    with matplotlib.rc_context(STYLE):
+        for path in paths:
+            metadata = {"Date": None} if path.suffix == ".svg" else None
+            figure.savefig(path, dpi=DPI, metadata=metadata)
+    return paths
+
+
+def representatives(results: Sequence[SegmentResult], limit: int = 6) -> list[SegmentResult]:
+    """At most ``limit`` segments to draw: one of each period first, the longest of each."""
+    drawable = [r for r in results if r.spectrum is not None and not r.segment.ramp]
+    drawable = drawable or [r for r in results if r.spectrum is not None]
+    longest = sorted(drawable, key=lambda r: -r.segment.cycles)
+    first_of_kind = {r.period.label: r for r in reversed(longest)}
+    others = [r for r in longest if r is not first_of_kind[r.period.label]]
+    chosen = [*first_of_kind.values(), *others][:limit]
+    return sorted(chosen, key=lambda r: r.number)
+
+
+def _smooth(motion: Motion, mesh: str, cycles: int) -> tuple[Array, Array, Array]:
+    """Times, x and v of one mesh over the last cycles, cubic between samples."""
+    column = motion.meshes.index(mesh)
+    rows = min(len(motion), int(cycles * motion.samples_per_cycle) + 1)
+    times, x, v = motion.times[-rows:], motion.x[-rows:, column], motion.v[-rows:, column]
+    if rows < 2 or motion.samples_per_cycle > PER_CYCLE / 2:
+        return times, x, v
+    fine = np.linspace(times[0], times[-1], int(cycles * PER_CYCLE) + 1)
+    spline = CubicHermiteSpline(times, x, v)
+    return fine, spline(fine), spline.derivative()(fine)
+
+
+def _band(span: Any, half_backlash_m: float | None, scale: Scale) -> None:
+    if half_backlash_m is not None and np.isfinite(half_backlash_m):
+        b = half_backlash_m / scale.x
+        span(-b, b, color=GREY, alpha=0.16, linewidth=0, zorder=0)
