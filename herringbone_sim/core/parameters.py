@@ -255,7 +255,7 @@ def _check(name: str, value: Any, about: Meaning) -> None:
             )
         return
     default = Parameters.__dataclass_fields__[name].default
-    number = numbers.Integral if isinstance(default, int) else numbers.Real
+    number: Any = numbers.Integral if isinstance(default, int) else numbers.Real
     if isinstance(value, tuple) is not isinstance(default, tuple):
         raise ParameterError(f"{name} must be {type(default).__name__}, got {value!r}")
     for one in value if isinstance(value, tuple) else (value,):
