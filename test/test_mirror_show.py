@@ -84,6 +84,16 @@ def test_heat_that_is_recorded_moves_the_backlash(run: Path) -> None:
     assert blocks[-1].b_half["sp"] < blocks[0].b_half["sp"]
 
 
+def test_heat_beyond_the_backlash_leaves_none(run: Path) -> None:
+    recording = read_recording(run)
+    data = recording.samples.data.copy()
+    data[:, recording.samples.names.index("delta_T")] = 900.0
+    hot = dataclasses.replace(
+        recording, samples=TimeSeries(recording.samples.times, data, recording.samples.names)
+    )
+    assert next(replay_blocks(hot, prepare(hot), 20, 400)).b_half == {"sp": 0.0, "rp": 0.0}
+
+
 def test_long_runs_are_cut_into_the_largest_number_of_blocks(run: Path) -> None:
     replay = prepare(read_recording(run))
     assert len(block_edges(replay, 20, 400)) == 13

@@ -193,9 +193,12 @@ def with_heat(gear: Parameters | None, parameters: Mapping[str, float]) -> Param
 
 
 def scale_of(gear: Parameters) -> Scale:
-    """Units and half backlash of the first mesh of each kind."""
+    """Units and half backlash of the first mesh of each kind; 0 where heat has taken it all."""
     unit = scales(gear)
-    half = half_backlashes(gear, unit)
+    try:
+        half = half_backlashes(gear, unit)
+    except ParameterError:
+        half = np.zeros(2)
     b_half = {"sp": float(half[0]), "rp": float(half[len(half) // 2])}
     return Scale(unit.b_c, b_half, unit.omega_n)
 

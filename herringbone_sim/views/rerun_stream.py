@@ -212,9 +212,7 @@ class RerunStream:
 
     def _borders(self, block: MirrorBlock) -> Mapping[str, float]:
         """Half backlash [m] by mesh kind, as far as it is known."""
-        if block.b_half is not None:
-            return block.b_half
-        return self.scale.b_half if self.scale else {}
+        return {**(self.scale.b_half if self.scale else {}), **(block.b_half or {})}
 
 
 def last_cycles(rows: Array, names: tuple[str, ...], cycles: int) -> int:

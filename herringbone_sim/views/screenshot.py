@@ -15,7 +15,6 @@ from herringbone_sim.views.rerun_sink import (
     HOST,
     ViewerError,
     await_viewer,
-    last_words,
     rerun_binary,
 )
 
@@ -51,8 +50,7 @@ def take_screenshot(
             await_viewer(viewer, Path(errors.name), port)
             png.write_bytes(settled_picture(port, timeout_s))
         except (ViewerError, RuntimeError, OSError) as error:
-            said = last_words(Path(errors.name))
-            raise ViewerError(f"no picture of {rrd} ({error}{said}): {VULKAN_HINT}") from error
+            raise ViewerError(f"no picture of {rrd} ({error}): {VULKAN_HINT}") from error
         finally:
             viewer.kill()
             viewer.wait()
