@@ -70,7 +70,7 @@ def demo(args: argparse.Namespace) -> int:
 def experiment(out: Path, run: Path) -> None:
     """Node and control experiment, each in its process; HerringboneError when one fails."""
     say("starting the node (real_time_factor 1, recording, mirroring to live.rrd)")
-    options = {
+    overrides = {
         "record": "true",
         "record_dir": run.parent,
         "record_name": run.name,
@@ -81,14 +81,14 @@ def experiment(out: Path, run: Path) -> None:
     }
     node = subprocess.Popen(
         [*python("herringbone_sim"), "run", "--ros-args", "--params-file", config("paper.yaml")]
-        + [word for k, v in options.items() for word in ("-p", f"{k}:={v}")]
+        + [word for k, v in overrides.items() for word in ("-p", f"{k}:={v}")]
     )
     try:
         wait_for(run, node)
         say("steering it from another process: raise K to period 1, and lower it again")
+        options = ["-p", "wanted:=P1", "-p", "step:=0.02", "-p", "dwell:=0.3"]
         subprocess.run(
-            [*python("herringbone_sim.examples.chaos_control"), "--ros-args"]
-            + ["-p", "wanted:=P1", "-p", "step:=0.02", "-p", "dwell:=0.3"],
+            [*python("herringbone_sim.examples.chaos_control"), "--ros-args", *options],
             check=True,
             timeout=90.0,
         )

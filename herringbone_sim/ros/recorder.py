@@ -67,6 +67,7 @@ class Recorder:
         self._decimate = decimate
         self._warn = warn
         self._queue: Queue[Delivery | None] = Queue(QUEUE_BLOCKS)
+        self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._writer: RunWriter | None = None
         self.error = ""
@@ -109,9 +110,10 @@ class Recorder:
 
     def put(self, delivery: Delivery) -> None:
         """Take a delivery; waits when the disk is slower than the motion, so none is lost."""
-        if self._writer and not self.error:
-            self.offered += len(delivery.block.rows)
-            self._queue.put(delivery)
+        with self._lock:
+            if self._writer and not self.error:
+                self.offered += len(delivery.block.rows)
+                self._queue.put(delivery)
 
     def stop(self) -> tuple[Path, int, int]:
         """Finish the run: its path, the samples written, the samples offered.
@@ -119,11 +121,13 @@ class Recorder:
         Raises:
             RecordingError: none is running, or it failed (what was written is kept).
         """
-        if not self._writer or not self._thread:
-            raise RecordingError("no recording is running: call record/start first")
-        self._queue.put(None)
-        self._thread.join()
-        writer, self._writer, self._thread = self._writer, None, None
+        with self._lock:
+            writer, thread = self._writer, self._thread
+            if not writer or not thread:
+                raise RecordingError("no recording is running: call record/start first")
+            self._writer, self._thread = None, None
+            self._queue.put(None)
+        thread.join()
         if self.error:
             raise RecordingError(f"{self.error} (kept: {writer.path})")
         return writer.path, writer.samples_written, self.offered

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import rclpy
+from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -18,6 +19,7 @@ from herringbone_sim.recording.writer import split_rows, stamp_ns
 from herringbone_sim.ros.streams import LATCHED, STREAM
 
 TURN_S = 0.02
+DISCOVERY_S = 2.0
 
 
 def publish(recording: Recording, speed: float, node_name: str = "herringbone_sim") -> int:
@@ -44,6 +46,7 @@ def _send(node: Node, recording: Recording, speed: float) -> int:
     series = recording.samples
     meshes = tuple(name[2:] for name in series.names if name.startswith("x_"))
     whole = all(f"{a}_{m}" in series for a in "vF" for m in meshes)
+    _wait_for_listeners(node)
     began, first, at = time.monotonic(), series.times[0], 0
     while at < len(series) and rclpy.ok():
         due = first + (time.monotonic() - began) * speed
@@ -58,4 +61,13 @@ def _send(node: Node, recording: Recording, speed: float) -> int:
             state.publish(encode_joint_state(StateSample(stamp, meshes, x, v, force)))
         at = end
         rclpy.spin_once(node, timeout_sec=TURN_S)
+    samples.wait_for_all_acked(Duration(seconds=DISCOVERY_S))
     return at
+
+
+def _wait_for_listeners(node: Node) -> None:
+    """Give subscribers time to find the topics; go on without them after that."""
+    limit = time.monotonic() + DISCOVERY_S
+    while time.monotonic() < limit and not node.count_subscribers(f"{node.get_name()}/samples"):
+        rclpy.spin_once(node, timeout_sec=TURN_S)
+    rclpy.spin_once(node, timeout_sec=0.2)

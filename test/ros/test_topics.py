@@ -1,0 +1,164 @@
+"""Every topic of the node, over real DDS."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from support import LATCHED, Bench, table, values, wait_until
+
+from herringbone_sim.core.layout import Layout
+
+STATE = "/herringbone_sim/state"
+SAMPLES = "/herringbone_sim/samples"
+
+
+def test_samples_are_complete_and_in_the_contracts_form(bench: Bench) -> None:
+    got = bench.listen(Float64MultiArray, SAMPLES)
+    bench.simulator(model="full")
+    wait_until(lambda: len(got) > 20)
+    blocks = [table(message) for message in got[:20]]
+    assert all(names == Layout(3, True).channels for names, _ in blocks)
+    assert all(8 * rows.size < 64_000 for _, rows in blocks)
+    rows = np.vstack([rows for _, rows in blocks])
+    np.testing.assert_allclose(np.diff(rows[:, 1]), 2 * np.pi / 16, rtol=1e-9)
+    assert np.all(np.diff(rows[:, 0]) > 0)
+
+
+def test_state_names_meshes_with_arrays_of_one_length(bench: Bench) -> None:
+    bench.simulator(model="full")
+    state = bench.take(JointState, STATE, 3)[-1]
+    assert tuple(state.name) == Layout(3, True).meshes
+    assert len(state.position) == len(state.velocity) == len(state.effort) == 12
+    stamp = state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec
+    assert 0.0 <= stamp < 60.0  # simulation time, not that of the wall
+
+
+def test_slow_state_is_stroboscopic(bench: Bench) -> None:
+    """At 5.1 kHz and 50 Hz a live plot would be an alias; P1 must be one line."""
+    node = bench.simulator(delta_T=90.0, publish_rate=50.0)
+    period = 2 * math.pi / (node.loop.model.scales.omega_n)
+    wait_until(lambda: node.loop.t_s > 0.5)
+    states = bench.take(JointState, STATE, 10)
+    stamps = np.array([s.header.stamp.sec + 1e-9 * s.header.stamp.nanosec for s in states])
+    turns = stamps / period
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-4)
+    positions = np.array([s.position for s in states])
+    assert np.ptp(positions, axis=0).max() < 1e-9
+
+
+def test_fast_state_resolves_the_cycle(bench: Bench) -> None:
+    bench.simulator(delta_T=90.0, real_time_factor=1e-3, publish_rate=1000.0)
+    states = bench.take(JointState, STATE, 32)
+    assert np.ptp([s.position[0] for s in states[16:]]) > 1e-5
+
+
+def test_channels_reach_a_late_subscriber(bench: Bench) -> None:
+    bench.simulator(K=0.25)
+    bench.take(JointState, STATE)
+    content = json.loads(bench.take(String, "/herringbone_sim/channels", 1, LATCHED)[0].data)
+    assert [c["name"] for c in content["channels"]] == list(Layout(1, False).channels)
+    assert all(c["unit"] and c["meaning"] for c in content["channels"])
+    assert content["parameters"]["K"] == 0.25
+    assert content["integrator"]["method"] == "taylor"
+
+
+def test_section_has_one_point_a_mesh_cycle_at_phase_0(bench: Bench) -> None:
+    got = bench.listen(Float64MultiArray, "/herringbone_sim/section")
+    bench.simulator()
+    wait_until(lambda: len(got) > 3)
+    names, _ = table(got[0])
+    assert names[:2] == ("t", "phase")
+    turns = np.concatenate([table(m)[1][:, 1] for m in got[:4]]) / (2 * np.pi)
+    np.testing.assert_allclose(np.diff(turns), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+
+
+def regime_of(bench: Bench, cycles: int) -> dict[str, str]:
+    got = bench.listen(DiagnosticArray, "/herringbone_sim/regime")
+    wait_until(
+        lambda: got and int(values(got[-1].status[0])["cycles_since_change"]) > cycles, 30.0
+    )
+    return values(got[-1].status[0])
+
+
+def test_regime_tells_period_1_with_a_negative_exponent(bench: Bench) -> None:
+    bench.simulator(delta_T=90.0)
+    seen = regime_of(bench, 4000)
+    assert seen["regime"] == "P1"
+    assert float(seen["largest_exponent"]) < 0
+    shares = [float(seen[f"{state}_sp_L"]) for state in ("contact", "separated", "back_contact")]
+    assert abs(sum(shares) - 1.0) < 1e-3
+    assert min(shares) > 0
+
+
+def test_regime_tells_chaos_with_a_positive_exponent(bench: Bench) -> None:
+    bench.simulator(delta_T=20.0)
+    seen = regime_of(bench, 4000)
+    assert seen["regime"] == "chaotic"
+    assert float(seen["largest_exponent"]) > 0.01
+
+
+def test_diagnostics_tell_how_it_runs(bench: Bench) -> None:
+    bench.simulator(real_time_factor=0.05)
+    got = bench.listen(DiagnosticArray, "/diagnostics")
+    wait_until(lambda: len(got) >= 3)
+    seen = values(got[-1].status[0])
+    assert 0.03 < float(seen["real_time_factor_reached"]) < 0.07
+    assert {"overruns", "dropped_blocks", "recorder", "mirror", "last_rejected_command"} <= set(
+        seen
+    )
+
+
+def test_clock_is_published_on_demand_only(bench: Bench) -> None:
+    bench.simulator()
+    bench.take(JointState, STATE)
+    assert bench.client.count_publishers("/clock") == 0
+
+
+def test_clock_follows_the_simulation_and_has_one_publisher(bench: Bench) -> None:
+    bench.simulator("one", publish_clock=True, real_time_factor=0.1)
+    bench.simulator("two", publish_clock=True)
+    ticks = [c.clock.sec + 1e-9 * c.clock.nanosec for c in bench.take(Clock, "/clock", 30)]
+    assert np.all(np.diff(ticks) >= 0)
+    assert ticks[-1] > ticks[0]
+    assert bench.client.count_publishers("/clock") == 1
+
+
+def test_blocks_leave_often_however_slow(bench: Bench) -> None:
+    """The slowest factor that is taken still sends samples about every 0.1 s."""
+    got = bench.listen(Float64MultiArray, SAMPLES)
+    bench.simulator(real_time_factor=1.3e-4)
+    wait_until(lambda: len(got) >= 10, 10.0)
+
+
+def test_two_nodes_in_two_namespaces_do_not_meet(bench: Bench) -> None:
+    bench.simulator("left", K=0.1)
+    bench.simulator("right", K=0.2)
+    for name, K in (("left", 0.1), ("right", 0.2)):
+        names, rows = table(bench.take(Float64MultiArray, f"/{name}/herringbone_sim/samples")[0])
+        assert set(rows[:, names.index("K")]) == {K}
+    assert bench.set("/left/herringbone_sim", K=0.3)[0].successful
+    assert bench.simulators[1].get_parameter("K").value == 0.2
+
+
+def test_a_subscriber_that_is_slow_late_or_gone_loses_nothing_for_the_recorder(
+    bench: Bench, tmp_path: Path
+) -> None:
+    node = bench.simulator(record=True, record_dir=str(tmp_path))
+    slow = bench.client.create_subscription(
+        Float64MultiArray, SAMPLES, lambda _: time.sleep(0.2), 1
+    )
+    wait_until(lambda: node.loop.t_s > 1.0)
+    bench.client.destroy_subscription(slow)
+    bench.take(Float64MultiArray, SAMPLES, 5)
+    answer = bench.call("record/stop")
+    assert answer.success
+    assert ", 0 lost," in answer.message
