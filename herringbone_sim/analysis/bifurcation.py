@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.analysis.pipeline import SegmentResult
+from herringbone_sim.analysis.segments import FREQUENCY
 from herringbone_sim.core.timeseries import Array
 from herringbone_sim.errors import AnalysisError
 
@@ -79,7 +80,7 @@ def _points(result: SegmentResult, mesh: str) -> Array:
 def _one_parameter(
     results: Sequence[SegmentResult], least_values: int
 ) -> tuple[str, list[SegmentResult]]:
-    keys = [{name: _key(value) for name, value in r.segment.point.items()} for r in results]
+    keys = [{name: _key(name, value) for name, value in r.segment.point.items()} for r in results]
     names = list(dict.fromkeys(name for key in keys for name in key))
     counts = {name: len({key.get(name) for key in keys}) for name in names}
     parameter = max(names, key=lambda name: counts[name], default="")
@@ -91,7 +92,7 @@ def _one_parameter(
     rests = [tuple(key.get(name) for name in names if name != parameter) for key in keys]
     commonest = Counter(rests).most_common(1)[0][0]
     chosen = [r for r, rest in zip(results, rests, strict=True) if rest == commonest]
-    if len({_key(r.segment.point[parameter]) for r in chosen}) < least_values:
+    if len({_key(parameter, r.segment.point[parameter]) for r in chosen}) < least_values:
         raise AnalysisError(
             f"several parameters differ at once ({_list(counts)}): hand in runs that differ in "
             "one parameter only"
@@ -104,9 +105,12 @@ def _list(counts: dict[str, int]) -> str:
     return ", ".join(many) or "no parameter that differs"
 
 
-def _key(value: float) -> float | None:
-    """Value rounded so that the same setting is the same key; None for NaN."""
+def _key(name: str, value: float) -> float | None:
+    """Value rounded so that the same setting is the same key; None for NaN.
+
+    A setting counts to 6 digits, the mesh frequency, which is measured, to 4.
+    """
     if not np.isfinite(value):
         return None
-    digits = 6 if value == 0 else 6 - int(np.floor(np.log10(abs(value)))) - 1
-    return round(value, digits)
+    digits = 4 if name == FREQUENCY else 6
+    return float(f"{value:.{digits - 1}e}")

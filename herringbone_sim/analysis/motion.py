@@ -82,6 +82,14 @@ def motion_of(series: TimeSeries) -> Motion:
     )
 
 
+def with_phase(series: TimeSeries, frequency_hz: float) -> TimeSeries:
+    """The series with a phase channel that turns at one mesh frequency, 0 at the first sample."""
+    phase = 2 * np.pi * frequency_hz * (series.times - series.times[0])
+    return TimeSeries(
+        series.times, np.column_stack((series.data, phase)), (*series.names, "phase")
+    )
+
+
 def _turns(series: TimeSeries) -> Array:
     if "phase" not in series:
         raise AnalysisError(

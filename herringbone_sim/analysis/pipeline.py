@@ -57,15 +57,15 @@ class Gear:
         omega_n: natural frequency, rad/s; None when unknown.
         base: parameters in force from the start that are no channel (xi, control_phase).
         half_backlash_m: operating point -> b' of ``sp`` and ``rp`` in m.
-        model_exponent: operating point -> largest exponent of the model per tau, and its
-            standard error.
+        model_exponent: operating point and section (the model starts from its first point) ->
+            largest exponent of the model per tau, and its standard error.
     """
 
     b_c_m: float | None = None
     omega_n: float | None = None
     base: Mapping[str, float] = field(default_factory=dict)
-    half_backlash_m: Callable[[Mapping[str, float]], Mapping[str, float]] | None = None
-    model_exponent: Callable[[Mapping[str, float]], tuple[float, float]] | None = None
+    half_backlash_m: Callable[[Mapping[str, float]], Mapping[str, float] | None] | None = None
+    model_exponent: Callable[[Mapping[str, float], Section], tuple[float, float]] | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,7 @@ class SegmentResult:
 
     Attributes:
         number: 1, 2, ... within the run.
+        span_s: times of its first and last sample.
         segment: rows, operating point, length.
         motion: its samples, transients dropped.
         section: its stroboscopic points, transients dropped.
@@ -85,12 +86,14 @@ class SegmentResult:
         spectrum: None when there are too few cycles.
         lines: at h / n of all meshes.
         off_lines: (k,) share of power off the lines.
+        half_backlash_m: b' of ``sp`` and ``rp`` in m; None when unknown.
         contact: of every mesh.
         cycles_per_tau: Omega / 2 pi, NaN when omega_n is unknown.
         notes: what a reader must know, in words.
     """
 
     number: int
+    span_s: tuple[float, float]
     segment: Segment
     motion: Motion
     section: Section
@@ -102,6 +105,7 @@ class SegmentResult:
     spectrum: Spectrum | None
     lines: tuple[Line, ...]
     off_lines: Array
+    half_backlash_m: Mapping[str, float] | None
     contact: tuple[ContactShares, ...]
     cycles_per_tau: float
     notes: tuple[str, ...]
@@ -156,9 +160,11 @@ def analyze_segment(
     period = _period(points, segment, noise, options)
     exponent = _exponent(points, segment, period, noise, options)
     spectrum = amplitude_spectrum(kept, period.value or 1) if kept.cycles >= MIN_CYCLES else None
+    half_backlash = gear.half_backlash_m(segment.point) if gear.half_backlash_m else None
     rate = whole.frequency_hz / gear.omega_n if gear.omega_n and len(whole) > 1 else float("nan")
     return SegmentResult(
         number=number,
+        span_s=(float(whole.times[0]), float(whole.times[-1])),
         segment=segment,
         motion=kept,
         section=section,
@@ -166,11 +172,12 @@ def analyze_segment(
         noise=noise,
         period=period,
         exponent=exponent,
-        model_exponent=_model_exponent(segment, gear, rate),
+        model_exponent=_model_exponent(segment, section, gear, rate),
         spectrum=spectrum,
         lines=lines(spectrum, period.value or 1) if spectrum else (),
         off_lines=share_off_lines(spectrum, period.value or 1) if spectrum else np.zeros(0),
-        contact=contact_shares(kept, _half_backlash(segment, gear)),
+        half_backlash_m=half_backlash,
+        contact=contact_shares(kept, half_backlash),
         cycles_per_tau=rate,
         notes=tuple(_notes(kept, segment, settled, noise)),
     )
@@ -237,15 +244,13 @@ def _exponent(
     return largest_exponent(points, np.random.default_rng(options.seed), noise)
 
 
-def _model_exponent(segment: Segment, gear: Gear, rate: float) -> tuple[float, float]:
-    if gear.model_exponent is None or not np.isfinite(rate):
+def _model_exponent(
+    segment: Segment, section: Section, gear: Gear, rate: float
+) -> tuple[float, float]:
+    if gear.model_exponent is None or not np.isfinite(rate) or not len(section):
         return float("nan"), float("nan")
-    value, error = gear.model_exponent(segment.point)
+    value, error = gear.model_exponent(segment.point, section)
     return value / rate, error / rate
-
-
-def _half_backlash(segment: Segment, gear: Gear) -> Mapping[str, float] | None:
-    return None if gear.half_backlash_m is None else gear.half_backlash_m(segment.point)
 
 
 def _notes(motion: Motion, segment: Segment, settled: bool, noise: float) -> Iterator[str]:

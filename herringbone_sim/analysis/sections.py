@@ -23,6 +23,7 @@ class Section:
         x: (m, k) displacements, m.
         v: (m, k) rates, m/s.
         meshes: k names such as ``sp_L``.
+        phase: of the section, rad.
     """
 
     cycles: NDArray[np.int64]
@@ -30,6 +31,7 @@ class Section:
     x: Array
     v: Array
     meshes: tuple[str, ...]
+    phase: float = 0.0
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -42,6 +44,7 @@ class Section:
             self.x[dropped:],
             self.v[dropped:],
             self.meshes,
+            self.phase,
         )
 
 
@@ -65,6 +68,7 @@ def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
         _cubic(motion.x[left], motion.x[right], motion.v[left], motion.v[right], share, step),
         _cubic(motion.v[left], motion.v[right], slopes[0], slopes[1], share, step),
         motion.meshes,
+        phase,
     )
 
 

@@ -21,7 +21,7 @@ from herringbone_sim.analysis.segments import FREQUENCY
 from herringbone_sim.core.timeseries import Array
 
 BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#22262c", "#9aa1ab"
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9,
     "mathtext.fontset": "dejavusans",
@@ -110,10 +110,9 @@ def parameter_label(name: str) -> str:
     return PARAMETER_LABELS.get(name, name)
 
 
-def motion_figure(
-    result: SegmentResult, mesh: str, scale: Scale, half_backlash_m: float | None = None
-) -> Figure:
+def motion_figure(result: SegmentResult, mesh: str, scale: Scale) -> Figure:
     """Time course, phase portrait, Poincaré section and spectrum of one mesh in one segment."""
+    half_backlash_m = (result.half_backlash_m or {}).get(mesh[:2])
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.4))
         axes = figure.subplots(2, 2)
@@ -241,12 +240,12 @@ def draw_exponents(axes: Axes, diagram: BifurcationDiagram) -> None:
     axes.axhline(0, color=GREY, linewidth=0.8)
     if np.isfinite(diagram.model_exponents[:, 0]).any():
         model = diagram.model_exponents[:, 0] * rate
-        style = {"color": BLUE, "marker": ".", "ms": 3, "label": "model, tangent flow"}
+        style: Any = {"color": BLUE, "marker": ".", "ms": 3, "label": "model, tangent flow"}
         axes.plot(diagram.values[order], model[order], **style)
     if np.isfinite(value).any():
-        style = {"fmt": "o", "ms": 2.5, "color": ORANGE, "elinewidth": 0.7}
+        look: Any = {"fmt": "o", "ms": 2.5, "color": ORANGE, "elinewidth": 0.7}
         spread = np.array([value - low, high - value])
-        axes.errorbar(diagram.values, value, spread, label="data, 90 % interval", **style)
+        axes.errorbar(diagram.values, value, spread, label="data, 90 % interval", **look)
     unit = r"$\lambda_1$ per $\tau$" if per_tau else r"$\lambda_1$ per mesh cycle"
     axes.set(title="largest Lyapunov exponent", ylabel=unit)
     axes.legend(loc="best", fontsize=8)

@@ -30,12 +30,12 @@ def segment_columns(results: Sequence[SegmentResult]) -> list[str]:
     ]
 
 
-def segment_row(result: SegmentResult, starts_s: float) -> list[Cell]:
-    """One row of ``segments.csv``; ``starts_s`` is the time of the segment's first sample."""
+def segment_row(result: SegmentResult) -> list[Cell]:
+    """One row of ``segments.csv``."""
     off = result.off_lines if len(result.off_lines) else np.full(len(result.contact), np.nan)
     return [
-        *(result.number, starts_s, float(result.motion.times[-1])),
-        *(result.segment.cycles, result.dropped_cycles, *result.segment.point.values()),
+        *(result.number, *result.span_s, result.segment.cycles, result.dropped_cycles),
+        *result.segment.point.values(),
         *(result.segment.ramp, result.period.value, result.period.residual, result.period.reason),
         *(result.exponent.value, result.exponent.low, result.exponent.high),
         *(result.exponent.reason, *result.model_exponent, result.cycles_per_tau, result.noise),
@@ -45,12 +45,9 @@ def segment_row(result: SegmentResult, starts_s: float) -> list[Cell]:
     ]
 
 
-def write_segments(
-    path: Path, results: Sequence[SegmentResult], starts_s: Sequence[float]
-) -> None:
+def write_segments(path: Path, results: Sequence[SegmentResult]) -> None:
     """One row a segment."""
-    rows = (segment_row(r, start) for r, start in zip(results, starts_s, strict=True))
-    _write(path, segment_columns(results), rows)
+    _write(path, segment_columns(results), (segment_row(result) for result in results))
 
 
 def write_poincare(path: Path, results: Sequence[SegmentResult]) -> None:
@@ -71,7 +68,7 @@ def write_spectrum(path: Path, results: Sequence[SegmentResult]) -> None:
     """Full spectra [m] of the given segments over mesh order."""
     names = ["segment", "order", *(f"x_{mesh}" for mesh in results[0].motion.meshes)]
     spectra = [(r.number, r.spectrum) for r in results if r.spectrum is not None]
-    rows = (
+    rows: Iterable[Sequence[Cell]] = (
         [number, order, *amplitudes]
         for number, s in spectra
         for order, amplitudes in zip(s.orders.tolist(), s.amplitudes.tolist(), strict=True)
@@ -81,7 +78,7 @@ def write_spectrum(path: Path, results: Sequence[SegmentResult]) -> None:
 
 def write_lines(path: Path, results: Sequence[SegmentResult]) -> None:
     """Amplitude [m] of each mesh at the lines h / n, n the period."""
-    rows = (
+    rows: Iterable[Sequence[Cell]] = (
         [r.number, line.mesh, line.h, line.n, line.label, line.order, line.amplitude]
         for r in results
         for line in r.lines
@@ -95,7 +92,7 @@ def write_bifurcation(path: Path, diagram: BifurcationDiagram) -> None:
         *(diagram.parameter, f"x_{diagram.mesh}", "period", "exponent_per_cycle"),
         *("exponent_low", "exponent_high", "model_exponent_per_cycle", "model_exponent_error"),
     ]
-    rows = (
+    rows: Iterable[Sequence[Cell]] = (
         [value, x, diagram.periods[i], *diagram.exponents[i], *diagram.model_exponents[i]]
         for i, (value, points) in enumerate(zip(diagram.values, diagram.points, strict=True))
         for x in points

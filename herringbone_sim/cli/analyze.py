@@ -1,0 +1,271 @@
+"""``analyze``: runs to periods, exponents, spectra, figures, tables and a report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.analysis.bifurcation import bifurcation_diagram
+from herringbone_sim.analysis.motion import with_phase
+from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
+from herringbone_sim.cli.gear import gear_of, parameters_from_file
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
+from herringbone_sim.views.figures import Scale
+from herringbone_sim.views.output import write_diagram, write_run
+from herringbone_sim.views.report import motion_word, number
+
+MAX_LINES = 42
+_DESCRIPTION = """\
+Tells what motion each part of a recorded run is. The run is cut where a parameter changes; from
+each part the transient is dropped, and then you get
+
+  period             P1, P2, ... in mesh cycles, or aperiodic
+  largest exponent   of the data with a 90 % interval, and of the model for the same parameters;
+                     above 0 the motion is chaotic
+  spectrum           with the lines h / n of the mesh frequency
+  Poincare section   one point a mesh cycle
+  contact            share of time in drive contact, apart, in back contact
+
+A run (or several) over which one parameter takes three or more values gives a bifurcation diagram
+with the exponents below it. Works on runs of this simulator and of any rig, without ROS."""
+_EPILOG = """\
+examples:
+  python -m herringbone_sim analyze runs/my_run --out analysis
+  python -m herringbone_sim analyze runs/K_* --out sweep
+  python -m herringbone_sim analyze rig/run_00 --out rig --noise 0.01 --parameters config/rig.yaml
+
+DIR then holds report.html (open this first), figures/*.png and *.svg, and tables as CSV. With
+more than one RUN each has its own folder in DIR."""
+
+
+@dataclass(frozen=True)
+class Analysed:
+    """A run after its analysis, samples let go.
+
+    Attributes:
+        name: of the run; also of its folder when there are several.
+        folder: that everything was written to.
+        results: one a segment.
+        scale: units of the axes.
+        mesh: that the figures show.
+    """
+
+    name: str
+    folder: Path
+    results: list[SegmentResult]
+    scale: Scale
+    mesh: str
+
+
+def add_parser(subparsers: Any) -> None:
+    """Register ``analyze`` with the sub-parsers of the command line."""
+    parser = subparsers.add_parser(
+        "analyze",
+        help="tell the motion in recorded runs: period, exponent, spectrum, figures",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a .mcap file")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")
+    add("--mesh", metavar="NAME", help="mesh that the figures show (default: the first, sp_L)")
+    add(
+        "--transient",
+        type=_count,
+        metavar="CYCLES",
+        help="mesh cycles to drop after each change (default: measured, told in the report)",
+    )
+    add(
+        "--noise",
+        type=_share,
+        metavar="SHARE",
+        help="measurement noise as a share of each channel's RMS, as 0.01 (default: estimated)",
+    )
+    add(
+        "--max-period",
+        type=_count,
+        default=16,
+        metavar="N",
+        help="largest period looked for, in mesh cycles (default: 16)",
+    )
+    add(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="YAML file of the gear, for runs that do not hold its parameters",
+    )
+    add("--no-model", action="store_true", help="leave the exponent of the model out")
+    add(
+        "--mesh-frequency",
+        type=_positive,
+        metavar="HZ",
+        help="mesh frequency of a run that has no phase channel",
+    )
+    parser.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Analyse ``args.runs`` into ``args.out``; errors of the package when one can't be done."""
+    names = _folder_names(args.runs)
+    several = len(args.runs) > 1
+    folders = [args.out / name if several else args.out for name in names]
+    done = [
+        _analyse(path, name, folder, args)
+        for path, name, folder in zip(args.runs, names, folders, strict=True)
+    ]
+    for one in done:
+        print(_summary(one))
+    if several:
+        _joint_diagram(done, args.out)
+    return 0
+
+
+def _analyse(path: Path, name: str, folder: Path, args: argparse.Namespace) -> Analysed:
+    recording = read_recording(path)
+    series = recording.samples
+    if args.mesh_frequency is not None and "phase" not in series:
+        series = with_phase(series, args.mesh_frequency)
+    parameters = _parameters(recording, args.parameters)
+    gear = gear_of(parameters, with_model=not args.no_model)
+    options = Options(
+        transient_cycles=args.transient, noise_share=args.noise, max_period=args.max_period
+    )
+    changes = [(change.t_s, _numbers(change)) for change in recording.changes]
+    results = analyze_series(series, changes, options, gear, _progress(name))
+    mesh = _mesh(args.mesh, results)
+    scale = Scale(gear.b_c_m, gear.omega_n)
+    write_run(folder, name, _facts(recording, results), results, mesh, scale, recording.notes)
+    # Sections are enough from here on: samples of many runs would fill the memory.
+    slim = [replace(result, motion=result.motion.rows(0, 2)) for result in results]
+    return Analysed(name, folder, slim, scale, mesh)
+
+
+def _parameters(recording: Recording, path: Path | None) -> Mapping[str, Any]:
+    recorded = recording.channels.get("parameters", {})
+    given = parameters_from_file(path) if path else {}
+    return {**(recorded if isinstance(recorded, dict) else {}), **given}
+
+
+def _numbers(change: ParameterChange) -> Mapping[str, float]:
+    return {
+        name: float(value)
+        for name, value in change.values.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool)
+    }
+
+
+def _mesh(asked: str | None, results: Sequence[SegmentResult]) -> str:
+    meshes = results[0].motion.meshes
+    if asked is not None and asked not in meshes:
+        raise AnalysisError(
+            f"--mesh must be one of {', '.join(meshes)}, got {asked!r}: take a mesh of this run"
+        )
+    return asked or meshes[0]
+
+
+def _facts(recording: Recording, results: Sequence[SegmentResult]) -> list[str]:
+    samples = recording.samples
+    cycles = sum(result.segment.cycles for result in results)
+    span = float(samples.times[-1] - samples.times[0])
+    return [
+        f"{span:.6g} s",
+        f"{len(samples)} samples of {len(samples.names)} channels",
+        f"{cycles:.0f} mesh cycles",
+        f"{len(results)} segments" if len(results) > 1 else "1 segment",
+        "finished" if recording.complete else "cut off, read up to its end",
+    ]
+
+
+def _joint_diagram(done: Sequence[Analysed], out: Path) -> None:
+    results = [result for one in done for result in one.results]
+    try:
+        diagram = bifurcation_diagram(results, done[0].mesh)
+    except AnalysisError as error:
+        print(f"no joint bifurcation diagram: {error}")
+        return
+    paths = write_diagram(out, diagram, done[0].scale)
+    print(f"joint bifurcation diagram over {diagram.parameter}: {', '.join(map(str, paths))}")
+
+
+def _summary(one: Analysed) -> str:
+    """Aligned table of the segments, and where everything is."""
+    point = _changing(one.results)
+    rows = [["segment", "start [s]", "cycles", "dropped", *point, "motion", "exponent", "model"]]
+    rows += [_summary_row(result, point) for result in one.results]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = [
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        for row in rows
+    ]
+    if len(lines) > MAX_LINES:
+        lines[MAX_LINES // 2 : -MAX_LINES // 2] = [f"... {len(lines) - MAX_LINES} more"]
+    return "\n".join([one.name, *lines, f"written: {one.folder / 'report.html'}", ""])
+
+
+def _summary_row(result: SegmentResult, point: Sequence[str]) -> list[str]:
+    return [
+        str(result.number),
+        number(result.span_s[0]),
+        f"{result.segment.cycles:.0f}",
+        str(result.dropped_cycles),
+        *(number(result.segment.point[name]) for name in point),
+        motion_word(result),
+        number(result.exponent.value, 3),
+        number(result.model_exponent[0], 3),
+    ]
+
+
+def _changing(results: Sequence[SegmentResult]) -> list[str]:
+    """Parameters that differ between segments, to 6 digits."""
+    names = list(results[0].segment.point)
+    return [n for n in names if len({number(r.segment.point[n]) for r in results}) > 1]
+
+
+def _folder_names(paths: Sequence[Path]) -> list[str]:
+    """Names of the runs, numbered where two are the same."""
+    names: list[str] = []
+    for path in paths:
+        stem = path.stem if path.suffix == ".mcap" else path.resolve().name
+        taken = sum(name == stem or name.startswith(f"{stem}~") for name in names)
+        names.append(f"{stem}~{taken + 1}" if taken else stem)
+    return names
+
+
+def _progress(name: str) -> Any:
+    """Shows segments done on a terminal, nothing in a log."""
+
+    def show(done: int, total: int) -> None:
+        if sys.stderr.isatty():
+            end = "\n" if done == total else ""
+            print(f"\r{name}: segment {done} of {total}", end=end, file=sys.stderr, flush=True)
+
+    return show
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0 or str(value) != text.strip():
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 on, got {text}")
+    return value
+
+
+def _share(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < 1:
+        raise argparse.ArgumentTypeError(f"must lie in 0 .. 1, got {text}")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (value > 0 and np.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"must be above 0, got {text}")
+    return value

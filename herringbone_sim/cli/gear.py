@@ -1,0 +1,106 @@
+"""What a recording, or a parameter file, tells of the gear: scales, backlash, model exponent."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from herringbone_sim.analysis.pipeline import Gear
+from herringbone_sim.analysis.sections import Section
+from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.core.integrate import Stepper, largest_exponent
+from herringbone_sim.core.model import Model, build, state
+from herringbone_sim.core.parameters import Parameters, ParameterWarning, from_mapping, names
+from herringbone_sim.errors import DivergenceError, ParameterError
+
+EXPONENT_CYCLES, TRANSIENT_CYCLES = 400, 100
+FROM_POINT = ("K", "delta_T", "T_1", "xi", "control_phase")
+
+
+def parameters_from_file(path: Path) -> dict[str, Any]:
+    """Parameters of a YAML file, plain or in ROS form (under ``ros__parameters``).
+
+    Raises:
+        ParameterError: no file, no YAML, or no mapping in it.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ParameterError(
+            f"{path} must be a readable YAML file of parameters: {error}"
+        ) from None
+    while isinstance(content, dict) and len(content) == 1:
+        content = next(iter(content.values()))
+    if not isinstance(content, dict):
+        raise ParameterError(f"{path} must hold parameters by name, as config/rig.yaml does")
+    return content
+
+
+def gear_of(parameters: Mapping[str, Any], with_model: bool) -> Gear:
+    """Gear of a parameter set; an empty set is an unknown gear.
+
+    Args:
+        parameters: by name; names that the model does not know are left out.
+        with_model: whether to work out the model's own exponent too.
+
+    Raises:
+        ParameterError: a set that no gear can have.
+    """
+    known = {name: value for name, value in parameters.items() if name in names()}
+    if not known:
+        return Gear()
+    p = from_mapping(known)
+    model = build(p)
+    return Gear(
+        b_c_m=model.scales.b_c,
+        omega_n=model.scales.omega_n,
+        base={name: float(getattr(p, name)) for name in FROM_POINT},
+        half_backlash_m=lambda point: _half_backlash(p, point),
+        model_exponent=(lambda point, section: _exponent(p, point, section))
+        if with_model
+        else None,
+    )
+
+
+def model_at(p: Parameters, point: Mapping[str, float]) -> Model:
+    """Model at an operating point of the analysis: its parameters and its mesh frequency."""
+    values = {name: point[name] for name in FROM_POINT if np.isfinite(point.get(name, np.nan))}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        model = build(p.changed(values))
+        Omega = 2 * np.pi * point[FREQUENCY] / model.scales.omega_n
+        return build(model.parameters.changed({"Omega": Omega}))
+
+
+def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float] | None:
+    try:
+        half = model_at(p, point).half_backlash_m
+    except ParameterError:
+        return None
+    return {"sp": float(half[0]), "rp": float(half[len(half) // 2])}
+
+
+def _exponent(p: Parameters, point: Mapping[str, float], section: Section) -> tuple[float, float]:
+    """Largest exponent per tau and its error from the recorded state on; NaN when it fails."""
+    try:
+        model = model_at(p, point)
+        start = replace(Stepper(model).start(), y=_recorded_state(model, section))
+        return largest_exponent(model, EXPONENT_CYCLES, TRANSIENT_CYCLES, start)
+    except (ParameterError, DivergenceError):
+        return float("nan"), float("nan")
+
+
+def _recorded_state(model: Model, section: Section) -> Any:
+    """First section point as a state of the model; its own initial state for other meshes."""
+    if section.meshes != model.layout.meshes or section.phase != 0.0:
+        return Stepper(model).start().y
+    scales = model.scales
+    return state(
+        model, section.x[0] / scales.b_c, section.v[0] / scales.velocity_m_per_s, section.phase
+    )
