@@ -1,0 +1,254 @@
+"""The loop against a clock that the test owns; Decimator and Pace beside it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.runtime import Delivery, Loop, check_pace, sample_period_s
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+
+
+class WallClock:
+    """Time that passes only where the loop sleeps, or when the test says so."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.slept: list[float] = []
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now += seconds
+
+
+class Run:
+    """A loop whose deliveries are kept; closed by the fixture."""
+
+    def __init__(self, model: Model, **options: object) -> None:
+        self.clock = WallClock()
+        self.got: list[Delivery] = []
+        self.faults: list[str] = []
+        self.hook = lambda delivery: None
+        self.loop = Loop(
+            model,
+            self._take,
+            clock=self.clock,
+            sleep=self.clock.sleep,
+            fail=self.faults.append,
+            **options,
+        )
+
+    def _take(self, delivery: Delivery) -> None:
+        self.got.append(delivery)
+        self.hook(delivery)
+        time.sleep(0.001)
+
+    def until(self, blocks: int) -> None:
+        limit = time.monotonic() + 20.0
+        while len(self.got) < blocks:
+            assert time.monotonic() < limit
+            time.sleep(0.002)
+
+    @property
+    def rows(self) -> np.ndarray:
+        return np.vstack([d.block.rows for d in self.got])
+
+
+@pytest.fixture
+def model() -> Model:
+    return build(Parameters(delta_T=40.0))
+
+
+@pytest.fixture
+def runs() -> Iterator[list[Run]]:
+    made: list[Run] = []
+    yield made
+    for run in made:
+        run.loop.close()
+
+
+def test_blocks_leave_in_time_at_every_factor(model: Model, runs: list[Run]) -> None:
+    for factor in (1.0, 0.01, 1.3e-4):
+        run = Run(model, real_time_factor=factor)
+        runs.append(run)
+        run.loop.start()
+        run.until(10)
+        run.loop.close()
+        simulated = run.got[-1].block.end.t
+        assert simulated / run.clock.now == pytest.approx(factor, rel=0.02)
+        assert max(run.clock.slept) <= 0.1 + 1e-9
+
+
+def test_a_run_does_not_depend_on_how_it_was_paced(model: Model, runs: list[Run]) -> None:
+    for factor in (1.0, 0.0, 0.003):
+        runs.append(Run(model, real_time_factor=factor))
+        runs[-1].loop.start()
+        runs[-1].until(20)
+        runs[-1].loop.close()
+    stepper = Stepper(model)
+    for run in runs:
+        whole = stepper.advance(stepper.start(tangents=1), len(run.rows)).rows
+        np.testing.assert_array_equal(run.rows, whole)
+
+
+def test_overload_slips_and_never_bursts(model: Model, runs: list[Run]) -> None:
+    run = Run(model, real_time_factor=1.0)
+    runs.append(run)
+
+    def stall(delivery: Delivery) -> None:
+        if len(run.got) == 5:
+            run.clock.now += 3.0
+
+    run.hook = stall
+    run.loop.start()
+    run.until(12)
+    run.loop.close()
+    assert run.loop.pace.overruns == 1
+    lengths = [len(d.block.rows) for d in run.got]
+    assert len(set(lengths)) == 1
+    assert run.got[-1].block.end.t < run.clock.now - 2.5
+
+
+def test_changes_act_once_in_order_and_are_told_with_their_time(
+    model: Model, runs: list[Run]
+) -> None:
+    run = Run(model, real_time_factor=1.0)
+    runs.append(run)
+    run.loop.start()
+    parameters = model.parameters
+    for K in (0.1, 0.2, 0.3):
+        run.until(len(run.got) + 3)
+        parameters = parameters.changed({"K": K})
+        run.loop.submit(build(parameters), {"K": K})
+    run.until(len(run.got) + 3)
+    run.loop.close()
+    told = [(c.t_s, c.values["K"]) for d in run.got for c in d.changes]
+    assert [K for _, K in told] == [0.1, 0.2, 0.3]
+    column = run.rows[:, 2]
+    for t_s, K in told:
+        at = int(np.flatnonzero(run.rows[:, 0] == t_s)[0])
+        assert column[at] == K
+        assert column[at - 1] == pytest.approx(K - 0.1)
+
+
+def test_another_sample_grid_waits_for_phase_0(model: Model, runs: list[Run]) -> None:
+    run = Run(model, real_time_factor=0.0013)
+    runs.append(run)
+    run.loop.start()
+    run.until(5)
+    new = build(model.parameters.changed({"samples_per_cycle": 20}))
+    run.loop.submit(new, {"samples_per_cycle": 20})
+    run.until(len(run.got) + 60)
+    run.loop.close()
+    (t_s,) = [c.t_s for d in run.got for c in d.changes]
+    at = int(np.flatnonzero(run.rows[:, 0] == t_s)[0])
+    steps = np.diff(run.rows[:, 1])
+    assert run.rows[at, 1] / (2 * np.pi) == pytest.approx(round(run.rows[at, 1] / (2 * np.pi)))
+    np.testing.assert_allclose(steps[:at], 2 * np.pi / 16, rtol=1e-9)
+    np.testing.assert_allclose(steps[at:], 2 * np.pi / 20, rtol=1e-9)
+
+
+def test_pause_step_resume_lose_and_repeat_no_sample(model: Model, runs: list[Run]) -> None:
+    run = Run(model, real_time_factor=1.0, paused=True)
+    runs.append(run)
+    run.loop.start()
+    for cycles in (1, 3, 400):
+        assert run.loop.step(cycles) == ""
+    assert run.loop.state.cycle == 404
+    run.loop.resume()
+    assert "pause" in run.loop.step(1)
+    run.until(len(run.got) + 3)
+    run.loop.pause()
+    run.loop.close()
+    np.testing.assert_allclose(np.diff(run.rows[:, 1]), 2 * np.pi / 16, rtol=1e-9)
+
+
+def test_reset_starts_again_at_t_0_and_says_so(model: Model, runs: list[Run]) -> None:
+    run = Run(model, real_time_factor=1.0)
+    runs.append(run)
+    run.loop.start()
+    run.until(3)
+    run.loop.call(lambda *_: run.loop.reset())
+    run.until(len(run.got) + 3)
+    run.loop.close()
+    (again,) = [d for d in run.got if d.restarted]
+    np.testing.assert_array_equal(again.block.rows[0], run.got[0].block.rows[0])
+
+
+def test_divergence_pauses_and_names_time_and_parameters(runs: list[Run]) -> None:
+    p = Parameters(method="rk4", steps_per_cycle=4, samples_per_cycle=4, xi=2.0, initial_x=(1.0,))
+    run = Run(build(p), real_time_factor=0.0, paused=True)
+    runs.append(run)
+    run.loop.start()
+    said = run.loop.step(100_000)
+    assert "diverged" in said
+    assert run.loop.paused
+    assert "t = " in run.faults[0]
+    assert "xi=2.0" in run.faults[0]
+
+
+def test_an_error_in_a_call_reaches_the_caller_and_the_loop_goes_on(
+    model: Model, runs: list[Run]
+) -> None:
+    run = Run(model)
+    runs.append(run)
+    run.loop.start()
+
+    def fail(*_: object) -> None:
+        raise ParameterError("no")
+
+    with pytest.raises(ParameterError, match="no"):
+        run.loop.call(fail)
+    run.until(len(run.got) + 2)
+
+
+def test_a_broken_sink_is_reported(model: Model, runs: list[Run]) -> None:
+    run = Run(model)
+    runs.append(run)
+    run.hook = lambda _: 1 / 0
+    threading.excepthook, kept = lambda _: None, threading.excepthook
+    try:
+        run.loop.start()
+        limit = time.monotonic() + 10.0
+        while not run.faults and time.monotonic() < limit:
+            time.sleep(0.01)
+    finally:
+        run.loop.close()
+        threading.excepthook = kept
+    assert "ZeroDivisionError" in run.faults[0]
+
+
+def test_a_pace_that_is_too_slow_is_refused_with_what_would_do(model: Model) -> None:
+    least = sample_period_s(model) / 0.1
+    check_pace(model, least * 1.001)
+    check_pace(model, 0.0)
+    with pytest.raises(ParameterError, match="samples_per_cycle"):
+        check_pace(model, least * 0.999)
+
+
+def test_warned_gear_still_runs() -> None:
+    with pytest.warns(ParameterWarning, match=r"104 / 3 = 34\.667"):
+        Parameters()
+
+
+def test_deliveries_are_contiguous(model: Model, runs: list[Run]) -> None:
+    run = Run(model, real_time_factor=0.0)
+    runs.append(run)
+    run.loop.start()
+    run.until(6)
+    run.loop.close()
+    for before, after in pairwise(run.got):
+        assert before.block.end is after.block.start
