@@ -43,9 +43,11 @@ def new_run(folder: Path, name: str = "run") -> RunWriter:
 
 
 def write_run(folder: Path, n: int = 5000, name: str = "run") -> Path:
-    """A finished run of n samples with one parameter change at sample 800; its folder."""
+    """A finished run of n samples, flushed every 2500, with a change at sample 800; its folder."""
     writer = new_run(folder, name)
-    writer.write_samples(make_rows(0, n))
+    for start in range(0, n, 2500):
+        writer.write_samples(make_rows(start, min(start + 2500, n)))
+        writer.flush()
     writer.write_parameter_event(800 / RATE_HZ, "/herringbone_sim", {"K": 0.5})
     meshes = np.array([1e-5, 2e-5])
     writer.write_state(0.01, ("sp_L", "sp_R"), meshes, 10 * meshes, 1e8 * meshes)

@@ -60,15 +60,16 @@ def read_recording(path: Path | str, cut_at_jump: bool = False) -> Recording:
     raw = load(path)
     times, rows = raw.times, raw.rows
     jump = first_jump(times)
+    before, after = (float(times[jump - 1]), float(times[jump])) if jump else (0.0, 0.0)
     if jump is not None and not cut_at_jump:
         raise RecordingError(
-            f"time must increase strictly, {raw.path} has {times[jump]!r} s after "
-            f"{times[jump - 1]!r} s at sample {jump}: mend the clock of the recorder, or read "
+            f"time must increase strictly, {raw.path} has {after!r} s after "
+            f"{before!r} s at sample {jump}: mend the clock of the recorder, or read "
             "with cut_at_jump=True what lies before"
         )
     if jump is not None:
         raw.notes.append(
-            f"time goes from {times[jump - 1]!r} s to {times[jump]!r} s at sample {jump}: "
+            f"time goes from {before!r} s to {after!r} s at sample {jump}: "
             f"{len(rows) - jump} samples from there on are left out"
         )
         times, rows = times[:jump], rows[:jump]

@@ -12,7 +12,6 @@ from herringbone_sim.recording.bag import (
     METADATA_NAME,
     Bag,
     Tally,
-    Topic,
     bag_metadata,
     write_metadata,
 )
@@ -122,8 +121,8 @@ def _survey(file: Path) -> _Survey:
         tally.add(found.log_ns)
         if is_samples(found):
             _count_samples(survey, found)
-    for topic in survey.scan.topics.values():
-        survey.tallies.setdefault(topic.name, Tally(topic))
+    topics = survey.scan.topics.values()
+    survey.tallies = {t.name: survey.tallies.get(t.name, Tally(t)) for t in topics}
     survey.notes += survey.scan.notes
     return survey
 
@@ -209,7 +208,7 @@ def _rewrite(file: Path, survey: _Survey, target: Path) -> Path:
     part.unlink(missing_ok=True)
     bag = Bag(part)
     try:
-        _copy(file, bag)
+        _copy(file, survey, bag)
         for name, content in _records(survey):
             bag.add_record(name, content)
         bag.finish(target.name)
@@ -221,21 +220,11 @@ def _rewrite(file: Path, survey: _Survey, target: Path) -> Path:
     return part
 
 
-def _copy(file: Path, bag: Bag) -> None:
-    channels: dict[str, int] = {}
-    scan = Scan(file)
-    for found in scan.messages():
-        channel = _channel(bag, channels, found.topic)
-        bag.write(channel, found.log_ns, found.publish_ns, found.message)
-    for topic in scan.topics.values():
-        _channel(bag, channels, topic)
+def _copy(file: Path, survey: _Survey, bag: Bag) -> None:
+    channels = {name: bag.add_topic(tally.topic) for name, tally in survey.tallies.items()}
+    for found in Scan(file).messages():
+        bag.write(channels[found.topic.name], found.log_ns, found.publish_ns, found.message)
     bag.flush()
-
-
-def _channel(bag: Bag, channels: dict[str, int], topic: Topic) -> int:
-    if topic.name not in channels:
-        channels[topic.name] = bag.add_topic(topic)
-    return channels[topic.name]
 
 
 def _records(survey: _Survey) -> list[tuple[str, dict[str, str]]]:
