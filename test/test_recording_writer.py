@@ -232,6 +232,13 @@ def test_channel_names_that_no_reader_could_part_are_refused(tmp_path, names):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("value", [np.float32(1), float("nan"), {1, 2}])
+def test_channels_that_are_no_json_are_refused(tmp_path, value):
+    with pytest.raises(RecordingError, match="plain JSON"):
+        RunWriter.create(tmp_path, "run", "/n", {"parameters": {"K": value}}, NAMES, START_NS)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("block", "said"),
     [

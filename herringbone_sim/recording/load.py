@@ -175,7 +175,7 @@ def load(path: Path | str) -> RawRecording:
     """All of a run in memory, without a check of its times; errors as in ``read_recording``."""
     path = Path(path)
     raw = RawRecording(path, path.stem if path.is_file() else path.resolve().name)
-    samples, blocks = _Samples(path), list[tuple[int, Array]]()
+    samples, blocks = _Samples(path), list[Array]()
     changes: list[ParameterChange] = []
     folder = path if path.is_dir() else path.parent
     raw.notes += _metadata_notes(folder)
@@ -183,12 +183,11 @@ def load(path: Path | str) -> RawRecording:
         scan = Scan(file)
         for found in scan.messages():
             if is_samples(found):
-                blocks.append((found.log_ns, samples.decode(found)[1]))
+                blocks.append(samples.decode(found)[1])
             else:
                 _take_other(raw, changes, found)
         _take_scan(raw, scan)
-    _check_blocks(path, blocks)
-    raw.names, raw.rows = samples.names, _joined(blocks, raw.notes)
+    raw.names, raw.rows = samples.names, _joined(path, blocks)
     raw.changes = tuple(changes)
     raw.notes += _content_notes(raw)
     return raw
@@ -230,20 +229,13 @@ def _take_scan(raw: RawRecording, scan: Scan) -> None:
         raw.counted = (raw.counted or 0) + int(told)
 
 
-def _check_blocks(path: Path, blocks: list[tuple[int, Array]]) -> None:
-    if not sum(len(rows) for _, rows in blocks):
+def _joined(path: Path, blocks: list[Array]) -> Array:
+    if not sum(map(len, blocks)):
         raise RecordingError(
             f"a run must hold samples, {path} has none: record a topic whose name ends in "
             "/samples (std_msgs/Float64MultiArray)"
         )
-
-
-def _joined(blocks: list[tuple[int, Array]], notes: list[str]) -> Array:
-    stamps = [log_ns for log_ns, _ in blocks]
-    if stamps != sorted(stamps):
-        notes.append("the messages of samples do not lie in the order of their log times: sorted")
-        blocks = sorted(blocks, key=lambda block: block[0])
-    return np.concatenate([rows for _, rows in blocks])
+    return np.concatenate(blocks)
 
 
 def _metadata_notes(folder: Path) -> list[str]:

@@ -84,6 +84,16 @@ def _check_channels(names: Sequence[str]) -> None:
         )
 
 
+def _json(channels: Mapping[str, Any]) -> str:
+    try:
+        return json.dumps(channels, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(
+            f"the content of channels must be plain JSON with finite numbers, got {error}: "
+            "convert it before it is recorded"
+        ) from error
+
+
 def _make_folder(record_dir: Path, name: str) -> Path:
     folder = record_dir / name
     try:
@@ -156,7 +166,7 @@ class RunWriter:
         _check_name(name)
         _check_channels(channel_names)
         split_rows(1, len(channel_names), len(",".join(channel_names).encode()))
-        text = json.dumps(channels)
+        text = _json(channels)
         prefix = f"/{topic_prefix.strip('/')}" if topic_prefix.strip("/") else ""
         folder = _make_folder(Path(record_dir).absolute(), name)
         try:
