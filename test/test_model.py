@@ -109,7 +109,7 @@ def test_scales_of_the_nominal_rig(gear):
     s = gear().scales
     assert s.omega_n == pytest.approx(32009, abs=1.0)
     assert s.omega_n / (2.0 * np.pi) == pytest.approx(5094, abs=1.0)
-    assert s.T_2 == pytest.approx(847.4, abs=0.05)
+    assert abs(s.T_2 - 847.4) < 0.05
 
 
 def test_control_is_a_torque_on_the_carrier(gear):

@@ -82,8 +82,8 @@ class Stepper:
         self.model = model
         self._work = make_work(layout.n_mesh, layout.n_coordinate, model.parameters.order)
         force = s.b_c * s.omega_n**2 / s.projection
-        self._si = np.array([s.b_c, s.velocity_m_per_s, force])
-        self._bodies = body_matrix(model) * s.b_c
+        self._si = np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta])
+        self._carrier = carrier_row(model) * s.b_c
 
     def start(self, tangents: int = 0) -> State:
         """Initial state, with so many tangent vectors."""
@@ -118,7 +118,7 @@ class Stepper:
             p.method == "rk4",
             head,
             self._si,
-            self._bodies,
+            self._carrier,
             rows,
             contact,
         )
@@ -135,12 +135,11 @@ class Stepper:
         )
 
 
-def body_matrix(model: Model) -> Array:
-    """Matrix (n_bodies, n_coordinate) from coordinates to body displacements."""
+def carrier_row(model: Model) -> Array:
+    """Row (n_coordinate,) that gives the carrier's displacement from the coordinates."""
     m = model.layout.n_coordinate
     unit = np.eye(2 * m)[:m]
-    columns = [body_displacements(model, row) for row in unit]
-    return np.stack(columns, axis=1)
+    return np.array([body_displacements(model, row)[2] for row in unit])
 
 
 def change(old: Model, new: Model, state: State) -> State:

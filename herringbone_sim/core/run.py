@@ -12,8 +12,12 @@ LIMIT = 1e6
 
 
 @compiled
-def write_row(p, w, y, phase, cycle, head, si, bodies, row):
-    """One sample: head, then x, v, F of the meshes, then u of the bodies; returns max |x|."""
+def write_row(p, w, y, phase, cycle, head, si, carrier, row):
+    """One sample: head, then x, v, F of the meshes, then u of the bodies; returns max |x|.
+
+    ``carrier (n_coordinate,)`` gives u_c, which all other bodies share: left and right see the
+    same operations. The largest |x| is NaN when any is.
+    """
     mesh_forces(p, w, y, phase)
     n = 4 * len(p.classes)
     for k in range(head.size):
@@ -24,13 +28,17 @@ def write_row(p, w, y, phase, cycle, head, si, bodies, row):
         row[5 + m] = w.end[m] * si[0]
         row[5 + n + m] = w.at[m] * si[1]
         row[5 + 2 * n + m] = w.force[m] * si[2]
-        if not abs(w.end[m]) <= largest:
+        if abs(w.end[m]) > largest or np.isnan(w.end[m]):
             largest = abs(w.end[m])
-    for i in range(bodies.shape[0]):
-        u = 0.0
-        for k in range(bodies.shape[1]):
-            u += bodies[i, k] * y[k]
-        row[5 + 3 * n + i] = u
+    u_c = 0.0
+    for k in range(carrier.size):
+        u_c += carrier[k] * y[k]
+    first = 5 + 3 * n
+    for side in range(2):
+        row[first + side] = y[side] * si[3] + 2.0 * u_c
+    row[first + 2] = u_c
+    for k in range(2, carrier.size):
+        row[first + 1 + k] = y[k] * si[3] + u_c
     return largest
 
 
@@ -68,7 +76,7 @@ def run(
     rk4,
     head,
     si,
-    bodies,
+    carrier,
     rows,
     contact,
 ):
@@ -82,7 +90,7 @@ def run(
     for i in range(rows.shape[0]):
         phase = TWO_PI * place[1] / steps
         head[0] = t
-        largest = write_row(p, w, y, phase, place[0], head, si, bodies, rows[i])
+        largest = write_row(p, w, y, phase, place[0], head, si, carrier, rows[i])
         for m in range(contact.shape[0]):
             contact[m, 1 + (w.end[m] > p.b[m]) - (w.end[m] < -p.b[m])] += 1
         if not largest < LIMIT:
