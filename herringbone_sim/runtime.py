@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from herringbone_sim.core.integrate import Block, State, Stepper, change
+from herringbone_sim.core.integrate import Block, State, Stepper, change, warm_up
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.errors import ParameterError
@@ -105,6 +105,8 @@ def sample_period_s(model: Model) -> float:
 
 class Loop:
     """Runs a model against a clock in a thread of its own.
+
+    The first start on a machine compiles the kernel in that thread; calls are answered meanwhile.
 
     Args:
         model: what to run.
@@ -247,6 +249,7 @@ class Loop:
 
     def _run(self) -> None:
         try:
+            warm_up(self._model)
             while not self._stop.is_set():
                 self._turn()
         except Exception as error:

@@ -24,6 +24,7 @@ class BifurcationDiagram:
         parameter: name of the parameter, as in the operating points.
         values: (n,) its values, in the order of the runs.
         points: n arrays of section displacements of one mesh, m.
+        point_values: n arrays, the value at each point: it moves within a ramp.
         mesh: name such as ``sp_L``.
         exponents: (n, 3) from data: value, low, high, per mesh cycle.
         model_exponents: (n, 2) of the model: value, standard error, per mesh cycle.
@@ -34,6 +35,7 @@ class BifurcationDiagram:
     parameter: str
     values: Array
     points: tuple[Array, ...]
+    point_values: tuple[Array, ...]
     mesh: str
     exponents: Array
     model_exponents: Array
@@ -58,10 +60,13 @@ def bifurcation_diagram(
     parameter, chosen = _one_parameter(used, least_values)
     mesh = mesh or chosen[0].motion.meshes[0]
     exponents = [(r.exponent.value, r.exponent.low, r.exponent.high) for r in chosen]
+    points = tuple(_points(result, mesh) for result in chosen)
+    pairs = zip(chosen, points, strict=True)
     return BifurcationDiagram(
         parameter,
         np.array([r.segment.point[parameter] for r in chosen]),
-        tuple(_points(r, mesh) for r in chosen),
+        points,
+        tuple(_point_values(result, parameter, len(x)) for result, x in pairs),
         mesh,
         np.array(exponents),
         np.array([r.model_exponent for r in chosen]),
@@ -75,6 +80,12 @@ def _points(result: SegmentResult, mesh: str) -> Array:
     stride = 1 if result.period.value else max(len(x) // MAX_POINTS, 1)
     points: Array = x[-MAX_POINTS * stride :: stride].copy()
     return points
+
+
+def _point_values(result: SegmentResult, parameter: str, count: int) -> Array:
+    if result.segment.ramp == parameter:
+        return np.linspace(*result.segment.ramp_ends, count)
+    return np.full(count, result.segment.point[parameter])
 
 
 def _one_parameter(

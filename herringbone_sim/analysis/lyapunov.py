@@ -16,6 +16,7 @@ CUT = 1e-3
 NOISE_CUT = 3.0
 REACH = 10.0
 MAX_NOISY = 3000
+LARGEST_REACH = 0.3
 BLOCKS = 30
 RESAMPLES = 400
 
@@ -30,6 +31,8 @@ class Exponent:
             the orbit, not the bias of the local fits (which reads low: by some per cent on
             a few hundred clean points, by tens of per cent under a noise of 1 %).
         steps: steps of the orbit used.
+        reach: median distance of the farthest neighbour of a fit over the RMS distance of two
+            points of the orbit: the fits are local where it is small against 1.
         reason: why there is no value, in words.
     """
 
@@ -37,12 +40,13 @@ class Exponent:
     low: float
     high: float
     steps: int = 0
+    reach: float = float("nan")
     reason: str = ""
 
 
 def no_exponent(reason: str) -> Exponent:
     """NaN with its reason."""
-    return Exponent(float("nan"), float("nan"), float("nan"), 0, reason)
+    return Exponent(float("nan"), float("nan"), float("nan"), reason=reason)
 
 
 def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0) -> Exponent:
@@ -64,13 +68,19 @@ def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0
     plane = _extended_directions(points, noise)
     if not plane.shape[1]:
         return no_exponent("the points do not spread beyond noise and rounding")
-    maps = _local_maps(plane, noise)
-    if maps is None:
+    fitted = _local_maps(plane, noise)
+    if fitted is None:
         return no_exponent("near neighbours can't be told from noise: record longer")
+    maps, reach = fitted
+    if reach > LARGEST_REACH:
+        return no_exponent(
+            f"too few points for this motion: neighbours lie {reach:.0%} of its size apart, "
+            f"{LARGEST_REACH:.0%} is the most that tells: record longer"
+        )
     growth = _growth(plane, maps)[SKIP:]
     if not np.isfinite(growth).all():
         return no_exponent("neighbours fall onto each other: the motion repeats exactly")
-    return _with_interval(growth, rng)
+    return _with_interval(growth, reach, rng)
 
 
 def _extended_directions(points: Array, noise: float) -> Array:
@@ -83,8 +93,8 @@ def _extended_directions(points: Array, noise: float) -> Array:
     return plane
 
 
-def _local_maps(points: Array, noise: float) -> Array | None:
-    """Linear maps (n, d, d), each the least-squares fit to where the neighbours go in one step.
+def _local_maps(points: Array, noise: float) -> tuple[Array, float] | None:
+    """Linear maps (n, d, d), and their reach: each is the least-squares fit to where the neighbours go in one step.
 
     As few neighbours as a fit needs (2 d); with noise as many as reach 10 times beyond it, or
     None where the data end before that.
@@ -95,7 +105,7 @@ def _local_maps(points: Array, noise: float) -> Array | None:
     for count in (2 * d,) if noise == 0 else tuple(6 * d * 2**i for i in range(6)):
         if count > max(tree.n // 4, 2 * d):
             return None
-        _, found = tree.query(points[:n], k=count + 1)
+        distances, found = tree.query(points[:n], k=count + 1)
         near = found[:, 1:] * stride
         left, sizes, right = np.linalg.svd(points[near] - points[:n, None], full_matrices=False)
         if np.median(sizes[:, 0]) >= REACH * noise * np.sqrt(count):
@@ -107,7 +117,8 @@ def _local_maps(points: Array, noise: float) -> Array | None:
     inverse = np.where(sizes >= floor, 1 / np.maximum(sizes, 1e-300), 0.0)
     behind = points[near + 1] - points[1 : n + 1, None]
     maps: Array = (right.transpose(0, 2, 1) * inverse[:, None]) @ left.transpose(0, 2, 1) @ behind
-    return maps
+    pair = np.sqrt(2 * np.sum(np.var(points, axis=0)))
+    return maps, float(np.median(distances[:, -1]) / pair)
 
 
 def _growth(points: Array, maps: Array) -> Array:
@@ -124,11 +135,11 @@ def _growth(points: Array, maps: Array) -> Array:
     return growth
 
 
-def _with_interval(growth: Array, rng: np.random.Generator) -> Exponent:
+def _with_interval(growth: Array, reach: float, rng: np.random.Generator) -> Exponent:
     # Blocks of the orbit: successive growths depend on each other.
     edges = np.linspace(0, len(growth), BLOCKS + 1).astype(int)
     sums, lengths = np.add.reduceat(growth, edges[:-1]), np.diff(edges)
     draws = rng.integers(0, BLOCKS, (RESAMPLES, BLOCKS))
     resampled = sums[draws].sum(axis=1) / lengths[draws].sum(axis=1)
     low, high = np.quantile(resampled, [0.05, 0.95])
-    return Exponent(float(growth.mean()), float(low), float(high), len(growth))
+    return Exponent(float(growth.mean()), float(low), float(high), len(growth), reach)

@@ -26,6 +26,7 @@ from herringbone_sim.core.timeseries import Array, TimeSeries
 
 MIN_CYCLES = 6
 RESOLVED_NOISE = 4e-3
+WIDE_REACH = 0.12
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,7 @@ def analyze_segment(
         half_backlash_m=half_backlash,
         contact=contact_shares(kept, half_backlash),
         cycles_per_tau=rate,
-        notes=tuple(_notes(kept, segment, settled, noise)),
+        notes=tuple(_notes(kept, segment, settled, noise, exponent)),
     )
 
 
@@ -253,7 +254,9 @@ def _model_exponent(
     return value / rate, error / rate
 
 
-def _notes(motion: Motion, segment: Segment, settled: bool, noise: float) -> Iterator[str]:
+def _notes(
+    motion: Motion, segment: Segment, settled: bool, noise: float, exponent: Exponent
+) -> Iterator[str]:
     yield from motion.notes
     if not settled:
         yield "still settling at half-time: the first half was dropped, results are of the rest"
@@ -261,6 +264,8 @@ def _notes(motion: Motion, segment: Segment, settled: bool, noise: float) -> Ite
         yield f"{segment.ramp} moves all the time: points only"
     if noise:
         yield f"noise of {noise:.2%} of the motion's scale taken into account"
+    if exponent.reach > WIDE_REACH:
+        yield "few points for an exponent from data: it reads low, by more than its interval says"
     if _sides_alike(motion):
         yield (
             "left and right are the same to rounding: the exponent from data can't see growth "

@@ -33,6 +33,7 @@ class Segment:
         point: parameters in force, and the measured mesh frequency in Hz.
         cycles: length in mesh cycles.
         ramp: parameter that moves all the time within the segment, or "".
+        ramp_ends: its value in the first and in the last row.
     """
 
     start: int
@@ -40,6 +41,7 @@ class Segment:
     point: Mapping[str, float]
     cycles: float
     ramp: str = ""
+    ramp_ends: tuple[float, float] = (float("nan"), float("nan"))
 
 
 @dataclass(frozen=True)
@@ -171,9 +173,18 @@ def _segment(
 ) -> Segment:
     ramp = next((name for first, last, name in ramps if first <= start and stop <= last), "")
     point = {track.name: _mean(track, start, stop) for track in tracks}
+    cycles = motion.rows(start, stop).cycles
     if stop - start > 1:
         point[FREQUENCY] = motion.rows(start, stop).frequency_hz
-    return Segment(start, stop, point, motion.rows(start, stop).cycles, ramp)
+    if not ramp:
+        return Segment(start, stop, point, cycles)
+    moving = next(track for track in tracks if track.name == ramp)
+    ends = _value(moving, start), _value(moving, stop - 1)
+    return Segment(start, stop, point, cycles, ramp, ends)
+
+
+def _value(track: Track, row: int) -> float:
+    return float(track.values[np.searchsorted(track.rows, row, "right") - 1])
 
 
 def _mean(track: Track, start: int, stop: int) -> float:

@@ -19,7 +19,7 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
 from herringbone_sim.views.figures import Scale
 from herringbone_sim.views.output import write_diagram, write_run
-from herringbone_sim.views.report import motion_word, number
+from herringbone_sim.views.report import changing, motion_word, number
 
 MAX_LINES = 42
 _DESCRIPTION = """\
@@ -197,7 +197,7 @@ def _joint_diagram(done: Sequence[Analysed], out: Path) -> None:
 
 def _summary(one: Analysed) -> str:
     """Aligned table of the segments, and where everything is."""
-    point = _changing(one.results)
+    point = changing(one.results)
     rows = [["segment", "start [s]", "cycles", "dropped", *point, "motion", "exponent", "model"]]
     rows += [_summary_row(result, point) for result in one.results]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
@@ -221,12 +221,6 @@ def _summary_row(result: SegmentResult, point: Sequence[str]) -> list[str]:
         number(result.exponent.value, 3),
         number(result.model_exponent[0], 3),
     ]
-
-
-def _changing(results: Sequence[SegmentResult]) -> list[str]:
-    """Parameters that differ between segments, to 6 digits."""
-    names = list(results[0].segment.point)
-    return [n for n in names if len({number(r.segment.point[n]) for r in results}) > 1]
 
 
 def _folder_names(paths: Sequence[Path]) -> list[str]:

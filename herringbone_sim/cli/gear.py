@@ -19,7 +19,7 @@ from herringbone_sim.core.model import Model, build, state
 from herringbone_sim.core.parameters import Parameters, ParameterWarning, from_mapping, names
 from herringbone_sim.errors import DivergenceError, ParameterError
 
-EXPONENT_CYCLES, TRANSIENT_CYCLES = 400, 100
+LEAST_CYCLES, MOST_CYCLES, ALIGNING_CYCLES = 100, 600, 20
 FROM_POINT = ("K", "delta_T", "T_1", "xi", "control_phase")
 
 
@@ -87,11 +87,16 @@ def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float
 
 
 def _exponent(p: Parameters, point: Mapping[str, float], section: Section) -> tuple[float, float]:
-    """Largest exponent per tau and its error from the recorded state on; NaN when it fails."""
+    """Largest exponent per tau and its error over the recorded stretch; NaN when it fails.
+
+    From the first recorded state, over as many cycles: of several motions at one operating point
+    it is then the recorded one, and a chaos that dies out is measured while it lives.
+    """
     try:
         model = model_at(p, point)
         start = replace(Stepper(model).start(), y=_recorded_state(model, section))
-        return largest_exponent(model, EXPONENT_CYCLES, TRANSIENT_CYCLES, start)
+        cycles = int(np.clip(len(section) - ALIGNING_CYCLES, LEAST_CYCLES, MOST_CYCLES))
+        return largest_exponent(model, cycles, ALIGNING_CYCLES, start)
     except (ParameterError, DivergenceError):
         return float("nan"), float("nan")
 

@@ -11,7 +11,11 @@ from herringbone_sim.core.parameters import Parameters, meaning, names
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``parameters``."""
     parser = subparsers.add_parser(
-        "parameters", help="list every parameter of the model with unit, range and meaning"
+        "parameters",
+        help="list every parameter of the model with unit, range and meaning",
+        description="List every parameter of the model: name, default, unit, range or choices, "
+        "meaning with its equation in the paper. A star marks those that may change while the "
+        "node runs; the others are set in a parameter file such as config/rig.yaml.",
     )
     parser.set_defaults(func=show)
 

@@ -88,7 +88,7 @@ def turning_point(a, m, low, high):
     return s
 
 
-@inlined
+@compiled
 def leaves_at(a, m, level, sign, end, end_slope, before):
     """First s in [0, 1] at which sign * (x - level) turns negative; 2 when it does not.
 

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from herringbone_sim.analysis.monitor import Regime
 from herringbone_sim.core import parameters as core
-from herringbone_sim.core.integrate import State, warm_up
+from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.errors import HerringboneError, ParameterError, RecordingError
 from herringbone_sim.ros import parameters as ros_parameters
@@ -49,7 +49,6 @@ class SimulatorNode(Node):  # type: ignore[misc]
         model = build(self._target)
         factor = self._get("real_time_factor")
         check_pace(model, factor)
-        warm_up(model)
         self._decimate = Decimator(self._get("publish_rate"))
         full_name = self.get_fully_qualified_name()
         self.recorder = Recorder(full_name, self._decimate, self.get_logger().error)

@@ -3,7 +3,7 @@ bifurcation diagram and largest exponent; dimensionless where the scales are kno
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,13 @@ PARAMETER_LABELS = {
     "xi": r"mesh damping ratio $\xi$",
     "control_phase": "phase of the control [rad]",
     FREQUENCY: "mesh frequency [Hz]",
+}
+PARAMETER_SYMBOLS = {
+    "K": "$K$",
+    "delta_T": r"$\Delta T$/K",
+    "T_1": "$T_1$/(N m)",
+    "xi": r"$\xi$",
+    FREQUENCY: "mesh frequency/Hz",
 }
 
 
@@ -120,23 +127,22 @@ def motion_figure(result: SegmentResult, mesh: str, scale: Scale) -> Figure:
         draw_phase_portrait(axes[0, 1], result, mesh, scale, half_backlash_m)
         draw_poincare(axes[1, 0], result, mesh, scale)
         draw_spectrum(axes[1, 1], result, mesh, scale)
-        axes[1, 0].set_xlim(axes[0, 1].get_xlim())
-        axes[1, 0].set_ylim(axes[0, 1].get_ylim())
+        if result.period.value:
+            axes[1, 0].set(xlim=axes[0, 1].get_xlim(), ylim=axes[0, 1].get_ylim())
         for axis, letter in zip(axes.flat, "abcd", strict=True):
             axis.set_title(f"({letter}) {axis.get_title('left')}", loc="left")
-        figure.suptitle(motion_title(result), x=0.01, ha="left", fontsize=10)
+        figure.suptitle(motion_title(result), x=0.01, ha="left", fontsize=9)
         return figure
 
 
 def motion_title(result: SegmentResult) -> str:
     """Segment number, period and operating point in one line."""
-    point = ", ".join(f"{name} = {value:.6g}" for name, value in shown(result.segment.point))
-    return f"segment {result.number}: {result.period.label}     {point}"
-
-
-def shown(point: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Parameters of an operating point that are known."""
-    return [(name, value) for name, value in point.items() if np.isfinite(value)]
+    point = [
+        f"{PARAMETER_SYMBOLS.get(name, name)} = {value:.5g}"
+        for name, value in result.segment.point.items()
+        if np.isfinite(value) and not (name == "control_phase" and value == 0)
+    ]
+    return f"Segment {result.number}: {result.period.label}      {',  '.join(point)}"
 
 
 def draw_time_course(
@@ -223,8 +229,7 @@ def has_exponents(diagram: BifurcationDiagram) -> bool:
 
 def draw_bifurcation(axes: Axes, diagram: BifurcationDiagram, scale: Scale) -> None:
     """Section displacements over the parameter."""
-    pairs = zip(diagram.values, diagram.points, strict=True)
-    values = np.concatenate([np.full(len(points), value) for value, points in pairs])
+    values = np.concatenate(diagram.point_values)
     x = np.concatenate(diagram.points) / scale.x
     size = 1.5 if len(x) > 4000 else 3.0
     axes.scatter(values, x, s=size, color=INK, linewidths=0, rasterized=len(x) > DENSE)

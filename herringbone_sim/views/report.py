@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import groupby
 from pathlib import Path
 
 from herringbone_sim.analysis.pipeline import SegmentResult
@@ -75,17 +76,46 @@ def _section(title: str, parts: Sequence[str]) -> str:
 
 
 def _segments(results: Sequence[SegmentResult]) -> str:
-    """Table of the segments; parameters that never change stand in the notes only once."""
-    names = list(results[0].segment.point)
+    """Table of the segments; what never changes stands above it, the bins of a ramp as one row."""
+    names = changing(results)
     header = [
-        *("#", "start [s]", "cycles", "dropped", *(SYMBOLS.get(n, escape(n)) for n in names)),
+        *("#", "start [s]", "cycles", "dropped", *(_symbol(name) for name in names)),
         *("motion", "<i>λ</i><sub>1</sub> per cycle, data", "90 % interval"),
         *("<i>λ</i><sub>1</sub> per cycle, model", "off the lines"),
     ]
-    return _table(header, (_segment_cells(result) for result in results), "motion")
+    runs = [list(run) for _, run in groupby(results, lambda r: r.segment.ramp or r.number)]
+    rows = [
+        _segment_cells(run[0], names) if len(run) == 1 else _ramp_cells(run, names) for run in runs
+    ]
+    fixed = [
+        f"{_symbol(name)} = {number(value)}"
+        for name, value in results[0].segment.point.items()
+        if name not in names
+    ]
+    return f"<p>{',&ensp; '.join(fixed)}</p>{_table(header, rows, 'motion')}"
 
 
-def _segment_cells(result: SegmentResult) -> list[str]:
+def changing(results: Sequence[SegmentResult]) -> list[str]:
+    """Parameters that differ between segments, to 6 digits."""
+    names = list(results[0].segment.point)
+    return [n for n in names if len({number(r.segment.point[n]) for r in results}) > 1]
+
+
+def _symbol(name: str) -> str:
+    return SYMBOLS.get(name, escape(name))
+
+
+def _ramp_cells(run: Sequence[SegmentResult], names: Sequence[str]) -> list[str]:
+    ramp = run[0].segment.ramp
+    ends = {ramp: (run[0].segment.ramp_ends[0], run[-1].segment.ramp_ends[1])}
+    spans = {name: f"{number(a, 4)} … {number(b, 4)}" for name, (a, b) in ends.items()}
+    cycles = sum(result.segment.cycles for result in run)
+    values = [spans.get(name, number(run[0].segment.point[name])) for name in names]
+    head = [f"{run[0].number}–{run[-1].number}", number(run[0].span_s[0]), f"{cycles:.0f}", "0"]
+    return [*head, *values, "<b>ramp</b>", *["–"] * 4]
+
+
+def _segment_cells(result: SegmentResult, names: Sequence[str]) -> list[str]:
     e, (model, error) = result.exponent, result.model_exponent
     kind = "periodic" if result.period.value else "chaos" if e.low > 0 else ""
     off = result.off_lines[0] if len(result.off_lines) else math.nan
@@ -94,7 +124,7 @@ def _segment_cells(result: SegmentResult) -> list[str]:
         number(result.span_s[0]),
         f"{result.segment.cycles:.0f}",
         str(result.dropped_cycles),
-        *(number(value) for value in result.segment.point.values()),
+        *(number(result.segment.point[name]) for name in names),
         f'<b class="{kind}">{motion_word(result)}</b>',
         number(e.value, 3),
         f"{number(e.low, 3)} … {number(e.high, 3)}" if math.isfinite(e.value) else "–",

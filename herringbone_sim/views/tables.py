@@ -22,8 +22,14 @@ def segment_columns(results: Sequence[SegmentResult]) -> list[str]:
     return [
         *("segment", "start_s", "stop_s", "cycles", "dropped_cycles", *results[0].segment.point),
         *("ramp", "period", "period_residual", "period_reason"),
-        *("exponent_per_cycle", "exponent_low", "exponent_high", "exponent_reason"),
-        *("model_exponent_per_cycle", "model_exponent_error", "cycles_per_tau", "noise"),
+        *("exponent_per_cycle", "exponent_low", "exponent_high", "exponent_reach"),
+        *(
+            "exponent_reason",
+            "model_exponent_per_cycle",
+            "model_exponent_error",
+            "cycles_per_tau",
+            "noise",
+        ),
         *(f"off_lines_{mesh}" for mesh in meshes),
         *shares,
         "notes",
@@ -38,7 +44,13 @@ def segment_row(result: SegmentResult) -> list[Cell]:
         *result.segment.point.values(),
         *(result.segment.ramp, result.period.value, result.period.residual, result.period.reason),
         *(result.exponent.value, result.exponent.low, result.exponent.high),
-        *(result.exponent.reason, *result.model_exponent, result.cycles_per_tau, result.noise),
+        *(
+            result.exponent.reach,
+            result.exponent.reason,
+            *result.model_exponent,
+            result.cycles_per_tau,
+            result.noise,
+        ),
         *off.tolist(),
         *(share for c in result.contact for share in (c.drive, c.separated, c.back)),
         "; ".join(result.notes),
@@ -94,8 +106,8 @@ def write_bifurcation(path: Path, diagram: BifurcationDiagram) -> None:
     ]
     rows: Iterable[Sequence[Cell]] = (
         [value, x, diagram.periods[i], *diagram.exponents[i], *diagram.model_exponents[i]]
-        for i, (value, points) in enumerate(zip(diagram.values, diagram.points, strict=True))
-        for x in points
+        for i, points in enumerate(diagram.points)
+        for value, x in zip(diagram.point_values[i], points, strict=True)
     )
     _write(path, names, rows)
 

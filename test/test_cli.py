@@ -1,0 +1,72 @@
+"""The command line as a newcomer meets it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from herringbone_sim.__main__ import VERBS, main
+from herringbone_sim.core.parameters import names
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([verb, "--help"])
+    assert ended.value.code == 0
+    assert len(capsys.readouterr().out) > 150
+
+
+def test_parameters_lists_each_with_unit_and_equation(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["parameters"]) == 0
+    shown = capsys.readouterr().out
+    assert all(f" {name} " in shown for name in names())
+    assert "temperature rise, Eq. (2)" in shown
+
+
+def test_wrong_input_gives_one_line_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in ("info", "recover"):
+        assert main([verb, str(tmp_path / "nothing")]) == 2
+    assert main(["replay", str(tmp_path / "nothing"), "--verify"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("error: ") == 3
+    assert "nothing" in told
+
+
+def test_unknown_arguments_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["info", str(tmp_path), "--no-such"])
+    assert ended.value.code == 2
+
+
+def test_analysis_and_replay_need_no_ros(tmp_path: Path) -> None:
+    """With rclpy out of reach every verb but run, demo and replay --publish still loads."""
+    code = (
+        "import sys; sys.modules['rclpy'] = None\n"
+        "from herringbone_sim.__main__ import main\n"
+        "sys.exit(main(['replay', '--verify', sys.argv[1]]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "error: " in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_run_without_ros_says_how_to_get_it() -> None:
+    code = (
+        "import sys; sys.modules['rclpy'] = None\n"
+        "from herringbone_sim.__main__ import main\n"
+        "sys.exit(main(['run']))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "pip install" in done.stdout

@@ -1,0 +1,67 @@
+"""Repetition of recorded runs: to the bit, or it says where it differs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from herringbone_sim.core.integrate import Stepper, change
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters, to_mapping
+from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.reader import read_recording
+from herringbone_sim.recording.writer import RunWriter
+from herringbone_sim.replay import verify
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+
+
+def write(folder: Path, start: int = 0, spoil: int | None = None, **content: Any) -> Path:
+    """A run of chaos with a change of K, Omega and the sample grid; one bit spoilt if wanted."""
+    p = Parameters(delta_T=20.0)
+    model = build(p)
+    stepper = Stepper(model)
+    state = stepper.advance(stepper.start(), start).end if start else stepper.start()
+    stored = {"y": state.y.tolist(), "cycle": state.cycle, "index": state.index, "t": state.t}
+    channels = {"parameters": to_mapping(p), "state": stored, **content}
+    writer = RunWriter.create(folder, "run", "/sim", channels, model.layout.channels, 0)
+    for values, n in (
+        ({}, 5 * 16 - start % 16),
+        ({"K": 0.3, "Omega": 0.9}, 32),
+        ({"samples_per_cycle": 10}, 40),
+    ):
+        new = build(model.parameters.changed(values))
+        state = change(model, new, state)
+        model = new
+        if values:
+            writer.write_parameter_event(state.t, "/sim", values)
+        block = Stepper(model).advance(state, n)
+        rows = block.rows.copy()
+        if spoil is not None and "K" in values:
+            rows[spoil, 7] = np.nextafter(rows[spoil, 7], 1.0)
+        writer.write_samples(rows)
+        state = block.end
+    writer.close()
+    return writer.path
+
+
+@pytest.mark.parametrize("start", [0, 7, 16 * 30])
+def test_a_run_with_changes_is_repeated_to_the_bit(tmp_path: Path, start: int) -> None:
+    verdict = verify(read_recording(write(tmp_path, start)))
+    assert verdict.identical
+    assert verdict.changes == 2
+    assert verdict.samples == 5 * 16 - start % 16 + 32 + 40
+
+
+def test_one_spoilt_bit_is_found_and_placed(tmp_path: Path) -> None:
+    verdict = verify(read_recording(write(tmp_path, spoil=11)))
+    assert verdict.first_difference == 5 * 16 + 11
+    assert 0.0 < verdict.largest_difference < 1e-15
+
+
+def test_a_recording_without_its_state_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="initial state"):
+        verify(read_recording(write(tmp_path, state=None)))
