@@ -96,3 +96,13 @@ def test_each_mesh_has_a_colour_of_its_own() -> None:
         colours = mesh_colours(layout)
         assert set(colours) == set(layout.meshes)
         assert len(set(colours.values())) == layout.n_mesh
+
+
+def test_both_branches_of_a_hysteresis_stay_in_the_bifurcation() -> None:
+    store = Bifurcation()
+    for rising, level in ((True, 1.0), (False, -1.0)):
+        for k in np.linspace(0.0, 0.4, 20)[:: 1 if rising else -1]:
+            store.add(np.full(90, k), np.full(90, level), np.zeros(90, dtype=np.int64), rising)
+    points = store.points()
+    for k in np.unique(points[:, 0]):
+        assert set(points[points[:, 0] == k, 1]) == {1.0, -1.0}

@@ -122,8 +122,9 @@ class Streams:
             self.dropped += 1
 
     def announce(self, delivery: Delivery) -> None:
-        """Publish ``~/channels``: names, units, and the parameters in force."""
+        """Publish ``~/channels``: names, units, parameters in force, what changed and when."""
         content = channels_content(delivery.model, delivery.block.start)
+        content["changes"] = [{"t": c.t_s, "values": dict(c.values)} for c in delivery.changes]
         self._channels.publish(String(data=json.dumps(content)))
 
     def _run(self) -> None:

@@ -74,7 +74,8 @@ class Bifurcation:
     """The newest section values over a parameter, at most ``n_bins`` bins of ``n_points`` each.
 
     Points are kept by the value of the parameter, so that an hour at one value displaces nothing
-    that was seen at another. Bins are ``bin_width`` wide, a power of two that doubles as larger
+    that was seen at another, and apart for a rising and a falling parameter, so that hysteresis
+    shows. Bins are ``bin_width`` wide, a power of two that doubles as larger
     values come; ``per_page`` neighbouring bins form a page, the unit that is drawn anew.
     """
 
@@ -84,28 +85,32 @@ class Bifurcation:
         self.n_pages = n_bins // self.per_page
         self.n_points = n_points
         self.bin_width = 0.0
-        self._bins: dict[int, deque[tuple[float, float, int]]] = {}
+        self._bins: dict[int, dict[bool, deque[tuple[float, float, int]]]] = {}
 
     def __len__(self) -> int:
-        return sum(len(points) for points in self._bins.values())
+        return sum(len(kept) for ways in self._bins.values() for kept in ways.values())
 
-    def add(self, x: Array, y: Array, state: NDArray[np.int64]) -> set[int]:
+    def add(self, x: Array, y: Array, state: NDArray[np.int64], rising: bool = True) -> set[int]:
         """Take points (m,) with their contact states (m,); which pages have changed."""
         good = np.isfinite(x) & np.isfinite(y)
         points = list(zip(x[good].tolist(), y[good].tolist(), state[good].tolist(), strict=True))
         largest = max((abs(point[0]) for point in points), default=0.0)
         if largest >= self.bin_width * self._half and largest > 0:
             self.bin_width = 2.0 ** (floor(log2(largest / self._half)) + 1)
-            points = [p for kept in self._bins.values() for p in kept] + points
-            self._bins.clear()
-            return self._put(points) and set(range(self.n_pages))
-        return self._put(points)
+            before, self._bins = self._bins, {}
+            for ways in before.values():
+                for way, kept in ways.items():
+                    self._put(list(kept), way)
+            self._put(points, rising)
+            return set(range(self.n_pages))
+        return self._put(points, rising)
 
     def page(self, page: int) -> Array:
         """Points (k, 3) of a page: parameter, section value, contact state."""
         first = page * self.per_page - self._half
-        bins = (self._bins.get(i, ()) for i in range(first, first + self.per_page))
-        return np.array([p for kept in bins for p in kept], dtype=np.float64).reshape(-1, 3)
+        bins = (self._bins.get(i, {}) for i in range(first, first + self.per_page))
+        points = [p for ways in bins for kept in ways.values() for p in kept]
+        return np.array(points, dtype=np.float64).reshape(-1, 3)
 
     def points(self) -> Array:
         """All points (k, 3)."""
@@ -115,11 +120,12 @@ class Bifurcation:
     def _half(self) -> int:
         return self.n_pages * self.per_page // 2
 
-    def _put(self, points: list[tuple[float, float, int]]) -> set[int]:
+    def _put(self, points: list[tuple[float, float, int]], rising: bool) -> set[int]:
         touched = set()
         for point in points:
             index = floor(point[0] / self.bin_width) if self.bin_width else 0
-            self._bins.setdefault(index, deque(maxlen=self.n_points)).append(point)
+            ways = self._bins.setdefault(index, {})
+            ways.setdefault(rising, deque(maxlen=self.n_points // 2)).append(point)
             touched.add((index + self._half) // self.per_page)
         return touched
 

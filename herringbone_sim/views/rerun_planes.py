@@ -55,6 +55,7 @@ class Planes:
         self._frames: dict[str, Frame] = {}
         self._section: deque[tuple[float, float]] = deque(maxlen=SECTION_POINTS)
         self._bifurcation = Bifurcation()
+        self._rising = True
         self._before: dict[str, float] = {}
 
     @classmethod
@@ -118,7 +119,7 @@ class Planes:
         at = self._steered_values(block)
         x = block.at_section(f"x_{self.mesh}") / self.scale.b_c
         state = np.zeros(len(x), np.int64) if border is None else contact_states(x, border)
-        touched = self._bifurcation.add(at, x, state)
+        touched = self._bifurcation.add(at, x, state, self._rising)
         labels = (self._steered_label(), self._x_label)
         axes, moved = self._fit("bifurcation", self._bifurcation.points()[:, :2], labels, border)
         for page in range(self._bifurcation.n_pages) if moved else sorted(touched):
@@ -141,6 +142,8 @@ class Planes:
         now = {name: self._last_value(block, name) for name in STEERED}
         known = {name: value for name, value in now.items() if value is not None}
         changed = [name for name, value in known.items() if self._before.get(name, value) != value]
+        if changed and self.steered in changed:
+            self._rising = known[self.steered] > self._before[self.steered]
         self._before = known
         if changed and self.steered not in changed:
             self.steered = changed[0]
