@@ -143,3 +143,16 @@ def test_a_steered_run_is_repeated_to_the_bit(bench: Bench, tmp_path: Path) -> N
     verdict = verify(read_recording(tmp_path / "steered"))
     assert verdict.changes == 4
     assert verdict.identical
+
+
+def test_as_fast_as_possible_loses_no_sample_either(bench: Bench, tmp_path: Path) -> None:
+    node = bench.simulator(
+        real_time_factor=0.0, record=True, record_dir=str(tmp_path), record_name="fast"
+    )
+    wait_until(lambda: node.loop.t_s > 2.0, 60.0)
+    stopped = bench.call("record/stop")
+    assert ", 0 lost," in stopped.message
+    run = read_recording(tmp_path / "fast")
+    np.testing.assert_allclose(np.diff(run.samples["phase"]), 2 * np.pi / 16, rtol=1e-6)
+    assert run.samples.times[0] == 0.0
+    assert verify(run).identical
