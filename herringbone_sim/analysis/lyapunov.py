@@ -94,7 +94,7 @@ def _extended_directions(points: Array, noise: float) -> Array:
 
 
 def _local_maps(points: Array, noise: float) -> tuple[Array, float] | None:
-    """Linear maps (n, d, d), and their reach: each is the least-squares fit to where the neighbours go in one step.
+    """Linear maps (n, d, d), fitted to where the neighbours go in one step, and their reach.
 
     As few neighbours as a fit needs (2 d); with noise as many as reach 10 times beyond it, or
     None where the data end before that.

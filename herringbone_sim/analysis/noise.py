@@ -31,11 +31,11 @@ def white_noise_rms(data: Array) -> Array:
 
 
 def noise_floor(data: Array) -> Array:
-    """Smallest white noise RMS (k,) of 12 stretches of 4096 samples spread over a run (n, k).
+    """Lower quartile (k,) of the white noise RMS in 12 stretches of 4096 samples of a run (n, k).
 
     Noise of the measurement is there all the time; broad-band motion and steps are not.
     """
     starts = np.linspace(0, max(len(data) - WINDOW, 0), WINDOWS).astype(int)
     stretches = [white_noise_rms(data[start : start + WINDOW]) for start in np.unique(starts)]
-    floor: Array = np.min(stretches, axis=0)
+    floor: Array = np.quantile(stretches, 0.25, axis=0)
     return floor

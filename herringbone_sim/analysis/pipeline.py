@@ -111,6 +111,12 @@ class SegmentResult:
     cycles_per_tau: float
     notes: tuple[str, ...]
 
+    @property
+    def label(self) -> str:
+        """``P2``, ``chaotic`` (aperiodic, exponent above 0), ``aperiodic``, ``ramp`` or ``-``."""
+        chaotic = self.period.value == 0 and self.exponent.low > 0
+        return "ramp" if self.segment.ramp else "chaotic" if chaotic else self.period.label
+
 
 def analyze_series(
     series: TimeSeries,
@@ -186,8 +192,13 @@ def analyze_segment(
 
 def _scales(motion: Motion) -> tuple[float, float]:
     """Common scale of all displacements, and of all rates: root mean variance."""
-    x, v = (float(np.sqrt(np.mean(np.var(part, axis=0)))) for part in (motion.x, motion.v))
-    return x or 1.0, v or 1.0
+    return _scale(motion.x), _scale(motion.v)
+
+
+def _scale(data: Array) -> float:
+    # Rounding of a gear at rest is no motion.
+    least = 1e-9 * float(np.abs(data).max())
+    return max(float(np.sqrt(np.mean(np.var(data, axis=0)))), least) or 1.0
 
 
 def sample_noise(motion: Motion, share: float | None) -> tuple[Array, Array]:

@@ -53,8 +53,11 @@ def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
 
     A sample within 1e-6 cycles of the phase is taken as it is. Between samples, x is the cubic
     through both neighbours with v as its slope, v the cubic with central differences of v as its
-    slope. The phase may start anywhere.
+    slope. The phase may start anywhere. A single sample has no section.
     """
+    if len(motion) < 2:
+        none = np.zeros(0, dtype=np.int64)
+        return Section(none, motion.times[:0], motion.x[:0], motion.v[:0], motion.meshes, phase)
     turns = motion.turns - phase / (2 * np.pi)
     cycles = np.arange(np.ceil(turns[0] - SNAP), np.floor(turns[-1] + SNAP) + 1).astype(np.int64)
     right = np.clip(np.searchsorted(turns, cycles), 1, len(turns) - 1)
@@ -77,6 +80,8 @@ def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0
 
     Interpolation averages neighbours: up to a third of the noise is gone between two samples.
     """
+    if len(motion) < 2:
+        return np.concatenate(noise)
     turns = motion.turns - phase / (2 * np.pi)
     start = np.ceil(turns[0] - SNAP)
     right = int(np.clip(np.searchsorted(turns, start), 1, len(turns) - 1))

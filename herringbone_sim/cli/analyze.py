@@ -19,7 +19,7 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
 from herringbone_sim.views.figures import Scale
 from herringbone_sim.views.output import write_diagram, write_run
-from herringbone_sim.views.report import changing, motion_word, number
+from herringbone_sim.views.report import changing, number
 
 MAX_LINES = 42
 _DESCRIPTION = """\
@@ -217,7 +217,7 @@ def _summary_row(result: SegmentResult, point: Sequence[str]) -> list[str]:
         f"{result.segment.cycles:.0f}",
         str(result.dropped_cycles),
         *(number(result.segment.point[name]) for name in point),
-        motion_word(result),
+        result.label,
         number(result.exponent.value, 3),
         number(result.model_exponent[0], 3),
     ]

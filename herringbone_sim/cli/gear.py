@@ -55,8 +55,11 @@ def gear_of(parameters: Mapping[str, Any], with_model: bool) -> Gear:
     known = {name: value for name, value in parameters.items() if name in names()}
     if not known:
         return Gear()
-    p = from_mapping(known)
-    model = build(p)
+    with warnings.catch_warnings():
+        # The run was recorded all the same: whether such a gear can be built is not the question.
+        warnings.simplefilter("ignore", ParameterWarning)
+        p = from_mapping(known)
+        model = build(p)
     return Gear(
         b_c_m=model.scales.b_c,
         omega_n=model.scales.omega_n,

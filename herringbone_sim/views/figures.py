@@ -142,7 +142,7 @@ def motion_title(result: SegmentResult) -> str:
         for name, value in result.segment.point.items()
         if np.isfinite(value) and not (name == "control_phase" and value == 0)
     ]
-    return f"Segment {result.number}: {result.period.label}      {',  '.join(point)}"
+    return f"Segment {result.number}: {result.label}      {',  '.join(point)}"
 
 
 def draw_time_course(

@@ -100,7 +100,7 @@ def _motion_picture(folder: Path, result: SegmentResult, mesh: str, scale: Scale
     band = "; grey: flanks apart" if result.half_backlash_m else ""
     return Picture(
         path,
-        f"Segment {result.number}, {result.period.label}: time course, phase portrait, Poincaré "
+        f"Segment {result.number}, {result.label}: time course, phase portrait, Poincaré "
         f"section and spectrum of x_{mesh}{band}; {result.dropped_cycles} cycles dropped",
     )
 

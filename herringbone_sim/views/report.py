@@ -125,20 +125,12 @@ def _segment_cells(result: SegmentResult, names: Sequence[str]) -> list[str]:
         f"{result.segment.cycles:.0f}",
         str(result.dropped_cycles),
         *(number(result.segment.point[name]) for name in names),
-        f'<b class="{kind}">{motion_word(result)}</b>',
+        f'<b class="{kind}">{result.label}</b>',
         number(e.value, 3),
         f"{number(e.low, 3)} … {number(e.high, 3)}" if math.isfinite(e.value) else "–",
         f"{number(model, 3)} ± {number(error, 2)}" if math.isfinite(model) else "–",
         f"{off:.1%}" if math.isfinite(off) else "–",
     ]
-
-
-def motion_word(result: SegmentResult) -> str:
-    """``P2``, ``chaotic`` (aperiodic with an exponent above 0), ``aperiodic`` or ``-``."""
-    if result.segment.ramp:
-        return "ramp"
-    chaotic = result.period.value == 0 and result.exponent.low > 0
-    return "chaotic" if chaotic else result.period.label
 
 
 def _legend(results: Sequence[SegmentResult]) -> str:

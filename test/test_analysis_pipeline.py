@@ -1,0 +1,151 @@
+"""Whole runs: segments to results, bifurcation diagram, the simulator's own motions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from analysis_support import harmonic_series, henon, logistic, mapped_series
+
+from herringbone_sim.analysis.bifurcation import bifurcation_diagram
+from herringbone_sim.analysis.pipeline import Gear, Options, SegmentResult, analyze_series
+from herringbone_sim.cli.gear import gear_of
+from herringbone_sim.core.integrate import simulate
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters, to_mapping
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import AnalysisError
+
+
+def _staircase(levels: int = 5, dwell: int = 60) -> TimeSeries:
+    n = levels * dwell * 16 + 1
+    K = np.minimum(np.arange(n) // (dwell * 16), levels - 1) / 10
+    return harmonic_series(levels * dwell, {1.0: 1e-5}, K=K)
+
+
+def _logistic_run(r: float, delta_T: float) -> TimeSeries:
+    x = logistic(1500, r)[500:]
+    series = mapped_series(np.hstack((x, 0 * x)))
+    data = series.data.copy()
+    data[:, 3] = delta_T
+    return TimeSeries(series.times, data, series.names)
+
+
+def test_a_chaotic_map_behind_a_run_is_found() -> None:
+    (result,) = analyze_series(mapped_series(henon(1500)), options=Options(noise_share=0.0))
+    assert result.label == "chaotic"
+    assert result.exponent.value == pytest.approx(0.4192, abs=0.03)
+    assert len(result.section) == 1500 - result.dropped_cycles
+
+
+def test_exponents_per_tau_need_omega_n() -> None:
+    series = _staircase(1)
+    (bare,) = analyze_series(series)
+    assert np.isnan(bare.cycles_per_tau)
+    (scaled,) = analyze_series(series, gear=Gear(omega_n=200 * np.pi))
+    assert scaled.cycles_per_tau == pytest.approx(1 / (2 * np.pi))
+
+
+def test_the_models_exponent_is_asked_for_with_the_point_and_turned_to_cycles() -> None:
+    asked = []
+
+    def model(point: dict[str, float], section: object) -> tuple[float, float]:
+        asked.append(point["K"])
+        return -0.01, 0.001
+
+    gear = Gear(omega_n=200 * np.pi, model_exponent=model)  # type: ignore[arg-type]
+    results = analyze_series(_staircase(3), gear=gear)
+    assert asked == [0.0, 0.1, 0.2]
+    assert results[0].model_exponent == pytest.approx((-0.02 * np.pi, 0.002 * np.pi))
+
+
+def test_transients_are_measured_or_as_told() -> None:
+    (told,) = analyze_series(_staircase(1), options=Options(transient_cycles=17))
+    assert told.dropped_cycles == 17
+    assert len(told.section) == 61 - 17
+    assert told.motion.cycles == pytest.approx(43)
+
+
+def test_short_segments_stay_with_a_reason() -> None:
+    n = 100 * 16 + 1
+    K = np.where(np.arange(n) < 40, 0.0, 0.3)
+    results = analyze_series(harmonic_series(100, {1.0: 1e-5}, K=K))
+    assert results[0].period.value is None
+    assert "too few" in results[0].period.reason
+    assert "too few" in results[0].exponent.reason
+    assert results[1].period.value == 1
+
+
+def test_a_staircase_gives_a_bifurcation_diagram() -> None:
+    diagram = bifurcation_diagram(analyze_series(_staircase(5)))
+    assert diagram.parameter == "K"
+    assert diagram.values == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
+    assert diagram.periods == (1,) * 5
+    assert all(np.ptp(points) < 1e-12 for points in diagram.points)
+
+
+def test_several_runs_give_the_cascade_of_the_logistic_map() -> None:
+    results: list[SegmentResult] = []
+    for r in (2.9, 3.3, 3.5, 4.0):
+        results += analyze_series(_logistic_run(r, 10 * r), options=Options(noise_share=0.0))
+    diagram = bifurcation_diagram(results)
+    assert diagram.parameter == "delta_T"
+    assert diagram.periods == (1, 2, 4, 0)
+    assert [len(np.unique(points.round(6))) for points in diagram.points[:3]] == [1, 2, 4]
+    assert diagram.exponents[3, 0] == pytest.approx(np.log(2), abs=0.03)
+    assert np.isnan(diagram.exponents[:3, 0]).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ([(0.0, 50.0)] * 3, "no parameter that differs"),
+        ([(0.0, 50.0), (0.1, 50.0)], "needs 3 different values"),
+        ([(0.0, 50.0), (0.1, 60.0), (0.2, 70.0)], "several parameters differ"),
+    ],
+)
+def test_runs_without_one_parameter_give_no_diagram(
+    settings: list[tuple[float, float]], words: str
+) -> None:
+    results: list[SegmentResult] = []
+    for K, delta_T in settings:
+        results += analyze_series(harmonic_series(60, {1.0: 1e-5}, K=K, delta_T=delta_T))
+    with pytest.raises(AnalysisError, match=words):
+        bifurcation_diagram(results)
+
+
+def test_points_of_a_ramp_lie_at_the_value_of_their_moment() -> None:
+    n = 600 * 16 + 1
+    K = np.arange(n) // 16 / 600
+    diagram = bifurcation_diagram(analyze_series(harmonic_series(600, {1.0: 1e-5}, K=K)))
+    values = np.concatenate(diagram.point_values)
+    assert np.all(np.diff(values) >= 0)
+    assert len(np.unique(values)) > 500
+
+
+@pytest.mark.filterwarnings("ignore:no such gear")
+def test_exponent_of_the_simulators_chaos_agrees_with_its_tangent_flow() -> None:
+    parameters = Parameters(xi=0.12)
+    series, _ = simulate(build(parameters), 2500)
+    gear = gear_of(to_mapping(parameters), with_model=True)
+    (result,) = analyze_series(series, gear=gear)
+    value, error = result.model_exponent
+    assert result.label == "chaotic"
+    assert result.exponent.value == pytest.approx(value, abs=0.04 + 3 * error)
+    assert sum(c.drive + c.separated + c.back for c in result.contact) == pytest.approx(4)
+
+
+@pytest.mark.filterwarnings("ignore:no such gear")
+def test_a_periodic_motion_of_the_simulator_under_noise() -> None:
+    series, _ = simulate(build(Parameters(xi=0.15)), 600)
+    (clean,) = analyze_series(series)
+    data = series.data.copy()
+    moving = data[:, 5:13]
+    moving += (
+        np.random.default_rng(0).normal(size=moving.shape)
+        * 0.01
+        * np.sqrt(np.mean(moving**2, axis=0))
+    )
+    (noisy,) = analyze_series(TimeSeries(series.times, data, series.names))
+    assert clean.period.value == noisy.period.value
+    assert clean.period.value
+    assert noisy.noise > 0.004
