@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 
+from herringbone_sim.core.integrate import State, Stepper
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 
@@ -27,6 +28,9 @@ UNEVEN = {
     "initial_x": (0.3, -0.2, 0.1, 0.4),
     "initial_noise": 0.2,
 }
+ONE_HARMONIC = {"phasing": "in_phase", "planet_angle": (), "k_amp": (0.25,), "e_amp": (1.0,)}
+CONSTANT = {"k_amp": (), "e_m": 0.0, "e_offset": (0.0,)}
+LINEAR = {"b": 0.0, "b_offset": (0.0,), "delta_T": 0.0}
 
 
 def make(**values):
@@ -34,3 +38,24 @@ def make(**values):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         return build(Parameters(**values))
+
+
+def samples(model, cycles, state=None):
+    stepper = Stepper(model)
+    n = round(cycles * model.parameters.samples_per_cycle)
+    return stepper.advance(state or stepper.start(), n)
+
+
+def state_at(y):
+    return State(np.array(y), 0, 0, 0.0, np.zeros((0, len(y))), np.zeros(0))
+
+
+def after(model, cycles, y):
+    return samples(model, cycles, state_at(y)).end.y
+
+
+def dimensionless(model, row):
+    """(x, v) (2 n_mesh,) of a row of samples."""
+    n, s = model.layout.n_mesh, model.scales
+    scaled = [row[5 : 5 + n] / s.b_c, row[5 + n : 5 + 2 * n] / s.velocity_m_per_s]
+    return np.concatenate(scaled)

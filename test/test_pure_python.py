@@ -1,0 +1,41 @@
+"""The kernel read by the interpreter gives what its compiled form gives, to the bit.
+
+Compiled functions are the same text under another set of rules for types, division and slices;
+this holds the two against each other, and lets coverage see into the kernel.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import interpreted
+import numpy as np
+import pytest
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """(compiled, interpreted) results of all cases."""
+    out = tmp_path_factory.mktemp("interpreted") / "out.npz"
+    path = os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
+    command = [sys.executable, str(HERE / "interpreted.py"), str(out)]
+    subprocess.run(command, env=environment, check=True, timeout=200)
+    with np.load(out) as found:
+        return interpreted.results(interpreted.ready()), dict(found)
+
+
+@pytest.mark.parametrize("part", ["rows", "end", "tangents", "counts"])
+@pytest.mark.parametrize("case", interpreted.CASES)
+def test_interpreted_and_compiled_kernel_agree(both, case, part):
+    compiled, read = (found[f"{case}_{part}"] for found in both)
+    assert np.array_equal(compiled, read)
+
+
+def test_interpreted_and_compiled_search_agree(both):
+    assert np.array_equal(interpreted.leaving(), both[1]["leaving"])
