@@ -1,0 +1,116 @@
+"""Parameter files in the form that ROS 2 takes: ``NODE: {ros__parameters: {NAME: VALUE}}``.
+
+Numbers are read as ROS reads them (``1e-4`` is one), an integer where a double is meant is taken.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from herringbone_sim.core.parameters import (
+    Parameters,
+    from_mapping,
+    meaning,
+    names,
+)
+from herringbone_sim.errors import ParameterError
+
+NODE = "herringbone_sim"
+_FORM = f"write '/**:' or '{NODE}:', under it 'ros__parameters:', under it 'name: value'"
+_OFTEN = 1e-3, 1e6
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML in which a number with an exponent needs no dot, and no key stands twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key) for key, _ in node.value]
+        twice = [key for i, key in enumerate(keys) if key in keys[:i]]
+        if twice:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"{twice[0]!r} stands twice", node.start_mark
+            )
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    list("-+.0123456789"),
+)
+
+
+def load_parameters(path: Path | str) -> Parameters:
+    """Parameters of a file; those that it leaves out have their defaults.
+
+    Raises:
+        ParameterError: no such file, not of this form, an unknown key, or a set that no gear can
+            have; the message begins with the file.
+    """
+    path = Path(path)
+    try:
+        return from_mapping(_values(yaml.load(path.read_text(encoding="utf-8"), _Loader)))
+    except OSError as error:
+        raise ParameterError(f"{path}: {error.strerror}: give a parameter file") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ParameterError(f"{path}: no YAML: {error}: {_FORM}") from None
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+
+
+def save_parameters(path: Path | str, parameters: Parameters, title: str = "") -> None:
+    """Write every parameter with its unit and meaning; OSError where that can't be.
+
+    Args:
+        title: lines of comment for the head of the file.
+    """
+    Path(path).write_text(parameter_text(parameters, title), encoding="utf-8")
+
+
+def parameter_text(parameters: Parameters, title: str = "") -> str:
+    """Text of a parameter file.
+
+    ROS can't type an empty list: an empty ``planet_angle`` is left out, and an empty series of
+    harmonics is written as one of amplitude zero.
+    """
+    head = [f"# {line}".rstrip() for line in title.splitlines()]
+    body = [_line(name, getattr(parameters, name)) for name in names()]
+    return "\n".join([*head, "/**:", "  ros__parameters:", *body]) + "\n"
+
+
+def _line(name: str, value: Any) -> str:
+    about = meaning(name)
+    comment = f"# [{about.unit}] {about.text}{'; live' if about.live else ''}"
+    if value == () and getattr(Parameters, name) == ():
+        return f"    # {name}: left out {comment}"
+    return f"    {name}: {_text((0.0,) if value == () else value)}  {comment}"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(_text(one) for one in value)}]"
+    if not isinstance(value, float):
+        return str(value)
+    if value == 0.0 or _OFTEN[0] <= abs(value) < _OFTEN[1]:
+        return repr(float(value))
+    return next(text for n in range(1, 18) if float(text := f"{value:.{n}e}") == value)
+
+
+def _values(document: Any) -> dict[str, Any]:
+    if not isinstance(document, dict):
+        raise ParameterError(f"the file must hold a mapping, got {document!r}: {_FORM}")
+    values: dict[str, Any] = {}
+    for node, content in document.items():
+        if str(node).rsplit("/", 1)[-1] not in (NODE, "*", "**"):
+            raise ParameterError(f"{node!r} is not this node: {_FORM}")
+        if not isinstance(content, dict) or list(content) != ["ros__parameters"]:
+            raise ParameterError(f"{node!r} must hold ros__parameters alone: {_FORM}")
+        inner = content["ros__parameters"]
+        if not isinstance(inner, dict) or not all(isinstance(key, str) for key in inner):
+            raise ParameterError(f"ros__parameters must hold names and values: {_FORM}")
+        values |= inner
+    return values
