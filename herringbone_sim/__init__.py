@@ -1,5 +1,5 @@
 """Herringbone planetary gear dynamics: stream, steer, record, analyse, diagnose."""
 
-from herringbone_sim.version import VERSION as __version__
+from herringbone_sim.version import VERSION
 
-__all__ = ["__version__"]
+__version__ = VERSION

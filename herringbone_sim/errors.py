@@ -1,4 +1,4 @@
-"""The errors of this package: each says what is wrong, by which rule, the value got, what to do."""
+"""The errors of this package: what is wrong, by which rule, the value got, what to do."""
 
 
 class HerringboneError(Exception):

@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from herringbone_sim.core.integrate import Block, State, Stepper, change, warm_up
@@ -276,14 +276,21 @@ class Loop:
             self._account(block)
 
     def _take_changes(self) -> None:
+        """Act on what was submitted.
+
+        The tangent vector starts afresh: one that ran through long symmetric chaos has lost to
+        rounding the direction in which left and right part, and would never find it again.
+        """
         while self._pending:
             model, values = self._pending[0]
             if self._off_grid(model):
                 return
             self._pending.pop(0)
-            self._state = change(self._model, model, self._state)
-            self._model = model
             self._stepper = Stepper(model)
+            fresh = self._stepper.start(tangents=1)
+            moved = change(self._model, model, self._state)
+            self._state = replace(moved, tangents=fresh.tangents, growth=fresh.growth)
+            self._model = model
             self._anchor = None
             made = Change(self._state.t, dict(values))
             self._untold = (self._untold[0], (*self._untold[1], made))

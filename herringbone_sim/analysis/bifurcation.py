@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.analysis.pipeline import SegmentResult
 from herringbone_sim.analysis.segments import FREQUENCY
@@ -41,6 +42,15 @@ class BifurcationDiagram:
     model_exponents: Array
     periods: tuple[int | None, ...]
     cycles_per_tau: Array
+
+    @property
+    def falling(self) -> NDArray[np.bool_]:
+        """Which of the n were reached from a larger value: the way back of a hysteresis."""
+        falling = np.zeros(len(self.values), dtype=bool)
+        for i in range(1, len(self.values)):
+            step = self.values[i] - self.values[i - 1]
+            falling[i] = falling[i - 1] if step == 0 else step < 0
+        return falling
 
 
 def bifurcation_diagram(

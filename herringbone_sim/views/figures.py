@@ -228,25 +228,36 @@ def has_exponents(diagram: BifurcationDiagram) -> bool:
 
 
 def draw_bifurcation(axes: Axes, diagram: BifurcationDiagram, scale: Scale) -> None:
-    """Section displacements over the parameter."""
-    values = np.concatenate(diagram.point_values)
-    x = np.concatenate(diagram.points) / scale.x
-    size = 1.5 if len(x) > 4000 else 3.0
-    axes.scatter(values, x, s=size, color=INK, linewidths=0, rasterized=len(x) > DENSE)
+    """Section displacements over the parameter; blue where it was reached from above."""
+    size = 1.5 if sum(map(len, diagram.points)) > 4000 else 3.0
+    for falling, colour, label in ((False, INK, "rising"), (True, BLUE, "falling")):
+        at = np.flatnonzero(diagram.falling == falling)
+        if not len(at):
+            continue
+        values = np.concatenate([diagram.point_values[i] for i in at])
+        x = np.concatenate([diagram.points[i] for i in at]) / scale.x
+        dense = len(x) > DENSE
+        axes.scatter(values, x, s=size, color=colour, linewidths=0, rasterized=dense, label=label)
     axes.set(title="bifurcation diagram", ylabel=scale.x_label(diagram.mesh))
+    if diagram.falling.any():
+        axes.legend(loc="lower left", fontsize=8, markerscale=3)
 
 
 def draw_exponents(axes: Axes, diagram: BifurcationDiagram) -> None:
     """Exponents from data, with 90 % intervals, and of the model; per tau where that is known."""
     per_tau = bool(np.isfinite(diagram.cycles_per_tau).all())
     rate = diagram.cycles_per_tau if per_tau else np.ones(len(diagram.values))
-    order = np.argsort(diagram.values, kind="stable")
+    falling = diagram.falling
     value, low, high = (diagram.exponents * rate[:, None]).T
     axes.axhline(0, color=GREY, linewidth=0.8)
     if np.isfinite(diagram.model_exponents[:, 0]).any():
         model = diagram.model_exponents[:, 0] * rate
-        style: Any = {"color": BLUE, "marker": ".", "ms": 3, "label": "model, tangent flow"}
-        axes.plot(diagram.values[order], model[order], **style)
+        for way, line, label in ((False, "-", "model, tangent flow"), (True, ":", "falling")):
+            at = np.flatnonzero(falling == way)
+            order = at[np.argsort(diagram.values[at], kind="stable")]
+            style: Any = {"color": BLUE, "ls": line, "marker": ".", "ms": 3, "label": label}
+            if len(at):
+                axes.plot(diagram.values[order], model[order], **style)
     if np.isfinite(value).any():
         look: Any = {"fmt": "o", "ms": 2.5, "color": ORANGE, "elinewidth": 0.7}
         spread = np.array([value - low, high - value])
