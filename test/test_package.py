@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import ast
 import importlib
-import subprocess
-import sys
+import runpy
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import setuptools
 
 from herringbone_sim import __version__
 
@@ -30,28 +32,23 @@ def manifest() -> ET.Element:
     return ET.parse(ROOT / "package.xml").getroot()
 
 
-def setup_says(*questions: str) -> list[str]:
-    out = subprocess.run(
-        [sys.executable, "setup.py", "--quiet", *questions],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return out.stdout.split()
+def distribution() -> Any:
+    """What setup.py says, without building anything."""
+    said: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(setuptools, "setup", lambda **values: said.update(values))
+        runpy.run_path(str(ROOT / "setup.py"))
+    return SimpleNamespace(**said)
 
 
 def entry_points() -> list[str]:
-    """Entry points as written in setup.py, with its NAME filled in."""
-    tree = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
-    joined = [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
-    texts = [ast.unparse(node)[2:-1].replace("{NAME}", "herringbone_sim") for node in joined]
-    return [text for text in texts if " = " in text]
+    found: list[str] = distribution().entry_points["console_scripts"]
+    return found
 
 
 def test_version_is_the_same_everywhere() -> None:
     assert manifest().findtext("version") == __version__
-    assert setup_says("--name", "--version") == ["herringbone_sim", __version__]
+    assert (distribution().name, distribution().version) == ("herringbone_sim", __version__)
     assert f"\n{__version__} " in (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
 
 
@@ -91,3 +88,28 @@ def test_every_executable_leads_to_a_function(entry: str) -> None:
 
 def test_the_marker_of_the_ament_index_is_there() -> None:
     assert (ROOT / "resource" / "herringbone_sim").is_file()
+
+
+def test_share_holds_what_ros_users_look_for() -> None:
+    shared = {name for _, names in distribution().data_files for name in names}
+    assert shared >= {
+        "package.xml",
+        "resource/herringbone_sim",
+        "launch/simulator.launch.py",
+        "config/rig.yaml",
+        "config/paper.yaml",
+        "config/plotjuggler.xml",
+        "config/foxglove.json",
+    }
+    assert all((ROOT / name).is_file() for name in shared)
+
+
+def test_tests_are_not_installed() -> None:
+    assert all(name.startswith("herringbone_sim") for name in distribution().packages)
+
+
+def test_ros_stays_an_extra_for_pip() -> None:
+    found = distribution()
+    assert not [line for line in found.install_requires if line.startswith("ros-")]
+    assert [line for line in found.extras_require["ros"] if "rclpy[fastrtps]" in line]
+    assert [line for line in found.install_requires if line.startswith("rerun-sdk==0.41.*")]
