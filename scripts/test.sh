@@ -1,0 +1,66 @@
+#!/usr/bin/env bash
+# Set up, then run every check and test; the exit code is non-zero when any of them fails.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+bash scripts/setup.sh test
+export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+export PATH="$PWD/.venv/bin:$PATH"
+
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+summary=()
+failed=0
+
+# Runs a stage and notes how it went: `stage NAME COMMAND...`.
+stage() {
+  local name=$1 began=$SECONDS result=ok
+  shift
+  printf '\n== %s\n' "$name"
+  "$@" || { result=FAILED; failed=1; }
+  summary+=("$(printf '%-20s %-7s %5d s' "$name" "$result" $((SECONDS - began)))")
+}
+
+tests() { python -m pytest --cov=herringbone_sim --cov-report= | tee "$work/pytest.txt"; }
+
+# At least 95 % of the lines of one folder of the package.
+covered() { python -m coverage report --include="herringbone_sim/$1/*" --fail-under=95 --skip-covered; }
+
+# A workspace outside the tree, as a ROS user has it.
+build() {
+  mkdir -p "$work/ws/src/herringbone_sim"
+  tar -c --exclude-vcs --exclude=./.venv --exclude=./runs --exclude=./demo --exclude=./build \
+    --exclude=./install --exclude=./log --exclude=./.*_cache . | tar -x -C "$work/ws/src/herringbone_sim"
+  (cd "$work/ws" && colcon build)
+}
+
+# The whole suite has run already; here a part of it shows that colcon finds and reports tests.
+colcon_test() {
+  (
+    cd "$work/ws" &&
+      colcon test --return-code-on-test-failure --pytest-args \
+        test/test_package.py test/test_launch.py test/test_layout.py test/test_parameters.py &&
+      colcon test-result --verbose
+  )
+}
+
+# The installed executable starts in the environment that install/setup.bash makes, and ends.
+installed() {
+  (cd "$work/ws" && bash "$OLDPWD/scripts/try_installed.sh")
+}
+
+stage "ruff check" ruff check .
+stage "ruff format" ruff format --check .
+stage "mypy" mypy
+stage "import contracts" lint-imports
+stage "pytest" tests
+stage "coverage: core" covered core
+stage "coverage: recording" covered recording
+stage "colcon build" build
+stage "colcon test" colcon_test
+stage "installed node" installed
+
+printf '\n== summary\n'
+printf '%s\n' "${summary[@]}"
+tail -n 1 "$work/pytest.txt"
+exit "$failed"
