@@ -53,5 +53,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
+def analyze() -> int:
+    """``ros2 run herringbone_sim analyze``."""
+    return main(["analyze", *sys.argv[1:]])
+
+
 if __name__ == "__main__":
     sys.exit(main())
