@@ -54,7 +54,7 @@ setup(
     entry_points={
         "console_scripts": [
             f"simulator = {NAME}.ros.main:main",
-            f"analyze = {NAME}.cli.analyze:main",
+            f"analyze = {NAME}.__main__:analyze",
             f"chaos_control = {NAME}.examples.chaos_control:main",
         ],
     },
