@@ -33,7 +33,7 @@ def test_left_is_right_to_the_bit_with_unequal_planets(uneven):
     assert not np.allclose(rows[:, 5], rows[:, 6])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(cuts=st.lists(st.integers(1, 60), min_size=1, max_size=6), rk4=st.booleans())
 def test_blocks_of_whatever_size_give_the_same_bits(cuts, rk4):
     model = make(**UNEVEN, K=0.1, control_order=1.5, method="rk4" if rk4 else "taylor")
