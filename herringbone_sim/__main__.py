@@ -8,6 +8,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 
+from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
 
@@ -38,11 +39,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the verb: 2 with one clear line when the input is wrong."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     asked = arguments[:1]
+    if not asked:
+        parser().print_help()
+        return 2
     commands = parser(asked if asked and asked[0] in VERBS else VERBS)
     args, rest = commands.parse_known_args(arguments)
-    if rest and not hasattr(args, "rest"):
-        commands.error(f"unknown arguments {' '.join(rest)}: see --help")
+    if rest and not (hasattr(args, "rest") and rest[0] == "--ros-args"):
+        hint = "ROS arguments follow --ros-args" if hasattr(args, "rest") else "see --help"
+        commands.error(f"unknown arguments {' '.join(rest)}: {hint}")
     args.rest = rest
+    warnings.simplefilter("once", ParameterWarning)
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         return int(args.func(args))

@@ -70,11 +70,12 @@ def repeat(recording: Recording) -> Iterator[tuple[Array, int]]:
         )
     cuts = _cuts(recording)
     ends = [*[at for at, _ in cuts[1:]], len(recording.samples)]
+    made = 0
     for (at, values), end in zip(cuts, ends, strict=True):
         new = build(model.parameters.changed(values))
         state = change(model, new, state)
         model, stepper = new, Stepper(new)
-        made = 1 if values else 0
+        made += 1 if values else 0
         while at < end:
             block = stepper.advance(state, min(CHUNK, end - at))
             yield block.rows, made
@@ -107,10 +108,11 @@ def _cuts(recording: Recording) -> list[tuple[int, dict[str, Any]]]:
     for made in recording.changes:
         values = {k: v for k, v in made.values.items() if k in live_names()}
         at = int(np.searchsorted(times, made.t_s - 1e-9))
-        if not values or at >= len(times):
-            continue
-        if at == cuts[-1][0]:
-            cuts[-1][1].update(values)
-        else:
+        if at < cuts[-1][0]:
+            raise RecordingError(
+                f"{recording.name} has a change at {made.t_s!r} s behind a later one: its "
+                "changes are out of order, so it can't be repeated"
+            )
+        if values and at < len(times):
             cuts.append((at, values))
     return cuts

@@ -7,22 +7,26 @@ On overload it slips and goes on from now, never bursts to catch up.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from herringbone_sim.core.integrate import Block, State, Stepper, change, warm_up
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.core.parameters import live_names
+from herringbone_sim.errors import HerringboneError, ParameterError
 
 BLOCK_WALL_S = 0.02
 LATEST_BLOCK_S = 0.1
 FREE_CYCLES = 64
+MOST_SAMPLES = 100_000
 LATE_S = 0.1
 IDLE_S = 0.05
 
@@ -144,6 +148,9 @@ class Loop:
         self._untold: tuple[bool, tuple[Change, ...]] = (False, ())
         self._begin(model)
         self._anchor: tuple[float, float] | None = None
+        self._rate = 0.0
+        self._ready = False
+        self._diverged = False
         self._thread = threading.Thread(target=self._run, name="integrator", daemon=True)
 
     def _begin(self, model: Model) -> None:
@@ -178,7 +185,8 @@ class Loop:
         self._stop.set()
         with self._lock:
             self._lock.notify_all()
-        if self._thread.is_alive() and self._thread is not threading.current_thread():
+        compiling = self._thread.is_alive() and not self._ready
+        if self._thread.is_alive() and not compiling:
             self._thread.join()
 
     def submit(self, model: Model, values: Mapping[str, Any]) -> None:
@@ -186,6 +194,11 @@ class Loop:
         with self._lock:
             self._pending.append((model, values))
             self._lock.notify_all()
+
+    @property
+    def ready(self) -> bool:
+        """Whether the kernel is compiled."""
+        return self._ready
 
     def set_factor(self, real_time_factor: float) -> None:
         with self._lock:
@@ -209,9 +222,8 @@ class Loop:
         with self._lock:
             if not self._paused:
                 return "step needs a paused simulation: call pause first"
-            start = self.pace.samples
             self._steps_left = cycles * self._model.parameters.samples_per_cycle
-            wanted = self._steps_left
+            self._diverged = False
             self._lock.notify_all()
             done = self._lock.wait_for(
                 lambda: self._steps_left == 0 or self._stop.is_set(), timeout_s
@@ -219,14 +231,13 @@ class Loop:
             if not done:
                 self._steps_left = 0
                 return f"step did not finish within {timeout_s:g} s"
-            made = self.pace.samples - start
-        return "" if made == wanted else f"the motion diverged after {made} of {wanted} samples"
+        return "the motion diverged on the way" if self._diverged else ""
 
     def call(self, do: Callable[[Model, State], T], timeout_s: float = 30.0) -> T:
         """Result of do(model, state), run by the loop's thread between two blocks.
 
         Raises:
-            TimeoutError: the loop did not come to it in time.
+            HerringboneError: the loop did not come to it in time.
         """
         answer: Future[T] = Future()
 
@@ -237,19 +248,29 @@ class Loop:
                 answer.set_exception(error)
 
         with self._lock:
-            self._calls.append(run)
-            self._lock.notify_all()
-        return answer.result(timeout_s)
+            if self._ready:
+                self._calls.append(run)
+                self._lock.notify_all()
+            else:
+                run()
+        try:
+            return answer.result(timeout_s)
+        except FutureTimeoutError as error:
+            raise HerringboneError(
+                f"the simulation did not come to it within {timeout_s:g} s: try again"
+            ) from error
 
     def reset(self) -> None:
         """Back to the initial state at t = 0; a paused loop stays paused. For use in ``call``."""
         self._begin(self._model)
         self._anchor = None
-        self._untold = (True, self._untold[1])
+        self._untold = (True, ())
 
     def _run(self) -> None:
         try:
             warm_up(self._model)
+            with self._lock:
+                self._ready = True
             while not self._stop.is_set():
                 self._turn()
         except Exception as error:
@@ -266,9 +287,12 @@ class Loop:
                 if not self._calls:
                     self._lock.wait(IDLE_S)
                 return
-            n = self._block_length()
+            n, factor = self._block_length(), self._factor
+        began = self._clock()
         block = self._stepper.advance(self._state, n)
-        self._keep_pace(block)
+        took = self._clock() - began
+        self._rate = len(block.rows) / took if took > 0.0 else 0.0
+        self._keep_pace(block, factor)
         restarted, changes = self._untold
         self._untold = (False, ())
         self._deliver(Delivery(block, self._model, changes, restarted))
@@ -286,6 +310,9 @@ class Loop:
             if self._off_grid(model):
                 return
             self._pending.pop(0)
+            old, new = self._model.parameters, model.parameters
+            left = self._steps_left * new.samples_per_cycle / old.samples_per_cycle
+            self._steps_left = math.ceil(left)
             self._stepper = Stepper(model)
             fresh = self._stepper.start(tangents=1)
             moved = change(self._model, model, self._state)
@@ -307,23 +334,28 @@ class Loop:
             n = FREE_CYCLES * per_cycle
         else:
             n = max(int(BLOCK_WALL_S * self._factor / sample_period_s(self._model)), 1)
+        if self._rate:
+            n = min(n, max(int(self._rate * LATEST_BLOCK_S / 2.0), 1))
+        n = min(n, MOST_SAMPLES)
         if self._pending:
             stride = self._model.parameters.steps // per_cycle
             n = min(n, (self._model.parameters.steps - self._state.index) // stride)
         return min(n, self._steps_left) if self._steps_left else n
 
-    def _keep_pace(self, block: Block) -> None:
+    def _keep_pace(self, block: Block, factor: float) -> None:
+        """Wait until the block is due at the factor it was made for; a new one ends the wait."""
         now = self._clock()
-        if self._factor == 0.0 or self._steps_left:
+        if factor == 0.0 or self._steps_left:
             return
-        if self._anchor is None:
-            self._anchor = (now, block.start.t)
-        due = self._anchor[0] + (block.end.t - self._anchor[1]) / self._factor
+        anchor = self._anchor or (now, block.start.t)
+        due = anchor[0] + (block.end.t - anchor[1]) / factor
         if now > due + LATE_S:
             self.pace.overruns += 1
-            self._anchor = (now, block.end.t)
-        elif due > now:
-            self._sleep(due - now)
+            anchor = (now, block.end.t)
+        self._anchor = anchor if factor == self._factor else None
+        while due > now and factor == self._factor and not self._stop.is_set():
+            self._sleep(min(due - now, IDLE_S))
+            now = self._clock()
 
     def _account(self, block: Block) -> None:
         self.pace.samples += len(block.rows)
@@ -333,10 +365,12 @@ class Loop:
             self._steps_left = max(self._steps_left - len(block.rows), 0)
             self._lock.notify_all()
         if block.diverged:
-            self._paused = True
+            self._paused = self._diverged = True
             self._steps_left = 0
             self._lock.notify_all()
+            p = self._model.parameters
+            live = ", ".join(f"{name}={getattr(p, name)!r}" for name in live_names())
             self._fail(
                 f"the motion diverged at t = {block.rows[-1, 0]:.9g} s: paused; reset after "
-                f"changing parameters ({self._model.parameters})"
+                f"changing parameters ({live}, method={p.method}, steps={p.steps})"
             )

@@ -218,7 +218,23 @@ def test_the_papers_gear_is_warned_about_and_runs():
 
 
 def test_given_planet_angles_need_no_equal_spacing():
-    assert warnings_of(planet_angle=(0.0, 117.0, 242.0)) == []
+    assert warnings_of(planet_angle=(0.0, 360.0 * 34 / 104, 360.0 * 70 / 104)) == []
+    assert "33.800" in warnings_of(planet_angle=(0.0, 117.0, 360.0 * 70 / 104))[0]
+    touching = warnings_of(planet_angle=(0.0, 360.0 * 3 / 104, 360.0 * 70 / 104))
+    assert "touch" in touching[0]
+
+
+def test_slow_meshes_and_high_harmonics_get_more_steps():
+    """The step stays short against the natural period and the fastest excitation."""
+    for values, least in (
+        ({"Omega": 0.25}, 64),
+        ({"k_amp": (0.1,) * 8}, 128),
+        ({"e_amp": (1.0, 0.5, 0.2)}, 48),
+        ({"control_order": 10.0}, 160),
+        ({"Omega": 3.0}, 16),
+    ):
+        assert Parameters(**values).steps == least
+    assert Parameters(Omega=0.25, method="rk4").steps == 16
 
 
 def test_a_gear_that_can_be_assembled_raises_no_warning():

@@ -15,7 +15,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="list every parameter of the model with unit, range and meaning",
         description="List every parameter of the model: name, default, unit, range or choices, "
         "meaning with its equation in the paper. A star marks those that may change while the "
-        "node runs; the others are set in a parameter file such as config/rig.yaml.",
+        "node runs; the others are set in a parameter file such as config/rig.yaml. Those of the "
+        "node itself (real_time_factor, record, mirror, ...) are in docs/ros2.md.",
     )
     parser.set_defaults(func=show)
 

@@ -92,7 +92,7 @@ class Parameters:
         (1.0,), "-", "harmonics of e(t), orders 1, 2, ..., as shares of e_m, Eqs. (9), (10)"
     )
     e_mean: float = _p(0.0, "b_c", "mean of the mesh error, Eq. (9)", -1e4, 1e4)
-    e_factor: tuple[float, ...] = _p((1.0,), "-", "factor on e of each mesh")
+    e_factor: tuple[float, ...] = _p((1.0,), "-", "factor on the harmonics of e of each mesh")
     e_offset: tuple[float, ...] = _p((0.0,), "m", "constant displacement of each mesh")
     phi_b: tuple[float, ...] = _p((0.0,), "rad", "phase of e(t) of each mesh, Eqs. (9), (10)")
     mesh_phase: tuple[float, ...] = _p(
@@ -150,7 +150,11 @@ class Parameters:
     )
     order: int = _p(12, "-", "order of the Taylor series", 4, 30)
     steps_per_cycle: int = _p(
-        16, "-", "least number of steps a mesh cycle (samples_per_cycle divides it)", 4, 100000
+        16,
+        "-",
+        "least steps a mesh cycle; taylor takes more at Omega below 1 and for higher harmonics",
+        4,
+        100000,
     )
     samples_per_cycle: int = _p(16, "-", "samples recorded a mesh cycle", 1, 10000, live=True)
 
@@ -168,8 +172,16 @@ class Parameters:
 
     @property
     def steps(self) -> int:
-        """Steps a mesh cycle: the least multiple of the samples that has enough of them."""
-        return self.samples_per_cycle * math.ceil(self.steps_per_cycle / self.samples_per_cycle)
+        """Steps a mesh cycle: the least multiple of the samples that has enough of them.
+
+        The Taylor step holds its error where it is short against the natural period (a slow mesh
+        has many of them in a cycle) and against the highest harmonic of what excites it.
+        """
+        least: float = self.steps_per_cycle
+        if self.method == "taylor":
+            orders = (len(self.k_amp), len(self.e_amp), self.control_order)
+            least *= max(1.0 / self.Omega, *orders, 1.0)
+        return self.samples_per_cycle * math.ceil(least / self.samples_per_cycle - 1e-9)
 
     def changed(self, values: Mapping[str, Any]) -> Parameters:
         """A copy with some values changed, coerced by ``coerce``; ParameterError as when built."""
@@ -282,9 +294,20 @@ def _check_lists(p: Parameters) -> None:
                 f"{name} must have {allowed[0]} or {allowed[1]} values in the {p.model} model, "
                 f"got {len(getattr(p, name))}"
             )
+    if min(p.c_factor) < 0.0:
+        raise ParameterError(f"c_factor must not be negative, got {min(p.c_factor)}")
     for name in ("I_s_factor", "I_p_factor", "k_factor"):
         if min(getattr(p, name)) <= 0.0:
             raise ParameterError(f"{name} must be positive, got {min(getattr(p, name))}")
+
+
+def _least_gap_deg(p: Parameters) -> float:
+    """Smallest angle between neighbouring planets."""
+    if not p.planet_angle:
+        return 360.0 / p.n_planets
+    angles = sorted(angle % 360.0 for angle in p.planet_angle)
+    following = [*angles[1:], angles[0] + 360.0]
+    return min(b - a for a, b in zip(angles, following, strict=True))
 
 
 def _check_gear(p: Parameters) -> None:
@@ -308,11 +331,18 @@ def _check_gear(p: Parameters) -> None:
             f"{p.n_planets} equally spaced planets need (z_s + z_r) / N to be whole, got "
             f"{p.z_s + p.z_r} / {p.n_planets} = {(p.z_s + p.z_r) / p.n_planets:.3f}"
         )
-    if 2 * p.z_p + 4 >= 2 * (p.z_s + p.z_p) * math.sin(math.pi / p.n_planets) and p.n_planets > 1:
+    for angle in p.planet_angle:
+        turns = (p.z_s + p.z_r) * (angle - p.planet_angle[0]) / 360.0
+        if abs(turns - round(turns)) > 1e-6:
+            rules.append(
+                f"a planet at {angle:g} deg from one at {p.planet_angle[0]:g} deg needs "
+                f"(z_s + z_r) times the angle over 360 to be whole, got {turns:.3f}"
+            )
+    apart = (p.z_s + p.z_p) * math.sin(math.radians(_least_gap_deg(p)) / 2.0)
+    if p.n_planets > 1 and apart <= p.z_p + 2:
         rules.append(
-            f"neighbouring planets touch: (z_s + z_p) sin(pi / N) = "
-            f"{(p.z_s + p.z_p) * math.sin(math.pi / p.n_planets):.1f} must exceed z_p + 2 = "
-            f"{p.z_p + 2}"
+            f"neighbouring planets touch: (z_s + z_p) sin(gap / 2) = {apart:.1f} must exceed "
+            f"z_p + 2 = {p.z_p + 2}"
         )
     for rule in rules:
         warnings.warn(

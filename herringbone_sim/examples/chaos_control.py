@@ -19,6 +19,7 @@ from collections.abc import Sequence
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
@@ -30,10 +31,12 @@ class ChaosControl(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__("chaos_control")
         simulator = self.declare_parameter("simulator", "/herringbone_sim").value.rstrip("/")
+        free = ParameterDescriptor(dynamic_typing=True)  # an integer is as good as a double
         self._wanted = str(self.declare_parameter("wanted", "P").value)
-        self._step = float(self.declare_parameter("step", 0.05).value)
-        self._largest = float(self.declare_parameter("largest", 1.0).value)
-        self._dwell = float(self.declare_parameter("dwell", 0.5).value)
+        self._step = float(self.declare_parameter("step", 0.05, free).value)
+        self._largest = float(self.declare_parameter("largest", 1.0, free).value)
+        self._dwell = float(self.declare_parameter("dwell", 0.5, free).value)
+        self.get_logger().info(f"listening to {simulator}/regime")
         self._K, self._rising, self._since = 0.0, True, time.monotonic()
         self.found: dict[str, float] = {}
         self.done = False
@@ -76,6 +79,9 @@ class ChaosControl(Node):  # type: ignore[misc]
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run until both edges are found or K reaches its bounds."""
+    if "--help" in (sys.argv if args is None else args):
+        print(__doc__)
+        return 0
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

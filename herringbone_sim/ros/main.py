@@ -10,12 +10,15 @@ from collections.abc import Sequence
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.ros.node import SimulatorNode
+
+OF_ROS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -23,21 +26,21 @@ def main(args: Sequence[str] | None = None) -> int:
 
     ROS stays up until the node has ended its recording, so the signals are handled here.
     """
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     node = None
     try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         node.get_logger().info(f"running the {node.get_parameter('model').value} model")
-        executor = SingleThreadedExecutor()
+        executor = MultiThreadedExecutor(num_threads=2)
         executor.add_node(node)
         while not stop.is_set() and rclpy.ok():
             executor.spin_once(timeout_sec=0.2)
     except ExternalShutdownException:
         pass
-    except (HerringboneError, ParameterException) as error:
+    except (HerringboneError, ParameterException, *OF_ROS) as error:
         print(f"herringbone_sim: {error}", file=sys.stderr)
         return 2
     finally:

@@ -11,7 +11,9 @@ import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -31,6 +33,7 @@ from herringbone_sim.runtime import Delivery, Loop, check_pace
 
 NAME = "herringbone_sim"
 COMMANDS = ("K", "delta_T")
+PACE = ("real_time_factor", "publish_rate")
 
 
 class SimulatorNode(Node):  # type: ignore[misc]
@@ -45,6 +48,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
         ros_parameters.declare(self)
         self.add_pre_set_parameters_callback(self._convert)
         self._target = ros_parameters.read_model(self)
+        self._service_group = MutuallyExclusiveCallbackGroup()
         self._rejected, self._last_rejected, self._fault = 0, "", ""
         model = build(self._target)
         factor = self._get("real_time_factor")
@@ -85,7 +89,8 @@ class SimulatorNode(Node):  # type: ignore[misc]
             "record/stop": self._record_stop,
         }
         for name, serve in services.items():
-            self.create_service(Trigger, f"~/{name}", _answering(serve))
+            answer = _answering(serve)
+            self.create_service(Trigger, f"~/{name}", answer, callback_group=self._service_group)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._diagnose, clock=steady)
@@ -137,13 +142,22 @@ class SimulatorNode(Node):  # type: ignore[misc]
         return [ros_parameters.as_double(p) for p in parameters]
 
     def _validate(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        values = ros_parameters.plain(parameters)
         try:
-            self._check(values)
+            self._check(ros_parameters.plain(parameters))
         except ParameterError as error:
-            self._reject(str(error))
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As in rclpy; every refusal, also by range or type, is counted and reported."""
+        try:
+            result = super().set_parameters_atomically(parameter_list)
+        except ParameterException as error:
+            self._reject(str(error))
+            raise
+        if not result.successful:
+            self._reject(result.reason)
+        return result
 
     def _check(self, values: dict[str, Any]) -> None:
         for name, value in values.items():
@@ -156,9 +170,10 @@ class SimulatorNode(Node):  # type: ignore[misc]
     def _act(self, parameters: Sequence[Parameter]) -> None:
         values = ros_parameters.plain(parameters)
         of_model = {k: v for k, v in values.items() if k in core.live_names()}
-        if of_model:
+        recorded = of_model | {k: v for k, v in values.items() if k in PACE}
+        if recorded:
             self._target = self._target.changed(of_model)
-            self.loop.submit(build(self._target), of_model)
+            self.loop.submit(build(self._target), recorded)
         if "real_time_factor" in values:
             self.loop.set_factor(values["real_time_factor"])
         if "publish_rate" in values:
@@ -172,9 +187,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
     def _command(self, name: str) -> Any:
         def take(message: Float64) -> None:
             parameter = Parameter(name, Parameter.Type.DOUBLE, message.data)
-            result = self.set_parameters_atomically([parameter])
-            if not result.successful and self._last_rejected != result.reason:
-                self._reject(result.reason)
+            self.set_parameters_atomically([parameter])
 
         return take
 
@@ -200,19 +213,27 @@ class SimulatorNode(Node):  # type: ignore[misc]
 
     def _reset(self) -> str:
         name = self._next_name()
-        path = self.loop.call(lambda *_: self._reset_now(name))
-        self._fault = ""
+        said = self.loop.call(lambda *_: self._reset_now(name))
         self._tick()
-        return "reset to t = 0 s" + (f"; recording goes on in {path}" if path else "")
+        return f"reset to t = 0 s{said}"
 
-    def _reset_now(self, name: str) -> Path | None:
-        recording = self.recorder.path
+    def _reset_now(self, name: str) -> str:
+        """Reset in any case; what came of a recording that was running."""
+        recording, said = self.recorder.path, ""
         if recording:
-            self.recorder.stop()
+            try:
+                self.recorder.stop()
+            except RecordingError as error:
+                said = f"; the recording had ended: {error}"
         self.loop.reset()
-        if not recording:
-            return None
-        return self._start_recording(self.loop.model, self.loop.state, name)
+        self._fault = ""
+        if recording and not said:
+            try:
+                path = self._start_recording(self.loop.model, self.loop.state, name)
+                said = f"; recording goes on in {path}"
+            except RecordingError as error:
+                said = f"; not recording: {error}"
+        return said
 
     def _record_start(self) -> str:
         name = self._next_name()
@@ -220,7 +241,10 @@ class SimulatorNode(Node):  # type: ignore[misc]
         return f"recording to {path}"
 
     def _start_recording(self, model: Model, state: State, name: str = "") -> Path:
-        folder = Path(self._get("record_dir")).expanduser()
+        try:
+            folder = Path(self._get("record_dir")).expanduser()
+        except RuntimeError as error:
+            raise RecordingError(f"record_dir {self._get('record_dir')!r}: {error}") from error
         return self.recorder.start(folder, name or self._next_name(), model, state)
 
     def _next_name(self) -> str:
@@ -233,6 +257,8 @@ class SimulatorNode(Node):  # type: ignore[misc]
         return f"{written} samples written, {offered - written} lost, to {path}"
 
     def _diagnose(self) -> None:
+        if not self.loop.ready:
+            self.get_logger().info("compiling the kernel, once: about 15 s", once=True)
         message = DiagnosticArray(status=[self._status()])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -255,8 +281,8 @@ class SimulatorNode(Node):  # type: ignore[misc]
             "last_rejected_command": self._last_rejected,
             "fault": self._fault,
         }
-        level, text = DiagnosticStatus.OK, "running"
-        late = wanted > 0 and not self.loop.paused and reached < 0.9 * wanted
+        level, text = DiagnosticStatus.OK, "running" if self.loop.ready else "compiling the kernel"
+        late = self.loop.ready and wanted > 0 and not self.loop.paused and reached < 0.9 * wanted
         if late or self.mirror.state.startswith("failed"):
             level, text = DiagnosticStatus.WARN, "behind" if late else self.mirror.state
         if self._fault or self.recorder.error:
@@ -292,9 +318,10 @@ def _answering(serve: Any) -> Any:
         try:
             response.message = serve()
             response.success = True
-        except (HerringboneError, TimeoutError) as error:
-            response.message = str(error) or "the simulation did not answer in time"
-            response.success = False
+        except HerringboneError as error:
+            response.message, response.success = str(error), False
+        except Exception as error:
+            response.message, response.success = f"this is an error of ours: {error!r}", False
         return response
 
     return answer

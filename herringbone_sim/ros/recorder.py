@@ -129,7 +129,8 @@ class Recorder:
             self._queue.put(None)
         thread.join()
         if self.error:
-            raise RecordingError(f"{self.error} (kept: {writer.path})")
+            error, self.error = self.error, ""
+            raise RecordingError(f"{error} (kept: {writer.path})")
         return writer.path, writer.samples_written, self.offered
 
     def _run(self, writer: RunWriter) -> None:
@@ -150,9 +151,9 @@ class Recorder:
                     flushed = time.monotonic()
                 if ended:
                     writer.close({"samples_offered": str(self.offered)})
-            except RecordingError as error:
-                self.error = str(error)
-                self._warn(f"the recording ended: {error}; the simulation goes on")
+            except Exception as error:
+                self.error = str(error) if isinstance(error, RecordingError) else repr(error)
+                self._warn(f"the recording ended: {self.error}; the simulation goes on")
             if ended:
                 return
 

@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from queue import Empty, Full, Queue
 
 import numpy as np
@@ -102,6 +103,7 @@ class Streams:
         self._monitor = RegimeMonitor()
         self._told = 0.0
         self._batch: list[Delivery] = []
+        self._missed: Delivery | None = None
         self._queue: Queue[Delivery | None] = Queue(QUEUE_BLOCKS)
         self._thread = threading.Thread(target=self._run, name="streams", daemon=True)
 
@@ -115,11 +117,19 @@ class Streams:
             self._thread.join(10.0)
 
     def put(self, delivery: Delivery) -> None:
-        """Take a delivery, or drop and count it when the queue is full."""
+        """Take a delivery, or drop and count it when the queue is full.
+
+        The next one then carries its changes, and has the monitor start afresh.
+        """
+        missed, self._missed = self._missed, None
+        if missed:
+            changes = (*missed.changes, *delivery.changes)
+            delivery = replace(delivery, changes=changes, restarted=True)
         try:
             self._queue.put_nowait(delivery)
         except Full:
             self.dropped += 1
+            self._missed = delivery
 
     def announce(self, delivery: Delivery) -> None:
         """Publish ``~/channels``: names, units, parameters in force, what changed and when."""
@@ -136,10 +146,14 @@ class Streams:
                 continue
             if delivery is None or not self._node.context.ok():
                 return
-            self._publish(delivery)
-            self._batch.append(delivery)
-            if time.monotonic() - self._told >= REGIME_S:
-                self._tell()
+            try:
+                self._publish(delivery)
+                self._batch.append(delivery)
+                if time.monotonic() - self._told >= REGIME_S:
+                    self._tell()
+            except Exception as error:
+                self.dropped += 1
+                self._node.get_logger().error(f"a block was not published: {error!r}")
 
     def _publish(self, delivery: Delivery) -> None:
         block, names = delivery.block, delivery.model.layout.channels
