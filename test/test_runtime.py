@@ -252,3 +252,65 @@ def test_deliveries_are_contiguous(model: Model, runs: list[Run]) -> None:
     run.loop.close()
     for before, after in pairwise(run.got):
         assert before.block.end is after.block.start
+
+
+def test_a_slower_factor_does_not_sleep_out_the_old_block(model: Model, runs: list[Run]) -> None:
+    """A block made at factor 1 or 0 must not be waited for at 0.001: that took 20 s."""
+    for before in (1.0, 0.0):
+        run = Run(model, real_time_factor=before)
+        runs.append(run)
+        run.loop.start()
+        run.until(4)
+        run.loop.set_factor(1e-3)
+        run.clock.slept.clear()
+        at, made = run.clock.now, len(run.got)
+        run.until(made + 8)
+        run.loop.close()
+        assert run.clock.now - at < 0.1 * (len(run.got) - made + 1)
+
+
+def test_blocks_stay_short_when_computing_is_slow(model: Model, runs: list[Run]) -> None:
+    """At factor 1000 a block of 20 ms would take seconds to compute."""
+    run = Run(model, real_time_factor=1000.0)
+    runs.append(run)
+    advance = run.loop._stepper.advance
+
+    def slow(state: object, n: int) -> object:
+        run.clock.now += n * 1e-5
+        return advance(state, n)
+
+    run.loop._stepper.advance = slow
+    run.loop.start()
+    run.until(6)
+    run.loop.close()
+    assert all(len(d.block.rows) * 1e-5 <= 0.06 for d in run.got[1:])
+
+
+def test_step_counts_cycles_when_the_sample_grid_changes(model: Model, runs: list[Run]) -> None:
+    run = Run(model, paused=True)
+    runs.append(run)
+    run.loop.start()
+    assert run.loop.step(2) == ""
+    for grid in (64, 10, 16):
+        before = run.loop.state.cycle
+        values = {"samples_per_cycle": grid}
+        run.loop.submit(build(model.parameters.changed(values)), values)
+        assert run.loop.step(3) == ""
+        assert run.loop.state.cycle == before + 3
+        assert run.loop.state.index == 0
+
+
+def test_a_reset_drops_what_was_changed_while_paused(model: Model, runs: list[Run]) -> None:
+    run = Run(model, paused=True)
+    runs.append(run)
+    run.loop.start()
+    assert run.loop.step(5) == ""
+    run.loop.submit(build(model.parameters.changed({"K": 0.3})), {"K": 0.3})
+    while run.loop.model.parameters.K != 0.3:
+        time.sleep(0.002)
+    run.loop.call(lambda *_: run.loop.reset())
+    assert run.loop.step(1) == ""
+    assert run.got[-1].restarted
+    assert run.got[-1].changes == ()
+    assert run.got[-1].block.rows[0, 0] == 0.0
+    assert run.got[-1].block.rows[0, 2] == 0.3

@@ -156,3 +156,63 @@ def test_as_fast_as_possible_loses_no_sample_either(bench: Bench, tmp_path: Path
     np.testing.assert_allclose(np.diff(run.samples["phase"]), 2 * np.pi / 16, rtol=1e-6)
     assert run.samples.times[0] == 0.0
     assert verify(run).identical
+
+
+def test_a_burst_of_changes_at_one_sample_is_repeated_to_the_bit(
+    bench: Bench, tmp_path: Path
+) -> None:
+    node = bench.simulator(record=True, record_dir=str(tmp_path), record_name="burst")
+    wait_until(lambda: node.loop.t_s > 0.05)
+    for k in range(30):
+        assert bench.set(Omega=1.0 - 0.1 * (k % 2))[0].successful
+    reached = node.loop.t_s
+    wait_until(lambda: node.loop.t_s > reached + 0.05)
+    assert bench.call("record/stop").success
+    run = read_recording(tmp_path / "burst")
+    assert len(run.changes) == 30
+    assert verify(run).identical
+
+
+def test_a_slow_mesh_does_not_diverge_while_running(bench: Bench) -> None:
+    """Sixteen steps a cycle were far too few at Omega 0.05."""
+    node = bench.simulator(real_time_factor=0.0)
+    assert bench.set(Omega=0.05)[0].successful
+    wait_until(lambda: node.loop.model.parameters.Omega == 0.05)
+    reached = node.loop.state.cycle
+    wait_until(lambda: node.loop.state.cycle > reached + 200, 60.0)
+    assert not node.loop.paused
+
+
+def test_an_unforeseen_error_ends_neither_recorder_nor_node(bench: Bench, tmp_path: Path) -> None:
+    node = bench.simulator(record_dir="~nosuchuser/x")
+    refused = bench.call("record/start")
+    assert not refused.success
+    assert "nosuchuser" in refused.message
+    assert bench.set(record_dir=str(tmp_path), record_name="spoilt")[0].successful
+
+    def broken(_: object) -> list[int]:
+        raise ValueError("no such row")
+
+    node.recorder._decimate = broken
+    assert bench.call("record/start").success
+    reached = node.loop.t_s
+    wait_until(lambda: "no such row" in node.recorder.error)
+    wait_until(lambda: node.loop.t_s > reached + 0.1)
+    stopped = bench.call("record/stop")
+    assert not stopped.success
+    assert "no such row" in stopped.message
+
+
+def test_a_reset_happens_even_where_the_next_run_cant_be_written(
+    bench: Bench, tmp_path: Path
+) -> None:
+    node = bench.simulator(record=True, record_dir=str(tmp_path), record_name="one")
+    wait_until(lambda: node.loop.t_s > 0.05)
+    (tmp_path / "file").write_text("in the way")
+    assert bench.set(record_dir=str(tmp_path / "file"))[0].successful
+    assert bench.call("pause").success
+    answer = bench.call("reset")
+    assert answer.success
+    assert "not recording" in answer.message
+    assert node.loop.t_s == 0.0
+    assert read_recording(tmp_path / "one").complete

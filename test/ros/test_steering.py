@@ -40,8 +40,11 @@ def test_describe_reads_like_a_manual(bench: Bench) -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9])
 def test_values_that_no_gear_has_are_refused(bench: Bench, bad: float) -> None:
     node = bench.simulator()
-    for name in ("K", "delta_T", "xi", "Omega", "real_time_factor", "publish_rate"):
+    names = ("K", "delta_T", "xi", "Omega", "real_time_factor", "publish_rate")
+    for name in names:
         assert not bench.set(**{name: bad})[0].successful, name
+    assert node._rejected == len(names)
+    assert "publish_rate" in node._last_rejected
     assert node.get_parameter("K").value == 0.0
 
 
