@@ -27,7 +27,7 @@ from herringbone_sim.core.right_hand_side import right_hand_side
 
 CYCLES = 20
 TIMED_CYCLES = 2000
-TAYLOR = [(8, 16), (8, 32), (10, 16), (12, 8), (12, 12), (12, 16), (14, 16), (16, 8)]
+TAYLOR = [(8, 16), (8, 32), (10, 16), (12, 8), (12, 12), (12, 16), (14, 8), (14, 16), (16, 8)]
 RK4 = (200, 800, 1600)
 SCIPY = [("LSODA", 1e-6), ("LSODA", 1e-10), ("DOP853", 1e-6), ("DOP853", 1e-10)]
 
