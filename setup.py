@@ -55,6 +55,7 @@ setup(
         "console_scripts": [
             f"simulator = {NAME}.ros.main:main",
             f"analyze = {NAME}.__main__:analyze",
+            f"gap = {NAME}.__main__:gap",
             f"chaos_control = {NAME}.examples.chaos_control:main",
         ],
     },

@@ -12,7 +12,7 @@ from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
 
-VERBS = ("run", "demo", "analyze", "replay", "recover", "info", "show", "parameters")
+VERBS = ("run", "demo", "analyze", "replay", "recover", "info", "show", "parameters", "gap")
 
 DESCRIPTION = """\
 Herringbone planetary gear dynamics: stream, steer, record, mirror, replay, analyse.
@@ -57,6 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def gap() -> int:
+    """``ros2 run herringbone_sim gap``."""
+    return main(["gap", *sys.argv[1:]])
 
 
 def analyze() -> int:

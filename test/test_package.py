@@ -77,7 +77,7 @@ def test_manifest_names_every_ros_package_that_is_imported() -> None:
 
 def test_executables_of_ros2_run() -> None:
     names = [entry.partition(" = ")[0] for entry in entry_points()]
-    assert names == ["simulator", "analyze", "chaos_control"]
+    assert names == ["simulator", "analyze", "gap", "chaos_control"]
 
 
 @pytest.mark.parametrize("entry", entry_points())

@@ -1,0 +1,76 @@
+"""The force law as a residual: local, algebraic, and therefore blind to chaos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core import mesh
+from herringbone_sim.core.model import Model, mean_stiffness, mesh_phases
+from herringbone_sim.core.parameters import spread
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import AnalysisError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ForceResidual:
+    """Measured minus modelled force of each mesh that has x, v and F.
+
+    Attributes:
+        meshes: k names.
+        residual_n: (n, k) [N].
+        force_n: (n, k) measured [N].
+    """
+
+    meshes: tuple[str, ...]
+    residual_n: Array
+    force_n: Array
+
+    @property
+    def rms_n(self) -> Array:
+        """RMS residual (k,) of each mesh [N]."""
+        rms: Array = np.sqrt(np.mean(self.residual_n**2, axis=0))
+        return rms
+
+    @property
+    def shares(self) -> Array:
+        """Share (k,) of each mesh in the energy of the residual; sums to 1."""
+        energy = self.rms_n**2
+        shares: Array = energy / max(energy.sum(), np.finfo(float).tiny)
+        return shares
+
+
+def force_residual(model: Model, series: TimeSeries) -> ForceResidual:
+    """r = F - (k(t) f(x) + c v) with the stiffness, backlash and damping of the model.
+
+    Args:
+        model: built for the operating point of the recording (delta_T sets the backlash).
+        series: with ``phase`` and, of some meshes at least, ``x_``, ``v_`` and ``F_``.
+
+    Raises:
+        AnalysisError: no phase, or no mesh of the model with all three channels.
+    """
+    p = model.parameters
+    meshes = tuple(
+        m for m in model.layout.meshes if all(f"{prefix}_{m}" in series for prefix in "xvF")
+    )
+    if "phase" not in series or not meshes:
+        raise AnalysisError(
+            f"the force law needs phase and x, v, F of a mesh of the {p.model} model "
+            f"({model.layout.meshes[0]}, ...), got {', '.join(series.names)}"
+        )
+    at = [model.layout.meshes.index(m) for m in meshes]
+    phi_a = mesh_phases(p) + np.array(spread(p.phi_a, model.layout.n_mesh))
+    k_m = mean_stiffness(p)
+    modelled = [
+        mesh.stiffness(series["phase"], float(k_m[j]), p.k_amp, float(phi_a[j]))
+        * mesh.backlash(series[f"x_{m}"], float(model.half_backlash_m[j]))
+        + model.damping_n_s_per_m[j] * series[f"v_{m}"]
+        for j, m in zip(at, meshes, strict=True)
+    ]
+    force = series.columns(tuple(f"F_{m}" for m in meshes))
+    return ForceResidual(meshes, force - np.stack(modelled, axis=1), force)
