@@ -61,12 +61,15 @@ def settled_picture(port: int, timeout_s: float) -> bytes:
     client = ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
     deadline = time.monotonic() + timeout_s
     before = b""
-    while time.monotonic() < deadline:
-        time.sleep(SETTLE_S)
-        picture: bytes = client.take_screenshot()
-        if picture == before:
-            return picture
-        before = picture
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "picture.png"
+        while time.monotonic() < deadline:
+            time.sleep(SETTLE_S)
+            client.save_screenshot(str(file))
+            picture = file.read_bytes()
+            if picture == before:
+                return picture
+            before = picture
     raise ViewerError(f"the viewer was not done within {timeout_s:g} s")
 
 
