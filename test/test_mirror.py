@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import socket
 import subprocess
 import time
@@ -15,7 +16,7 @@ from herringbone_sim.errors import ParameterError
 from herringbone_sim.views.mirror_block import MirrorBlock, Scale
 from herringbone_sim.views.rerun_mirror import RerunMirror
 
-pytest.importorskip("rerun")
+importlib.import_module("rerun")
 
 REDUCED = Layout(1, numbered=False)
 FULL = Layout(3, numbered=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
@@ -208,7 +210,7 @@ def test_another_encapsulation_is_refused():
 
 
 def test_rclpy_reads_all_types():
-    serialization = pytest.importorskip("rclpy.serialization")
+    serialization = importlib.import_module("rclpy.serialization")
     from rcl_interfaces.msg import ParameterEvent as RosEvent
     from sensor_msgs.msg import JointState as RosState
     from std_msgs.msg import Float64MultiArray, String
