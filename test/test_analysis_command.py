@@ -162,7 +162,7 @@ def test_without_a_phase_the_mesh_frequency_is_asked_for(
     ("options", "words"),
     [
         (["--mesh", "sp_X"], "--mesh must be one of sp_L"),
-        (["--parameters", "nowhere.yaml"], "nowhere.yaml must be a readable YAML file"),
+        (["--parameters", "nowhere.yaml"], "nowhere.yaml: No such file or directory"),
     ],
 )
 def test_wrong_options_are_refused(

@@ -14,8 +14,10 @@ import numpy as np
 from herringbone_sim.analysis.bifurcation import bifurcation_diagram
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
-from herringbone_sim.cli.gear import gear_of, parameters_from_file
+from herringbone_sim.cli.gear import gear_of
+from herringbone_sim.core.parameters import to_mapping
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
 from herringbone_sim.views.figures import Scale
 from herringbone_sim.views.output import write_diagram, write_run
@@ -149,9 +151,10 @@ def _analyse(path: Path, name: str, folder: Path, args: argparse.Namespace) -> A
 
 
 def _parameters(recording: Recording, path: Path | None) -> Mapping[str, Any]:
+    if path:
+        return to_mapping(load_parameters(path))
     recorded = recording.channels.get("parameters", {})
-    given = parameters_from_file(path) if path else {}
-    return {**(recorded if isinstance(recorded, dict) else {}), **given}
+    return recorded if isinstance(recorded, dict) else {}
 
 
 def _numbers(change: ParameterChange) -> Mapping[str, float]:

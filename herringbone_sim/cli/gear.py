@@ -5,11 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from herringbone_sim.analysis.pipeline import Gear
 from herringbone_sim.analysis.sections import Section
@@ -21,25 +19,6 @@ from herringbone_sim.errors import DivergenceError, ParameterError
 
 LEAST_CYCLES, MOST_CYCLES, ALIGNING_CYCLES = 100, 600, 20
 FROM_POINT = ("K", "delta_T", "T_1", "xi", "control_phase")
-
-
-def parameters_from_file(path: Path) -> dict[str, Any]:
-    """Parameters of a YAML file, plain or in ROS form (under ``ros__parameters``).
-
-    Raises:
-        ParameterError: no file, no YAML, or no mapping in it.
-    """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ParameterError(
-            f"{path} must be a readable YAML file of parameters: {error}"
-        ) from None
-    while isinstance(content, dict) and len(content) == 1:
-        content = next(iter(content.values()))
-    if not isinstance(content, dict):
-        raise ParameterError(f"{path} must hold parameters by name, as config/rig.yaml does")
-    return content
 
 
 def gear_of(parameters: Mapping[str, Any], with_model: bool) -> Gear:
