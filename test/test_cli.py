@@ -6,10 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from herringbone_sim.__main__ import VERBS, main
 from herringbone_sim.core.parameters import names
+from herringbone_sim.recording.writer import RunWriter
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -70,3 +72,14 @@ def test_run_without_ros_says_how_to_get_it() -> None:
     )
     assert done.returncode == 2
     assert "pip install" in done.stdout
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "nan", "inf"])
+def test_a_speed_that_plays_nothing_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], speed: str
+) -> None:
+    writer = RunWriter.create(tmp_path, "run", "/sim", {}, ("t", "x_sp_L"), 0)
+    writer.write_samples(np.array([[0.0, 1.0], [1.0, 2.0]]))
+    writer.close()
+    assert main(["replay", str(writer.path), "--publish", f"--speed={speed}"]) == 2
+    assert "speed must be finite and positive" in capsys.readouterr().err

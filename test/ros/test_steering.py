@@ -122,6 +122,8 @@ def test_changes_act_at_a_recorded_time_without_a_jump(bench: Bench, tmp_path: P
         "Omega": 0.9,
         "control_phase": 0.5,
         "samples_per_cycle": 24,
+        "real_time_factor": 0.9,
+        "publish_rate": 50.0,
     }
     for name, value in changes.items():
         reached = node.loop.t_s
