@@ -43,7 +43,7 @@ class Line:
 
 
 @compiled
-def slope(p, w, y, tau, dy):  # type: ignore[no-untyped-def]
+def slope(p, w, y, tau, dy):
     right_hand_side(p, w, y, p.Omega * tau, 0, dy)
 
 
