@@ -108,3 +108,20 @@ def run(
                 place[0] += 1
                 orthonormalise(tangents, growth)
     return t, rows.shape[0], switches
+
+
+@compiled
+def cross(p, w, y, tangents, cycle, cycles, steps, rk4):
+    """Advance y and tangents (k, n_state) in place over whole mesh cycles; no samples.
+
+    Tangents keep their length: those of the unit matrix become the monodromy matrix, transposed.
+    RK4 leaves them alone. Same steps as ``run``: the same state to the bit.
+    """
+    h = TWO_PI / (p.Omega * steps)
+    for c in range(cycle, cycle + cycles):
+        for index in range(steps):
+            phase = TWO_PI * index / steps
+            if rk4:
+                rk4_step(p, w, y, phase, c, h)
+            else:
+                taylor_step(p, w, y, tangents, phase, c, h)
