@@ -1,0 +1,238 @@
+"""Periodic orbits of a flow, stable or not: Newton's method by multiple shooting, multipliers.
+
+An orbit of period n is n states with P(y_i) = y_(i+1) and P(y_(n-1)) = y_0, P being one period of
+the forcing. All n are unknowns at once: an orbit that repels by a factor of a thousand is then no
+harder than one that attracts. Its Floquet multipliers are the eigenvalues of the product of the
+n Jacobians (Parker and Chua, Practical Numerical Algorithms for Chaotic Systems, 1989, ch. 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.dynamics.flow import Flow
+from herringbone_sim.errors import AnalysisError, DivergenceError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Equations = Callable[[Array], tuple[Array, Array]]
+
+TOLERANCE = 1e-10
+MAX_ITERATIONS = 40
+SHORTEST = 2.0**-8  # of a Newton step
+SYMMETRIC = 1e-9
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where Newton's method ended.
+
+    Attributes:
+        z: (k,) the last iterate.
+        residual: its largest residual.
+        iterations: Newton steps taken.
+        reason: why it is no solution; empty when it is one.
+    """
+
+    z: Array
+    residual: float
+    iterations: int
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A periodic orbit, or where the search for one ended.
+
+    Attributes:
+        points: (period, n) states at phase 0, one a period of the forcing.
+        jacobians: (period, n, n) of the map at each of them.
+        residual: largest |P(y_i) - y_(i+1)|.
+        iterations: Newton steps taken.
+        reason: why it is no orbit; empty when it is one.
+    """
+
+    points: Array
+    jacobians: Array
+    residual: float
+    iterations: int
+    reason: str = ""
+
+    @property
+    def period(self) -> int:
+        return len(self.points)
+
+    @property
+    def found(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class Multipliers:
+    """Floquet multipliers over the whole period, descending in modulus.
+
+    Attributes:
+        within: (k,) complex, of perturbations that keep left and right alike; all of them for an
+            orbit whose halves differ, or of a flow without halves.
+        transverse: (n - k,) complex, of perturbations that part left and right.
+    """
+
+    within: Complex
+    transverse: Complex
+
+    @property
+    def all(self) -> Complex:
+        both = np.concatenate([self.within, self.transverse])
+        return both[np.argsort(-np.abs(both), kind="stable")]
+
+    @property
+    def unstable(self) -> tuple[int, int]:
+        """Multipliers outside the unit circle: (within, transverse)."""
+        return int((np.abs(self.within) > 1).sum()), int((np.abs(self.transverse) > 1).sum())
+
+
+def find_orbit(
+    flow: Flow,
+    start: Array,
+    period: int = 1,
+    mirror: NDArray[np.int64] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Orbit:
+    """Periodic orbit near a start.
+
+    Args:
+        start: (n,) a state, or (period, n) successive states.
+        mirror: (n,) indices that swap left and right. A start whose halves are alike is then
+            searched among such states alone, where a transverse multiplier of 1 does no harm.
+        tolerance: largest residual of an orbit.
+    """
+    points = np.array(start, dtype=float)
+    try:
+        points = points if points.ndim == 2 else iterate(flow, points, period)
+    except DivergenceError as error:
+        nothing = np.full((period, flow.n, flow.n), np.nan)
+        return Orbit(np.tile(points, (period, 1)), nothing, float("nan"), 0, str(error))
+    basis = basis_of(points, mirror)
+
+    def equations(z: Array) -> tuple[Array, Array]:
+        return shoot(flow, z, basis)
+
+    solution = newton(equations, (points @ basis).ravel(), tolerance)
+    points = solution.z.reshape(period, -1) @ basis.T
+    try:
+        jacobians = np.array([flow.advance(y, np.eye(flow.n))[1].T for y in points])
+    except DivergenceError:
+        jacobians = np.full((period, flow.n, flow.n), np.nan)
+    return Orbit(points, jacobians, solution.residual, solution.iterations, solution.reason)
+
+
+def shoot(flow: Flow, z: Array, basis: Array) -> tuple[Array, Array]:
+    """Residual (period k,) and Jacobian (period k, period k) of the closing equations.
+
+    Args:
+        z: (period k,) coordinates of the points in the basis.
+        basis: (n, k) orthonormal columns; the flow must keep their span.
+    """
+    k = basis.shape[1]
+    points = z.reshape(-1, k) @ basis.T
+    period = len(points)
+    residual, jacobian = np.empty((period, k)), np.zeros((period, k, period, k))
+    for i, y in enumerate(points):
+        following = (i + 1) % period
+        image, tangents = flow.advance(y, basis.T)
+        residual[i] = basis.T @ (image - points[following])
+        jacobian[i, :, i] += basis.T @ tangents.T
+        jacobian[i, :, following] -= np.eye(k)
+    return residual.ravel(), jacobian.reshape(period * k, period * k)
+
+
+def newton(
+    equations: Equations,
+    z: Array,
+    tolerance: float = TOLERANCE,
+    max_iterations: int = MAX_ITERATIONS,
+) -> Solution:
+    """Root of a system by Newton's method, the step halved until the residual falls."""
+    try:
+        residual, jacobian = equations(z)
+    except DivergenceError as error:
+        return Solution(z, float("nan"), 0, str(error))
+    for iteration in range(max_iterations):
+        size = float(np.abs(residual).max())
+        if size <= tolerance:
+            return Solution(z, size, iteration)
+        try:
+            step = np.linalg.solve(jacobian, -residual)
+        except np.linalg.LinAlgError:
+            return Solution(z, size, iteration, "the Jacobian is singular")
+        share = 1.0
+        while (found := _attempt(equations, z + share * step, size)) is None:
+            share *= 0.5
+            if share < SHORTEST:
+                return Solution(z, size, iteration, "no step along Newton's direction helps")
+        z, (residual, jacobian) = z + share * step, found
+    size = float(np.abs(residual).max())
+    reason = "" if size <= tolerance else f"no convergence in {max_iterations} steps"
+    return Solution(z, size, max_iterations, reason)
+
+
+def _attempt(equations: Equations, z: Array, size: float) -> tuple[Array, Array] | None:
+    try:
+        residual, jacobian = equations(z)
+    except DivergenceError:
+        return None
+    return (residual, jacobian) if np.abs(residual).max() < size else None
+
+
+def multipliers(orbit: Orbit, mirror: NDArray[np.int64] | None = None) -> Multipliers:
+    """Floquet multipliers of an orbit, split by left-right symmetry where it has that symmetry.
+
+    Raises:
+        AnalysisError: the orbit was not found.
+    """
+    if not orbit.found:
+        raise AnalysisError(f"multipliers need a periodic orbit: {orbit.reason}")
+    even = basis_of(orbit.points, mirror)
+    odd = parts(mirror)[1] if even.shape[1] < len(even) and mirror is not None else even[:, :0]
+    return Multipliers(_eigenvalues(orbit, even), _eigenvalues(orbit, odd))
+
+
+def _eigenvalues(orbit: Orbit, basis: Array) -> Complex:
+    product = np.eye(basis.shape[1])
+    for jacobian in orbit.jacobians:
+        product = basis.T @ jacobian @ basis @ product
+    values = np.linalg.eigvals(product).astype(complex)
+    return values[np.argsort(-np.abs(values), kind="stable")]
+
+
+def is_symmetric(points: Array, mirror: NDArray[np.int64]) -> bool:
+    """Whether left and right of all states (..., n) are alike."""
+    return bool(np.abs(points - points[..., mirror]).max() <= SYMMETRIC)
+
+
+def basis_of(points: Array, mirror: NDArray[np.int64] | None) -> Array:
+    """Orthonormal columns (n, k) of the least space kept by the flow that holds the states."""
+    n = points.shape[-1]
+    return np.eye(n) if mirror is None or not is_symmetric(points, mirror) else parts(mirror)[0]
+
+
+def parts(mirror: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Orthonormal bases (n, k), (n, n - k) of the symmetric and the antisymmetric states."""
+    unit = np.eye(len(mirror))
+    first = [i for i, other in enumerate(mirror) if i < other]
+    own = [i for i, other in enumerate(mirror) if i == other]
+    even = [(unit[i] + unit[mirror[i]]) / np.sqrt(2.0) for i in first] + [unit[i] for i in own]
+    odd = [(unit[i] - unit[mirror[i]]) / np.sqrt(2.0) for i in first]
+    return np.array(even).T, np.array(odd).reshape(-1, len(mirror)).T
+
+
+def iterate(flow: Flow, y: Array, n: int) -> Array:
+    """The next n states (n, n_state), the first one the state itself; DivergenceError."""
+    points = [y]
+    for _ in range(n - 1):
+        points.append(flow.advance(points[-1], np.zeros((0, flow.n)))[0])
+    return np.array(points)
