@@ -1,7 +1,7 @@
 """Many parameter values at once: sections, exponents and contact of each, from arrays of models.
 
 The unit of work of every sweep and map. Values do not see each other: the result of one is the
-same to the bit, alone or among others.
+same to the bit, alone or among others, in whatever order.
 """
 
 from __future__ import annotations
@@ -12,11 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.integrate import State, Stepper
-from herringbone_sim.core.model import Model
+from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.lanes.packed import constants, make_work
+from herringbone_sim.core.lanes.run import run_lanes
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 BATCHES = 10
 
@@ -33,7 +37,8 @@ class Batch:
         within: (n,) the same for perturbations that keep left and right alike; NaN for a motion
             whose halves differ.
         transverse: (n,) the same for perturbations that part left and right; NaN as above.
-        contact: (n, n_mesh, 3) share of the time in back contact, separated, in drive contact.
+        contact: (n, n_mesh, 3) share of the time in back contact, separated, in drive contact;
+            with method rk4 shares of the samples.
         reasons: n texts, empty where all went well.
     """
 
@@ -47,6 +52,18 @@ class Batch:
     reasons: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _Length:
+    transient: int
+    cycles: int
+    points: int
+    tangents: int
+
+    @property
+    def batches(self) -> int:
+        return min(BATCHES, self.cycles)
+
+
 def run_batch(
     models: Sequence[Model],
     starts: Array | None = None,
@@ -57,86 +74,198 @@ def run_batch(
 ) -> Batch:
     """Run every model for ``transient`` and then ``cycles`` mesh cycles.
 
+    A value whose halves are alike, in the model and at the start, is integrated as one half;
+    its largest exponent is the larger one of ``within`` and ``transverse``.
+
     Args:
-        models: n models of one layout.
+        models: n models of one layout and order; n may be 0 only with ``starts``.
         starts: (n, n_state) states at phase 0; the models' own initial states by default.
         transient: mesh cycles left out before anything is observed.
-        cycles: mesh cycles over which exponents and contact are averaged.
+        cycles: mesh cycles over which exponents and contact are averaged, at least 1.
         points: section points kept, of the last cycles; at most ``cycles``.
         exponents: whether to carry tangent vectors along.
+
+    Raises:
+        ValueError: the models differ in layout, order or method, or the lengths make no sense.
     """
-    n, layout = len(models), models[0].layout
-    found = Batch(
-        sections=np.full((n, points, layout.n_state), np.nan),
-        end=np.full((n, layout.n_state), np.nan),
-        exponents=np.full(n, np.nan),
-        exponent_errors=np.full(n, np.nan),
-        within=np.full(n, np.nan),
-        transverse=np.full(n, np.nan),
-        contact=np.full((n, layout.n_mesh, 3), np.nan),
-        reasons=("",) * n,
+    _check(models, transient, cycles, points)
+    layout = models[0].layout
+    if starts is None:
+        starts = np.array([initial_state(model) for model in models])
+    found = _empty(len(models), points, layout)
+    mirror = layout_mirror(layout)
+    alike = np.array([_alike(m, y, mirror) for m, y in zip(models, starts, strict=True)])
+    reasons = np.array([""] * len(models), dtype=object)
+    for sides in (1, 2):
+        chosen = np.flatnonzero(alike == (sides == 1))
+        if len(chosen):
+            length = _Length(transient, cycles, points, (3 - sides) * exponents)
+            group = [models[i] for i in chosen]
+            run = _run_rk4 if models[0].parameters.method == "rk4" else _run_lanes
+            reasons[chosen] = run(found, chosen, group, starts[chosen], sides, length)
+    return Batch(*found, tuple(reasons))
+
+
+def _check(models: Sequence[Model], transient: int, cycles: int, points: int) -> None:
+    if not (transient >= 0 and cycles >= 1 and 0 <= points <= cycles):
+        raise ValueError(
+            f"a batch needs transient >= 0, cycles >= 1 and points from 0 to cycles, got "
+            f"transient {transient}, cycles {cycles}, points {points}"
+        )
+    kinds = {(m.layout.channels, m.parameters.order, m.parameters.method) for m in models}
+    if len(kinds) != 1:
+        raise ValueError(
+            f"a batch needs models of one layout, order and method, got {len(kinds)} kinds among "
+            f"{len(models)} models: run one batch for each"
+        )
+
+
+def layout_mirror(layout: Layout) -> Indices:
+    """Indices (n_state,) that exchange left and right in a state."""
+    m = layout.n_coordinate
+    half = np.concatenate([[1, 0], np.roll(np.arange(2, m), layout.n_classes)])
+    return np.concatenate([half, m + half])
+
+
+def _alike(model: Model, y: Array, mirror: Indices) -> bool:
+    """Whether left and right are the same to the bit."""
+    p, c = model.packed, model.layout.n_classes
+    by_mesh = (p.stiffness, p.damping, p.b, p.e_mean, *p.k_cos, *p.k_sin, *p.e_cos, *p.e_sin)
+    by_side = (p.inv_M_s, p.inv_M_p, p.load_q, p.control_q, p.control_r)
+    return (
+        np.array_equal(y, y[mirror])
+        and all(np.array_equal(*row.reshape(2, 2, c).swapaxes(0, 1)) for row in by_mesh)
+        and all(np.array_equal(row[0], row[1]) for row in by_side)
     )
-    reasons = []
-    for i, model in enumerate(models):
-        reasons.append(_one(found, i, model, starts, (transient, cycles, points), exponents))
-    return replace(found, reasons=tuple(reasons))
 
 
-def _one(
-    found: Batch,
-    i: int,
-    model: Model,
-    starts: Array | None,
-    length: tuple[int, int, int],
-    exponents: bool,
+def _empty(n: int, points: int, layout: Layout) -> tuple[Array, ...]:
+    """Arrays of NaN in the order of ``Batch``."""
+    shapes = [(points, layout.n_state), (layout.n_state,), (), (), (), (), (layout.n_mesh, 3)]
+    return tuple(np.full((n, *shape), np.nan) for shape in shapes)
+
+
+def _one_half(layout: Layout) -> Indices:
+    """Indices of the left half in a state."""
+    m, c = layout.n_coordinate, layout.n_classes
+    half = np.concatenate([[0], np.arange(2, 2 + c)])
+    return np.concatenate([half, m + half])
+
+
+def _from_half(layout: Layout) -> Indices:
+    """Indices that make a whole state from its left half."""
+    c = layout.n_classes
+    half = np.concatenate([[0, 0], np.tile(np.arange(1, 1 + c), 2)])
+    return np.concatenate([half, 1 + c + half])
+
+
+def _run_lanes(
+    found: tuple[Array, ...],
+    chosen: Indices,
+    models: Sequence[Model],
+    starts: Array,
+    sides: int,
+    length: _Length,
+) -> list[str]:
+    """Values of one kind through the lanes into ``found``; returns their reasons."""
+    layout, n, order = models[0].layout, len(models), models[0].parameters.order
+    taken = _one_half(layout) if sides == 1 else np.arange(layout.n_state)
+    table = constants(models, sides)
+    size, n_mesh = len(taken), table.shape[2]
+    begin = np.zeros((n, 1 + length.tangents, size))
+    begin[:, 0] = starts[:, taken]
+    begin[:, 1:] = np.random.default_rng(0).normal(size=size)
+    sections = np.full((n, length.points, size), np.nan)
+    end, contact = np.full((n, size), np.nan), np.full((n, n_mesh, 2), np.nan)
+    growth = np.zeros((n, length.batches + 1, length.tangents))
+    failed = np.zeros(n, dtype=np.bool_)
+    run_lanes(
+        ((0,) * sides, (0,) * layout.n_classes),
+        make_work(table.shape[1], n_mesh, size // 2, order, length.tangents),
+        1.0 / np.maximum(np.arange(order + 2.0), 1.0),
+        table,
+        np.array([model.parameters.steps for model in models]),
+        begin,
+        any(model.packed.K != 0.0 for model in models),
+        length.transient,
+        length.cycles,
+        sections,
+        end,
+        growth,
+        contact,
+        failed,
+    )
+    whole = _from_half(layout) if sides == 1 else taken
+    found[0][chosen], found[1][chosen] = sections[..., whole], end[..., whole]
+    _put_exponents(found, chosen, models, growth, length)
+    steps = np.array([model.parameters.steps for model in models])
+    _put_contact(found[6], chosen, contact / (steps * length.cycles)[:, None, None], sides)
+    for array in found:
+        array[chosen[failed]] = np.nan
+    return ["diverged" if bad else "" for bad in failed]
+
+
+def _put_exponents(
+    found: tuple[Array, ...],
+    chosen: Indices,
+    models: Sequence[Model],
+    growth: Array,
+    length: _Length,
+) -> None:
+    """Growth (n, batches + 1, tangents) as exponents per tau."""
+    if not length.tangents:
+        return
+    edges = np.ceil(np.arange(length.batches + 1) * length.cycles / length.batches)
+    cycle = TWO_PI / np.array([model.packed.Omega for model in models])
+    spans = np.diff(edges)[:, None] * cycle[:, None, None]
+    rates = growth[:, :-1] / spans
+    means = growth[:, :-1].sum(axis=1) / (length.cycles * cycle)[:, None]
+    errors = rates.std(axis=1, ddof=1) / np.sqrt(length.batches)
+    largest = np.argmax(means, axis=1)
+    rows = np.arange(len(models))
+    found[2][chosen], found[3][chosen] = means[rows, largest], errors[rows, largest]
+    if length.tangents == 2:
+        found[4][chosen], found[5][chosen] = means.T
+
+
+def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> None:
+    """Shares of the time (n, n_mesh, 2) in back and in drive contact, of one half or both."""
+    n, n_mesh, _ = contact.shape
+    halves = contact.reshape(n, 2, sides, n_mesh // (2 * sides), 2)
+    whole = np.repeat(halves, 2 // sides, axis=2).reshape(n, -1, 2)
+    shares[chosen, :, 0], shares[chosen, :, 2] = whole[..., 0], whole[..., 1]
+    shares[chosen, :, 1] = 1.0 - whole.sum(axis=2)
+
+
+def _run_rk4(
+    found: tuple[Array, ...],
+    chosen: Indices,
+    models: Sequence[Model],
+    starts: Array,
+    sides: int,
+    length: _Length,
+) -> list[str]:
+    """The same by the paper's method, one value after another and without tangents."""
+    return [
+        _one_rk4(found, i, model, y, length)
+        for i, model, y in zip(chosen, models, starts, strict=True)
+    ]
+
+
+def _one_rk4(
+    found: tuple[Array, ...], i: int, model: Model, y: Array, length: _Length
 ) -> str:
-    transient, cycles, points = length
     stepper, per_cycle = Stepper(model), model.parameters.samples_per_cycle
-    state = stepper.start()
-    if starts is not None:
-        state = replace(state, y=starts[i].copy())
-    block = stepper.advance(state, transient * per_cycle)
-    if block.diverged:
-        return "diverged"
-    state, sections = block.end, []
-    contact = np.zeros((model.layout.n_mesh, 3))
-    for _ in range(cycles):
-        sections.append(state.y)
-        block = stepper.advance(state, per_cycle)
-        state, contact = block.end, contact + block.contact
-    if block.diverged:
-        return "diverged"
-    found.sections[i] = sections[cycles - points :]
-    found.end[i] = state.y
-    found.contact[i] = contact / (cycles * per_cycle)
-    if exponents:
-        start = replace(state, y=sections[0])
-        _exponents(found, i, stepper, start, cycles)
+    block = stepper.advance(replace(stepper.start(), y=y), length.transient * per_cycle)
+    states, contact = [block.end], np.zeros((model.layout.n_mesh, 3))
+    for _ in range(length.cycles):
+        block = stepper.advance(states[-1], per_cycle)
+        states.append(block.end)
+        contact += block.contact
+        if block.diverged:
+            return "diverged"
+    kept = states[length.cycles - length.points : length.cycles]
+    found[0][i] = np.array([state.y for state in kept]).reshape(found[0][i].shape)
+    found[1][i] = states[-1].y
+    found[6][i] = contact / contact[0].sum()
     return ""
-
-
-def _exponents(found: Batch, i: int, stepper: Stepper, start: State, cycles: int) -> None:
-    m = stepper.model.layout.n_coordinate
-    general = np.random.default_rng(0).normal(size=2 * m)
-    mirror = np.concatenate(
-        [s + np.concatenate([[1, 0], np.roll(np.arange(2, m), (m - 2) // 2)]) for s in (0, m)]
-    )
-    mean, error = _mean_growth(stepper, start, general, cycles)
-    found.exponents[i], found.exponent_errors[i] = mean, error
-    if np.array_equal(start.y, start.y[mirror]):
-        found.within[i] = _mean_growth(stepper, start, general + general[mirror], cycles)[0]
-        found.transverse[i] = _mean_growth(stepper, start, general - general[mirror], cycles)[0]
-
-
-def _mean_growth(
-    stepper: Stepper, start: State, tangent: Array, cycles: int
-) -> tuple[float, float]:
-    now = replace(start, tangents=tangent[None] / np.linalg.norm(tangent), growth=np.zeros(1))
-    length = max(cycles // BATCHES, 1)
-    growth = []
-    for _ in range(BATCHES):
-        now = replace(now, growth=np.zeros(1))
-        now = stepper.advance(now, length * stepper.model.parameters.samples_per_cycle).end
-        growth.append(now.growth[0])
-    rates = np.array(growth) / (length * TWO_PI / stepper.model.packed.Omega)
-    return float(rates.mean()), float(rates.std(ddof=1) / np.sqrt(BATCHES))

@@ -1,0 +1,245 @@
+"""Taylor series of excitation and motion in all lanes: ``core.series``, eight values at once."""
+
+from __future__ import annotations
+
+from herringbone_sim.core.lanes.packed import (
+    ANGLE,
+    BORDER,
+    CARRIER,
+    CONTACT,
+    CONTROL_ORDER,
+    CONTROL_Q,
+    CONTROL_R,
+    DAMPING,
+    E_MEAN,
+    HARMONICS,
+    LEFT,
+    LOAD_Q,
+    LOAD_R,
+    MOVE,
+    OMEGA,
+    PHASE,
+    PLANET,
+    STIFFNESS,
+    SUN,
+)
+from herringbone_sim.core.lanes.vector import absolute, choose, fma, load, nearest, splat, store
+from herringbone_sim.core.packed import inlined
+
+HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
+
+
+@inlined
+def sine_cosine(angle):
+    """Sine and cosine of angles up to some thousand, to the last bit or two."""
+    quarter = nearest(angle * 0.6366197723675814)
+    r = fma(quarter, splat(-HALF_PI_HIGH), angle)
+    r = fma(quarter, splat(-HALF_PI_LOW), r)
+    z = r * r
+    s = fma(z, splat(1.58969099521155010221e-10), splat(-2.50507602534068634195e-08))
+    s = fma(s, z, splat(2.75573137070700676789e-06))
+    s = fma(s, z, splat(-1.98412698298579493134e-04))
+    s = fma(s, z, splat(8.33333333332248946124e-03))
+    s = fma(s, z, splat(-1.66666666666666324348e-01))
+    sine = fma(s * z, r, r)
+    c = fma(z, splat(-1.13596475577881948265e-11), splat(2.08757232129817482790e-09))
+    c = fma(c, z, splat(-2.75573143513906633035e-07))
+    c = fma(c, z, splat(2.48015872894767294178e-05))
+    c = fma(c, z, splat(-1.38888888888741095749e-03))
+    c = fma(c, z, splat(4.16666666666666019037e-02))
+    cosine = fma(z * z, c, fma(z, splat(-0.5), splat(1.0)))
+    turned = quarter - nearest(quarter * 0.25) * 4.0
+    odd = absolute(turned) == splat(1.0)
+    first, second = choose(odd, cosine, sine), choose(odd, sine, cosine)
+    back = absolute(turned) == splat(2.0)
+    minus_sine = (turned == splat(-1.0)) | back
+    minus_cosine = (turned == splat(1.0)) | back
+    return choose(minus_sine, 0.0 - first, first), choose(minus_cosine, 0.0 - second, second)
+
+
+@inlined
+def expand_scale(w, turn, inverse):
+    """Series turn^i / i! into ``w.scale``."""
+    scale = splat(1.0)
+    for i in range(w.scale.shape[0]):
+        store(w.scale, i, 0, scale)
+        scale = scale * turn * splat(inverse[i + 1])
+
+
+@inlined
+def add_harmonic(w, out, m, cosine, sine, fresh):
+    """Add a cos(angle + s turn) + b sin(angle + s turn), given at s = 0 by its value and slope."""
+    for i in range(out.shape[0]):
+        scale = load(w.scale, i, 0)
+        if fresh and i > 0:
+            store(out, i, m, scale * cosine)
+        else:
+            store(out, i, m, fma(scale, cosine, load(out, i, m)))
+        cosine, sine = sine, 0.0 - cosine
+
+
+@inlined
+def expand_excitation(w, inverse, controlled):
+    """Series of k(t) (Eq. 7), e(t) (Eq. 9) and the control over what is left of the step."""
+    n = w.k.shape[1]
+    for m in range(n):
+        store(w.k, 0, m, load(w.constants, STIFFNESS, m))
+        store(w.error, 0, m, load(w.constants, E_MEAN, m))
+    turn = load(w.constants, OMEGA, 0) * load(w.lane, LEFT, 0)
+    sin_1, cos_1 = sine_cosine(load(w.lane, PHASE, 0))
+    sin_j, cos_j = sin_1, cos_1
+    order = 1.0
+    for first in range(HARMONICS, w.constants.shape[0], 4):
+        expand_scale(w, turn * order, inverse)
+        for m in range(n):
+            a, b = load(w.constants, first, m), load(w.constants, first + 1, m)
+            c, d = load(w.constants, first + 2, m), load(w.constants, first + 3, m)
+            fresh = first == HARMONICS
+            add_harmonic(w, w.k, m, a * cos_j + b * sin_j, b * cos_j - a * sin_j, fresh)
+            add_harmonic(w, w.error, m, c * cos_j + d * sin_j, d * cos_j - c * sin_j, fresh)
+        sin_j, cos_j = sin_j * cos_1 + cos_j * sin_1, cos_j * cos_1 - sin_j * sin_1
+        order += 1.0
+    if controlled:
+        expand_control(w, inverse)
+
+
+@inlined
+def expand_control(w, inverse):
+    """Series of - K cos(order * phase + control_phase), Eq. (20), on all coordinates."""
+    order = load(w.constants, CONTROL_ORDER, 0)
+    angle = fma(order, load(w.lane, PHASE, 0), load(w.lane, ANGLE, 0))
+    turn = order * load(w.constants, OMEGA, 0) * load(w.lane, LEFT, 0)
+    sine, cosine = sine_cosine(angle)
+    expand_scale(w, turn, inverse)
+    sides = w.q.shape[1] - w.k.shape[1] // 2
+    c = w.k.shape[1] // (2 * sides)
+    slope = 0.0 - sine
+    for i in range(w.load.shape[0]):
+        control = load(w.scale, i, 0) * cosine
+        for side in range(sides):
+            store(w.load, i, side, control * load(w.constants, CONTROL_Q, side))
+            for k in range(c):
+                put = control * load(w.constants, CONTROL_R, side)
+                store(w.load, i, sides + side * c + k, put)
+        cosine, slope = slope, 0.0 - cosine
+
+
+@inlined
+def cauchy(w, i, m):
+    """Order i of the product k f of meshes m and m + 1: two chains at a time."""
+    even, odd = splat(0.0), splat(0.0)
+    for j in range(i + 1):
+        even = fma(load(w.k, j, m), load(w.f, i - j, m), even)
+        odd = fma(load(w.k, j, m + 1), load(w.f, i - j, m + 1), odd)
+    store(w.force, 0, m, load(w.force, 0, m) + even)
+    store(w.force, 0, m + 1, load(w.force, 0, m + 1) + odd)
+
+
+@inlined
+def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
+    """Series of the state (row 0) or of a tangent vector over what is left of the step.
+
+    A tangent vector sees no loads, no errors and no borders: it is not ``forced``. A perturbation
+    that parts left and right leaves the carrier at rest: it is not ``coupled`` through it.
+    """
+    sides, c = len(shape[0]), len(shape[1])
+    half = sides * c
+    m = sides + half
+    last = w.k.shape[0] - 1
+    step = load(w.lane, LEFT, 0)
+    for j in range(m):
+        store(w.q, 0, j, load(w.y, row, j))
+        store(w.v, 0, j, load(w.y, row, m + j))
+    per_step = splat(1.0) / step
+    for i in range(last):
+        rate = per_step * splat(float(i + 1))
+        for side in range(sides):
+            for k in range(c):
+                a = side * c + k
+                r, dr = load(w.q, i, sides + a), load(w.v, i, sides + a)
+                x, v = load(w.q, i, side) - r, load(w.v, i, side) - dr
+                if forced:
+                    x = x - load(w.error, i, a)
+                    v = v - rate * load(w.error, i + 1, a)
+                    r = r - load(w.error, i, half + a)
+                    dr = dr - rate * load(w.error, i + 1, half + a)
+                place_mesh(w, i, a, x, v, forced)
+                place_mesh(w, i, half + a, r, dr, forced)
+        for two in range(half):
+            cauchy(w, i, 2 * two)
+        accelerate(shape, w, i, forced, coupled, controlled, step * splat(inverse[i + 1]))
+    if forced:
+        for side in range(sides):
+            for k in range(c):
+                a = side * c + k
+                r = load(w.q, last, sides + a)
+                store(w.x, last, a, load(w.q, last, side) - r - load(w.error, last, a))
+                store(w.x, last, half + a, r - load(w.error, last, half + a))
+
+
+@inlined
+def place_mesh(w, i, a, x, v, forced):
+    """Order i of deflection and damping force of mesh a."""
+    contact = load(w.mesh, CONTACT, a)
+    f = absolute(contact) * x
+    if forced:
+        store(w.x, i, a, x)
+        if i == 0:
+            f = f - contact * load(w.constants, BORDER, a)
+    store(w.f, i, a, f)
+    store(w.force, 0, a, v * load(w.constants, DAMPING, a))
+
+
+@inlined
+def accelerate(shape, w, i, forced, coupled, controlled, scale):
+    """Next order of the motion from the mesh forces (Eqs. 12-14, as 18)."""
+    sides, c = len(shape[0]), len(shape[1])
+    half = sides * c
+    carrier = splat(0.0)
+    if coupled:
+        total = splat(0.0)
+        for side in range(sides):
+            all_of_side = splat(0.0)
+            for k in range(c):
+                a = side * c + k
+                all_of_side = all_of_side + (load(w.force, 0, a) + load(w.force, 0, half + a))
+            total = total + all_of_side
+        carrier = load(w.constants, CARRIER, 0) * total
+    for side in range(sides):
+        sun = splat(0.0)
+        for k in range(c):
+            sun = sun + load(w.force, 0, side * c + k)
+        q = 0.0 - (load(w.constants, SUN, side) * sun + carrier * 2.0)
+        advance(w, i, side, q, LOAD_Q, side, forced, controlled, scale)
+        for k in range(c):
+            a = side * c + k
+            difference = load(w.force, 0, a) - load(w.force, 0, half + a)
+            r = fma(difference, load(w.constants, PLANET, a), 0.0 - carrier)
+            advance(w, i, sides + a, r, LOAD_R, 0, forced, controlled, scale)
+
+
+@inlined
+def advance(w, i, coordinate, acceleration, row, entry, forced, controlled, scale):
+    """Order i + 1 of one coordinate from order i of its acceleration."""
+    if forced:
+        if i == 0:
+            acceleration = acceleration + load(w.constants, row, entry)
+        if controlled:
+            acceleration = acceleration - load(w.load, i, coordinate)
+    store(w.v, i + 1, coordinate, acceleration * scale)
+    store(w.q, i + 1, coordinate, load(w.v, i, coordinate) * scale)
+
+
+@inlined
+def take_state(w, row):
+    """State or tangent at the end of each lane's move, by Horner's rule, into ``w.y``."""
+    move = load(w.lane, MOVE, 0)
+    m = w.q.shape[1]
+    last = w.q.shape[0] - 1
+    for j in range(m):
+        q, v = load(w.q, last, j), load(w.v, last, j)
+        for i in range(last - 1, -1, -1):
+            q = fma(q, move, load(w.q, i, j))
+            v = fma(v, move, load(w.v, i, j))
+        store(w.y, row, j, q)
+        store(w.y, row, m + j, v)

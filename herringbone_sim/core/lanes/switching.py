@@ -1,0 +1,126 @@
+"""The first switching of contact in every lane: seen in all lanes at once, located one by one."""
+
+from __future__ import annotations
+
+from herringbone_sim.core.lanes.packed import (
+    AT,
+    BORDER,
+    CONTACT,
+    DONE,
+    END,
+    END_SLOPE,
+    MOVE,
+    NEXT,
+)
+from herringbone_sim.core.lanes.vector import LANES, bits, choose, fma, load, splat, store
+from herringbone_sim.core.packed import compiled, inlined
+from herringbone_sim.core.switching import leaves_at
+from herringbone_sim.core.taylor import MAX_SUBSTEPS
+
+
+@inlined
+def may_leave(start, start_slope, stop, stop_slope):
+    """Lanes in which a margin turns negative within the step, or may have in between."""
+    dips = (start_slope < splat(0.0)) & (stop_slope > splat(0.0))
+    if bits(dips):
+        corner = (stop - stop_slope - start) / (start_slope - stop_slope)
+        low = start + start_slope * corner < (stop_slope - start_slope) * 0.1
+        return (stop < splat(0.0)) | (dips & low)
+    return stop < splat(0.0)
+
+
+@inlined
+def watch_mesh(w, m):
+    """Lanes, as bits, in which mesh m may switch; leaves its end value and slope in ``w.mesh``."""
+    end, slope = splat(0.0), splat(0.0)
+    for i in range(w.x.shape[0] - 1, 0, -1):
+        x = load(w.x, i, m)
+        end = end + x
+        slope = fma(splat(float(i)), x, slope)
+    start, first = load(w.x, 0, m), load(w.x, 1, m)
+    end = end + start
+    store(w.mesh, END, m, end)
+    store(w.mesh, END_SLOPE, m, slope)
+    store(w.mesh, AT, m, splat(2.0))
+    b, contact = load(w.constants, BORDER, m), load(w.mesh, CONTACT, m)
+    is_open = contact == splat(0.0)
+    sign = choose(is_open, splat(-1.0), contact)
+    border = choose(is_open, b, 0.0 - b)
+    seen = may_leave(sign * start + border, sign * first, sign * end + border, sign * slope)
+    down = may_leave(start + b, first, end + b, slope) & is_open
+    return bits(seen | down)
+
+
+@compiled
+def locate(x, w, m, lane):
+    """Where mesh m switches in one lane (2: nowhere) and to what, into ``w.mesh``."""
+    contact, b = w.mesh[CONTACT, m, lane], w.constants[BORDER, m, lane]
+    end, slope = w.mesh[END, m, lane], w.mesh[END_SLOPE, m, lane]
+    before = w.lane[MOVE, 0, lane]
+    column = m * LANES + lane
+    if contact != 0.0:
+        at = leaves_at(x, column, contact * b, contact, end, slope, before)
+        w.mesh[NEXT, m, lane] = 0.0
+    else:
+        up = leaves_at(x, column, b, -1.0, end, slope, before)
+        down = leaves_at(x, column, -b, 1.0, end, slope, before)
+        at = min(up, down)
+        w.mesh[NEXT, m, lane] = 1.0 if up < down else -1.0
+    w.mesh[AT, m, lane] = at
+    if at < before:
+        w.lane[MOVE, 0, lane] = at
+
+
+@inlined
+def find_moves(w, switches):
+    """How far each lane goes in its step, 1 or up to its first switch, into ``w.lane``.
+
+    A lane that has passed 400 switches within one step is let through to its end.
+    """
+    order, n = w.x.shape[0], w.x.shape[1]
+    x = w.x.reshape(order, n * LANES)
+    store(w.lane, MOVE, 0, splat(1.0))
+    for m in range(n):
+        seen = watch_mesh(w, m)
+        lane = 0
+        while seen:
+            if seen & 1 and switches[lane] < MAX_SUBSTEPS:
+                locate(x, w, m, lane)
+            seen >>= 1
+            lane += 1
+
+
+@inlined
+def switch_contact(w):
+    """New contact of all meshes that switch at the end of their lane's move."""
+    move = load(w.lane, MOVE, 0)
+    switching = move < splat(1.0)
+    if bits(switching):
+        for m in range(w.x.shape[1]):
+            here = (load(w.mesh, AT, m) == move) & switching
+            new = choose(here, load(w.mesh, NEXT, m), load(w.mesh, CONTACT, m))
+            store(w.mesh, CONTACT, m, new)
+
+
+@inlined
+def touch(shape, w):
+    """Contact (Eqs. 1, 4) from the states in all lanes that begin a step of the grid."""
+    sides, c = len(shape[0]), len(shape[1])
+    half = sides * c
+    begins = load(w.lane, DONE, 0) == splat(0.0)
+    for side in range(sides):
+        for k in range(c):
+            a = side * c + k
+            r = load(w.y, 0, sides + a)
+            sun = load(w.y, 0, side) - r - load(w.error, 0, a)
+            touch_mesh(w, a, sun, begins)
+            touch_mesh(w, half + a, r - load(w.error, 0, half + a), begins)
+
+
+@inlined
+def touch_mesh(w, m, x, begins):
+    """Contact of mesh m where a lane begins a step."""
+    b = load(w.constants, BORDER, m)
+    back = choose(x < 0.0 - b, splat(-1.0), splat(0.0))
+    contact = choose(x > b, splat(1.0), back)
+    store(w.mesh, CONTACT, m, choose(begins, contact, load(w.mesh, CONTACT, m)))
