@@ -12,7 +12,19 @@ from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
 
-VERBS = ("run", "demo", "analyze", "replay", "recover", "info", "show", "parameters", "gap")
+VERBS = (
+    "run",
+    "demo",
+    "analyze",
+    "replay",
+    "recover",
+    "info",
+    "show",
+    "parameters",
+    "gap",
+    "sweep",
+    "map",
+)
 
 DESCRIPTION = """\
 Herringbone planetary gear dynamics: stream, steer, record, mirror, replay, analyse.

@@ -1,0 +1,81 @@
+"""``map``: period, largest exponent and loss of contact over two parameters, as pictures."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from herringbone_sim.cli.parameter_options import add_parameter_options
+from herringbone_sim.cli.sweep_options import (
+    add_sweep_options,
+    gear_from,
+    observation_from,
+    run_all,
+    tell,
+)
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.sweeps.grid import Sweep, axis_from_text
+from herringbone_sim.sweeps.store import load_result, open_store
+from herringbone_sim.views.maps import write_maps
+
+KINDS = {
+    "delta_T-K": ("delta_T=0:100", "K=0:0.6"),
+    "delta_T-xi": ("delta_T=0:100", "xi=0.02:0.2"),
+    "Omega-T_1": ("Omega=0.2:2", "T_1=10:2000"),
+}
+DESCRIPTION = """\
+Period, largest Lyapunov exponent and loss of contact over two parameters: a table (Parquet) and
+pictures (PNG, SVG). Every value starts from the initial state of the gear. Values that no gear
+can have, or whose motion diverges, stay white; the reasons are counted. Repeat the command to go
+on with a map that was cut off."""
+EPILOG = """\
+examples:
+  python -m herringbone_sim map --parameters config/paper.yaml --kind delta_T-K --out map
+  python -m herringbone_sim map --parameters config/paper.yaml --set K=0.3 \\
+    --over delta_T=0:100:400 --over xi=0.02:0.2:400 --out map --workers 2"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``map``."""
+    parser = subparsers.add_parser(
+        "map",
+        help="period, exponent and contact loss over two parameters, as pictures",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_parameter_options(parser)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "--over",
+        action="append",
+        metavar="NAME=LOW:HIGH:COUNT",
+        help="values of a parameter, given twice: to the right, then upwards",
+    )
+    shown = ", ".join(f"{kind} ({' x '.join(axes)})" for kind, axes in KINDS.items())
+    what.add_argument("--kind", choices=tuple(KINDS), help=f"ready-made axes: {shown}")
+    parser.add_argument(
+        "--size", type=int, default=200, metavar="N", help="values an axis of --kind [%(default)s]"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
+    add_sweep_options(parser)
+    parser.set_defaults(func=draw_map)
+
+
+def draw_map(args: argparse.Namespace) -> int:
+    """Run, draw and tell; exit code 0.
+
+    Raises:
+        ParameterError: not two axes.
+    """
+    texts = args.over or [f"{axis}:{args.size}" for axis in KINDS[args.kind]]
+    if len(texts) != 2:
+        raise ParameterError(f"a map has two axes, got {len(texts)}: give --over twice")
+    axes = tuple(axis_from_text(text) for text in texts)
+    asked = Sweep(gear_from(args), axes, observation_from(args, mesh=""), chunk=args.chunk)
+    store = open_store(args.out, asked)
+    run_all([store], args)
+    result = load_result(store)
+    tell(result)
+    print("written:", *(str(path) for path in write_maps(args.out, result)), sep="\n  ")
+    return 0

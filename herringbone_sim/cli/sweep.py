@@ -1,0 +1,102 @@
+"""``sweep``: bifurcation diagrams over a parameter, and grids of more of them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from herringbone_sim.cli.parameter_options import add_parameter_options
+from herringbone_sim.cli.sweep_options import (
+    add_sweep_options,
+    gear_from,
+    observation_from,
+    run_all,
+    tell,
+)
+from herringbone_sim.sweeps.diagram import Diagram, diagram_of
+from herringbone_sim.sweeps.grid import Sweep, axis_from_text
+from herringbone_sim.sweeps.store import load_result, open_store
+from herringbone_sim.views.diagrams import write_diagram
+
+WAYS = {
+    "fixed": ("fixed",),
+    "up": ("up",),
+    "down": ("down",),
+    "both": ("up", "down"),
+    "ramp": ("ramp_up", "ramp_down"),
+    "all": ("fixed", "up", "down", "ramp_up", "ramp_down"),
+}
+DESCRIPTION = """\
+Motion over the values of a parameter: period, Lyapunov exponents, contact and section points of
+each, and a bifurcation diagram. A value is reached
+
+  fixed  from the initial state of the gear, each by itself
+  up     from where the value below it ended: a continuation, which keeps to its motion
+  down   from where the value above it ended
+  both   up and down: where they differ, there is hysteresis
+  ramp   while the parameter moves a little every mesh cycle, --cycles of them from one value to
+         the next, up and down, through the same change that the node makes
+  all    all of these
+
+Repeat the command to go on with a sweep that was cut off. Several --over make a grid, without a
+diagram. A folder DIR/START a way holds sweep.json and Parquet tables (parts/)."""
+EPILOG = """\
+examples:
+  python -m herringbone_sim sweep --parameters config/paper.yaml --over delta_T=0:100:400 --out A
+  python -m herringbone_sim sweep --parameters config/paper.yaml --set xi=0.085 \\
+    --over K=0:0.6:400 --start all --out C"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``sweep``."""
+    parser = subparsers.add_parser(
+        "sweep",
+        help="bifurcation diagram over a parameter, by several ways of getting to each value",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_parameter_options(parser)
+    parser.add_argument(
+        "--over",
+        action="append",
+        required=True,
+        metavar="NAME=LOW:HIGH:COUNT",
+        help="values of a parameter, or NAME=VALUE,VALUE,...; continuations follow the first",
+    )
+    parser.add_argument(
+        "--start", choices=tuple(WAYS), default="fixed", help="how to get to a value [%(default)s]"
+    )
+    parser.add_argument(
+        "--mesh", metavar="NAME", help="mesh whose displacements are drawn (default: the first)"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
+    add_sweep_options(parser)
+    parser.set_defaults(func=sweep)
+
+
+def sweep(args: argparse.Namespace) -> int:
+    """Run, draw and tell; exit code 0."""
+    base = gear_from(args)
+    axes = tuple(axis_from_text(text) for text in args.over)
+    look = observation_from(args, args.mesh or base.layout.meshes[0])
+    stores = [
+        open_store(args.out / way, Sweep(base, axes, look, way, args.chunk))
+        for way in WAYS[args.start]
+    ]
+    run_all(stores, args)
+    results = [load_result(store) for store in stores]
+    for result in results:
+        tell(result)
+    if len(axes) == 1:
+        diagram = diagram_of(results)
+        _tell_hysteresis(diagram)
+        paths = write_diagram(args.out, diagram)
+        print(f"written: {', '.join(map(str, paths))}")
+    return 0
+
+
+def _tell_hysteresis(diagram: Diagram) -> None:
+    if len(diagram.branches) > 1:
+        apart = int(diagram.hysteresis().sum())
+        print(f"different motions by different ways at {apart} of {len(diagram.axis)} values")

@@ -1,0 +1,87 @@
+"""Options that ``sweep`` and ``map`` share, and what both say in the end."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from herringbone_sim.cli.parameter_options import parameters_from, settings
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.sweeps.execute import run_stores
+from herringbone_sim.sweeps.grid import CHUNK, Observation, for_sweeps
+from herringbone_sim.sweeps.store import Result, Store
+
+
+def add_sweep_options(parser: argparse.ArgumentParser) -> None:
+    """Add how long to look, and on what to run."""
+    add = parser.add_argument
+    default = Observation()
+    add(
+        "--transient",
+        type=int,
+        default=default.transient,
+        metavar="CYCLES",
+        help="mesh cycles left out at each value [%(default)s]",
+    )
+    add(
+        "--cycles",
+        type=int,
+        default=default.cycles,
+        metavar="CYCLES",
+        help="mesh cycles observed then [%(default)s]",
+    )
+    add("--no-exponents", action="store_true", help="leave the Lyapunov exponents out")
+    add(
+        "--chunk",
+        type=int,
+        default=CHUNK,
+        metavar="N",
+        help="values computed and stored together [%(default)s]",
+    )
+    add("--workers", type=int, metavar="N", help="cores of this machine (default: all)")
+    add(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="run on this Dask cluster instead, as tcp://HOST:8786",
+    )
+
+
+def gear_from(args: argparse.Namespace) -> Parameters:
+    """The gear asked for, with the steps of a sweep where the user set no others."""
+    return for_sweeps(parameters_from(args), settings(args.set))
+
+
+def observation_from(args: argparse.Namespace, mesh: str) -> Observation:
+    """How each value is looked at; all cycles observed are section points, 100 at most."""
+    points = min(args.cycles, Observation().points)
+    chosen = Observation(args.transient, args.cycles, points, not args.no_exponents)
+    return replace(chosen, mesh=mesh)
+
+
+def run_all(stores: Sequence[Store], args: argparse.Namespace) -> None:
+    """Run what is missing; an interruption says how to go on."""
+    try:
+        run_stores(stores, args.workers, args.scheduler)
+    except KeyboardInterrupt:
+        done = sum(store.sweep.n_parts - len(store.missing()) for store in stores)
+        total = sum(store.sweep.n_parts for store in stores)
+        print(
+            f"interrupted: {done} of {total} parts are kept; the same command goes on from there"
+        )
+        raise
+
+
+def tell(result: Result) -> None:
+    """Print the shares of the periods, and how often which reason to fail was met."""
+    period = result["period"]
+    values, counts = np.unique(period[np.isfinite(period)], return_counts=True)
+    shares = [
+        f"{'aperiodic' if value == 0 else f'P{value:.0f}'} {count / period.size:.1%}"
+        for value, count in zip(values, counts, strict=True)
+    ]
+    print(f"{result.sweep.start}: {period.size} values: {', '.join(shares) or 'no periods'}")
+    for reason, count in list(result.failures().items())[:5]:
+        print(f"  {count} failed: {reason}")

@@ -1,0 +1,235 @@
+"""What a sweep is: a gear, the axes over which its parameters run, and what is observed."""
+
+from __future__ import annotations
+
+import json
+import math
+import numbers
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.core.parameters import Parameters, from_mapping, meaning, to_mapping
+from herringbone_sim.errors import ParameterError
+
+STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
+KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
+CHUNK = 256
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Values that one parameter takes, in increasing order.
+
+    Raises:
+        ParameterError: no number of the gear by that name, or values that do not increase.
+    """
+
+    name: str
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        default = getattr(Parameters, self.name, None) if meaning(self.name) else None
+        if isinstance(default, (tuple, str)):
+            raise ParameterError(
+                f"{self.name} is no single number, so it makes no axis: sweep one that is, "
+                "such as delta_T, xi, K, Omega or T_1"
+            )
+        steps = np.diff(self.values)
+        if not self.values or not np.isfinite(self.values).all() or (steps <= 0.0).any():
+            raise ParameterError(
+                f"the values of {self.name} must be finite and increase, got "
+                f"{len(self.values)} from {self.values[:1]} to {self.values[-1:]}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What is done at each value.
+
+    Attributes:
+        transient: mesh cycles left out first.
+        cycles: mesh cycles that exponents and contact are averaged over; the length of a ramp
+            from one value to the next.
+        points: section points looked at, of the last cycles; a period needs 5 repeats in them.
+        exponents: whether to work out Lyapunov exponents.
+        mesh: name such as ``sp_L`` whose section displacements are kept, or "" for none.
+    """
+
+    transient: int = 300
+    cycles: int = 100
+    points: int = 100
+    exponents: bool = True
+    mesh: str = ""
+
+    def __post_init__(self) -> None:
+        if self.transient < 0 or not 1 <= self.points <= self.cycles:
+            raise ParameterError(
+                "a sweep needs transient >= 0 and 1 <= points <= cycles, got transient "
+                f"{self.transient}, cycles {self.cycles}, points {self.points}"
+            )
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A grid of parameter values, flattened with the first axis slowest, cut into chunks.
+
+    Attributes:
+        base: the gear; what is no axis stays as it is here.
+        axes: one or more; the first is the one along which a continuation runs.
+        observation: what is done at each value.
+        start: ``fixed``: every value starts from the initial state of the gear; ``up``, ``down``:
+            each starts where the one before on the first axis ended; ``ramp_up``, ``ramp_down``:
+            the parameter of the first axis moves every mesh cycle, and nothing starts anew.
+        chunk: values computed, stored and lost together.
+
+    Raises:
+        ParameterError: no such start, an axis twice, or a mesh that the gear does not have.
+    """
+
+    base: Parameters
+    axes: tuple[Axis, ...]
+    observation: Observation = field(default_factory=Observation)
+    start: str = "fixed"
+    chunk: int = CHUNK
+
+    def __post_init__(self) -> None:
+        names, mesh = self.names, self.observation.mesh
+        if not names or len(set(names)) < len(names):
+            raise ParameterError(f"a sweep needs one or more different axes, got {names}")
+        if self.start not in STARTS:
+            raise ParameterError(f"start must be one of {', '.join(STARTS)}, got {self.start!r}")
+        if self.chunk < 1:
+            raise ParameterError(f"chunk must be 1 or more, got {self.chunk}")
+        if mesh and mesh not in self.base.layout.meshes:
+            meshes = ", ".join(self.base.layout.meshes)
+            raise ParameterError(f"mesh must be one of {meshes}, got {mesh!r}")
+        if "n_planets" in names and self.base.model == "full":
+            raise ParameterError(
+                "n_planets changes the state of the full model: sweep it in the reduced one"
+            )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(axis.name for axis in self.axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(len(axis) for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def width(self) -> int:
+        """Values at one place of the first axis: chains that run side by side."""
+        return math.prod(self.shape[1:])
+
+    @property
+    def chained(self) -> bool:
+        return self.start != "fixed"
+
+    @property
+    def downwards(self) -> bool:
+        return self.start.endswith("down")
+
+    @property
+    def ramped(self) -> bool:
+        return self.start.startswith("ramp")
+
+    @property
+    def n_parts(self) -> int:
+        return -(-self.size // self._part_size)
+
+    @property
+    def _part_size(self) -> int:
+        return max(self.chunk // self.width, 1) * self.width if self.chained else self.chunk
+
+    def part(self, number: int) -> range:
+        """Flat indices of one part; parts of a continuation hold whole places of its axis."""
+        first = number * self._part_size
+        return range(first, min(first + self._part_size, self.size))
+
+    def values_at(self, index: int) -> dict[str, float]:
+        """Values of the axes at a flat index."""
+        place = np.unravel_index(index, self.shape)
+        return {axis.name: axis.values[i] for axis, i in zip(self.axes, place, strict=True)}
+
+    def parameters_at(self, index: int) -> Parameters:
+        """The gear at a flat index; ParameterError where there can be none."""
+        return self.base.changed(self.values_at(index))
+
+    def to_json(self) -> str:
+        """Text from which ``sweep_from_json`` makes an equal sweep."""
+        return json.dumps(asdict(self) | {"base": to_mapping(self.base)}, indent=1)
+
+
+def sweep_from_json(text: str) -> Sweep:
+    """The sweep that ``Sweep.to_json`` wrote.
+
+    Raises:
+        ParameterError: the text holds no sweep.
+    """
+    try:
+        found = json.loads(text)
+        known: dict[str, Any] = {item.name: found[item.name] for item in fields(Sweep)}
+        known["base"] = from_mapping(found["base"])
+        known["axes"] = tuple(Axis(a["name"], tuple(a["values"])) for a in found["axes"])
+        known["observation"] = Observation(**found["observation"])
+        return Sweep(**known)
+    except (ValueError, TypeError, KeyError) as error:
+        raise ParameterError(f"no description of a sweep: {error}") from None
+
+
+def axis_from_text(text: str) -> Axis:
+    """Axis of ``NAME=LOW:HIGH:COUNT`` (both ends included) or ``NAME=VALUE,VALUE,...``.
+
+    Raises:
+        ParameterError: a text of another form.
+    """
+    name, _, values = (part.strip() for part in text.partition("="))
+    try:
+        if ":" in values:
+            low, high, count = values.split(":")
+            spaced = np.linspace(float(low), float(high), int(count))
+            return Axis(name, tuple(float(value) for value in spaced))
+        return Axis(name, tuple(float(value) for value in values.split(",")))
+    except ParameterError:
+        raise
+    except ValueError:
+        raise ParameterError(
+            f"an axis is NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE,..., got {text!r}: "
+            "write it like K=0:0.6:400"
+        ) from None
+
+
+def for_sweeps(base: Parameters, kept: Mapping[str, Any]) -> Parameters:
+    """The gear with the steps of a sweep: order 14, 8 steps and 1 sample a mesh cycle.
+
+    Args:
+        kept: parameters that the user chose; they stay.
+    """
+    return base.changed({name: value for name, value in KERNEL.items() if name not in kept})
+
+
+def differences(one: Sweep, other: Sweep) -> list[str]:
+    """What tells two sweeps apart, as ``name: value, value``."""
+    pairs = zip(_flat(one).items(), _flat(other).values(), strict=True)
+    return [f"{name}: {_short(a)}, {_short(b)}" for (name, a), b in pairs if a != b]
+
+
+def _flat(sweep: Sweep) -> dict[str, Any]:
+    base = to_mapping(sweep.base) | asdict(sweep.observation)
+    return base | {"axes": sweep.axes, "start": sweep.start, "chunk": sweep.chunk}
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, tuple) and value and isinstance(value[0], Axis):
+        return " x ".join(f"{a.name}={a.values[0]:g}:{a.values[-1]:g}:{len(a)}" for a in value)
+    return f"{value:g}" if isinstance(value, numbers.Real) else str(value)

@@ -1,0 +1,96 @@
+"""Periods of many motions at once: ``analysis.periods.find_period``, compiled, without noise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.analysis.periods import (
+    GROWTH,
+    LEAST_LARGEST,
+    MAX_PERIOD,
+    MIN_REPEATS,
+    TOLERANCE,
+)
+from herringbone_sim.core.packed import compiled
+
+Array = NDArray[np.float64]
+
+LEAST_RETURN = 1e-9
+
+
+def find_periods(
+    sections: Array, max_period: int = MAX_PERIOD, tolerance: float = TOLERANCE
+) -> Array:
+    """Period (n,) in mesh cycles of each motion; 0 = aperiodic; NaN = too few points to say.
+
+    The smallest p for which all points m, m + p, m + 2 p, ... of the window gather around one
+    centre, to ``tolerance`` in the RMS, and do not part more and more: slow chaos passes from
+    point to point, but not over the window.
+
+    Args:
+        sections: (n, m, k) section points in units of the scale of the motion; the states of the
+            model are.
+        max_period: largest period tried; each needs 5 repeats within the window.
+        tolerance: largest RMS distance from the centres.
+    """
+    found: Array = np.full(len(sections), np.nan)
+    largest = min(max_period, sections.shape[1] // MIN_REPEATS)
+    if largest >= 1:
+        _find(np.ascontiguousarray(sections), largest, tolerance, found)
+    if largest < LEAST_LARGEST:
+        found[found == 0.0] = np.nan
+    return found
+
+
+def _spread(points: Any, period: int) -> Any:
+    """RMS distance per coordinate of the points from the centres of their groups."""
+    m, k = points.shape
+    squares = 0.0
+    for first in range(period):
+        count = (m - first + period - 1) // period
+        for j in range(k):
+            centre = 0.0
+            for i in range(first, m, period):
+                centre += points[i, j]
+            centre /= count
+            for i in range(first, m, period):
+                squares += (points[i, j] - centre) ** 2
+    return np.sqrt(squares / ((m - period) * k))
+
+
+_compiled_spread = compiled(_spread)
+
+
+def _grows(points: Any, period: int) -> Any:
+    """Whether the distance from one repeat to the next grows from the first to the last third."""
+    n = points.shape[0] - period
+    returns = np.empty(n)
+    for i in range(n):
+        squares = 0.0
+        for j in range(points.shape[1]):
+            squares += (points[i + period, j] - points[i, j]) ** 2
+        returns[i] = np.sqrt(squares / points.shape[1])
+    third = max(n // 3, 1)
+    early, late = np.median(returns[:third]), np.median(returns[-third:])
+    return late > GROWTH * max(early, LEAST_RETURN)
+
+
+_compiled_grows = compiled(_grows)
+
+
+def _find_all(sections: Any, largest: int, tolerance: float, found: Any) -> None:
+    for i in range(sections.shape[0]):
+        if np.isnan(sections[i, 0, 0]):
+            continue
+        found[i] = 0.0
+        for period in range(1, largest + 1):
+            if _compiled_spread(sections[i], period) <= tolerance:
+                if not _compiled_grows(sections[i], period):
+                    found[i] = period
+                break
+
+
+_find = compiled(_find_all)
