@@ -116,7 +116,7 @@ def find_orbit(
     except DivergenceError as error:
         nothing = np.full((period, flow.n, flow.n), np.nan)
         return Orbit(np.tile(points, (period, 1)), nothing, float("nan"), 0, str(error))
-    basis = basis_of(points, mirror)
+    basis, period = basis_of(points, mirror), len(points)
 
     def equations(z: Array) -> tuple[Array, Array]:
         return shoot(flow, z, basis)
@@ -236,3 +236,25 @@ def iterate(flow: Flow, y: Array, n: int) -> Array:
     for _ in range(n - 1):
         points.append(flow.advance(points[-1], np.zeros((0, flow.n)))[0])
     return np.array(points)
+
+
+def closest_return(flow: Flow, y: Array, period: int, cycles: int) -> Array:
+    """Successive states (period, n) of a trajectory that most nearly close: a start for Newton.
+
+    Raises:
+        DivergenceError: the trajectory left the range of any physical motion.
+    """
+    states = iterate(flow, y, cycles + period)
+    gaps = np.linalg.norm(states[period:] - states[:-period], axis=1)
+    first = int(np.argmin(gaps))
+    return states[first : first + period]
+
+
+def least_period(points: Array, tolerance: float = 1e-6) -> int:
+    """Least period of the states (period, n) of an orbit: 1 where all are the same."""
+    n = len(points)
+    return next(
+        p
+        for p in range(1, n + 1)
+        if n % p == 0 and np.abs(points - np.roll(points, p, axis=0)).max() <= tolerance
+    )

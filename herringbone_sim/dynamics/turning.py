@@ -1,0 +1,102 @@
+"""Where the meshes of an orbit turn, and on which side of the borders of their backlash.
+
+An orbit grazes where a mesh turns back on a border x = +-b': a contact appears or is lost there.
+Between two turning points a mesh moves one way, so it passes a border as often as successive
+turning points lie on both sides of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.integrate import State, Stepper
+from herringbone_sim.core.model import build, relative
+from herringbone_sim.dynamics.flow import Flow, GearFlow
+from herringbone_sim.dynamics.orbits import is_symmetric
+from herringbone_sim.errors import AnalysisError
+
+Array = NDArray[np.float64]
+Passes = dict[str, int]
+
+SAMPLES = 128  # a mesh cycle: an error of 1e-8 in the height of a turning point
+
+
+def border_passes(flow: Flow, points: Array, mirror: NDArray[np.int64] | None = None) -> Passes:
+    """How often each mesh passes each border of its backlash over an orbit of a gear.
+
+    Args:
+        points: (period, n) states of the orbit.
+        mirror: indices that swap left and right. Where the halves of the orbit are alike, a
+            mesh and its mirror image count as one, named like ``sp_L = sp_R``.
+
+    Returns:
+        Passes by border, such as ``sp_L drive`` for x = +b' and ``sp_L back`` for x = -b'.
+
+    Raises:
+        AnalysisError: the flow is not that of a gear.
+    """
+    gear = _gear(flow)
+    x, v = _trajectory(gear, points)
+    layout, b, h = gear.model.layout, gear.model.packed.b, gear.period / gear.cycles / SAMPLES
+    symmetric = mirror is not None and is_symmetric(points, mirror)
+    passes = {}
+    for m, mesh in enumerate(layout.meshes):
+        if symmetric and mesh.endswith("_R"):
+            continue
+        name = f"{mesh} = {layout.meshes[m + layout.n_classes]}" if symmetric else mesh
+        heights = turning_points(x[:, m], v[:, m], h)
+        passes[f"{name} drive"] = _passes(heights, b[m])
+        passes[f"{name} back"] = _passes(heights, -b[m])
+    return passes
+
+
+def section(flow: Flow, points: Array) -> tuple[Array, Array]:
+    """Relative displacements and rates (period, n_mesh) at phase 0, dimensionless.
+
+    Raises:
+        AnalysisError: the flow is not that of a gear.
+    """
+    model = _gear(flow).model
+    both = np.array([relative(model, y, 0.0) for y in points])
+    return both[:, 0], both[:, 1]
+
+
+def _gear(flow: Flow) -> GearFlow:
+    if not isinstance(flow, GearFlow):
+        raise AnalysisError(f"meshes need a GearFlow, got {type(flow).__name__}")
+    return flow
+
+
+def turning_points(x: Array, v: Array, h: float) -> Array:
+    """Heights at which a closed orbit turns, from samples h apart (cubic between them).
+
+    Args:
+        x, v: (n,) displacements and rates of one period; the next sample would be the first.
+    """
+    x1, v1 = np.roll(x, -1), np.roll(v, -1)
+    at = np.flatnonzero((v > 0) != (v1 > 0))
+    x0, v0, x1, v1 = x[at], v[at] * h, x1[at], v1[at] * h
+    a, c = 2 * (x0 - x1) + v0 + v1, 3 * (x1 - x0) - 2 * v0 - v1
+    # The root of 3 a s^2 + 2 c s + v0 in 0 .. 1, in the form that a = 0 does no harm to.
+    root = np.sqrt(np.maximum(c * c - 3 * a * v0, 0.0))
+    s = -v0 / (c + np.where(v0 < 0, root, -root))
+    heights: Array = x0 + s * (v0 + s * (c + s * a))
+    return heights
+
+
+def _passes(heights: Array, level: float) -> int:
+    beyond = heights > level
+    return int((beyond != np.roll(beyond, 1)).sum())
+
+
+def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
+    """Displacements and rates (samples, n_mesh) over the orbit, dimensionless."""
+    model = build(flow.model.parameters.changed({"samples_per_cycle": SAMPLES}))
+    stepper, n, s = Stepper(model), model.layout.n_mesh, model.scales
+    rows = []
+    for y in points:
+        state = State(y, 0, 0, 0.0, np.zeros((0, len(y))), np.zeros(0))
+        rows.append(stepper.advance(state, SAMPLES * flow.cycles).rows)
+    whole = np.concatenate(rows)
+    return whole[:, 5 : 5 + n] / s.b_c, whole[:, 5 + n : 5 + 2 * n] / s.velocity_m_per_s
