@@ -118,6 +118,19 @@ def mirror(layout: Layout) -> NDArray[np.int64]:
     return np.concatenate([one, m + one])
 
 
+def symmetry(model: Model) -> NDArray[np.int64] | None:
+    """``mirror`` where left and right of a gear are alike to the last bit, else None."""
+    c = model.layout.n_classes
+    for value in model.packed:
+        if isinstance(value, np.ndarray) and value.size:
+            sides = (
+                value.reshape(-1, 2, c) if value.shape[-1] == 4 * c else value.reshape(1, 2, -1)
+            )
+            if not np.array_equal(sides[:, 0], sides[:, 1]):
+                return None
+    return mirror(model.layout)
+
+
 def settle(flow: Flow, y: Array, periods: int) -> Array:
     """State (n,) after so many periods, without tangents."""
     none = np.zeros((0, flow.n))
