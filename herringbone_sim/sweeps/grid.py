@@ -17,6 +17,7 @@ from herringbone_sim.errors import ParameterError
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
 KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
 CHUNK = 256
+ALIKE = ("n_planets", "order")  # what all values of one batch share
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Axis:
     """Values that one parameter takes, in increasing order.
 
     Raises:
-        ParameterError: no number of the gear by that name, or values that do not increase.
+        ParameterError: no such number, or values that do not increase.
     """
 
     name: str
@@ -32,10 +33,10 @@ class Axis:
 
     def __post_init__(self) -> None:
         default = getattr(Parameters, self.name, None) if meaning(self.name) else None
-        if isinstance(default, (tuple, str)):
+        if isinstance(default, (tuple, str)) or self.name in ALIKE:
             raise ParameterError(
-                f"{self.name} is no single number, so it makes no axis: sweep one that is, "
-                "such as delta_T, xi, K, Omega or T_1"
+                f"{self.name} makes no axis: sweep a number that leaves the size of the model as "
+                "it is, such as delta_T, xi, K, Omega or T_1"
             )
         steps = np.diff(self.values)
         if not self.values or not np.isfinite(self.values).all() or (steps <= 0.0).any():
@@ -109,10 +110,6 @@ class Sweep:
         if mesh and mesh not in self.base.layout.meshes:
             meshes = ", ".join(self.base.layout.meshes)
             raise ParameterError(f"mesh must be one of {meshes}, got {mesh!r}")
-        if "n_planets" in names and self.base.model == "full":
-            raise ParameterError(
-                "n_planets changes the state of the full model: sweep it in the reduced one"
-            )
 
     @property
     def names(self) -> tuple[str, ...]:

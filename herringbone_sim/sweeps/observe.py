@@ -11,7 +11,7 @@ The columns of a table, n rows:
                         where they differ already
     asymmetry           RMS of left less right over the section, b_c
     sun_back, sun_separated, sun_drive, ring_...    shares of the time, mean of the meshes
-    contact_loss        0 never, 1 on one side, 2 on both flanks of some mesh; as sampled
+    contact_loss        0 never, 1 on one side, 2 on both flanks of some mesh
     points              (n, points) section displacements of one mesh, b_c, where wanted
     end                 (n, n_state) last states, where the next value starts from them
     reason              why a value failed, or empty
@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 Table = dict[str, NDArray[Any]]
 
 STATES = ("back", "separated", "drive")
+NO_TIME = 1e-9  # share of the time below which it is rounding
 SCALARS = (
     "period",
     "exponent",
@@ -137,8 +138,8 @@ def asymmetries(sections: Array) -> Array:
 
 def contact_loss(contact: Array) -> Array:
     """0, 1 or 2 (n,) from shares (n, n_mesh, 3): never apart, one flank only, both flanks hit."""
-    apart = contact[:, :, 1] > 0.0
-    both = (contact[:, :, 0] > 0.0) & (contact[:, :, 2] > 0.0)
+    back, apart, drive = np.moveaxis(contact > NO_TIME, -1, 0)
+    both = back & drive
     worst = np.max(np.where(both, 2.0, np.where(apart, 1.0, 0.0)), axis=1)
     result: Array = np.where(np.isnan(contact).any(axis=(1, 2)), np.nan, worst)
     return result

@@ -18,11 +18,16 @@ from herringbone_sim.views.maps import axis_label, save_figure
 Array = NDArray[np.float64]
 
 LOOKS = {
-    "fixed": (INK, "each from the initial state"),
+    "fixed": (INK, "from the initial state"),
     "up": (ORANGE, "continued upwards"),
     "down": (BLUE, "continued downwards"),
     "ramp_up": (ORANGE, "rising"),
     "ramp_down": (BLUE, "falling"),
+}
+PANELS = {
+    "each value from the initial state of the gear": ("fixed",),
+    "each value from where its neighbour ended": ("up", "down"),
+    "slow ramp, a point a mesh cycle": ("ramp_up", "ramp_down"),
 }
 
 
@@ -32,21 +37,18 @@ def write_diagram(folder: Path, diagram: Diagram) -> list[Path]:
 
 
 def diagram_figure(diagram: Diagram) -> Figure:
-    """Held values, ramps and exponents below each other, as far as there are any."""
-    held = [one for one in diagram.branches if not one.start.startswith("ramp")]
-    ramps = [one for one in diagram.branches if one.start.startswith("ramp")]
-    known = [one for one in held if np.isfinite(one.exponent).any()]
-    ratios = [3.0] * (bool(held) + bool(ramps)) + [2.0] * bool(known)
+    """A panel for each kind of start over one of the exponents; grey: hysteresis."""
+    groups = [(title, _chosen(diagram, starts)) for title, starts in PANELS.items()]
+    groups = [(title, branches) for title, branches in groups if branches]
+    known = [one for one in diagram.branches if np.isfinite(one.exponent).any()]
+    ratios = [3.0] * len(groups) + [2.0] * bool(known)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 0.6 + 0.95 * sum(ratios)))
         rows = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)
-        panels = list(rows[:, 0])
-        if held:
-            draw_branches(panels.pop(0), diagram, held, "bifurcation diagram")
-        if ramps:
-            draw_branches(panels.pop(0), diagram, ramps, "slow ramp, a point a mesh cycle")
+        for axes, (title, branches) in zip(rows[:, 0], groups, strict=False):
+            draw_branches(axes, diagram, branches, title)
         if known:
-            draw_exponents(panels.pop(0), known)
+            draw_exponents(rows[-1, 0], known)
         last = rows[-1, 0]
         last.set_xlabel(axis_label(diagram.axis.name))
         last.set_xlim(diagram.axis.values[0], diagram.axis.values[-1])
@@ -72,16 +74,20 @@ def draw_branches(axes: Axes, diagram: Diagram, branches: list[Branch], title: s
 def draw_exponents(axes: Axes, branches: list[Branch]) -> None:
     """Exponent of what keeps left and right alike, and dotted of what parts them."""
     axes.axhline(0.0, color=GREY, linewidth=0.8)
+    alone = len(branches) == 1
     for branch in branches:
-        colour, _ = LOOKS[branch.start]
-        alone = len(branches) == 1
+        colour, label = LOOKS[branch.start]
         alike = np.where(np.isfinite(branch.within), branch.within, branch.exponent)
-        axes.plot(branch.values, alike, color=colour, label="left = right" if alone else None)
-        look: Any = {"color": ORANGE if alone else colour, "linestyle": "-" if alone else ":"}
-        label = "parts left and right" if branch is branches[0] else None
-        axes.plot(branch.values, branch.transverse, label=label, **look)
+        axes.plot(branch.values, alike, color=colour, label="left = right" if alone else label)
+        look: Any = {"color": ORANGE} if alone else {"color": colour, "linestyle": ":"}
+        parts = "parts left and right" if branch is branches[-1] else None
+        axes.plot(branch.values, branch.transverse, label=parts, **look)
     axes.set(title="largest Lyapunov exponent", ylabel=r"$\lambda_1$ per $\tau$")
-    _legend(axes, ncols=2)
+    axes.legend(fontsize=8, loc="lower left", ncols=2, handletextpad=0.4, columnspacing=1.2)
+
+
+def _chosen(diagram: Diagram, starts: tuple[str, ...]) -> list[Branch]:
+    return [branch for branch in diagram.branches if branch.start in starts]
 
 
 def _legend(axes: Axes, ncols: int) -> None:

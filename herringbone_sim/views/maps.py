@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from herringbone_sim.core.parameters import meaning
@@ -22,6 +23,8 @@ from herringbone_sim.views.figures import INK, PARAMETER_LABELS, STYLE
 Array = NDArray[np.float64]
 
 DPI = 220
+NO_LOSS = "#e9eaec"
+LOSSES = {1: ("Blues", "one\nflank"), 2: ("Oranges", "both\nflanks")}
 FAILED = "#ffffff"
 APERIODIC = "#1d2027"
 # Hue by the odd part of the period, darker with each doubling.
@@ -113,23 +116,35 @@ def draw_exponent(axes: Axes, result: Result) -> None:
     exponent = result["exponent"]
     known = exponent[np.isfinite(exponent)]
     low, high = np.percentile(known, [100.0 - STRETCH, STRETCH]) if known.size else (0.0, 0.0)
-    norm = TwoSlopeNorm(0.0, min(low, -1e-3), max(high, 1e-3))
+    low, high = min(float(low), -1e-3), max(float(high), 1e-3)
+    norm = TwoSlopeNorm(0.0, low, high)
     image = _mesh(axes, result, exponent, cmap="RdBu_r", norm=norm)
     axes.set_title("largest Lyapunov exponent")
     assert axes.figure is not None
     bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
     bar.set_label(r"$\lambda_1$ per $\tau$")
+    halves = [MaxNLocator(4).tick_values(*ends) for ends in ((low, 0.0), (0.0, high))]
+    bar.set_ticks([t for half in halves for t in half if low <= t <= high])
     bar.ax.axhline(0.0, color=INK, linewidth=0.8)
 
 
 def draw_contact(axes: Axes, result: Result) -> None:
-    """Share of the time that the flanks are apart; lines where a way of losing contact begins."""
+    """Hue: on how many flanks contact is lost and made again; depth: share of the time apart."""
     apart = (result["sun_separated"] + result["ring_separated"]) / 2.0
-    image = _mesh(axes, result, apart, cmap="cividis", vmin=0.0, vmax=1.0)
-    axes.set_title("share of the time out of contact")
+    loss = result["contact_loss"]
+    _mesh(axes, result, np.where(loss == 0, 0.0, np.nan), cmap=ListedColormap([NO_LOSS]))
+    axes.set_title("loss of contact: share of the time apart")
     assert axes.figure is not None
-    bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=28)
-    bar.set_label("flanks apart, mean of the meshes")
+    for level, (colours, label) in reversed(LOSSES.items()):
+        if (loss == level).any():
+            shown = np.where(loss == level, apart, np.nan)
+            image = _mesh(axes, result, shown, cmap=colours, vmin=-0.15, vmax=1.0)
+            bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=28)
+            bar.ax.set_ylim(0.0, 1.0)
+            bar.ax.set_title(label, fontsize=7, pad=4.0, loc="center")
+    if (loss == 0).any():
+        handle = Patch(facecolor=NO_LOSS, edgecolor=INK, linewidth=0.4, label="never lost")
+        axes.legend(handles=[handle], handlelength=1.0, handleheight=1.0, fontsize=8, loc="best")
 
 
 def _parts(result: Result) -> dict[str, Callable[[Axes, Result], None]]:
