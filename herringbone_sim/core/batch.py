@@ -252,9 +252,7 @@ def _run_rk4(
     ]
 
 
-def _one_rk4(
-    found: tuple[Array, ...], i: int, model: Model, y: Array, length: _Length
-) -> str:
+def _one_rk4(found: tuple[Array, ...], i: int, model: Model, y: Array, length: _Length) -> str:
     stepper, per_cycle = Stepper(model), model.parameters.samples_per_cycle
     block = stepper.advance(replace(stepper.start(), y=y), length.transient * per_cycle)
     states, contact = [block.end], np.zeros((model.layout.n_mesh, 3))

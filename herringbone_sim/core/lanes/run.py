@@ -52,26 +52,27 @@ def count_contact(w):
         store(w.mesh, BACK, m, load(w.mesh, BACK, m) + back)
 
 
-@inlined
+@compiled
 def take_value(w, lane, value, table, starts):
     """Put a value's constants and initial state into a lane."""
-    w.constants[:, :, lane] = table[value]
-    w.y[:, :, lane] = starts[value]
+    for row in range(table.shape[1]):
+        for m in range(table.shape[2]):
+            w.constants[row, m, lane] = table[value, row, m]
+    for t in range(starts.shape[1]):
+        for j in range(starts.shape[2]):
+            w.y[t, j, lane] = starts[value, t, j]
     w.lane[DONE, 0, lane] = 0.0
-    w.lane[ANGLE, 0, lane] = w.constants[CONTROL_PHASE, 0, lane]
-    w.mesh[DRIVE, :, lane] = 0.0
-    w.mesh[BACK, :, lane] = 0.0
 
 
-@inlined
-def normalise(w, lane, growth):
+@compiled
+def normalise(w, lane, growth, last):
     """Bring the tangents of a lane back to length 1; growth takes the logarithms."""
     for t in range(1, w.y.shape[0]):
         square = 0.0
         for j in range(w.y.shape[1]):
             square += w.y[t, j, lane] * w.y[t, j, lane]
         length = np.sqrt(square)
-        growth[t - 1] += np.log(length)
+        growth[last, t - 1] += np.log(length)
         for j in range(w.y.shape[1]):
             w.y[t, j, lane] /= length
 
@@ -85,6 +86,14 @@ def out_of_range(w, lane):
     return False
 
 
+@inlined
+def forget(w, lane):
+    """Count contact from here on."""
+    for m in range(w.mesh.shape[1]):
+        w.mesh[DRIVE, m, lane] = 0.0
+        w.mesh[BACK, m, lane] = 0.0
+
+
 @compiled
 def end_cycle(w, lane, cycle, transient, cycles, sections, growth, contact):
     """All that happens to a lane at phase 0; returns whether its value is done.
@@ -95,24 +104,25 @@ def end_cycle(w, lane, cycle, transient, cycles, sections, growth, contact):
     turns = w.constants[CONTROL_ORDER, 0, lane] * cycle
     angle = TWO_PI * (turns - np.floor(turns)) + w.constants[CONTROL_PHASE, 0, lane]
     w.lane[ANGLE, 0, lane] = angle
-    batches = growth.shape[0] - 1
-    normalise(w, lane, growth[batches])
     seen = cycle - transient
+    batches = growth.shape[0] - 1
+    normalise(w, lane, growth, batches)
+    batch = seen * batches // cycles if seen > 0 else 0
+    if seen == 0 or (seen > 0 and batch != (seen - 1) * batches // cycles):
+        for t in range(growth.shape[1]):
+            if seen:
+                growth[batch - 1, t] = growth[batches, t]
+            growth[batches, t] = 0.0
     if seen == 0:
-        growth[batches] = 0.0
-        w.mesh[DRIVE, :, lane] = 0.0
-        w.mesh[BACK, :, lane] = 0.0
+        forget(w, lane)
     first = cycles - sections.shape[0]
     if first <= seen < cycles:
-        sections[seen - first] = w.y[0, :, lane]
-    if seen > 0:
-        batch = seen * batches // cycles
-        if batch != (seen - 1) * batches // cycles:
-            growth[batch - 1] = growth[batches]
-            growth[batches] = 0.0
+        for j in range(sections.shape[1]):
+            sections[seen - first, j] = w.y[0, j, lane]
     if seen == cycles:
-        contact[:, 0] = w.mesh[BACK, :, lane]
-        contact[:, 1] = w.mesh[DRIVE, :, lane]
+        for m in range(contact.shape[0]):
+            contact[m, 0] = w.mesh[BACK, m, lane]
+            contact[m, 1] = w.mesh[DRIVE, m, lane]
     return seen == cycles
 
 
@@ -158,9 +168,7 @@ def run_lanes(
             value[lane] = queue
             queue += 1
             busy += 1
-            end_cycle(
-                w, lane, 0, transient, cycles, sections[lane], growth[lane], contact[lane]
-            )
+            end_cycle(w, lane, 0, transient, cycles, sections[lane], growth[lane], contact[lane])
     while busy:
         begin_steps(w, index, lane_steps)
         expand_excitation(w, inverse, controlled)
@@ -198,7 +206,8 @@ def run_lanes(
             if failed[v] or end_cycle(
                 w, lane, cycle[lane], transient, cycles, sections[v], growth[v], contact[v]
             ):
-                end[v] = w.y[0, :, lane]
+                for j in range(end.shape[1]):
+                    end[v, j] = w.y[0, j, lane]
                 value[lane] = IDLE
                 busy -= 1
                 if queue < n:
@@ -207,8 +216,14 @@ def run_lanes(
                     lane_steps[lane] = steps[queue]
                     cycle[lane] = 0
                     end_cycle(
-                        w, lane, 0, transient, cycles,
-                        sections[queue], growth[queue], contact[queue],
+                        w,
+                        lane,
+                        0,
+                        transient,
+                        cycles,
+                        sections[queue],
+                        growth[queue],
+                        contact[queue],
                     )
                     queue += 1
                     busy += 1

@@ -24,7 +24,7 @@ from herringbone_sim.core.lanes.packed import (
     SUN,
 )
 from herringbone_sim.core.lanes.vector import absolute, choose, fma, load, nearest, splat, store
-from herringbone_sim.core.packed import inlined
+from herringbone_sim.core.packed import compiled, inlined
 
 HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 
@@ -78,7 +78,7 @@ def add_harmonic(w, out, m, cosine, sine, fresh):
         cosine, sine = sine, 0.0 - cosine
 
 
-@inlined
+@compiled
 def expand_excitation(w, inverse, controlled):
     """Series of k(t) (Eq. 7), e(t) (Eq. 9) and the control over what is left of the step."""
     n = w.k.shape[1]
@@ -127,15 +127,15 @@ def expand_control(w, inverse):
 @inlined
 def cauchy(w, i, m):
     """Order i of the product k f of meshes m and m + 1: two chains at a time."""
-    even, odd = splat(0.0), splat(0.0)
+    even, odd = load(w.force, 0, m), load(w.force, 0, m + 1)
     for j in range(i + 1):
-        even = fma(load(w.k, j, m), load(w.f, i - j, m), even)
-        odd = fma(load(w.k, j, m + 1), load(w.f, i - j, m + 1), odd)
-    store(w.force, 0, m, load(w.force, 0, m) + even)
-    store(w.force, 0, m + 1, load(w.force, 0, m + 1) + odd)
+        even = fma(load(w.k, i - j, m), load(w.f, j, m), even)
+        odd = fma(load(w.k, i - j, m + 1), load(w.f, j, m + 1), odd)
+    store(w.force, 0, m, even)
+    store(w.force, 0, m + 1, odd)
 
 
-@inlined
+@compiled
 def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
     """Series of the state (row 0) or of a tangent vector over what is left of the step.
 
@@ -230,7 +230,7 @@ def advance(w, i, coordinate, acceleration, row, entry, forced, controlled, scal
     store(w.q, i + 1, coordinate, load(w.v, i, coordinate) * scale)
 
 
-@inlined
+@compiled
 def take_state(w, row):
     """State or tangent at the end of each lane's move, by Horner's rule, into ``w.y``."""
     move = load(w.lane, MOVE, 0)

@@ -12,7 +12,18 @@ from herringbone_sim.core.lanes.packed import (
     MOVE,
     NEXT,
 )
-from herringbone_sim.core.lanes.vector import LANES, bits, choose, fma, load, splat, store
+from herringbone_sim.core.lanes.vector import (
+    LANES,
+    absolute,
+    bits,
+    choose,
+    fma,
+    load,
+    root,
+    splat,
+    store,
+    without,
+)
 from herringbone_sim.core.packed import compiled, inlined
 from herringbone_sim.core.switching import leaves_at
 from herringbone_sim.core.taylor import MAX_SUBSTEPS
@@ -30,8 +41,44 @@ def may_leave(start, start_slope, stop, stop_slope):
 
 
 @inlined
+def cross(w, m, sign, border, start, start_slope, stop, wanted):
+    """Where the margins sign * x + border of mesh m, positive at 0, turn negative before 1.
+
+    Newton within a bracket, from the root of the parabola through both ends. A lane stands still
+    once it is there, so that it gives the same beside any others.
+    """
+    bend = stop - start - start_slope
+    discriminant = start_slope * start_slope - 4.0 * start * bend
+    s = (start + start) / (root(absolute(discriminant)) - start_slope)
+    s = choose(wanted, s, splat(0.5))
+    low, high = splat(0.0), splat(1.0)
+    last = w.x.shape[0] - 1
+    moving = wanted
+    for _ in range(60):
+        value, ds = load(w.x, last, m), splat(0.0)
+        for i in range(last - 1, -1, -1):
+            ds = fma(ds, s, value)
+            value = fma(value, s, load(w.x, i, m))
+        value, ds = fma(sign, value, border), sign * ds
+        beyond = value < splat(0.0)
+        low, high = choose(beyond, low, s), choose(beyond, s, high)
+        new = s - value / ds
+        inside = (new > low) & (new < high)
+        there = inside & (absolute(new - s) < splat(1e-9))
+        s = choose(moving, choose(inside, new, (low + high) * 0.5), s)
+        moving = moving & without(there)
+        if not bits(moving):
+            break
+    return s
+
+
+@inlined
 def watch_mesh(w, m):
-    """Lanes, as bits, in which mesh m may switch; leaves its end value and slope in ``w.mesh``."""
+    """Plain crossings of mesh m, in all lanes at once; returns, as bits, the lanes left over.
+
+    Left over are the rare lanes that may dip through a border and back within the step, or that
+    start on one.
+    """
     end, slope = splat(0.0), splat(0.0)
     for i in range(w.x.shape[0] - 1, 0, -1):
         x = load(w.x, i, m)
@@ -39,16 +86,28 @@ def watch_mesh(w, m):
         slope = fma(splat(float(i)), x, slope)
     start, first = load(w.x, 0, m), load(w.x, 1, m)
     end = end + start
+    b, contact = load(w.constants, BORDER, m), load(w.mesh, CONTACT, m)
+    zero, one = splat(0.0), splat(1.0)
+    is_open = contact == zero
+    up = is_open & (end > zero)
+    sign = choose(is_open, choose(up, zero - one, one), contact)
+    border = choose(is_open, b, zero - b)
+    begin, stop = fma(sign, start, border), fma(sign, end, border)
+    plain = (begin > zero) & (stop < zero)
+    seen = may_leave(begin, sign * first, stop, sign * slope)
+    other = may_leave(b - sign * start, zero - sign * first, b - sign * end, zero - sign * slope)
+    other = other & is_open
+    plain = plain & without(other)
+    at = splat(2.0)
+    if bits(plain):
+        at = choose(plain, cross(w, m, sign, border, begin, sign * first, stop, plain), at)
     store(w.mesh, END, m, end)
     store(w.mesh, END_SLOPE, m, slope)
-    store(w.mesh, AT, m, splat(2.0))
-    b, contact = load(w.constants, BORDER, m), load(w.mesh, CONTACT, m)
-    is_open = contact == splat(0.0)
-    sign = choose(is_open, splat(-1.0), contact)
-    border = choose(is_open, b, 0.0 - b)
-    seen = may_leave(sign * start + border, sign * first, sign * end + border, sign * slope)
-    down = may_leave(start + b, first, end + b, slope) & is_open
-    return bits(seen | down)
+    store(w.mesh, AT, m, at)
+    store(w.mesh, NEXT, m, choose(is_open, zero - sign, zero))
+    move = load(w.lane, MOVE, 0)
+    store(w.lane, MOVE, 0, choose(at < move, at, move))
+    return bits((seen | other)) & ~bits(plain)
 
 
 @compiled
@@ -71,7 +130,7 @@ def locate(x, w, m, lane):
         w.lane[MOVE, 0, lane] = at
 
 
-@inlined
+@compiled
 def find_moves(w, switches):
     """How far each lane goes in its step, 1 or up to its first switch, into ``w.lane``.
 
@@ -84,10 +143,13 @@ def find_moves(w, switches):
         seen = watch_mesh(w, m)
         lane = 0
         while seen:
-            if seen & 1 and switches[lane] < MAX_SUBSTEPS:
+            if seen & 1:
                 locate(x, w, m, lane)
             seen >>= 1
             lane += 1
+    for lane in range(LANES):
+        if switches[lane] >= MAX_SUBSTEPS:
+            w.lane[MOVE, 0, lane] = 1.0
 
 
 @inlined

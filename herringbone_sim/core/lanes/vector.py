@@ -126,6 +126,12 @@ def absolute(typing: Any, a: Any) -> Any:
 
 
 @intrinsic
+def root(typing: Any, a: Any) -> Any:
+    """Square roots."""
+    return lanes(lanes), _function("sqrt", 1)
+
+
+@intrinsic
 def nearest(typing: Any, a: Any) -> Any:
     """Nearest whole numbers."""
     return lanes(lanes), _function("rint", 1)
@@ -139,6 +145,16 @@ def choose(typing: Any, where: Any, a: Any, b: Any) -> Any:
         return builder.select(*args)
 
     return lanes(mask, lanes, lanes), code
+
+
+@intrinsic
+def without(typing: Any, where: Any) -> Any:
+    """The lanes where the mask does not hold."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.not_(args[0])
+
+    return mask(mask), code
 
 
 @intrinsic
@@ -163,7 +179,7 @@ def _binary(kind: Any, result: Any, build: Callable[[Any, Any, Any], Any]) -> An
 
 
 def _operator(symbol: Any, kind: Any, apply: Any) -> None:
-    @overload(symbol) 
+    @overload(symbol)
     def choose_implementation(a, b):
         if a is kind and b is kind:
             return lambda a, b: apply(a, b)
