@@ -1,0 +1,1 @@
+"""Our kernel against other integrators: every row in one run, on the same work."""
