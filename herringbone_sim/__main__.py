@@ -24,6 +24,8 @@ VERBS = (
     "gap",
     "sweep",
     "map",
+    "exponents",
+    "reproduce",
 )
 
 DESCRIPTION = """\

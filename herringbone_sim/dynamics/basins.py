@@ -119,7 +119,7 @@ def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array
         axis (n,) of both, and states (n * n, n_state): row by row, the difference grows from row
         to row. ``x_L = shared + difference / 2`` on sun and ring meshes, ``x_R`` with a minus.
     """
-    axis: Array = (np.arange(n) + 0.5) * (2.0 * reach / n) - reach
+    axis = np.array([(i + 0.5) * 2.0 * reach / n - reach for i in range(n)])
     c, m = model.layout.n_classes, model.layout.n_mesh
     side = np.tile(np.repeat([0.5, -0.5], c), 2)
     starts = [

@@ -1,0 +1,121 @@
+"""What each method says of one motion of a gear, side by side, and what kind of motion it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.analysis.lyapunov import Exponent, largest_exponent
+from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.analysis.zero_one import ZeroOne, zero_one_test
+from herringbone_sim.core.model import Model, jacobian
+from herringbone_sim.dynamics.flow import GearFlow, settle, symmetry
+from herringbone_sim.dynamics.growth import Growth
+from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
+from herringbone_sim.dynamics.transverse import SymmetricGrowth, symmetric_exponents
+from herringbone_sim.dynamics.two_trajectories import DISTANCES, over_distances
+
+Array = NDArray[np.float64]
+
+TURNING = 200  # periods in which perturbations turn into their directions
+SIGMAS, NEUTRAL = 4.0, 5e-4
+
+
+@dataclass(frozen=True)
+class Opinions:
+    """Exponents of one motion per unit of tau, by every method.
+
+    Attributes:
+        spectrum: the whole, by the tangent flow.
+        divergence: what its sum must be: the mean divergence of the flow.
+        distances: (m,) first distances of two trajectories.
+        two_trajectories: (m, 2) largest exponent and its error at each of them.
+        symmetric: within left-right symmetry and across it; None for a motion without it.
+        section: (cycles, n) states at phase 0.
+        series: largest exponent by fits to that section alone, per period.
+        zero_one: 0-1 test of its first coordinate.
+    """
+
+    spectrum: Growth
+    divergence: float
+    distances: Array
+    two_trajectories: Array
+    symmetric: SymmetricGrowth | None
+    section: Array
+    series: Exponent
+    zero_one: ZeroOne
+
+    @property
+    def motion(self) -> str:
+        return kind_of(self.section, self.spectrum)
+
+
+def all_opinions(
+    model: Model,
+    cycles: int = 2000,
+    transient: int = 1000,
+    seed: int = 0,
+    step: Callable[[str], None] = lambda name: None,
+) -> Opinions:
+    """Every method on the motion from the initial state on.
+
+    Args:
+        model: see ``core.model.build``.
+        cycles: periods that each method averages over.
+        transient: periods left out before.
+        seed: of the frequencies of the 0-1 test and the resampling of the recorded series.
+        step: hears the name of each method before it runs.
+
+    Raises:
+        DivergenceError: the motion left the range of any gear.
+        AnalysisError: too few cycles for a method.
+    """
+    flow, exchange, rng = GearFlow(model), symmetry(model), np.random.default_rng(seed)
+    step("transient")
+    y = settle(flow, flow.start(), transient)
+    step("spectrum")
+    spectrum = lyapunov_spectrum(flow, y, cycles, TURNING)
+    step("two trajectories")
+    pairs = over_distances(flow, y, DISTANCES, cycles, TURNING)
+    step("left and right")
+    symmetric = None
+    if exchange is not None and np.array_equal(y, y[exchange]):
+        symmetric = symmetric_exponents(flow, y, exchange, cycles, TURNING, k=2)
+    step("recorded series")
+    section = section_of(flow, y, cycles)
+    return Opinions(
+        spectrum=spectrum,
+        divergence=float(np.trace(jacobian(model, y, 0.0))),
+        distances=np.array(DISTANCES),
+        two_trajectories=pairs,
+        symmetric=symmetric,
+        section=section,
+        series=largest_exponent(section, rng),
+        zero_one=zero_one_test(section[:, 0], rng),
+    )
+
+
+def section_of(flow: GearFlow, y: Array, periods: int) -> Array:
+    """States (periods, n) at phase 0, from y on."""
+    points, none = np.empty((periods, flow.n)), np.zeros((0, flow.n))
+    for point in points:
+        point[:] = y
+        y, _ = flow.advance(y, none)
+    return points
+
+
+def kind_of(section: Array, spectrum: Growth) -> str:
+    """``P2``, ``quasi-periodic``, ``chaotic``, or ``hyperchaotic`` (two positive exponents).
+
+    An exponent counts as positive from 4 standard errors and 5e-4 on. A motion that does not
+    repeat and has none is quasi-periodic, or a period too long to be seen.
+    """
+    period = find_period(section).value
+    floor = np.maximum(SIGMAS * spectrum.errors, NEUTRAL)
+    positive = int(np.sum(spectrum.exponents > floor))
+    if positive:
+        return "chaotic" if positive == 1 else "hyperchaotic"
+    return f"P{period}" if period else "quasi-periodic"
