@@ -39,9 +39,8 @@ def find_periods(
     found: Array = np.full(len(sections), np.nan)
     largest = min(max_period, sections.shape[1] // MIN_REPEATS)
     if largest >= 1:
-        _find(np.ascontiguousarray(sections), largest, tolerance, found)
-    if largest < LEAST_LARGEST:
-        found[found == 0.0] = np.nan
+        aperiodic = 0.0 if largest >= LEAST_LARGEST else np.nan
+        _find(np.ascontiguousarray(sections), largest, tolerance, aperiodic, found)
     return found
 
 
@@ -81,15 +80,14 @@ def _grows(points: Any, period: int) -> Any:
 _compiled_grows = compiled(_grows)
 
 
-def _find_all(sections: Any, largest: int, tolerance: float, found: Any) -> None:
+def _find_all(sections: Any, largest: int, tolerance: float, aperiodic: float, found: Any) -> None:
     for i in range(sections.shape[0]):
         if np.isnan(sections[i, 0, 0]):
             continue
-        found[i] = 0.0
+        found[i] = aperiodic
         for period in range(1, largest + 1):
             if _compiled_spread(sections[i], period) <= tolerance:
-                if not _compiled_grows(sections[i], period):
-                    found[i] = period
+                found[i] = 0.0 if _compiled_grows(sections[i], period) else period
                 break
 
 

@@ -1,0 +1,60 @@
+"""``sweep`` from the command line: folders, tables, a diagram."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sweep_support import ROOT
+
+from herringbone_sim.__main__ import main
+from herringbone_sim.sweeps.store import load_store
+
+SHORT = ["--transient=5", "--cycles=5", "--workers=1"]
+PAPER = f"--parameters={ROOT / 'config/paper.yaml'}"
+
+
+def test_every_way_is_kept_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["sweep", PAPER, "--over=K=0:0.4:5", "--start=all", *SHORT, "--out", str(tmp_path)]
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert "fixed: 5 values" in told
+    assert "different motions by different ways" in told
+    for way in ("fixed", "up", "down", "ramp_up", "ramp_down"):
+        assert load_store(tmp_path / way).missing() == []
+    assert (tmp_path / "bifurcation.png").stat().st_size > 10_000
+    assert (tmp_path / "bifurcation.svg").exists()
+
+
+def test_the_steps_are_those_of_a_sweep_unless_set(tmp_path: Path) -> None:
+    common = ["sweep", PAPER, "--over=K=0,0.1", *SHORT, "--no-exponents", "--out"]
+    assert main([*common, str(tmp_path / "a")]) == 0
+    assert main([*common, str(tmp_path / "b"), "--set=steps_per_cycle=20"]) == 0
+    a, b = (load_store(tmp_path / name / "fixed").sweep.base for name in "ab")
+    assert (a.order, a.steps_per_cycle, a.samples_per_cycle) == (14, 8, 1)
+    assert (b.order, b.steps_per_cycle, b.samples_per_cycle) == (14, 20, 1)
+
+
+def test_a_grid_needs_no_diagram(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    over = ["--over=K=0,0.1", "--over=xi=0.07,0.1", "--over=delta_T=80,90,300"]
+    assert main(["sweep", PAPER, *over, *SHORT, "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "12 values" in told
+    assert "4 failed: delta_T = 300 K" in told
+
+
+@pytest.mark.parametrize("wrong", ["--over=K=0:1", "--over=beta_x=0:1:3", "--mesh=sun"])
+def test_wrong_input_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: str
+) -> None:
+    assert main(["sweep", PAPER, "--over=K=0:1:3", wrong, *SHORT, "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("error: ") == 1
+
+
+def test_another_sweep_in_the_folder_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["sweep", PAPER, "--over=K=0,0.1", *SHORT, "--out", str(tmp_path)]
+    assert main(command) == 0
+    assert main([*command, "--set=xi=0.1"]) == 2
+    assert "holds another sweep (xi: 0.07, 0.1)" in capsys.readouterr().err

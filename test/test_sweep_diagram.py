@@ -1,0 +1,103 @@
+"""Ways of getting to a value: the paper's gear keeps to period 1 when it is led there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sweep_support import axis, gear, run, small
+
+from herringbone_sim.core.batch import run_batch
+from herringbone_sim.core.integrate import Stepper, change
+from herringbone_sim.core.model import build, carry_over
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps.chains import ramp
+from herringbone_sim.sweeps.diagram import diagram_of
+from herringbone_sim.sweeps.grid import Observation, Sweep
+from herringbone_sim.sweeps.store import load_result, open_store
+
+WARM = axis("delta_T", 70.0, 90.0, 5)
+LOOK = Observation(150, 80, 80, False, "sp_L")
+
+
+@pytest.fixture(scope="module")
+def ways(tmp_path_factory: pytest.TempPathFactory):
+    folder = tmp_path_factory.mktemp("ways")
+    starts = ("fixed", "up", "down", "ramp_up", "ramp_down")
+    sweeps = [Sweep(gear(), (WARM,), LOOK, start) for start in starts]
+    return diagram_of([run(folder / s.start, s, workers=1) for s in sweeps])
+
+
+def test_the_ways_differ_where_motions_coexist(ways) -> None:
+    """From rest period 2 up to 80 K, but period 1 goes on when one comes from above."""
+    fixed, down = ways.branch("fixed"), ways.branch("down")
+    assert fixed.period.tolist() == [2, 2, 2, 1, 1]
+    assert down.period.tolist() == [1, 1, 1, 1, 1]
+    assert ways.branch("up").period.tolist() == [2, 2, 2, 1, 1]
+    assert ways.hysteresis().tolist() == [True, True, True, False, False]
+
+
+def test_a_slow_ramp_follows_the_continuation(ways) -> None:
+    ramped, held = ways.branch("ramp_down"), ways.branch("down")
+    assert ramped.point_values[0, -1] == 70.0
+    assert ramped.point_values[-1].tolist() == [90.0] * 80
+    assert ramped.point_values[2, 0] == pytest.approx(85.0 - 5.0 / 80)
+    assert ramped.points[:, -1] == pytest.approx(held.points[:, -1], abs=0.02)
+    assert np.isnan(ramped.period).all()
+
+
+def test_motions_that_differ_in_their_points_alone_are_told_apart(ways) -> None:
+    fixed = ways.branch("fixed")
+    moved = replace(fixed, start="up", points=fixed.points + 0.02)
+    assert replace(ways, branches=(fixed, moved)).hysteresis().all()
+    shifted = replace(fixed, start="up", points=np.roll(fixed.points, 1, axis=1))
+    assert not replace(ways, branches=(fixed, shifted)).hysteresis().any()
+
+
+@pytest.mark.parametrize("start", ["up", "down"])
+def test_a_continuation_starts_where_the_neighbour_ended(tmp_path: Path, start: str) -> None:
+    """Over Omega the relative motion is carried over, as in the node."""
+    values = axis("Omega", 0.9, 1.0, 3)
+    sweep = Sweep(gear(delta_T=90.0), (values,), Observation(5, 5, 5, False, "rp_R"), start)
+    found = run(tmp_path, sweep, workers=1)
+    models = [build(sweep.parameters_at(i)) for i in range(3)]
+    before = None
+    for i in (0, 1, 2) if start == "up" else (2, 1, 0):
+        starts = None if before is None else carry_over(*before[:1], models[i], before[1], 0.0)
+        batch = run_batch([models[i]], None if starts is None else starts[None], 5, 5, 5)
+        before = models[i], batch.end[0]
+        table = open_store(tmp_path, sweep).read_part(0)
+        assert np.array_equal(table["end"][i], batch.end[0])
+    assert np.isfinite(found["points"]).all()
+
+
+def test_a_ramp_goes_through_the_change_of_the_node() -> None:
+    path = [gear(K=value) for value in (0.0, 0.1, 0.2)]
+    states, model = ramp(path)
+    stepper = Stepper(build(path[0]))
+    state = stepper.advance(stepper.start(), 1).end
+    for one in path[1:]:
+        new = build(one)
+        state = Stepper(new).advance(change(stepper.model, new, state), 1).end
+        stepper = Stepper(new)
+    assert np.array_equal(states[-1], state.y)
+    assert model.parameters.K == 0.2
+
+
+def test_a_broken_chain_begins_anew(tmp_path: Path) -> None:
+    """Downwards from heat that leaves no backlash, to where there is a gear again."""
+    axes = (axis("delta_T", 60.0, 360.0, 3),)
+    for start in ("down", "ramp_down"):
+        sweep = Sweep(gear(), axes, Observation(5, 5, 5, False, "sp_L"), start)
+        found = run(tmp_path / start, sweep, workers=1)
+        assert (found.reasons != "").tolist() == [False, True, True]
+        fixed = run(tmp_path / "fixed", replace(sweep, start="fixed"), workers=1)
+        assert found["points"][0] == pytest.approx(fixed["points"][0], rel=1e-9)
+
+
+def test_what_is_no_diagram_is_told(tmp_path: Path) -> None:
+    result = load_result(open_store(tmp_path, small()))
+    with pytest.raises(AnalysisError, match="same values of one parameter"):
+        diagram_of([result])

@@ -1,0 +1,70 @@
+"""The folder of a sweep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from sweep_support import run, small
+
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps.chains import observe_part
+from herringbone_sim.sweeps.store import NOT_RUN, load_result, load_store, open_store
+
+
+def test_a_part_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    store = open_store(tmp_path, small("up"))
+    table = observe_part(store.sweep, 0)
+    store.write(0, table)
+    found = store.read_part(0)
+    assert found.keys() == table.keys()
+    for name, values in table.items():
+        assert found[name].shape == values.shape
+        assert found[name].tolist() == values.tolist() or np.isnan(values.astype(float)).any()
+    assert store.missing() == [1, 2]
+
+
+def test_other_programs_read_the_parts(tmp_path: Path) -> None:
+    run(tmp_path, small(), workers=1)
+    table = pq.read_table(tmp_path / "parts")
+    assert table.num_rows == 12
+    assert {"delta_T", "K", "period", "exponent", "reason"} <= set(table.column_names)
+
+
+def test_a_folder_of_another_sweep_is_refused(tmp_path: Path) -> None:
+    open_store(tmp_path, small())
+    with pytest.raises(AnalysisError, match=r"another sweep \(xi: 0.07, 0.1\): choose another"):
+        open_store(tmp_path, small(xi=0.1))
+    assert load_store(tmp_path).sweep == small()
+
+
+def test_an_unfinished_part_does_not_count(tmp_path: Path) -> None:
+    store = open_store(tmp_path, small())
+    (tmp_path / "parts" / "00001.partial").write_bytes(b"PAR1 cut off")
+    assert store.missing() == [0, 1, 2]
+    assert (load_result(store).reasons == NOT_RUN).all()
+    run(tmp_path, small(), workers=1)
+    assert len(list((tmp_path / "parts").iterdir())) == 3
+
+
+def test_broken_and_foreign_parts_are_told(tmp_path: Path) -> None:
+    store = open_store(tmp_path, small())
+    store.write(0, observe_part(store.sweep, 1))
+    with pytest.raises(AnalysisError, match="other values than this sweep"):
+        store.read_part(0)
+    store.path(0).write_bytes(b"nothing")
+    with pytest.raises(AnalysisError, match="delete it and run"):
+        load_result(store)
+
+
+def test_a_folder_without_a_sweep_is_told(tmp_path: Path) -> None:
+    with pytest.raises(AnalysisError, match="give the folder of a sweep"):
+        load_store(tmp_path)
+    (tmp_path / "sweep.json").write_text("{}")
+    with pytest.raises(AnalysisError, match="no description of a sweep"):
+        load_store(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(AnalysisError, match="can be written"):
+        open_store(tmp_path / "file" / "under", small())
