@@ -1,0 +1,226 @@
+"""``reproduce``: the paper's figures 5 to 20 and its statements, run again."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from herringbone_sim.cli.demo import config
+from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.core.scaling import scales
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.paper import reproduction
+from herringbone_sim.paper.motions import recorded
+from herringbone_sim.paper.observe import Observer
+from herringbone_sim.paper.regimes import Sweep
+from herringbone_sim.paper.reproduction import Checked, Compared, Point
+from herringbone_sim.paper.scenarios import (
+    SECTION_4_XI,
+    SECTION_4_XI_PRINTED,
+    Scenario,
+    motion_name,
+)
+from herringbone_sim.paper.staircase import Reading
+from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.views import figures, paper_figures
+from herringbone_sim.views.figures import Scale
+from herringbone_sim.views.paper_page import Part, page
+
+SHARES = ("share_before", "share_after")
+DESCRIPTION = """\
+Run the sweeps behind Figs. 5 to 20 of the paper, find the boundaries between the motions by
+bisection, and hold each of its statements against what comes out. Writes index.html,
+statements.csv, dependence.csv and figures/ into DIR. What is done is kept in DIR/data: a killed
+run goes on where it stopped.
+"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``reproduce``."""
+    parser = subparsers.add_parser(
+        "reproduce",
+        help="run the paper's figures and statements again and say which come out",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")
+    add("--only", default="ABCDE", metavar="LETTERS", help="scenarios (default: ABCDE)")
+    add("--values", type=_count, default=400, metavar="N", help="values a sweep (default: 400)")
+    add(
+        "--compared",
+        type=_count,
+        default=100,
+        metavar="N",
+        help="values a sweep from other starts and with other steps; 0 leaves them out "
+        "(default: 100)",
+    )
+    add(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="reading of the open parameters (default: config/paper.yaml)",
+    )
+    add(
+        "--xi",
+        type=float,
+        default=SECTION_4_XI,
+        help=f"damping ratio of section 4, scenarios C to E; {SECTION_4_XI_PRINTED:g} is printed "
+        f"(default: {SECTION_4_XI:g})",
+    )
+    add("--workers", type=_count, default=2, metavar="N", help="threads (default: 2)")
+    parser.set_defaults(func=reproduce)
+
+
+def reproduce(args: argparse.Namespace) -> int:
+    """Run it all, write it all, print what was right."""
+    scenarios = reproduction.chosen(args.only)
+    reading = Reading(load_parameters(args.parameters or config("paper.yaml")), args.xi)
+    # Said once above; every set of every sweep would say it again.
+    warnings.simplefilter("ignore", ParameterWarning)
+    _make(args.out)
+    with (
+        tqdm(total=_total(scenarios, args), unit="run", disable=None, smoothing=0.05) as bar,
+        Observer(args.out / "data", args.workers, bar.update) as observer,
+    ):
+        sweeps = reproduction.sweeps(observer, scenarios, reading, args.values)
+        points = reproduction.points(observer, scenarios, reading)
+        known = {
+            one.key: reproduction.evidence(observer, one, reading, sweeps[one.key], points)
+            for one in scenarios
+        }
+        rows: Mapping[str, Mapping[str, Sweep]] = {}
+        if args.compared:
+            rows = reproduction.compared(observer, scenarios, reading, args.compared, sweeps)
+    checked = reproduction.checked(known)
+    compared = reproduction.compared_boundaries(rows)
+    _write_tables(args.out, checked, compared)
+    parts = _draw(args.out, scenarios, sweeps, points, rows)
+    facts = _facts(args, reading, checked)
+    html = page(facts, parts, checked, compared)
+    (args.out / "index.html").write_text(html, encoding="utf-8")
+    for line in (*_table(checked), *facts, f"written: {args.out / 'index.html'}"):
+        print(line)
+    return 0
+
+
+def _total(scenarios: Sequence[Scenario], args: argparse.Namespace) -> int:
+    """Runs to come, if every boundary can be bisected."""
+    compared = reproduction.compared_runs(args.compared) if args.compared else 0
+    return sum(
+        args.values + reproduction.bisected_runs(one) + compared for one in scenarios
+    ) + reproduction.point_runs(scenarios)
+
+
+def _facts(args: argparse.Namespace, reading: Reading, checked: Sequence[Checked]) -> list[str]:
+    p, right = reading.parameters, sum(one.obtained.ok for one in checked)
+    torque = scales(p).control_torque_n_m(0.3)
+    return [
+        f"{right} of {len(checked)} statements right",
+        f"reading: {args.parameters or 'config/paper.yaml'}, b_c = {p.b_c:g} m, gamma = "
+        f"{p.gamma:g} /K, alpha' = {p.alpha_w:g} deg",
+        f"xi of section 4: {reading.xi:g} (printed: {SECTION_4_XI_PRINTED:g})",
+        f"{args.values} values a sweep",
+        f"K = 0.3 is a torque of {torque:.3g} N m on the carrier",
+    ]
+
+
+def _table(checked: Sequence[Checked]) -> list[str]:
+    """Aligned lines: right or not, scenario, statement, published, obtained."""
+    lines = []
+    for one in checked:
+        mark = "yes" if one.obtained.ok else " no"
+        statement, published = one.statement, one.statement.published
+        lines.append(
+            f"{mark}  {statement.scenario}  {statement.text:66.66s}  {published:12.12s}  "
+            f"{one.obtained.text}"
+        )
+    return lines
+
+
+def _write_tables(out: Path, checked: Sequence[Checked], compared: Sequence[Compared]) -> None:
+    with (out / "statements.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["scenario", "statement", "published", "obtained", "error", "ok"])
+        for one in checked:
+            s, got = one.statement, one.obtained
+            error = f"{got.error:.6g}" if math.isfinite(got.error) else ""
+            table.writerow([s.scenario, s.text, s.published, got.text, error, got.ok])
+    with (out / "dependence.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(
+            (*("scenario", "boundary", "published", "way"), *("obtained", "half_width"), *SHARES)
+        )
+        for row in compared:
+            f = row.found
+            numbers = (f.at, f.half_width, f.share_before, f.share_after)
+            head = [row.wanted.scenario, row.wanted.text, row.wanted.published, row.way]
+            table.writerow([*head, *(f"{v:.6g}" if math.isfinite(v) else "" for v in numbers)])
+
+
+def _draw(
+    out: Path,
+    scenarios: Sequence[Scenario],
+    sweeps: Mapping[str, Sweep],
+    points: Sequence[Point],
+    rows: Mapping[str, Mapping[str, Sweep]],
+) -> list[Part]:
+    """All pictures; returns what the page shows of each scenario."""
+    folder = out / "figures"
+    parts = []
+    pair = [(one, sweeps[one.key]) for one in scenarios if not one.has_exponents]
+    if pair:
+        figures.save(paper_figures.pair_figure(pair), folder, "fig20")
+    for one in tqdm(scenarios, desc="figures", disable=None):
+        name = "fig20" if not one.has_exponents else file_name(one.figure)
+        if one.has_exponents:
+            figures.save(paper_figures.sweep_figure(one, sweeps[one.key]), folder, name)
+        raster = ""
+        if one.key in rows:
+            raster = f"figures/starts_{one.key}.png"
+            figure = paper_figures.raster_figure(one, rows[one.key])
+            figures.save(figure, folder, f"starts_{one.key}")
+        motions = tuple(_motion(folder, p) for p in points if p.statement.scenario == one.key)
+        parts.append(Part(one, f"figures/{name}.png", motions, raster))
+    return parts
+
+
+def _motion(folder: Path, point: Point) -> tuple[str, str]:
+    """File name and caption of a four-panel figure."""
+    statement, name = point.statement, file_name(point.statement.figure)
+    result = recorded(point)
+    s = scales(point.parameters)
+    figure = figures.motion_figure(result, "sp_L", Scale(s.b_c, s.omega_n))
+    obtained = f"{motion_name(point.motion)}, largest exponent {point.exponent:+.4f}"
+    title = f"{statement.text}.  Obtained: {obtained}"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=9)
+    path, _ = figures.save(figure, folder, name)
+    return f"figures/{path.name}", title
+
+
+def file_name(figure: str) -> str:
+    """``Fig. 7`` as ``fig07``."""
+    return f"fig{int(figure.split()[-1]):02d}"
+
+
+def _make(out: Path) -> None:
+    try:
+        (out / "figures").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AnalysisError(
+            f"the output folder must be one that can be written, got {out} "
+            f"({error.strerror}): choose another --out"
+        ) from None
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 on, got {text}")
+    return value

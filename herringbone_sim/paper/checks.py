@@ -1,0 +1,177 @@
+"""What was obtained for each published statement, and the rule by which it counts as right.
+
+The rules are the same for every scenario and stand in ``RULES``; the page prints them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import singledispatch
+
+import numpy as np
+
+from herringbone_sim.paper.boundaries import Boundary, locate
+from herringbone_sim.paper.regimes import (
+    REACH,
+    Sweep,
+    nearest_stretch,
+    route,
+    share,
+    told,
+)
+from herringbone_sim.paper.scenarios import CHAOS, motion_name, scenario
+from herringbone_sim.paper.statements import (
+    BoundaryAt,
+    ChaosEnds,
+    ExponentSign,
+    MotionAt,
+    Route,
+    Statement,
+    WindowIs,
+)
+
+LEAST_SHARE = 0.9
+EDGE_SHARE = 0.8
+RULES = (
+    f"A window is right when at least {LEAST_SHARE:.0%} of the values swept in it have the "
+    "published motion; its error is the share that has not.",
+    f"A boundary is right when it lies within {REACH:.0%} of the sweep's range of the published "
+    f"value and at least {EDGE_SHARE:.0%} of the values within {REACH:.0%} of the range (or "
+    "within the published window, where that is narrower) on either side have the published "
+    "motions; its error is obtained minus published.",
+    f"The sign of the exponent is right when at least {LEAST_SHARE:.0%} of the values in the "
+    "window have it; its error is the share that has not.",
+    f"Chaos ends where the last chaotic value of the sweep lies; right within {REACH:.0%} of the "
+    "range.",
+    "The motion of a single figure is right when its period is the published one (chaos: no "
+    "period up to 12, exponent above 0); it has no error but right or wrong.",
+    "The route is right when the motions that cover at least 2 % of the sweep each, in order, "
+    "are the published ones.",
+)
+
+
+@dataclass(frozen=True)
+class Obtained:
+    """What was found for a statement: in words, its error, and whether it counts as right."""
+
+    text: str
+    error: float
+    ok: bool
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the statements of one scenario are held against.
+
+    Attributes:
+        sweep: motions (and exponents) over the swept parameter.
+        boundaries: bisected boundaries by statement; those that are left out are read off the
+            sweep.
+        points: motion and exponent (NaN if unknown) at single values.
+    """
+
+    sweep: Sweep
+    boundaries: Mapping[BoundaryAt, Boundary]
+    points: Mapping[float, tuple[int, float]]
+
+
+@singledispatch
+def check(statement: Statement, evidence: Evidence) -> Obtained:
+    """What was obtained for a statement, by the rule of its kind."""
+    raise TypeError(f"no rule for {type(statement).__name__}")
+
+
+@check.register
+def _(statement: WindowIs, evidence: Evidence) -> Obtained:
+    low, high = statement.low, statement.high
+    found = share(evidence.sweep, low, high, statement.motion)
+    text = told(evidence.sweep, low, high)
+    if found < LEAST_SHARE:
+        text += _nearest(evidence.sweep, statement)
+    return Obtained(text, 1.0 - found, bool(found >= LEAST_SHARE))
+
+
+def _nearest(sweep: Sweep, statement: WindowIs) -> str:
+    middle = (statement.low + statement.high) / 2.0
+    nearest = nearest_stretch(sweep, statement.motion, middle)
+    name = motion_name(statement.motion)
+    if nearest is None:
+        return f"; no {name} anywhere"
+    return f"; nearest {name}: {nearest[0]:.4g} to {nearest[1]:.4g}"
+
+
+@check.register
+def _(statement: BoundaryAt, evidence: Evidence) -> Obtained:
+    found = evidence.boundaries.get(statement) or locate(evidence.sweep, statement)
+    if not math.isfinite(found.at):
+        return Obtained(_no_edge(evidence.sweep, statement), float("nan"), False)
+    nearest = min(max(found.at, statement.low), statement.high)
+    error = found.at - nearest
+    shares = _edge_shares(evidence.sweep, statement, found.at)
+    ok = abs(error) <= REACH * _span(evidence.sweep) and min(shares) >= EDGE_SHARE
+    sides = f"{shares[0]:.0%} and {shares[1]:.0%} beside it" if min(shares) < 1 else "clean"
+    return Obtained(f"{found.at:.4g} ({sides}; {found.note})", error, bool(ok))
+
+
+def _edge_shares(sweep: Sweep, statement: BoundaryAt, at: float) -> tuple[float, float]:
+    """Shares of both motions beside a boundary, within 3 % or within the published window."""
+    reach = REACH * _span(sweep)
+    widths = {w.motion: w.high - w.low for w in scenario(statement.scenario).windows}
+    left, right = (min(reach, widths[motion]) for motion in (statement.before, statement.after))
+    step = float(sweep.values[1] - sweep.values[0]) / 2.0
+    return (
+        share(sweep, at - max(left, step), at, statement.before),
+        share(sweep, at, at + max(right, step), statement.after),
+    )
+
+
+def _no_edge(sweep: Sweep, statement: BoundaryAt) -> str:
+    missing = [m for m in (statement.before, statement.after) if m not in sweep.motions]
+    if missing:
+        ends = _last_chaos(sweep, float(sweep.values[-1]))
+        return f"no {' or '.join(map(motion_name, missing))}; chaos ends at {ends:.4g}"
+    return "no such edge near"
+
+
+def _last_chaos(sweep: Sweep, high: float) -> float:
+    chaotic = sweep.values[(sweep.motions == CHAOS) & (sweep.values <= high)]
+    return float(chaotic.max()) if len(chaotic) else float("nan")
+
+
+def _span(sweep: Sweep) -> float:
+    return float(sweep.values[-1] - sweep.values[0])
+
+
+@check.register
+def _(statement: ExponentSign, evidence: Evidence) -> Obtained:
+    sweep = evidence.sweep
+    inside = (sweep.values >= statement.low) & (sweep.values <= statement.high)
+    exponents = sweep.exponents[inside, 0]
+    right = float(np.mean(exponents * statement.sign > 0)) if inside.any() else float("nan")
+    spread = f"median {np.nanmedian(exponents):+.3f}" if np.isfinite(exponents).any() else "none"
+    return Obtained(f"{right:.0%} of the values, {spread}", 1.0 - right, right >= LEAST_SHARE)
+
+
+@check.register
+def _(statement: ChaosEnds, evidence: Evidence) -> Obtained:
+    last = _last_chaos(evidence.sweep, statement.high)
+    error = last - statement.low
+    ok = bool(abs(error) <= REACH * _span(evidence.sweep))
+    return Obtained(f"last chaos at {last:.4g}", error, ok)
+
+
+@check.register
+def _(statement: MotionAt, evidence: Evidence) -> Obtained:
+    motion, exponent = evidence.points[statement.value]
+    right = motion == statement.motion and not (motion == CHAOS and exponent <= 0)
+    known = f", exponent {exponent:+.4f}" if math.isfinite(exponent) else ""
+    return Obtained(f"{motion_name(motion)}{known}", float("nan"), right)
+
+
+@check.register
+def _(statement: Route, evidence: Evidence) -> Obtained:
+    found = route(evidence.sweep)
+    text = " - ".join(map(motion_name, found))
+    return Obtained(text, float("nan"), found == statement.motions)

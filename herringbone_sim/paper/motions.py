@@ -1,0 +1,48 @@
+"""The motion of a four-panel figure as the analysis sees a recording of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from herringbone_sim.analysis.pipeline import Gear, Options, SegmentResult, analyze_series
+from herringbone_sim.analysis.sections import Section
+from herringbone_sim.core.integrate import State, simulate
+from herringbone_sim.core.model import Model, build, relative
+from herringbone_sim.paper.reproduction import Point
+from herringbone_sim.paper.scenarios import Array
+
+CYCLES, SAMPLES = 480, 64
+
+
+def recorded(point: Point) -> SegmentResult:
+    """Series of 480 cycles from the end of the point's run; its section has all of the run's.
+
+    Raises:
+        DivergenceError: the motion left the range of any gear.
+    """
+    model = build(point.parameters.changed({"samples_per_cycle": SAMPLES}))
+    n = len(point.end)
+    start = State(point.end, 0, 0, 0.0, np.zeros((0, n)), np.zeros(0))
+    series, _ = simulate(model, CYCLES, start)
+    scales = model.scales
+    half = {"sp": model.half_backlash_m[0], "rp": model.half_backlash_m[-1]}
+    gear = Gear(scales.b_c, scales.omega_n, half_backlash_m=lambda _: half)
+    options = Options(transient_cycles=0, noise_share=0.0)
+    (result,) = analyze_series(series, options=options, gear=gear)
+    section = _section(model, point.sections, result.section)
+    return replace(result, section=section)
+
+
+def _section(model: Model, states: Array, like: Section) -> Section:
+    """States at phase 0 as a section in metres."""
+    pairs = [relative(model, y, 0.0) for y in states]
+    scale = model.scales
+    return replace(
+        like,
+        cycles=np.arange(len(states)),
+        times=np.arange(len(states), dtype=float),
+        x=np.array([x for x, _ in pairs]) * scale.b_c,
+        v=np.array([v for _, v in pairs]) * scale.velocity_m_per_s,
+    )

@@ -1,0 +1,146 @@
+"""Which motion there is at each value of a sweep, and where one gives way to another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.core.batch import Batch
+from herringbone_sim.paper.scenarios import CHAOS, FAILED, Array, motion_name
+
+Labels = NDArray[np.int64]
+
+MAX_PERIOD = 12
+POINTS = 64
+REACH = 0.03
+SEARCH = 0.25
+LEAST_STRETCH = 0.02
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Motions over one parameter.
+
+    Attributes:
+        values: (n,) values of the parameter, rising.
+        motions: (n,) period in mesh cycles, 0 aperiodic, -1 failed.
+        x: (n, points) x_sp_L at phase 0 of the last cycles, in b_c.
+        exponents: (n, 4) largest exponent per tau, its error, within the symmetric states, and
+            across them; NaN where none was asked for.
+        reasons: n texts, why a value failed.
+    """
+
+    values: Array
+    motions: Labels
+    x: Array
+    exponents: Array
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Where ``before`` gives way to ``after``.
+
+    Attributes:
+        at: middle between the two neighbouring values of the sweep.
+        low, high: these two values.
+        share_before, share_after: shares of the values that have the motion, within the reach on
+            either side: 1 and 1 for a clean edge.
+        clean: whether the two neighbours have the motions themselves, so that bisection applies.
+    """
+
+    at: float
+    low: float
+    high: float
+    share_before: float
+    share_after: float
+    clean: bool
+
+
+def motions_of(batch: Batch) -> Labels:
+    """(n,) period of each value of a batch, 0 aperiodic, -1 failed.
+
+    The section points of all states, in units of b_c and b_c omega_n, must gather around as many
+    centres as there are cycles in the period, to 1e-3 RMS and without drifting apart.
+    """
+    found = [_motion(points) for points in batch.sections]
+    return np.array(found, dtype=np.int64)
+
+
+def _motion(points: Array) -> int:
+    if not np.isfinite(points).all():
+        return FAILED
+    period = find_period(points, max_period=MAX_PERIOD).value
+    return CHAOS if period is None else period
+
+
+def share(sweep: Sweep, low: float, high: float, motion: int) -> float:
+    """Share of the values between low and high that have a motion; NaN when there are none."""
+    inside = (sweep.values >= low) & (sweep.values <= high)
+    return float(np.mean(sweep.motions[inside] == motion)) if inside.any() else float("nan")
+
+
+def find_cut(sweep: Sweep, before: int, after: int, near: float) -> Cut | None:
+    """The edge from one motion to another, as clean as there is within a quarter of the sweep.
+
+    Every place where the motion changes is tried: the product of the shares of ``before`` and of
+    ``after`` within 3 % of the sweep on either side ranks it, then its distance from ``near``.
+    None where one of the motions is not to be seen at any of them.
+    """
+    v, m = sweep.values, sweep.motions
+    span = float(v[-1] - v[0])
+    changes = np.flatnonzero(m[1:] != m[:-1])
+    cuts = [_cut(sweep, int(i), before, after, REACH * span) for i in changes]
+    known = [c for c in cuts if abs(c.at - near) <= SEARCH * span]
+    best = max(known, key=lambda c: _rank(c, near), default=None)
+    return best if best and best.share_before * best.share_after > 0.0 else None
+
+
+def _rank(cut: Cut, near: float) -> tuple[float, float]:
+    return round(cut.share_before * cut.share_after, 3), -abs(cut.at - near)
+
+
+def _cut(sweep: Sweep, i: int, before: int, after: int, reach: float) -> Cut:
+    v, m = sweep.values, sweep.motions
+    at = float(v[i] + v[i + 1]) / 2.0
+    return Cut(
+        at=at,
+        low=float(v[i]),
+        high=float(v[i + 1]),
+        share_before=share(sweep, at - reach, at, before),
+        share_after=share(sweep, at, at + reach, after),
+        clean=bool(m[i] == before and m[i + 1] == after),
+    )
+
+
+def stretches(sweep: Sweep) -> list[tuple[float, float, int]]:
+    """Runs of one motion: first value, last value, motion."""
+    v, m = sweep.values, sweep.motions
+    edges = [0, *(np.flatnonzero(m[1:] != m[:-1]) + 1), len(m)]
+    return [(float(v[a]), float(v[b - 1]), int(m[a])) for a, b in pairwise(edges)]
+
+
+def nearest_stretch(sweep: Sweep, motion: int, near: float) -> tuple[float, float] | None:
+    """The run of a motion that lies nearest to a value."""
+    runs = [(low, high) for low, high, found in stretches(sweep) if found == motion]
+    return min(runs, key=lambda r: max(r[0] - near, near - r[1], 0.0), default=None)
+
+
+def route(sweep: Sweep) -> tuple[int, ...]:
+    """Motions along the sweep; runs shorter than 2 % of it are left out."""
+    span = float(sweep.values[-1] - sweep.values[0])
+    step = span / max(len(sweep.values) - 1, 1)
+    long = [m for low, high, m in stretches(sweep) if high - low + step >= LEAST_STRETCH * span]
+    return tuple(m for i, m in enumerate(long) if i == 0 or m != long[i - 1])
+
+
+def told(sweep: Sweep, low: float, high: float, most: int = 4) -> str:
+    """Shares of the motions between two values in words, largest first."""
+    inside = sweep.motions[(sweep.values >= low) & (sweep.values <= high)]
+    kinds, counts = np.unique(inside, return_counts=True)
+    order = np.argsort(-counts, kind="stable")[:most]
+    return ", ".join(f"{motion_name(int(kinds[i]))} {counts[i] / len(inside):.0%}" for i in order)

@@ -1,0 +1,188 @@
+"""The five sweeps of the paper's sections 3 and 4, and the motions published along them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import AnalysisError
+
+Array = NDArray[np.float64]
+
+CHAOS = 0
+FAILED = -1
+SECTION_4_XI_PRINTED = 0.10
+SECTION_4_XI = 0.0875
+
+
+@dataclass(frozen=True)
+class Window:
+    """Motion over part of a sweep: period in mesh cycles, 0 for chaos.
+
+    ``implied``: the paper does not say it in words, it follows from what it does say.
+    """
+
+    low: float
+    high: float
+    motion: int
+    implied: bool = False
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One published sweep.
+
+    Attributes:
+        key: ``A`` to ``E``.
+        title: what is swept.
+        figure: number in the paper, as ``Fig. 5``.
+        parameter: swept parameter.
+        low, high: ends of the sweep; those of K and of the controlled sweeps are not printed.
+        fixed: parameters that differ from Sec. 3.
+        says: what the paper says of it, shortened.
+        windows: published motions, in order; where two printed numbers disagree there is a gap.
+        controlled: whether it belongs to section 4, whose xi is open.
+        has_exponents: whether the paper shows the largest exponent over it.
+    """
+
+    key: str
+    title: str
+    figure: str
+    parameter: str
+    low: float
+    high: float
+    windows: tuple[Window, ...]
+    says: tuple[str, ...]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    controlled: bool = False
+    has_exponents: bool = True
+
+    @property
+    def span(self) -> float:
+        return self.high - self.low
+
+    def values(self, n: int) -> Array:
+        """(n,) values at even distances, ends included."""
+        return np.linspace(self.low, self.high, n)
+
+    def parameters(self, reading: Parameters, value: float, xi: float) -> Parameters:
+        """The set at one value of the sweep; ``xi`` is that of section 4."""
+        of_section = {"xi": xi} if self.controlled else {}
+        changes = {**self.fixed, **of_section, self.parameter: float(value)}
+        return reading.changed({**changes, "samples_per_cycle": 1})
+
+
+SCENARIOS = (
+    Scenario(
+        "A",
+        "temperature rise",
+        "Fig. 5",
+        "delta_T",
+        0.0,
+        100.0,
+        (Window(0, 64, CHAOS), Window(64, 67, 3), Window(67, 80, 2), Window(80, 100, 1)),
+        (
+            "From 0 to 64 the system is chaotic, the largest exponent is above 0.",
+            "At 64 it turns to three-period motion, the exponent from positive to negative.",
+            "From 67 to 80 two-period motion, above 80 one-period motion; the exponent remains "
+            "below 0.",
+            "Higher temperature rise (above 64) makes the system enter stable periodic motion.",
+        ),
+        {"xi": 0.07, "K": 0.0},
+    ),
+    Scenario(
+        "B",
+        "mesh damping ratio",
+        "Fig. 10",
+        "xi",
+        0.02,
+        0.18,
+        (
+            Window(0.02, 0.122, CHAOS),
+            Window(0.122, 0.144, 4),
+            Window(0.145, 0.163, 2),
+            Window(0.163, 0.18, 1),
+        ),
+        (
+            "Initially chaos, the exponent above 0; as Fig. 11 at 0.04.",
+            "From 0.122 to 0.144 four-period motion; the exponent turns negative.",
+            "Inverse period doublings at 0.145 and 0.163: to two periods, to one.",
+            "Temperature rise 50. Larger damping (above 0.122) makes the motion periodic.",
+        ),
+        {"delta_T": 50.0, "K": 0.0},
+    ),
+    Scenario(
+        "C",
+        "control amplitude",
+        "Fig. 15",
+        "K",
+        0.0,
+        0.5,
+        (
+            Window(0.0, 0.224, CHAOS),
+            Window(0.224, 0.242, 4),
+            Window(0.242, 0.33, 2),
+            Window(0.33, 0.5, 1),
+        ),
+        (
+            "Temperature rise 50, damping ratio 0.10 (printed; open, see docs/paper.md).",
+            "From 0 to 0.224 chaos, the exponent above 0; at 0.224 four-period motion, below 0.",
+            "From 0.242 to 0.33 two-period motion, above 0.33 one-period motion.",
+        ),
+        {"delta_T": 50.0},
+        controlled=True,
+    ),
+    Scenario(
+        "D",
+        "temperature rise under K = 0.3",
+        "Fig. 20",
+        "delta_T",
+        0.0,
+        100.0,
+        (Window(0, 43, CHAOS, implied=True), Window(43, 53, 2), Window(53, 64, 1)),
+        (
+            "With K = 0.3 chaos is suppressed to two-period motion from 43 to 53, and to "
+            "one-period motion from 53 to 64.",
+            "The control applies over the entire temperature range.",
+        ),
+        {"K": 0.3},
+        controlled=True,
+        has_exponents=False,
+    ),
+    Scenario(
+        "E",
+        "temperature rise under K = 0.5",
+        "Fig. 20",
+        "delta_T",
+        0.0,
+        100.0,
+        (Window(0, 9, CHAOS, implied=True), Window(9, 14, 2), Window(14, 64, 1)),
+        (
+            "With K = 0.5 chaos is suppressed to two-period motion from 9 to 14, and to "
+            "one-period motion from 14 to 64.",
+            "The control applies over the entire temperature range.",
+        ),
+        {"K": 0.5},
+        controlled=True,
+        has_exponents=False,
+    ),
+)
+
+
+def scenario(key: str) -> Scenario:
+    """The scenario of a letter; AnalysisError when there is none."""
+    for one in SCENARIOS:
+        if one.key == key.upper():
+            return one
+    raise AnalysisError(
+        f"scenario must be one of {', '.join(s.key for s in SCENARIOS)}, got {key!r}"
+    )
+
+
+def motion_name(motion: int) -> str:
+    """``chaos``, ``P3``, ``failed``."""
+    return {CHAOS: "chaos", FAILED: "failed"}.get(motion, f"P{motion}")

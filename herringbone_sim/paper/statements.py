@@ -1,0 +1,170 @@
+"""Every statement that the paper's sections 3 and 4 make about a motion, as data.
+
+A statement says what is published; ``checks.check`` says what was obtained, and by which rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+from herringbone_sim.paper.scenarios import CHAOS, SCENARIOS, Scenario, motion_name
+
+
+@dataclass(frozen=True)
+class WindowIs:
+    """One motion over a window of the sweep."""
+
+    scenario: str
+    text: str
+    low: float
+    high: float
+    motion: int
+
+    @property
+    def published(self) -> str:
+        return motion_name(self.motion)
+
+
+@dataclass(frozen=True)
+class BoundaryAt:
+    """The motion changes from ``before`` to ``after``; ``low`` and ``high`` where two are printed."""
+
+    scenario: str
+    text: str
+    low: float
+    high: float
+    before: int
+    after: int
+
+    @property
+    def published(self) -> str:
+        return f"{self.low:g}" if self.low == self.high else f"{self.low:g} or {self.high:g}"
+
+
+@dataclass(frozen=True)
+class ExponentSign:
+    """The largest exponent has one sign over a window: +1 or -1."""
+
+    scenario: str
+    text: str
+    low: float
+    high: float
+    sign: int
+
+    @property
+    def published(self) -> str:
+        return "> 0" if self.sign > 0 else "< 0"
+
+
+@dataclass(frozen=True)
+class ChaosEnds:
+    """No chaos above a value of the sweep, up to ``high``."""
+
+    scenario: str
+    text: str
+    low: float
+    high: float
+
+    @property
+    def published(self) -> str:
+        return f"{self.low:g}"
+
+
+@dataclass(frozen=True)
+class MotionAt:
+    """The motion of one four-panel figure."""
+
+    scenario: str
+    text: str
+    value: float
+    motion: int
+    figure: str
+
+    @property
+    def published(self) -> str:
+        return motion_name(self.motion)
+
+
+@dataclass(frozen=True)
+class Route:
+    """The order of the motions along the sweep, as the conclusions sum it up."""
+
+    scenario: str
+    text: str
+    motions: tuple[int, ...]
+
+    @property
+    def published(self) -> str:
+        return " - ".join(map(motion_name, self.motions))
+
+
+Statement = WindowIs | BoundaryAt | ExponentSign | ChaosEnds | MotionAt | Route
+
+FIGURES = (
+    ("A", "Fig. 6", 20.0, CHAOS),
+    ("A", "Fig. 7", 65.0, 3),
+    ("A", "Fig. 8", 70.0, 2),
+    ("A", "Fig. 9", 85.0, 1),
+    ("B", "Fig. 11", 0.04, CHAOS),
+    ("B", "Fig. 12", 0.13, 4),
+    ("B", "Fig. 13", 0.15, 2),
+    ("B", "Fig. 14", 0.17, 1),
+    ("C", "Fig. 16", 0.1, CHAOS),
+    ("C", "Fig. 17", 0.23, 4),
+    ("C", "Fig. 18", 0.3, 2),
+    ("C", "Fig. 19", 0.5, 1),
+)
+ENDS = (
+    ("A", 64.0, 100.0, "a temperature rise above 64 ends chaos (abstract)"),
+    ("B", 0.122, 0.18, "a damping ratio above 0.122 ends chaos (abstract)"),
+    ("D", 43.0, 64.0, "the controller with K = 0.3 suppresses the chaos from 43 to 64"),
+    ("E", 9.0, 64.0, "the controller with K = 0.5 suppresses the chaos from 9 to 64"),
+)
+
+
+def statements(keys: str = "ABCDE") -> tuple[Statement, ...]:
+    """All statements of some scenarios, in the order of the paper."""
+    chosen = [one for one in SCENARIOS if one.key in keys.upper()]
+    return tuple(statement for one in chosen for statement in _of(one))
+
+
+def _of(one: Scenario) -> Iterator[Statement]:
+    yield from _windows(one)
+    yield from boundaries(one)
+    if one.has_exponents:
+        yield from _signs(one)
+    for key, low, high, text in ENDS:
+        if key == one.key:
+            yield ChaosEnds(key, text, low, high)
+    for key, figure, value, motion in FIGURES:
+        if key == one.key:
+            text = f"{figure}: {one.parameter} = {value:g} is {motion_name(motion)}"
+            yield MotionAt(key, text, value, motion, figure)
+    if one.has_exponents:
+        motions = tuple(window.motion for window in one.windows)
+        yield Route(one.key, f"the route along {one.parameter} (conclusions)", motions)
+
+
+def _windows(one: Scenario) -> Iterator[WindowIs]:
+    for window in one.windows:
+        told = " (implied)" if window.implied else ""
+        name = motion_name(window.motion)
+        text = f"{name} for {window.low:g} < {one.parameter} < {window.high:g}{told}"
+        yield WindowIs(one.key, text, window.low, window.high, window.motion)
+
+
+def boundaries(one: Scenario) -> Iterator[BoundaryAt]:
+    """The boundaries between the windows of a scenario, in order."""
+    for left, right in pairwise(one.windows):
+        text = f"{motion_name(left.motion)} to {motion_name(right.motion)} along {one.parameter}"
+        yield BoundaryAt(one.key, text, left.high, right.low, left.motion, right.motion)
+
+
+def _signs(one: Scenario) -> Iterator[ExponentSign]:
+    for window in one.windows:
+        sign = 1 if window.motion == CHAOS else -1
+        word = "above" if sign > 0 else "below"
+        text = f"largest exponent {word} 0 for {window.low:g} < {one.parameter} < {window.high:g}"
+        yield ExponentSign(one.key, text, window.low, window.high, sign)
