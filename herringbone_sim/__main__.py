@@ -25,6 +25,7 @@ VERBS = (
     "sweep",
     "map",
     "exponents",
+    "basins",
     "reproduce",
 )
 

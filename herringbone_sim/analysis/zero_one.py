@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.core.timeseries import Array
 from herringbone_sim.errors import AnalysisError
@@ -65,9 +66,15 @@ def zero_one_test(
     return ZeroOne(float(np.median(correlations)), c, correlations)
 
 
+def walks(series: Array, frequencies: Array) -> NDArray[np.complex128]:
+    """p + i q (n, m) of the walks that a series (n,) drives at each frequency (m,)."""
+    angle = np.outer(np.arange(1, len(series) + 1), frequencies)
+    walk: NDArray[np.complex128] = np.cumsum(series[:, None] * np.exp(1j * angle), axis=0)
+    return walk
+
+
 def _correlations(phi: Array, c: Array) -> Array:
-    angle = np.outer(np.arange(1, len(phi) + 1), c)
-    walk = np.cumsum(phi[:, None] * np.exp(1j * angle), axis=0)
+    walk = walks(phi, c)
     longest = len(phi) // 10
     lags = np.arange(1, longest + 1)
     kept = len(phi) - longest

@@ -94,21 +94,24 @@ def run(args: argparse.Namespace) -> int:
 
 def table(found: Opinions) -> list[Row]:
     """All results, one a row."""
-    spectrum = found.spectrum
+    spectrum, symmetric = found.spectrum, found.symmetric
+    name, growth = "tangent flow", spectrum
+    if symmetric is not None:
+        name, growth = "left and right alike", symmetric.within
     series, rate = found.series, 1.0 / spectrum.period
     rows = _rows("tangent flow", "exponent", spectrum)
     rows += [
         ("tangent flow", "sum", float(spectrum.exponents.sum()), np.nan),
         ("damping", "sum", found.divergence, np.nan),
-        ("tangent flow", "Kaplan-Yorke dimension", kaplan_yorke(spectrum.exponents), np.nan),
+        (name, "Kaplan-Yorke dimension", kaplan_yorke(growth.exponents), np.nan),
     ]
     rows += [
         ("two trajectories", f"exponent 1 at {distance:.0e}", float(value), float(error))
         for distance, (value, error) in zip(found.distances, found.two_trajectories, strict=True)
     ]
-    if found.symmetric is not None:
-        rows += _rows("left and right alike", "exponent", found.symmetric.within)
-        rows += _rows("left and right part", "exponent", found.symmetric.transverse)
+    if symmetric is not None:
+        rows += _rows("left and right alike", "exponent", symmetric.within)
+        rows += _rows("left and right part", "exponent", symmetric.transverse)
     half = (series.high - series.low) / (2.0 * 1.645)  # of a 90 % interval
     rows.append(("recorded series", "exponent 1", series.value * rate, half * rate))
     return [*rows, ("0-1 test", "K", found.zero_one.K, np.nan)]

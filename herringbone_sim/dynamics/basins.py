@@ -13,6 +13,7 @@ from herringbone_sim.analysis.periods import TOLERANCE
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import Model, state
 from herringbone_sim.dynamics.attractors import Attractor, Exchange, attractor_of, recognise
+from herringbone_sim.dynamics.flow import symmetry
 
 Array = NDArray[np.float64]
 Sections = Callable[[Array], Array]
@@ -26,7 +27,7 @@ class Basins:
 
     Attributes:
         attractors: found, the one with the largest share first.
-        labels: (n_starts,) index of the attractor, -1 where the run failed.
+        labels: (n_starts,) index of the attractor, -1 where the run failed; (n, n) of a slice.
     """
 
     attractors: tuple[Attractor, ...]
@@ -43,7 +44,7 @@ class Basins:
 
     def shares(self, confidence: float = 0.95) -> Array:
         """(n_attractors, 3) share of all starts, and its Wilson interval."""
-        n = len(self.labels)
+        n = self.labels.size
         return np.array([[c / n, *wilson(int(c), n, confidence)] for c in self.counts])
 
 
@@ -128,3 +129,27 @@ def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array
         for shared in axis
     ]
     return axis, np.array(starts)
+
+
+def explore_slice(
+    model: Model,
+    sections_of: Sections,
+    n: int,
+    reach: float = 1.0,
+    known: tuple[Attractor, ...] = (),
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> tuple[Array, Basins]:
+    """The plane of ``slice_starts``; of a gear with equal halves one half of it is run.
+
+    Returns:
+        axis (n,) of both, and basins with labels (n, n): rows for the difference of left and
+        right, columns for what they share.
+    """
+    axis, starts = slice_starts(model, n, reach)
+    exchange = symmetry(model)
+    rows = n if exchange is None else (n + 1) // 2
+    found = explore(sections_of, starts[: rows * n], exchange, known=known, progress=progress)
+    labels = found.labels.reshape(rows, n)
+    if exchange is not None:
+        labels = np.concatenate([labels, labels[: n // 2][::-1]])
+    return axis, Basins(found.attractors, labels)

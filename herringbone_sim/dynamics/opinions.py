@@ -50,7 +50,12 @@ class Opinions:
 
     @property
     def motion(self) -> str:
-        return kind_of(self.section, self.spectrum)
+        """Kind of the motion in words; of a symmetric one, whether left and right stay alike."""
+        if self.symmetric is None:
+            return kind_of(self.section, self.spectrum)
+        lasts = not _positive(self.symmetric.transverse)
+        words = "left = right" if lasts else "left = right but unstable to their parting"
+        return f"{kind_of(self.section, self.symmetric.within)}, {words}"
 
 
 def all_opinions(
@@ -83,7 +88,7 @@ def all_opinions(
     step("left and right")
     symmetric = None
     if exchange is not None and np.array_equal(y, y[exchange]):
-        symmetric = symmetric_exponents(flow, y, exchange, cycles, TURNING, k=2)
+        symmetric = symmetric_exponents(flow, y, exchange, cycles, TURNING, flow.n // 2)
     step("recorded series")
     section = section_of(flow, y, cycles)
     return Opinions(
@@ -113,9 +118,14 @@ def kind_of(section: Array, spectrum: Growth) -> str:
     An exponent counts as positive from 4 standard errors and 5e-4 on. A motion that does not
     repeat and has none is quasi-periodic, or a period too long to be seen.
     """
-    period = find_period(section).value
-    floor = np.maximum(SIGMAS * spectrum.errors, NEUTRAL)
-    positive = int(np.sum(spectrum.exponents > floor))
+    positive = _positive(spectrum)
     if positive:
         return "chaotic" if positive == 1 else "hyperchaotic"
+    period = find_period(section).value
     return f"P{period}" if period else "quasi-periodic"
+
+
+def _positive(growth: Growth) -> int:
+    """Number of positive exponents."""
+    floor = np.maximum(SIGMAS * growth.errors, NEUTRAL)
+    return int(np.sum(growth.exponents > floor))

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from herringbone_sim.analysis.zero_one import ZeroOne, walks
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.opinions import Opinions
 from herringbone_sim.views.figures import BLUE, GREY, INK, ORANGE, STYLE
@@ -83,10 +84,10 @@ def draw_finite_time(axes: Axes, within: Growth, transverse: Growth) -> None:
     ):
         label = f"{name}: {growth.exponents[0]:+.4f}"
         axes.hist(one, list(edges), color=colour, alpha=0.45, label=label)
-        axes.axvline(growth.exponents[0], color=colour)
-    axes.axvline(0.0, color=INK, linewidth=0.8, linestyle=":")
-    axes.set(title=f"over {STRETCH} periods each", xlabel=UNIT, ylabel="stretches")
-    axes.margins(y=0.3)
+        axes.axvline(growth.exponents[0], ymax=0.72, color=colour)
+    axes.axvline(0.0, ymax=0.72, color=INK, linewidth=0.8, linestyle=":")
+    axes.set(title=f"left against right, {STRETCH} periods each", xlabel=UNIT, ylabel="stretches")
+    axes.set_ylim(top=axes.get_ylim()[1] / 0.72)
     axes.legend(fontsize=8, loc="upper left")
 
 
@@ -108,6 +109,20 @@ def draw_zero_one(axes: Axes, found: Opinions) -> None:
     axes.axhline(test.K, color=ORANGE, label=f"median K = {test.K:.2f}")
     axes.set(title="0-1 test", xlabel=r"$c\,/\,\pi$", ylabel="$K_c$", ylim=(-1.1, 1.25))
     axes.legend(fontsize=8, loc="lower right")
+    _draw_walk(axes, found.section[:, 0], test)
+
+
+def _draw_walk(axes: Axes, series: Array, test: ZeroOne) -> None:
+    """Inset: the walk of the frequency nearest to the median."""
+    nearest = int(np.argmin(np.abs(test.correlations - test.K)))
+    walk = walks(series - series.mean(), test.frequencies[nearest : nearest + 1])[:, 0]
+    inset = axes.inset_axes((0.06, 0.06, 0.36, 0.36) if test.K < 0.5 else (0.06, 0.06, 0.5, 0.72))
+    inset.plot(walk.real, walk.imag, color=BLUE, linewidth=0.4)
+    inset.set_aspect("equal", adjustable="datalim")
+    inset.set(xticks=[], yticks=[])
+    for spine in inset.spines.values():
+        spine.set(visible=True, color=GREY)
+    inset.set_title("walk $(p, q)$", fontsize=8, pad=3)
 
 
 def _edges(values: Array) -> Array:
