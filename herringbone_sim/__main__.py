@@ -24,6 +24,7 @@ VERBS = (
     "gap",
     "sweep",
     "map",
+    "orbits",
     "exponents",
     "basins",
     "reproduce",
