@@ -107,7 +107,7 @@ def watch_mesh(w, m):
     store(w.mesh, NEXT, m, choose(is_open, zero - sign, zero))
     move = load(w.lane, MOVE, 0)
     store(w.lane, MOVE, 0, choose(at < move, at, move))
-    return bits((seen | other)) & ~bits(plain)
+    return bits(seen | other) & ~bits(plain)
 
 
 @compiled
