@@ -100,10 +100,10 @@ def run_batch(
         chosen = np.flatnonzero(alike == (sides == 1))
         if len(chosen):
             length = _Length(transient, cycles, points, (3 - sides) * exponents)
-            group = [models[i] for i in chosen]
+            group = [models[int(i)] for i in chosen]
             run = _run_rk4 if models[0].parameters.method == "rk4" else _run_lanes
             reasons[chosen] = run(found, chosen, group, starts[chosen], sides, length)
-    return Batch(*found, tuple(reasons))
+    return replace(found, reasons=tuple(reasons))
 
 
 def _check(models: Sequence[Model], transient: int, cycles: int, points: int) -> None:
@@ -139,10 +139,14 @@ def _alike(model: Model, y: Array, mirror: Indices) -> bool:
     )
 
 
-def _empty(n: int, points: int, layout: Layout) -> tuple[Array, ...]:
-    """Arrays of NaN in the order of ``Batch``."""
-    shapes = [(points, layout.n_state), (layout.n_state,), (), (), (), (), (layout.n_mesh, 3)]
-    return tuple(np.full((n, *shape), np.nan) for shape in shapes)
+def _empty(n: int, points: int, layout: Layout) -> Batch:
+    """Arrays of NaN."""
+
+    def none(*shape: int) -> Array:
+        return np.full((n, *shape), np.nan)
+
+    sections, contact = none(points, layout.n_state), none(layout.n_mesh, 3)
+    return Batch(sections, none(layout.n_state), none(), none(), none(), none(), contact, ())
 
 
 def _one_half(layout: Layout) -> Indices:
@@ -160,7 +164,7 @@ def _from_half(layout: Layout) -> Indices:
 
 
 def _run_lanes(
-    found: tuple[Array, ...],
+    found: Batch,
     chosen: Indices,
     models: Sequence[Model],
     starts: Array,
@@ -196,17 +200,18 @@ def _run_lanes(
         failed,
     )
     whole = _from_half(layout) if sides == 1 else taken
-    found[0][chosen], found[1][chosen] = sections[..., whole], end[..., whole]
+    found.sections[chosen], found.end[chosen] = sections[..., whole], end[..., whole]
     _put_exponents(found, chosen, models, growth, length)
     steps = np.array([model.parameters.steps for model in models])
-    _put_contact(found[6], chosen, contact / (steps * length.cycles)[:, None, None], sides)
-    for array in found:
-        array[chosen[failed]] = np.nan
+    _put_contact(found.contact, chosen, contact / (steps * length.cycles)[:, None, None], sides)
+    for name in ("exponents", "exponent_errors", "within", "transverse", "contact"):
+        getattr(found, name)[chosen[failed]] = np.nan
+    found.sections[chosen[failed]], found.end[chosen[failed]] = np.nan, np.nan
     return ["diverged" if bad else "" for bad in failed]
 
 
 def _put_exponents(
-    found: tuple[Array, ...],
+    found: Batch,
     chosen: Indices,
     models: Sequence[Model],
     growth: Array,
@@ -223,9 +228,12 @@ def _put_exponents(
     errors = rates.std(axis=1, ddof=1) / np.sqrt(length.batches)
     largest = np.argmax(means, axis=1)
     rows = np.arange(len(models))
-    found[2][chosen], found[3][chosen] = means[rows, largest], errors[rows, largest]
+    found.exponents[chosen], found.exponent_errors[chosen] = (
+        means[rows, largest],
+        errors[rows, largest],
+    )
     if length.tangents == 2:
-        found[4][chosen], found[5][chosen] = means.T
+        found.within[chosen], found.transverse[chosen] = means.T
 
 
 def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> None:
@@ -238,7 +246,7 @@ def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> 
 
 
 def _run_rk4(
-    found: tuple[Array, ...],
+    found: Batch,
     chosen: Indices,
     models: Sequence[Model],
     starts: Array,
@@ -252,7 +260,7 @@ def _run_rk4(
     ]
 
 
-def _one_rk4(found: tuple[Array, ...], i: int, model: Model, y: Array, length: _Length) -> str:
+def _one_rk4(found: Batch, i: int, model: Model, y: Array, length: _Length) -> str:
     stepper, per_cycle = Stepper(model), model.parameters.samples_per_cycle
     block = stepper.advance(replace(stepper.start(), y=y), length.transient * per_cycle)
     states, contact = [block.end], np.zeros((model.layout.n_mesh, 3))
@@ -263,7 +271,7 @@ def _one_rk4(found: tuple[Array, ...], i: int, model: Model, y: Array, length: _
         if block.diverged:
             return "diverged"
     kept = states[length.cycles - length.points : length.cycles]
-    found[0][i] = np.array([state.y for state in kept]).reshape(found[0][i].shape)
-    found[1][i] = states[-1].y
-    found[6][i] = contact / contact[0].sum()
+    found.sections[i] = np.array([state.y for state in kept]).reshape(found.sections[i].shape)
+    found.end[i] = states[-1].y
+    found.contact[i] = contact / contact[0].sum()
     return ""

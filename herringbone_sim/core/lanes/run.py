@@ -79,11 +79,13 @@ def normalise(w, lane, growth, last):
 
 @inlined
 def out_of_range(w, lane):
-    """Whether the state of a lane is that of no gear."""
+    """Whether the state of a lane is that of no gear, or none at all."""
+    largest = 0.0
     for j in range(w.y.shape[1]):
-        if not abs(w.y[0, j, lane]) < LIMIT:
-            return True
-    return False
+        size = abs(w.y[0, j, lane])
+        if size > largest or np.isnan(size):
+            largest = size
+    return not largest < LIMIT
 
 
 @inlined
