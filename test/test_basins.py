@@ -20,12 +20,15 @@ from herringbone_sim.dynamics.attractors import (
 )
 from herringbone_sim.dynamics.basins import (
     explore,
+    explore_slice,
     gear_sections,
     random_starts,
     slice_starts,
     wilson,
 )
 from herringbone_sim.dynamics.flow import symmetry
+from herringbone_sim.dynamics.growth import Growth
+from herringbone_sim.dynamics.opinions import kind_of
 from herringbone_sim.recording.parameter_file import load_parameters
 
 PAPER = Path(__file__).parents[1] / "config" / "paper.yaml"
@@ -39,7 +42,7 @@ def starts(n, seed=0):
 @pytest.mark.parametrize(("r", "period"), [(1.8, 1), (2.5, 0)], ids=["P1", "chaos"])
 def test_shares_of_four_attractors(r, period):
     """Signs (+ +) and (- -) a quarter each; (+ -) and its mirror image one half together."""
-    cubics, y = Cubics(r), starts(400)
+    cubics, y = Cubics(r), starts(200)
     found = explore(cubics.sections, y, cubics.exchange)
     signs = np.sign(y).sum(axis=1)
     groups = [found.labels[signs == s] for s in (-2, 0, 2)]
@@ -53,7 +56,7 @@ def test_shares_of_four_attractors(r, period):
 
 def test_periods_that_run_in_step_or_in_turn_are_two():
     """Both maps at P2: for equal signs in step or in turn, for opposite ones two mirror pairs."""
-    cubics, y = Cubics(2.1), starts(300)
+    cubics, y = Cubics(2.1), starts(150)
     found = explore(cubics.sections, y, cubics.exchange)
     equal = {found.attractors[i].symmetry for i in found.labels[np.prod(y, axis=1) > 0]}
     opposite = {found.attractors[i].symmetry for i in found.labels[np.prod(y, axis=1) < 0]}
@@ -167,3 +170,38 @@ def test_gear_with_many_motions():
     assert found.attractors[0].period == 0
     assert found.shares()[0, 0] > 0.5
     assert np.mean(found.labels == found.labels[0]) < 0.3
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_a_slice_of_equal_halves_is_mirrored_not_run_twice(gear, n):
+    """The same labels as from all its starts, from little more than half of the runs."""
+    model = gear(delta_T=70.0)
+    ran = []
+
+    def sections_of(starts):
+        ran.append(len(starts))
+        motion = np.sign(starts[:, :1] + starts[:, 1:2]) * np.ones((1, 8))
+        return np.repeat(motion[:, None], 100, axis=1)
+
+    _, found = explore_slice(model, sections_of, n)
+    assert sum(ran) == n * ((n + 1) // 2)
+    _, starts = slice_starts(model, n)
+    whole = explore(sections_of, starts, symmetry(model), known=found.attractors)
+    assert np.array_equal(found.labels, whole.labels.reshape(n, n))
+    _, uneven = explore_slice(gear(I_s_factor=(1.0, 1.1)), sections_of, n)
+    assert uneven.labels.shape == (n, n)
+    assert uneven.shares().sum(axis=0)[0] == pytest.approx(1.0)
+
+
+def growth(*exponents):
+    noise = np.random.default_rng(0).normal(scale=0.01, size=(400, len(exponents)))
+    return Growth(np.array(exponents) + noise - noise.mean(axis=0), 1.0, np.zeros(2))
+
+
+def test_kinds_of_motion():
+    turn = np.exp(1j * np.arange(200) * (5**0.5 - 1) * np.pi)
+    torus = np.column_stack([turn.real, turn.imag])
+    assert kind_of(torus, growth(0.0, 0.0)) == "quasi-periodic"
+    assert kind_of(torus, growth(0.08, 0.0)) == "chaotic"
+    assert kind_of(torus, growth(0.08, 0.05)) == "hyperchaotic"
+    assert kind_of(np.tile(torus[:3], (20, 1)), growth(-0.1, -0.2)) == "P3"

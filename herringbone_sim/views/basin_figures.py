@@ -21,7 +21,7 @@ from herringbone_sim.views.figures import BLUE, GREEN, GREY, INK, ORANGE, STYLE
 Array = NDArray[np.float64]
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#7f4f24", "#F0E442", INK)
-PORTRAITS, PER_CYCLE, CYCLES = 4, 64, 60
+PORTRAITS, PER_CYCLE, CYCLES = 5, 64, 60
 
 
 def basins_figure(
@@ -39,19 +39,21 @@ def basins_figure(
         plane: axis and basins of a slice, with the attractors of ``shared`` first.
     """
     attractors = (plane[1] if plane else shared).attractors
-    shown = min(len(attractors), PORTRAITS)
+    columns = max(min(len(attractors), PORTRAITS), 3)
+    names = [f"{i}: {name}" for i, name in enumerate(names, start=1)]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 6.2 if plane else 4.2))
-        top, bottom = figure.subfigures(2, 1, False, height_ratios=[3.6 if plane else 1.6, 2.0])
+        ratios = [3.6 if plane else 1.6, 2.0]
+        top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=ratios)[:, 0]
         axes = top.subplots(1, 2 if plane else 1, squeeze=False)[0]
         if plane:
             draw_slice(axes[0], *plane)
         draw_shares(axes[-1], names, shared)
-        portraits = bottom.subplots(1, PORTRAITS, sharex=True, sharey=True)
-        for i, one in enumerate(portraits):
-            one.set_visible(i < shown)
-        for i in range(shown):
-            draw_portrait(portraits[i], model, attractors[i].points[-1], COLOURS[i], names[i])
+        portraits = bottom.subplots(1, columns, sharex=True, sharey=True)
+        for portrait in portraits[len(attractors) :]:
+            portrait.set_visible(False)
+        for i, (portrait, one) in enumerate(zip(portraits, attractors, strict=False)):
+            draw_portrait(portrait, model, one.points[-1], COLOURS[i], names[i])
         portraits[0].set_ylabel(r"$\dot x$ / $b_c\,\omega_n$")
         return figure
 
@@ -77,6 +79,7 @@ def draw_slice(axes: Axes, axis: Array, basins: Basins) -> None:
         xlabel=r"$(x^\mathrm{L} + x^\mathrm{R})/2$ / $b_c$",
         ylabel=r"$x^\mathrm{L} - x^\mathrm{R}$ / $b_c$",
     )
+    axes.locator_params(nbins=5)
 
 
 def draw_shares(axes: Axes, names: Sequence[str], basins: Basins) -> None:
