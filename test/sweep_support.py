@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
-from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, for_sweeps
 from herringbone_sim.sweeps.store import Result, load_result, open_store
@@ -17,10 +16,11 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def gear(**values: object) -> Parameters:
-    """The paper's gear with the steps of a sweep and some values changed."""
+    """A reading of the paper's gear with the steps of a sweep and some values changed."""
+    reading = {"gamma": 1.2e-5, "thermal_rp": "sun", "projection": "torque"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
-        return for_sweeps(load_parameters(ROOT / "config/paper.yaml"), {}).changed(values)
+        return for_sweeps(Parameters(), {}).changed(reading | values)
 
 
 def axis(name: str, low: float, high: float, count: int) -> Axis:

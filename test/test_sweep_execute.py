@@ -69,7 +69,7 @@ def test_a_run_that_is_whole_computes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = run(tmp_path, small(), workers=1)
-    monkeypatch.setattr(execute, "observe_part", None)
+    monkeypatch.setattr(execute, "observe_parts", None)
     assert_same(first, run(tmp_path, small(), workers=1))
 
 

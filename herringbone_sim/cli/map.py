@@ -8,6 +8,7 @@ from pathlib import Path
 from herringbone_sim.cli.parameter_options import add_parameter_options
 from herringbone_sim.cli.sweep_options import (
     add_sweep_options,
+    chunk_from,
     gear_from,
     observation_from,
     run_all,
@@ -72,7 +73,7 @@ def draw_map(args: argparse.Namespace) -> int:
     if len(texts) != 2:
         raise ParameterError(f"a map has two axes, got {len(texts)}: give --over twice")
     axes = tuple(axis_from_text(text) for text in texts)
-    asked = Sweep(gear_from(args), axes, observation_from(args, mesh=""), chunk=args.chunk)
+    asked = Sweep(gear_from(args), axes, observation_from(args, mesh=""), chunk=chunk_from(args))
     store = open_store(args.out, asked)
     run_all([store], args)
     result = load_result(store)

@@ -8,6 +8,7 @@ from pathlib import Path
 from herringbone_sim.cli.parameter_options import add_parameter_options
 from herringbone_sim.cli.sweep_options import (
     add_sweep_options,
+    chunk_from,
     gear_from,
     observation_from,
     run_all,
@@ -81,7 +82,7 @@ def sweep(args: argparse.Namespace) -> int:
     axes = tuple(axis_from_text(text) for text in args.over)
     look = observation_from(args, args.mesh or base.layout.meshes[0])
     stores = [
-        open_store(args.out / way, Sweep(base, axes, look, way, args.chunk))
+        open_store(args.out / way, Sweep(base, axes, look, way, chunk_from(args, way)))
         for way in WAYS[args.start]
     ]
     run_all(stores, args)

@@ -14,6 +14,8 @@ from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import CHUNK, Observation, for_sweeps
 from herringbone_sim.sweeps.store import Result, Store
 
+CHAIN = 16
+
 
 def add_sweep_options(parser: argparse.ArgumentParser) -> None:
     """Add how long to look, and on what to run."""
@@ -37,9 +39,9 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
     add(
         "--chunk",
         type=int,
-        default=CHUNK,
         metavar="N",
-        help="values computed and stored together [%(default)s]",
+        help=f"values computed and stored together (default: {CHUNK}; {CHAIN} where one starts "
+        "from the other)",
     )
     add("--workers", type=int, metavar="N", help="cores of this machine (default: all)")
     add(
@@ -47,6 +49,13 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="run on this Dask cluster instead, as tcp://HOST:8786",
     )
+
+
+def chunk_from(args: argparse.Namespace, start: str = "fixed") -> int:
+    """Values a part: as asked for, or as many as make a few seconds of work."""
+    if args.chunk is not None:
+        return int(args.chunk)
+    return CHUNK if start == "fixed" else CHAIN
 
 
 def gear_from(args: argparse.Namespace) -> Parameters:

@@ -7,7 +7,8 @@ once there is one again.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
 from herringbone_sim.sweeps.observe import (
+    Asked,
     Table,
     asymmetries,
     build_all,
@@ -29,23 +31,43 @@ from herringbone_sim.sweeps.observe import (
 Array = NDArray[np.float64]
 
 
-def observe_part(sweep: Sweep, part: int, before: Array | None = None) -> Table:
-    """Table of one part of a sweep, in the order of the grid.
+@dataclass(frozen=True)
+class Job:
+    """One part of a sweep.
 
-    Args:
+    Attributes:
+        sweep: that it is of.
+        part: its number.
         before: (width, n_state) states in which the part before it on its chains ended; None for
             the first one, and where every value starts by itself.
     """
-    indices = sweep.part(part)
-    if not sweep.chained:
-        return observe(sweep, indices)
-    tables = []
-    for row in _rows(sweep, indices):
-        table = _ramp(sweep, row, before) if sweep.ramped else _follow(sweep, row, before)
-        before = table["end"]
-        tables.append(table)
-    ordered = tables[::-1] if sweep.downwards else tables
-    return {name: np.concatenate([table[name] for table in ordered]) for name in tables[0]}
+
+    sweep: Sweep
+    part: int
+    before: Array | None = None
+
+    @property
+    def rows(self) -> list[range]:
+        """What is observed at once: all, or the places of the first axis in the chains' order."""
+        sweep, indices = self.sweep, self.sweep.part(self.part)
+        if not sweep.chained:
+            return [indices]
+        firsts = range(indices.start, indices.stop, sweep.width)
+        rows = [range(first, first + sweep.width) for first in firsts]
+        return rows[::-1] if sweep.downwards else rows
+
+
+def observe_parts(jobs: Sequence[Job]) -> list[Table]:
+    """Tables of some parts, in the order of the grid, computed side by side."""
+    rows, before = [job.rows for job in jobs], [job.before for job in jobs]
+    tables: list[list[Table]] = [[] for _ in jobs]
+    for step in range(max(map(len, rows))):
+        going = [i for i in range(len(jobs)) if step < len(rows[i])]
+        found = _observe([replace(jobs[i], before=before[i]) for i in going], step)
+        for i, table in zip(going, found, strict=True):
+            tables[i].append(table)
+            before[i] = table.get("end")
+    return [_whole(job.sweep, parts) for job, parts in zip(jobs, tables, strict=True)]
 
 
 def part_before(sweep: Sweep, part: int) -> int | None:
@@ -60,11 +82,15 @@ def last_states(sweep: Sweep, table: Table) -> Array:
     return ends
 
 
-def _rows(sweep: Sweep, indices: range) -> list[range]:
-    """The places of the first axis in a part, in the order in which the chains visit them."""
-    firsts = range(indices.start, indices.stop, sweep.width)
-    rows = [range(first, first + sweep.width) for first in firsts]
-    return rows[::-1] if sweep.downwards else rows
+def _observe(jobs: Sequence[Job], step: int) -> list[Table]:
+    if jobs[0].sweep.ramped:
+        return [_ramp(job.sweep, job.rows[step], job.before) for job in jobs]
+    return observe([Asked(j.sweep, j.rows[step], _starts(j, j.rows[step])) for j in jobs])
+
+
+def _whole(sweep: Sweep, tables: list[Table]) -> Table:
+    ordered = tables[::-1] if sweep.downwards else tables
+    return {name: np.concatenate([table[name] for table in ordered]) for name in tables[0]}
 
 
 def _neighbour(sweep: Sweep, index: int) -> int:
@@ -72,16 +98,17 @@ def _neighbour(sweep: Sweep, index: int) -> int:
     return index + sweep.width if sweep.downwards else index - sweep.width
 
 
-def _follow(sweep: Sweep, row: range, before: Array | None) -> Table:
-    if before is None:
-        return observe(sweep, row)
-    starts = np.full_like(before, np.nan)
-    for i, index in enumerate(row):
-        if not np.isnan(before[i]).any():
-            old = build(sweep.parameters_at(_neighbour(sweep, index)))
-            (new,), _ = build_all(sweep, [index])
-            starts[i] = np.nan if new is None else carry_over(old, new, before[i], 0.0)
-    return observe(sweep, row, starts)
+def _starts(job: Job, row: range) -> Array | None:
+    """States (width, n_state) that carry the motion before over to the values of a row."""
+    if job.before is None:
+        return None
+    starts = np.full_like(job.before, np.nan)
+    (models, _) = build_all(job.sweep, row)
+    for i, (index, new) in enumerate(zip(row, models, strict=True)):
+        if new is not None and not np.isnan(job.before[i]).any():
+            old = build(job.sweep.parameters_at(_neighbour(job.sweep, index)))
+            starts[i] = carry_over(old, new, job.before[i], 0.0)
+    return starts
 
 
 def _ramp(sweep: Sweep, row: range, before: Array | None) -> Table:

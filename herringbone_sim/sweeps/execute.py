@@ -13,19 +13,18 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.chains import last_states, observe_part, part_before
+from herringbone_sim.sweeps.chains import Job, last_states, observe_parts, part_before
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import Store
 
-Array = NDArray[np.float64]
-Task = tuple[Store, int, Array | None]
+Entry = tuple[Store, Job]
+Task = tuple[Entry, ...]
 
-AHEAD = 2  # parts under way for each core: one computed, one waiting
+LANES = 8  # values that the kernel takes at once
+AHEAD = 2  # tasks under way for each core: one computed, one waiting
 RETRIES = 10
 PATIENCE_S = 60
 
@@ -46,59 +45,77 @@ def run_stores(
         AnalysisError: no scheduler there, or no Dask.
     """
     values = sum(store.sweep.size for store in stores)
-    lacking = {id(store): store.missing() for store in stores}
-    to_do = sum(len(s.sweep.part(n)) for s in stores for n in lacking[id(s)])
+    lacking = [store.missing() for store in stores]
+    to_do = sum(
+        len(s.sweep.part(n)) for s, parts in zip(stores, lacking, strict=True) for n in parts
+    )
     if not to_do:
         return
-    waiting = deque(task for store in stores for task in _ready(store, lacking[id(store)]))
+    first = [job for pair in zip(stores, lacking, strict=True) for job in _ready(*pair)]
+    waiting = deque(_tasks(first))
+    look: dict[str, Any] = {"unit": "value", "disable": None, "smoothing": 0.05}
     with (
         _pool(workers, scheduler) as (pool, cores),
-        tqdm(
-            total=values, initial=values - to_do, unit="value", disable=None, smoothing=0.05
-        ) as bar,
+        tqdm(total=values, initial=values - to_do, **look) as bar,
     ):
-        for store, part, table in _completed(pool, waiting, AHEAD * cores):
-            store.write(part, table)
-            bar.update(len(store.sweep.part(part)))
-            waiting.extend(_next(store, part, table))
+        for task, tables in _completed(pool, waiting, AHEAD * cores):
+            following: list[Entry] = []
+            for (store, job), table in zip(task, tables, strict=True):
+                store.write(job.part, table)
+                bar.update(len(table["index"]))
+                following.extend(_next(store, job.part, table))
+            waiting.extend(_tasks(following))
 
 
-def _ready(store: Store, missing: Sequence[int]) -> Iterator[Task]:
+def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:
     """Parts that can be computed now: all, or of chains the first whose forerunner is there."""
-    if not store.sweep.chained:
-        yield from ((store, part, None) for part in missing)
-        return
-    part = missing[-1 if store.sweep.downwards else 0] if missing else None
-    if part is not None:
-        before = part_before(store.sweep, part)
-        table = None if before is None else store.read_part(before)
-        yield store, part, None if table is None else last_states(store.sweep, table)
+    sweep = store.sweep
+    if not sweep.chained:
+        yield from ((store, Job(sweep, part)) for part in missing)
+    elif missing:
+        part = missing[-1 if sweep.downwards else 0]
+        before = part_before(sweep, part)
+        states = None if before is None else last_states(sweep, store.read_part(before))
+        yield store, Job(sweep, part, states)
 
 
-def _next(store: Store, part: int, table: Table) -> Iterator[Task]:
+def _next(store: Store, part: int, table: Table) -> Iterator[Entry]:
     """The part of a chain that goes on from one that is done."""
-    following = part - 1 if store.sweep.downwards else part + 1
-    if store.sweep.chained and 0 <= following < store.sweep.n_parts:
-        if store.has(following):
-            yield from _next(store, following, store.read_part(following))
+    sweep, step = store.sweep, -1 if store.sweep.downwards else 1
+    while sweep.chained and 0 <= part + step < sweep.n_parts:
+        part += step
+        if not store.has(part):
+            yield store, Job(sweep, part, last_states(sweep, table))
+            return
+        table = store.read_part(part)
+
+
+def _tasks(entries: Sequence[Entry]) -> Iterator[Task]:
+    """Narrow continuations that are observed alike share the lanes of a task."""
+    alike: dict[object, list[Entry]] = {}
+    for store, job in entries:
+        sweep = store.sweep
+        if sweep.chained and not sweep.ramped and sweep.width < LANES:
+            kind = (sweep.base.layout, sweep.base.order, sweep.base.method, sweep.observation)
+            alike.setdefault(kind, []).append((store, job))
         else:
-            yield store, following, last_states(store.sweep, table)
+            yield ((store, job),)
+    yield from (tuple(together) for together in alike.values())
 
 
 def _completed(
     pool: Executor, waiting: deque[Task], most: int
-) -> Iterator[tuple[Store, int, Table]]:
-    """Results in the order in which they come, at most so many parts under way."""
-    running: dict[Future[Table], Task] = {}
+) -> Iterator[tuple[Task, list[Table]]]:
+    """Results in the order in which they come, at most so many tasks under way."""
+    running: dict[Future[list[Table]], Task] = {}
     try:
         while waiting or running:
             while waiting and len(running) < most:
-                store, part, before = task = waiting.popleft()
-                running[pool.submit(observe_part, store.sweep, part, before)] = task
+                task = waiting.popleft()
+                running[pool.submit(observe_parts, [job for _, job in task])] = task
             done, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
-                store, part, _ = running.pop(future)
-                yield store, part, future.result()
+                yield running.pop(future), future.result()
     finally:
         for future in running:
             future.cancel()

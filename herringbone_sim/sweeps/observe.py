@@ -22,6 +22,7 @@ A failed value is NaN in all but its index, its axes and its reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -50,33 +51,46 @@ SCALARS = (
 )
 
 
-def observe(sweep: Sweep, indices: Sequence[int], starts: Array | None = None) -> Table:
-    """Table of some values of a sweep.
+@dataclass(frozen=True)
+class Asked:
+    """Values of one sweep.
 
-    Args:
+    Attributes:
+        sweep: that they are of.
         indices: n flat indices.
-        starts: (n, n_state) states at phase 0; the gear's own initial states by default, and
-            where a row is NaN.
+        starts: (n, n_state) states at phase 0; None, and NaN in a row, for the initial state of
+            the gear.
     """
-    table = empty_table(sweep, indices)
-    models, reasons = build_all(sweep, indices)
-    built = [i for i, model in enumerate(models) if model is not None]
-    if built:
-        chosen = [model for model in models if model is not None]
-        look = sweep.observation
-        batch = run_batch(
-            chosen,
-            None if starts is None else filled(starts[built], chosen),
-            look.transient,
-            look.cycles,
-            look.points,
-            look.exponents,
-        )
-        _fill(table, built, sweep, chosen, batch)
-        for i, reason in zip(built, batch.reasons, strict=True):
-            reasons[i] = reason
-    table["reason"] = np.array(reasons, dtype=object)
-    return table
+
+    sweep: Sweep
+    indices: Sequence[int]
+    starts: Array | None = None
+
+
+def observe(asked: Sequence[Asked]) -> list[Table]:
+    """A table for each of what is asked, all in one batch.
+
+    The sweeps are alike in what they observe and in the layout and order of their gears.
+    """
+    tables = [empty_table(one.sweep, one.indices) for one in asked]
+    found = [build_all(one.sweep, one.indices) for one in asked]
+    models = [[model for model in built if model is not None] for built, _ in found]
+    whole = [model for chosen in models for model in chosen]
+    look = asked[0].sweep.observation
+    starts = [_starts(one, built) for one, (built, _) in zip(asked, found, strict=True)]
+    length = (look.transient, look.cycles, look.points, look.exponents)
+    batch = run_batch(whole, np.concatenate(starts), *length) if whole else None
+    first = 0
+    for one, table, (built, reasons), chosen in zip(asked, tables, found, models, strict=True):
+        rows = [i for i, model in enumerate(built) if model is not None]
+        if rows and batch is not None:
+            mine = _slice(batch, first, first + len(rows))
+            _fill(table, rows, one.sweep, chosen, mine)
+            for i, reason in zip(rows, mine.reasons, strict=True):
+                reasons[i] = reason
+        table["reason"] = np.array(reasons, dtype=object)
+        first += len(rows)
+    return tables
 
 
 def empty_table(sweep: Sweep, indices: Sequence[int]) -> Table:
@@ -107,14 +121,6 @@ def build_all(sweep: Sweep, indices: Sequence[int]) -> tuple[list[Model | None],
     return models, reasons
 
 
-def filled(starts: Array, models: Sequence[Model]) -> Array:
-    """Start states (n, n_state) with the initial state of the gear in place of NaN."""
-    own = np.array([initial_state(model) for model in models])
-    lacking = np.isnan(starts).any(axis=1, keepdims=True)
-    result: Array = np.where(lacking, own, starts)
-    return result
-
-
 def section_displacements(sweep: Sweep, models: Sequence[Model], sections: Array) -> Array:
     """Displacements (n, points) of the wanted mesh at phase 0 from states (n, points, n_state)."""
     layout = sweep.base.layout
@@ -143,6 +149,22 @@ def contact_loss(contact: Array) -> Array:
     worst = np.max(np.where(both, 2.0, np.where(apart, 1.0, 0.0)), axis=1)
     result: Array = np.where(np.isnan(contact).any(axis=(1, 2)), np.nan, worst)
     return result
+
+
+def _starts(one: Asked, built: Sequence[Model | None]) -> Array:
+    """Start states (k, n_state) of those values that could be built."""
+    rows = [i for i, model in enumerate(built) if model is not None]
+    own = np.array([initial_state(model) for model in built if model is not None])
+    own = own.reshape(len(rows), one.sweep.base.layout.n_state)
+    if one.starts is None:
+        return own
+    given = one.starts[rows]
+    result: Array = np.where(np.isnan(given).any(axis=1, keepdims=True), own, given)
+    return result
+
+
+def _slice(batch: Batch, first: int, stop: int) -> Batch:
+    return Batch(*(getattr(batch, item.name)[first:stop] for item in fields(batch)))
 
 
 def _fill(

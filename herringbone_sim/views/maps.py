@@ -47,7 +47,15 @@ PERIOD_COLOURS = {
     15: "#7a5546",
 }
 LABELS = PARAMETER_LABELS | {"Omega": r"mesh frequency $\Omega=\omega/\omega_n$"}
-MAP_STYLE = STYLE | {"axes.spines.top": True, "axes.spines.right": True, "axes.titlepad": 6.0}
+MAP_STYLE = STYLE | {
+    "axes.spines.top": True,
+    "axes.spines.right": True,
+    "axes.titlepad": 6.0,
+    "hatch.linewidth": 0.5,
+    "hatch.color": INK,
+}
+HATCH = "//////"
+LEAST_EXPONENT = 2e-3  # per tau: a neutral direction may look like less
 STRETCH = 99.0  # per cent of the exponents that the colours tell apart
 
 
@@ -89,7 +97,11 @@ def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def draw_period(axes: Axes, result: Result) -> None:
-    """Period by colour, aperiodic motions dark, failed values white."""
+    """Period by colour, aperiodic motions dark, failed values white.
+
+    Hatched: a periodic motion with a positive exponent. It is met because left and right start
+    alike; the least difference would part them.
+    """
     period = result["period"]
     shown = [0, *PERIOD_COLOURS]
     places = np.full(period.shape, np.nan)
@@ -107,8 +119,23 @@ def draw_period(axes: Axes, result: Result) -> None:
         handles.append(Patch(facecolor=APERIODIC, label="aperiodic"))
     if np.isnan(period).any():
         handles.append(Patch(facecolor=FAILED, edgecolor=INK, linewidth=0.4, label="none"))
+    if _hatch_unstable(axes, result):
+        handles.append(
+            Patch(facecolor="none", edgecolor=INK, lw=0.0, hatch=HATCH, label="sides would part")
+        )
     look: Any = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0}
     axes.legend(handles=handles, handlelength=1.0, handleheight=1.0, fontsize=8, **look)
+
+
+def _hatch_unstable(axes: Axes, result: Result) -> bool:
+    """Hatch periodic motions with a positive exponent; whether there are any."""
+    surely = result["exponent"] > np.maximum(2.0 * result["exponent_error"], LEAST_EXPONENT)
+    unstable = (result["period"] > 0) & surely
+    if unstable.any():
+        places = [axis.values for axis in result.axes]
+        share = unstable.T.astype(float)
+        axes.contourf(*places, share, levels=[0.5, 1.5], colors="none", hatches=[HATCH])
+    return bool(unstable.any())
 
 
 def draw_exponent(axes: Axes, result: Result) -> None:
