@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.dynamics.continuation import Curve, Family, follow_both
-from herringbone_sim.dynamics.continuation import begin as begin_branch
+from herringbone_sim.dynamics.continuation import follow_both
+from herringbone_sim.dynamics.curve import Family, begin
 from herringbone_sim.dynamics.turning import turning_points
 from herringbone_sim.errors import DivergenceError
 
@@ -157,6 +157,5 @@ class OneSidedOscillator:
 def branch_of(flow_at, low, high, points, value, mirror=None, steps=None):
     """(curve, branch) through an orbit over a range."""
     family = Family(flow_at, low, high, mirror)
-    curve, start = begin_branch(family, np.atleast_2d(points), value)
-    assert isinstance(curve, Curve)
+    curve, start = begin(family, np.atleast_2d(points), value)
     return curve, follow_both(curve, start, steps)

@@ -17,7 +17,8 @@ from orbit_support import (
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.boundaries import find_boundaries
 from herringbone_sim.dynamics.cascade import Options, explore
-from herringbone_sim.dynamics.continuation import Family, Steps
+from herringbone_sim.dynamics.continuation import Steps
+from herringbone_sim.dynamics.curve import Family
 from herringbone_sim.dynamics.flow import GearFlow, mirror, settle
 from herringbone_sim.dynamics.gear_family import gear_family
 from herringbone_sim.dynamics.orbits import closest_return, find_orbit, iterate

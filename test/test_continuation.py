@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from orbit_support import SWAP, LinearOscillator, branch_of, coupled, henon, logistic
 
-from herringbone_sim.dynamics.continuation import Family, Steps, begin, branch_off, follow
+from herringbone_sim.dynamics.continuation import Steps, branch_off, follow
+from herringbone_sim.dynamics.curve import Family, begin
 from herringbone_sim.errors import AnalysisError
 
 

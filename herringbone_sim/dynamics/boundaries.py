@@ -21,7 +21,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from herringbone_sim.dynamics.continuation import Branch, BranchPoint, Curve
+from herringbone_sim.dynamics.continuation import Branch
+from herringbone_sim.dynamics.curve import BranchPoint, Curve
 from herringbone_sim.dynamics.orbits import Array, Complex
 from herringbone_sim.errors import AnalysisError
 

@@ -24,16 +24,13 @@ from herringbone_sim.dynamics.boundaries import (
 )
 from herringbone_sim.dynamics.continuation import (
     Branch,
-    BranchPoint,
-    Curve,
-    Family,
     Steps,
-    begin,
     branch_off,
     follow,
     follow_both,
     swaps,
 )
+from herringbone_sim.dynamics.curve import BranchPoint, Curve, Family, begin
 from herringbone_sim.dynamics.orbits import Array
 from herringbone_sim.errors import AnalysisError, ParameterError
 

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.dynamics.boundaries import Watch
-from herringbone_sim.dynamics.continuation import Family
+from herringbone_sim.dynamics.curve import Family
 from herringbone_sim.dynamics.flow import GearFlow, mirror, symmetry
 from herringbone_sim.dynamics.orbits import Array
 from herringbone_sim.dynamics.turning import border_passes

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from herringbone_sim.dynamics.boundaries import Boundary
 from herringbone_sim.dynamics.cascade import Followed
-from herringbone_sim.dynamics.continuation import BranchPoint
+from herringbone_sim.dynamics.curve import BranchPoint
 from herringbone_sim.dynamics.orbits import Array
 from herringbone_sim.dynamics.turning import section
 from herringbone_sim.views.figures import (
@@ -41,7 +41,7 @@ STABILITY = {
     (False, True): ("transversally unstable", ORANGE, "-", 1.3),
     (True, True): ("unstable both ways", ORANGE, "--", 0.9),
 }
-PERIOD_LINES = {1: "-", 2: "--", 4: "-."}
+PERIOD_LINES: dict[int, Any] = {1: "-", 2: "--", 4: "-.", 8: ":", 16: (0, (1, 3))}
 ROOM = 0.03  # of the width of the axes, between the names of two boundaries
 Kind = tuple[bool, bool]
 
