@@ -1,11 +1,15 @@
-"""Timing in rounds, errors against the reference, and the cost of a family at one error."""
+"""Timing in rounds, errors against the reference, and the cost of a family at one error.
+
+Costs on one core are processor time, which a busy machine changes less than time on the wall;
+those on two cores are time on the wall.
+"""
 
 from __future__ import annotations
 
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,8 +17,8 @@ from benchmarks.peers.methods import OrbitMethod, SweepMethod
 from benchmarks.peers.problem import ORBIT_CYCLES, Array, orbit_end, spread_over
 from herringbone_sim.analysis.periods import find_period
 
-LEAST_RUN_S = 0.02
-MOST_CYCLES = 2000
+LEAST_RUN_S = 0.05
+MOST_CYCLES = 4000
 
 
 @dataclass(frozen=True)
@@ -37,16 +41,18 @@ class Row:
     note: str = ""
 
 
-def seconds(work: Callable[[], object]) -> float:
-    """Wall time of one call."""
-    start = time.perf_counter()
+def seconds(work: Callable[[], object], cores: int = 1) -> float:
+    """Time of one call [s]."""
+    clock = time.thread_time if cores == 1 else time.perf_counter
+    start = clock()
     work()
-    return time.perf_counter() - start
+    return clock() - start
 
 
-def in_rounds(works: Sequence[Callable[[], object]], rounds: int) -> Array:
-    """Wall times (rounds, n): every work once a round, so a slow spell strikes all alike."""
-    return np.array([[seconds(work) for work in works] for _ in range(rounds)])
+def in_rounds(works: Sequence[tuple[Callable[[], object], int]], rounds: int) -> Array:
+    """Times (rounds, n) of works on so many cores: every one once a round, so a slow spell
+    strikes all alike."""
+    return np.array([[seconds(*work) for work in works] for _ in range(rounds)])
 
 
 def summary(costs: Array) -> tuple[float, float]:
@@ -61,13 +67,13 @@ def orbit_rows(methods: Iterable[OrbitMethod], rounds: int) -> list[Row]:
     for method in methods:
         error = float(np.abs(method.run(ORBIT_CYCLES) - orbit_end()).max())
         once = seconds(lambda run=method.run: run(ORBIT_CYCLES))
-        times = np.clip(np.ceil(LEAST_RUN_S / once), 1, MOST_CYCLES // ORBIT_CYCLES)
-        ready.append((method, error, ORBIT_CYCLES * int(times)))
-    works = [lambda m=method, n=cycles: m.run(n) for method, _, cycles in ready]
-    walls = in_rounds(works, rounds)
+        repeats = np.clip(np.ceil(LEAST_RUN_S / once), 1, MOST_CYCLES // ORBIT_CYCLES)
+        ready.append((method, error, ORBIT_CYCLES * int(repeats)))
+    works = [(lambda m=method, n=cycles: m.run(n), 1) for method, _, cycles in ready]
+    times = in_rounds(works, rounds)
     rows = []
-    for (method, error, cycles), wall in zip(ready, walls.T, strict=True):
-        cost, spread = summary(wall / (cycles * method.lanes) * 1e6)
+    for (method, error, cycles), taken in zip(ready, times.T, strict=True):
+        cost, spread = summary(taken / (cycles * method.lanes) * 1e6)
         rows.append(Row(method.family, method.setting, error, cost, spread))
     return rows
 
@@ -92,16 +98,17 @@ def sweep_rows(
     def work(i: int) -> None:
         results[i] = methods[i].run(values[takes[i]])
 
-    walls = in_rounds([lambda i=i: work(i) for i in range(len(methods))], rounds)
+    works = [(lambda i=i: work(i), method.cores) for i, method in enumerate(methods)]
+    times = in_rounds(works, rounds)
     rows = []
     for i, method in enumerate(methods):
         scale = len(values) / len(takes[i])
-        cost, spread = summary(walls[:, i] * scale)
+        cost, spread = summary(times[:, i] * scale)
         error, note = judge(takes[i], results[i])
-        rows.append(Row(method.family, method.setting, error, cost, spread, note))
         told = [f"{method.cores} cores"] if method.cores > 1 else []
         told += [f"scaled up from {len(takes[i])} values"] if scale > 1.0 else []
-        rows[-1] = replace(rows[-1], note=", ".join([*told, note]))
+        note = ", ".join([*told, note])
+        rows.append(Row(method.family, method.setting, error, cost, spread, note))
     return rows
 
 

@@ -36,6 +36,10 @@ EXPONENT_CYCLES = 300
 K_SP, K_SP_1, K_RP, K_RP_1, E, C_SP, C_RP, B_SP, B_RP = range(9)
 N_S, TWO_N_C, N_C, I_P, LOAD_Q, LOAD_R = range(9, 15)
 
+LEFT = [0, 2, 4, 6]  # one half of a state
+FROM_HALF = [0, 0, 1, 1, 2, 2, 3, 3]  # and back
+BOTH = {"control_on": (1.0, 0.5, 1.0, 1.0)}  # at K 0 no difference, but halves are told apart
+
 fast: Any = njit(error_model="numpy", fastmath={"contract", "arcp"}, nogil=True)
 
 
@@ -100,6 +104,20 @@ def slope(tau, y, p, dy):
     dy[5] = p[LOAD_Q] - p[N_S] * sp_R - p[TWO_N_C] * total
     dy[6] = p[LOAD_R] - p[N_C] * total + p[I_P] * (sp_L - rp_L)
     dy[7] = p[LOAD_R] - p[N_C] * total + p[I_P] * (sp_R - rp_R)
+
+
+@fast
+def slope_of_half(tau, y, p, dy):
+    """The same of one half (4,), q, r and their rates, that stands for both, into dy (4,)."""
+    cos = math.cos(tau)
+    e, rate = p[E] * math.sin(tau), p[E] * cos
+    k_sp, k_rp = p[K_SP] + p[K_SP_1] * cos, p[K_RP] + p[K_RP_1] * cos
+    sp = k_sp * gap(y[0] - y[1] - e, p[B_SP]) + p[C_SP] * (y[2] - y[3] - rate)
+    rp = k_rp * gap(y[1] - e, p[B_RP]) + p[C_RP] * (y[3] - rate)
+    total = 2.0 * (sp + rp)
+    dy[0], dy[1] = y[2], y[3]
+    dy[2] = p[LOAD_Q] - p[N_S] * sp - p[TWO_N_C] * total
+    dy[3] = p[LOAD_R] - p[N_C] * total + p[I_P] * (sp - rp)
 
 
 @fast

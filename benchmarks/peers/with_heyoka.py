@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import heyoka as hy
@@ -21,6 +21,8 @@ from benchmarks.peers.methods import OrbitMethod, SweepMethod
 from benchmarks.peers.problem import (
     B_RP,
     B_SP,
+    FROM_HALF,
+    LEFT,
     OBSERVED,
     TRANSIENT,
     Array,
@@ -36,81 +38,101 @@ from herringbone_sim.core.packed import TWO_PI
 TOLERANCES = (1e-5, 1e-6, 1e-7, 1e-9, 1e-12)
 LANES = 8
 TWIN = 1e-9  # the other side switches along when it is that near
-CLOSED, OFFSET, LEVEL = 0, 4, 8  # places of the runtime parameters, each (4,)
-DIMENSIONS = 12
 
 
-def _meshes(y: list[Any]) -> list[Any]:
-    return [y[0] - y[2], y[1] - y[3], y[2], y[3]]
+def _meshes(y: Sequence[Any]) -> list[Any]:
+    """Deflections of sun meshes, then ring meshes, from displacements of suns, then planets."""
+    sides = len(y) // 2
+    return [*(y[s] - y[sides + s] for s in range(sides)), *y[sides:]]
 
 
-def _accelerations(p: Array, force: list[Any], load: float) -> list[Any]:
-    total = (force[0] + force[2]) + (force[1] + force[3])
-    suns = [load * p[problem.LOAD_Q] - p[problem.N_S] * force[s] for s in (0, 1)]
+def _accelerations(p: Array, force: Sequence[Any], load: float) -> list[Any]:
+    """Accelerations of suns, then planets; the forces of one half stand for both."""
+    sides = len(force) // 2
+    total = (2.0 / sides) * hy.sum(list(force))
+    suns = [load * p[problem.LOAD_Q] - p[problem.N_S] * f for f in force[:sides]]
     planets = [
-        load * p[problem.LOAD_R] + p[problem.I_P] * (force[s] - force[2 + s]) for s in (0, 1)
+        load * p[problem.LOAD_R] + p[problem.I_P] * (sun - ring)
+        for sun, ring in zip(force[:sides], force[sides:], strict=True)
     ]
-    return [a - p[problem.TWO_N_C] * total for a in suns] + [
-        a - p[problem.N_C] * total for a in planets
-    ]
-
-
-def _motion(p: Array, smooth: bool, names: str, load: float) -> tuple[list[Any], list[Any]]:
-    """Equations of the motion (load 1) or of a tangent vector (load 0), and the deflections."""
-    y = hy.make_vars(*(f"{names}{k}" for k in range(8)))
-    cos = hy.cos(hy.time)
-    e, rate = load * p[problem.E] * hy.sin(hy.time), load * p[problem.E] * cos
-    k = [p[problem.K_SP] + p[problem.K_SP_1] * cos, p[problem.K_RP] + p[problem.K_RP_1] * cos]
-    c = [p[problem.C_SP], p[problem.C_RP]]
-    x = [d - e for d in _meshes(y[:4])]
-    v = [d - rate for d in _meshes(y[4:])]
-    level = [hy.par[LEVEL + m] for m in range(4)]
-    if smooth:
-        f = [hy.relu(x[m] - level[m]) - hy.relu(-x[m] - level[m]) for m in range(4)]
-    else:
-        f = [hy.par[CLOSED + m] * x[m] - load * hy.par[OFFSET + m] for m in range(4)]
-    force = [k[m // 2] * f[m] + c[m // 2] * v[m] for m in range(4)]
-    rates = [*y[4:], *_accelerations(p, force, load)]
-    return list(zip(y, rates, strict=True)), x
+    of_carrier = p[problem.N_C] * total
+    return [a - 2.0 * of_carrier for a in suns] + [a - of_carrier for a in planets]
 
 
 class Heyoka:
     """Integrator of so many orbits at once.
 
+    Runtime parameters, n = meshes of each: 1 in contact, or 0; its offset; its backlash.
+
     Args:
         p: constants of the gear; its backlash may differ from lane to lane, see ``start``.
         tolerance: heyoka's, which sets its order too.
         lanes: batch size.
+        sides: 2, or 1 for one half that stands for both.
         tangent: whether a tangent vector runs along.
         events: whether switches are events; ``relu`` otherwise.
     """
 
     def __init__(
-        self, p: Array, tolerance: float, lanes: int, tangent: bool = False, events: bool = True
+        self,
+        p: Array,
+        tolerance: float,
+        lanes: int,
+        sides: int = 2,
+        tangent: bool = False,
+        events: bool = True,
     ) -> None:
-        equations, x = _motion(p, not events, "y", 1.0)
+        self.sides, self.n = sides, 2 * sides
+        equations, x = self._motion(p, not events, "y", 1.0)
         if tangent:
-            equations += _motion(p, False, "z", 0.0)[0]
+            equations += self._motion(p, False, "z", 0.0)[0]
+        pairs = [(m, side) for m in range(self.n) for side in (1.0, -1.0)] if events else []
         self._views: list[tuple[Any, ...]] = []
-        pairs = [(m, side) for m in range(4) for side in (1.0, -1.0)] if events else []
         self.callbacks = [self._callback(m, side) for m, side in pairs]
         found = [
-            hy.t_event_batch(x[m] - side * hy.par[LEVEL + m], callback=callback)
+            hy.t_event_batch(x[m] - side * self._par(2, m), callback=callback)
             for (m, side), callback in zip(pairs, self.callbacks, strict=True)
         ]
+        state, pars = np.zeros((len(equations), lanes)), np.zeros((3 * self.n, lanes))
         self.ta = hy.taylor_adaptive_batch(
-            equations,
-            np.zeros((len(equations), lanes)),
-            tol=tolerance,
-            t_events=found,
-            pars=np.zeros((DIMENSIONS, lanes)),
+            equations, state, tol=tolerance, t_events=found, pars=pars
         )
+        self._look()
+
+    def _par(self, kind: int, m: int) -> Any:
+        return hy.par[kind * self.n + m]
+
+    def _motion(
+        self, p: Array, smooth: bool, name: str, load: float
+    ) -> tuple[list[Any], list[Any]]:
+        """Equations of the motion (load 1) or of a tangent vector (0), and the deflections."""
+        y = hy.make_vars(*(f"{name}{k}" for k in range(2 * self.n)))
+        cos = hy.cos(hy.time)
+        e, rate = load * p[problem.E] * hy.sin(hy.time), load * p[problem.E] * cos
+        k = [p[problem.K_SP] + p[problem.K_SP_1] * cos, p[problem.K_RP] + p[problem.K_RP_1] * cos]
+        c = [p[problem.C_SP], p[problem.C_RP]]
+        x, v = [d - e for d in _meshes(y[: self.n])], [d - rate for d in _meshes(y[self.n :])]
+        force = [
+            k[m // self.sides] * self._spring(x[m], m, smooth, load) + c[m // self.sides] * v[m]
+            for m in range(self.n)
+        ]
+        rates = [*y[self.n :], *_accelerations(p, force, load)]
+        return list(zip(y, rates, strict=True)), x
+
+    def _spring(self, x: Any, m: int, smooth: bool, load: float) -> Any:
+        if smooth:
+            return hy.relu(x - self._par(2, m)) - hy.relu(-x - self._par(2, m))
+        return self._par(0, m) * x - load * self._par(1, m)
+
+    def _look(self) -> None:
+        """Views of what the callbacks read and write; in one half every mesh is its own twin."""
         pars, state = ([memoryview(row) for row in a] for a in (self.ta.pars, self.ta.state))
-        for m, twin in enumerate((1, 0, 3, 2)):
-            places = (m, OFFSET + m, twin, OFFSET + twin, LEVEL + m)
-            sun = (state[m], state[twin]) if m < 2 else (state[0], state[0])
-            rows = (state[2 + m % 2], state[2 + twin % 2], *sun)
-            self._views.append((*(pars[k] for k in places), *rows))
+        for m in range(self.n):
+            twin = m ^ (self.sides - 1)
+            places = (m, self.n + m, twin, self.n + twin, 2 * self.n + m)
+            sun = (state[m], state[twin]) if m < self.sides else (state[0], state[0])
+            of_planet = (state[self.sides + k % self.sides] for k in (m, twin))
+            self._views.append((*(pars[k] for k in places), *of_planet, *sun))
 
     def _callback(self, m: int, side: float) -> Callable[[Any, int, int], bool]:
         """Contact of mesh m, and of its twin where both are alike, at its level on one side."""
@@ -129,17 +151,15 @@ class Heyoka:
         return switch
 
     def start(self, y: Array, p: Array) -> None:
-        """Put lanes at phase 0 in states y (lanes, 8 or 16) of gears p (lanes, 15)."""
+        """Put lanes at phase 0 in states y (lanes, 2 n or 4 n) of gears p (lanes, 15)."""
         self.ta.set_time(0.0)
         if self.ta.with_events:
             self.ta.reset_cooldowns()
         self.ta.state[:] = y.T
-        level = p[:, [B_SP, B_SP, B_RP, B_RP]].T
-        x = np.array(_meshes(list(y.T[:4])))
+        level = np.repeat(p[:, [B_SP, B_RP]].T, self.sides, axis=0)
+        x = np.array(_meshes(list(y.T[: self.n])))
         side = np.where(x > level, 1.0, np.where(x < -level, -1.0, 0.0))
-        self.ta.pars[CLOSED:OFFSET] = np.abs(side)
-        self.ta.pars[OFFSET:LEVEL] = side * level
-        self.ta.pars[LEVEL:] = level
+        self.ta.pars[:] = np.concatenate([np.abs(side), side * level, level])
 
     def to(self, cycle: int) -> Array:
         """States (lanes, n) at a mesh cycle."""
@@ -149,21 +169,30 @@ class Heyoka:
 
 def orbit_methods() -> list[OrbitMethod]:
     """Rows of work (a)."""
-    found = [_on_orbit("heyoka, events", t, 1) for t in TOLERANCES]
-    found += [_on_orbit(f"heyoka, events, batch of {LANES}", t, LANES) for t in TOLERANCES]
-    return found + [_on_orbit("heyoka, relu without events", t, 1, False) for t in (1e-9, 1e-15)]
+    batch = f"batch of {LANES}"
+    kinds = [
+        ("events", 1, 2),
+        (f"events, {batch}", LANES, 2),
+        (f"events, {batch}, half", LANES, 1),
+    ]
+    found = [_on_orbit(*kind, tolerance) for kind in kinds for tolerance in TOLERANCES]
+    return [*found, _on_orbit("relu, no events", 1, 2, 1e-9, events=False)]
 
 
-def _on_orbit(family: str, tolerance: float, lanes: int, events: bool = True) -> OrbitMethod:
+def _on_orbit(
+    name: str, lanes: int, sides: int, tolerance: float, events: bool = True
+) -> OrbitMethod:
     p = constants(rig())
-    solver = Heyoka(p, tolerance, lanes, events=events)
-    y, many = np.repeat(orbit_start()[None], lanes, axis=0), np.repeat(p[None], lanes, axis=0)
+    solver = Heyoka(p, tolerance, lanes, sides, events=events)
+    one = orbit_start()[LEFT] if sides == 1 else orbit_start()
+    y, many = np.repeat(one[None], lanes, axis=0), np.repeat(p[None], lanes, axis=0)
 
     def run(cycles: int) -> Array:
         solver.start(y, many)
-        return solver.to(cycles)[-1]
+        end = solver.to(cycles)[-1]
+        return end[FROM_HALF] if sides == 1 else end
 
-    return OrbitMethod(family, f"tolerance {tolerance:g}", run, lanes)
+    return OrbitMethod(f"heyoka, {name}", f"tolerance {tolerance:g}", run, lanes)
 
 
 class Counting(Heyoka):
@@ -188,10 +217,10 @@ def note() -> str:
     solver.start(orbit_start()[None], p[None])
     solver.to(cycles)
     switch = Heyoka(p, 1e-6, 1).callbacks[0]
-    began = time.perf_counter()
+    began = time.thread_time()
     for _ in range(calls):
         switch(None, 1, 0)
-    each = (time.perf_counter() - began) / calls * 1e6
+    each = (time.thread_time() - began) / calls * 1e6
     a_cycle = solver.calls / cycles
     return (
         f"heyoka calls back {a_cycle:.1f} times a mesh cycle into Python; called from Python that "
@@ -200,8 +229,8 @@ def note() -> str:
 
 
 @functools.cache
-def _sweeper(tolerance: float, tangent: bool) -> Heyoka:
-    return Heyoka(constants(paper(0.0)), tolerance, LANES, tangent)
+def _sweeper(tolerance: float, sides: int, tangent: bool) -> Heyoka:
+    return Heyoka(constants(paper(0.0)), tolerance, LANES, sides, tangent)
 
 
 def _in_batches(values: Array, one: Callable[[Array, Array], Array]) -> Array:
@@ -220,14 +249,17 @@ def diagram_methods() -> list[SweepMethod]:
     tolerance = 1e-6
 
     def sections(starts: Array, p: Array) -> Array:
-        solver = _sweeper(tolerance, False)
-        solver.start(starts, p)
-        return np.stack([solver.to(TRANSIENT + i) for i in range(OBSERVED)], axis=1)
+        solver = _sweeper(tolerance, 1, False)
+        solver.start(starts[:, LEFT], p)
+        halves = [solver.to(TRANSIENT + i) for i in range(OBSERVED)]
+        return np.stack(halves, axis=1)[..., FROM_HALF]
 
     def run(values: Array) -> Array:
         return _in_batches(values, sections)
 
-    return [SweepMethod("heyoka, events, batch of 8", f"tolerance {tolerance:g}", run, most=80)]
+    return [
+        SweepMethod("heyoka, events, batch of 8, half", f"tolerance {tolerance:g}", run, most=80)
+    ]
 
 
 def exponent_methods(cycles: int) -> list[SweepMethod]:
@@ -235,7 +267,7 @@ def exponent_methods(cycles: int) -> list[SweepMethod]:
     tolerance = 1e-6
 
     def exponents(starts: Array, p: Array) -> Array:
-        plain, both = _sweeper(tolerance, False), _sweeper(tolerance, True)
+        plain, both = _sweeper(tolerance, 2, False), _sweeper(tolerance, 2, True)
         plain.start(starts, p)
         z = np.tile(initial_tangent(), (LANES, 1))
         both.start(np.hstack([plain.to(TRANSIENT), z]), p)

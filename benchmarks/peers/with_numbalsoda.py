@@ -8,6 +8,8 @@ from numba import carray, cfunc, njit
 
 from benchmarks.peers.methods import OrbitMethod, SweepMethod
 from benchmarks.peers.problem import (
+    FROM_HALF,
+    LEFT,
     OBSERVED,
     TRANSIENT,
     Array,
@@ -17,9 +19,11 @@ from benchmarks.peers.problem import (
     paper,
     rig,
     slope,
+    slope_of_half,
     tangent_slope,
     zero_start,
 )
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
 
 MANY = 10**8
@@ -30,6 +34,11 @@ lsoda, dop853 = numbalsoda.lsoda, numbalsoda.dop853
 @cfunc(numbalsoda.lsoda_sig)
 def _rate(tau, y, dy, p):
     slope(tau, carray(y, (8,)), carray(p, (15,)), carray(dy, (8,)))
+
+
+@cfunc(numbalsoda.lsoda_sig)
+def _rate_of_half(tau, y, dy, p):
+    slope_of_half(tau, carray(y, (4,)), carray(p, (15,)), carray(dy, (4,)))
 
 
 @cfunc(numbalsoda.lsoda_sig)
@@ -54,22 +63,25 @@ def _exponent(pointer, both, y, p, transient, z, cycles, rtol):
     return growth / (cycles * TWO_PI)
 
 
-def _solve(solver, p: Array, y: Array, times: Array, rtol: float) -> Array:
-    return solver(_rate.address, y, times, p, rtol, rtol * 1e-2, MANY)[0]
+def _solve(solver, half: bool, p: Array, y: Array, times: Array, rtol: float) -> Array:
+    """States (n, 8) at times, by the whole gear or by one half that stands for both."""
+    pointer, start = (_rate_of_half.address, y[LEFT]) if half else (_rate.address, y)
+    found = solver(pointer, start, times, p, rtol, rtol * 1e-2, MANY)[0]
+    return found[:, FROM_HALF] if half else found
 
 
 def orbit_methods() -> list[OrbitMethod]:
     """Rows of work (a)."""
     p, y = constants(rig()), orbit_start()
 
-    def method(name: str, solver, rtol: float) -> OrbitMethod:
+    def method(name: str, solver, half: bool, rtol: float) -> OrbitMethod:
         def run(cycles: int) -> Array:
-            return _solve(solver, p, y, np.array([0.0, cycles * TWO_PI]), rtol)[-1]
+            return _solve(solver, half, p, y, np.array([0.0, cycles * TWO_PI]), rtol)[-1]
 
         return OrbitMethod(f"numbalsoda {name}", f"rtol {rtol:g}", run)
 
-    pairs = (("LSODA", lsoda), ("DOP853", dop853))
-    return [method(name, solver, rtol) for name, solver in pairs for rtol in RTOLS]
+    kinds = [("LSODA", lsoda, False), ("LSODA, half", lsoda, True), ("DOP853", dop853, False)]
+    return [method(*kind, rtol) for kind in kinds for rtol in RTOLS]
 
 
 def diagram_methods() -> list[SweepMethod]:
@@ -77,13 +89,13 @@ def diagram_methods() -> list[SweepMethod]:
     rtol = 1e-9
     times = np.concatenate([[0.0], TRANSIENT + np.arange(OBSERVED)]) * TWO_PI
 
-    def run(values: Array) -> Array:
-        models = [paper(value) for value in values]
-        return np.array(
-            [_solve(lsoda, constants(m), zero_start(m), times, rtol)[1:] for m in models]
-        )
+    def sections(model: Model) -> Array:
+        return _solve(lsoda, True, constants(model), zero_start(model), times, rtol)[1:]
 
-    return [SweepMethod("numbalsoda LSODA", f"rtol {rtol:g}", run, most=40)]
+    def run(values: Array) -> Array:
+        return np.array([sections(paper(value)) for value in values])
+
+    return [SweepMethod("numbalsoda LSODA, half", f"rtol {rtol:g}", run, most=40)]
 
 
 def exponent_methods(cycles: int) -> list[SweepMethod]:

@@ -12,6 +12,8 @@ from scipy import integrate
 
 from benchmarks.peers.methods import OrbitMethod, SweepMethod
 from benchmarks.peers.problem import (
+    FROM_HALF,
+    LEFT,
     OBSERVED,
     TRANSIENT,
     Array,
@@ -21,13 +23,16 @@ from benchmarks.peers.problem import (
     paper,
     rig,
     slope,
+    slope_of_half,
     tangent_slope,
     zero_start,
 )
 from herringbone_sim.core.packed import TWO_PI
 
 MANY = 10**7
-ORBIT = [("LSODA, odeint", (1e-6, 1e-8, 1e-9, 1e-10)), ("DOP853, ode", (1e-6, 1e-8, 1e-9, 1e-10))]
+ORBIT = [("LSODA, odeint", (1e-6, 1e-8, 1e-9, 1e-10))]
+ORBIT += [("LSODA, odeint, half", (1e-6, 1e-8, 1e-9, 1e-10))]
+ORBIT += [("DOP853, ode", (1e-6, 1e-8, 1e-9, 1e-10))]
 ORBIT += [("VODE, ode", (1e-8, 1e-10, 1e-11))]
 ORBIT += [("LSODA, solve_ivp", (1e-6, 1e-10)), ("DOP853, solve_ivp", (1e-6, 1e-10))]
 
@@ -35,6 +40,11 @@ ORBIT += [("LSODA, solve_ivp", (1e-6, 1e-10)), ("DOP853, solve_ivp", (1e-6, 1e-1
 @njit("void(f8, f8[::1], f8[::1], f8[::1])", error_model="numpy")
 def _fill(tau, y, p, dy):
     slope(tau, y, p, dy)
+
+
+@njit("void(f8, f8[::1], f8[::1], f8[::1])", error_model="numpy")
+def _fill_half(tau, y, p, dy):
+    slope_of_half(tau, y, p, dy)
 
 
 @njit("void(f8, f8[::1], f8[::1], f8[::1])", error_model="numpy")
@@ -61,6 +71,8 @@ def odeint(p: Array, y: Array, times: Array, rtol: float, fill=_fill) -> Array:
 
 def _solve(method: str, rtol: float, p: Array, y: Array, end: float) -> Array:
     kind, _, api = method.partition(", ")
+    if api == "odeint, half":
+        return odeint(p, y[LEFT], np.array([0.0, end]), rtol, _fill_half)[-1][FROM_HALF]
     if api == "odeint":
         return odeint(p, y, np.array([0.0, end]), rtol)[-1]
     if api == "ode":
