@@ -36,6 +36,7 @@ def test_the_flip_and_the_fold_of_the_henon_map():
     assert found["fold"].multiplier == pytest.approx(1.0, abs=1e-6)
     assert found["flip"].value == pytest.approx(3 * 0.7**2 / 4, abs=1e-9)
     assert found["flip"].multiplier == pytest.approx(-1.0, abs=1e-6)
+    assert found["flip"].width < 1e-9
     assert all(one.changes_stability for one in found.values())
 
 

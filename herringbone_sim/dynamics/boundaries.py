@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,7 @@ class Boundary:
     Attributes:
         kind: see the table above.
         value: of the parameter.
+        width: of the interval of the parameter that it was narrowed down to.
         period: of the branch, in periods of the forcing.
         detail: the border that is touched, or where a transverse multiplier passes.
         before, after: multipliers outside the unit circle (within, transverse) in the order of
@@ -54,6 +56,7 @@ class Boundary:
 
     kind: str
     value: float
+    width: float
     period: int
     detail: str
     before: tuple[int, int]
@@ -142,12 +145,14 @@ def bisect(
 ) -> tuple[BranchPoint, BranchPoint]:
     """The interval of the curve, from a towards b, in which a count first leaves its value at a.
 
-    Raises:
-        AnalysisError: an orbit in between was not found.
+    It stays wider than ``narrow`` where no orbit in between is found.
     """
     start = count(a)
     while (length := float(np.linalg.norm(b.z - a.z))) > narrow:
-        middle = curve.solve(0.5 * (a.z + b.z), (b.z - a.z) / length, a.tangent)
+        try:
+            middle = curve.solve(0.5 * (a.z + b.z), (b.z - a.z) / length, a.tangent)
+        except AnalysisError:
+            break
         if max(np.linalg.norm(middle.z - end.z) for end in (a, b)) > 0.99 * length:
             break
         if count(middle) == start:
@@ -165,34 +170,29 @@ def _named(
 ) -> Boundary | None:
     """The boundary between the inner two orbits; None where multipliers met off the circle."""
     first, before, after, last = around
-    part, _, sort = key.partition(" ")
+    where: Any = {
+        "value": after.value,
+        "width": abs(after.value - before.value),
+        "period": after.orbit.period,
+        "before": before.multipliers.unstable,
+        "after": after.multipliers.unstable,
+        "index": index,
+        "point": after,
+    }
     if key not in COUNTS:
-        sides = (_aside(curve, before, -NEAR), _aside(curve, after, NEAR))
-        stable = [side.multipliers.unstable for side in sides]
-        return _boundary("grazing", key, after, stable, index, complex("nan"))
-    stable = [before.multipliers.unstable, after.multipliers.unstable]
-    if stable[0] == stable[1]:
+        where["before"] = _aside(curve, before, -NEAR).multipliers.unstable
+        where["after"] = _aside(curve, after, NEAR).multipliers.unstable
+        return Boundary("grazing", detail=key, multiplier=complex("nan"), **where)
+    if where["before"] == where["after"]:
         return None
+    part, sort = key.split()
     values: Complex = getattr(after.multipliers, part)
-    nearest = complex(values[np.argmin(np.abs(np.abs(values) - 1.0))])
+    where["multiplier"] = complex(values[np.argmin(np.abs(np.abs(values) - 1.0))])
     if part == "transverse":
-        return _boundary("transverse", f"multiplier {sort}", after, stable, index, nearest)
+        return Boundary("transverse", detail=f"multiplier {sort}", **where)
     turns = first.tangent[-1] * last.tangent[-1] < 0
     kind = {"+1": "fold" if turns else "crossing", "-1": "flip"}.get(sort, "Neimark-Sacker")
-    return _boundary(kind, "", after, stable, index, nearest)
-
-
-def _boundary(
-    kind: str,
-    detail: str,
-    point: BranchPoint,
-    stable: list[tuple[int, int]],
-    index: int,
-    multiplier: complex,
-) -> Boundary:
-    before, after = stable
-    period = point.orbit.period
-    return Boundary(kind, point.value, period, detail, before, after, index, point, multiplier)
+    return Boundary(kind, detail="", **where)
 
 
 def _aside(curve: Curve, point: BranchPoint, ds: float) -> BranchPoint:

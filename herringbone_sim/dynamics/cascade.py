@@ -191,11 +191,13 @@ def _to_doubled(one: Followed, options: Options) -> Iterator[Lead]:
         wanted = boundary.kind == "flip" or (parts and options.asymmetric)
         if not wanted or times * one.period > options.max_period:
             continue
-        with suppress(AnalysisError):
-            mode = mode_of(one.curve, boundary)
-            curve, start = branch_off(one.curve, boundary.point, mode, times, OFF)
-            origin = f"{boundary.kind} of P{one.period} at {boundary.value:.6g}"
-            yield Lead(curve, start, origin, False, boundary.point.orbit.points)
+        mode = mode_of(one.curve, boundary)
+        origin = f"{boundary.kind} of P{one.period} at {boundary.value:.6g}"
+        for off in (OFF, 10 * OFF, 100 * OFF):
+            with suppress(AnalysisError):
+                curve, start = branch_off(one.curve, boundary.point, mode, times, off)
+                yield Lead(curve, start, origin, False, boundary.point.orbit.points)
+                break
 
 
 def _is_known(one: Followed, lead: Lead) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.dynamics.flow import Flow
-from herringbone_sim.errors import AnalysisError, DivergenceError
+from herringbone_sim.errors import AnalysisError, DivergenceError, ParameterError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -159,7 +159,7 @@ def newton(
     """Root of a system by Newton's method, the step halved until the residual falls."""
     try:
         residual, jacobian = equations(z)
-    except DivergenceError as error:
+    except (DivergenceError, ParameterError) as error:
         return Solution(z, float("nan"), 0, str(error))
     for iteration in range(max_iterations):
         size = float(np.abs(residual).max())
@@ -183,7 +183,7 @@ def newton(
 def _attempt(equations: Equations, z: Array, size: float) -> tuple[Array, Array] | None:
     try:
         residual, jacobian = equations(z)
-    except DivergenceError:
+    except (DivergenceError, ParameterError):
         return None
     return (residual, jacobian) if np.abs(residual).max() < size else None
 

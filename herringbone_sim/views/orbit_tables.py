@@ -28,6 +28,7 @@ ORBIT_COLUMNS = [
 ]
 BOUNDARY_COLUMNS = [
     "value",
+    "width",
     "kind",
     "branch",
     "period",
@@ -128,6 +129,6 @@ def _section_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
 
 def _boundary_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
     for number, b in _ordered(found):
-        where = [f"{b.value:.12g}", b.kind, number, b.period, b.detail]
+        where = [f"{b.value:.12g}", f"{b.width:.3g}", b.kind, number, b.period, b.detail]
         mu = [f"{b.multiplier.real:.9g}", f"{b.multiplier.imag:.9g}"]
         yield [*where, *b.before, *b.after, b.changes_stability, *mu]
