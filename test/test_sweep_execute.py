@@ -84,31 +84,31 @@ def test_chains_go_on_from_any_part(tmp_path: Path, start: str) -> None:
 
 
 def test_a_killed_sweep_goes_on(tmp_path: Path) -> None:
-    over = ["--over=delta_T=0:100:12", "--over=K=0:0.6:12", "--workers=1", "--chunk=1"]
-    gear_of = [f"--parameters={ROOT / 'config/paper.yaml'}", "--transient=100", "--cycles=50"]
-    command = ["map", *gear_of, *over, "--out", str(tmp_path / "killed")]
+    over = ["--over=delta_T=0:100:8", "--over=K=0:0.6:8", "--workers=1", "--chunk=1"]
+    gear_of = [f"--parameters={ROOT / 'config/paper.yaml'}", "--transient=60", "--cycles=40"]
+    command = ["sweep", *gear_of, *over, "--out", str(tmp_path / "killed")]
     process = subprocess.Popen(
         [sys.executable, "-m", "herringbone_sim", *command],
         cwd=ROOT,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    wait_for(tmp_path / "killed", 5)
+    wait_for(tmp_path / "killed" / "fixed", 5)
     process.kill()
     process.wait()
-    parts = sorted((tmp_path / "killed" / "parts").glob("*.parquet"))
-    assert 5 <= len(parts) < 144
+    parts = sorted((tmp_path / "killed" / "fixed" / "parts").glob("*.parquet"))
+    assert 5 <= len(parts) < 64
     before = {path: path.stat().st_mtime_ns for path in parts}
     assert main(command) == 0
     assert {path: path.stat().st_mtime_ns for path in parts} == before
-    store = load_store(tmp_path / "killed")
+    store = load_store(tmp_path / "killed" / "fixed")
     assert_same(load_result(store), run(tmp_path / "whole", store.sweep, workers=1))
 
 
 def test_a_dask_worker_that_dies_loses_nothing(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the package needs dask[distributed]")
-    axes = (axis("delta_T", 0.0, 100.0, 10), axis("K", 0.0, 0.6, 10))
-    sweep = Sweep(gear(), axes, Observation(200, 50, 50), chunk=1)
+    axes = (axis("delta_T", 0.0, 100.0, 8), axis("K", 0.0, 0.6, 8))
+    sweep = Sweep(gear(), axes, Observation(100, 50, 50), chunk=1)
     store = open_store(tmp_path / "dask", sweep)
     left: list[int] = []
     with distributed.LocalCluster(
