@@ -83,19 +83,22 @@ def test_chains_go_on_from_any_part(tmp_path: Path, start: str) -> None:
     assert_same(whole, run(tmp_path / "b", small(start), workers=1))
 
 
-def test_a_killed_sweep_goes_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("sign", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
+def test_a_killed_sweep_goes_on(tmp_path: Path, sign: signal.Signals, code: int) -> None:
     over = ["--over=delta_T=0:100:8", "--over=K=0:0.6:8", "--workers=1", "--chunk=1"]
     gear_of = [f"--parameters={ROOT / 'config/paper.yaml'}", "--transient=60", "--cycles=40"]
     command = ["sweep", *gear_of, *over, "--out", str(tmp_path / "killed")]
     process = subprocess.Popen(
         [sys.executable, "-m", "herringbone_sim", *command],
         cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     wait_for(tmp_path / "killed" / "fixed", 5)
-    process.kill()
-    process.wait()
+    process.send_signal(sign)
+    told, _ = process.communicate()
+    assert process.returncode == code
+    assert ("the same command goes on from there" in told) is (code == 130)
     parts = sorted((tmp_path / "killed" / "fixed" / "parts").glob("*.parquet"))
     assert 5 <= len(parts) < 64
     before = {path: path.stat().st_mtime_ns for path in parts}

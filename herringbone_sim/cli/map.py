@@ -26,9 +26,8 @@ KINDS = {
 }
 DESCRIPTION = """\
 Period, largest Lyapunov exponent and loss of contact over two parameters: a table (Parquet) and
-pictures (PNG, SVG). Every value starts from the initial state of the gear. Values that no gear
-can have, or whose motion diverges, stay white; the reasons are counted. Repeat the command to go
-on with a map that was cut off."""
+pictures (PNG, SVG). Values that no gear can have, or whose motion diverges, stay white; the
+reasons are counted. Repeat the command to go on with a map that was cut off."""
 EPILOG = """\
 examples:
   python -m herringbone_sim map --parameters config/paper.yaml --kind delta_T-K --out map
@@ -58,6 +57,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--size", type=int, default=200, metavar="N", help="values an axis of --kind [%(default)s]"
     )
+    parser.add_argument(
+        "--start",
+        choices=("fixed", "up", "down"),
+        default="fixed",
+        help="each value from the initial state, or from where its neighbour on the first axis "
+        "ended, which keeps to a motion as long as there is one; one core [%(default)s]",
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
     add_sweep_options(parser)
     parser.set_defaults(func=draw_map)
@@ -73,7 +79,8 @@ def draw_map(args: argparse.Namespace) -> int:
     if len(texts) != 2:
         raise ParameterError(f"a map has two axes, got {len(texts)}: give --over twice")
     axes = tuple(axis_from_text(text) for text in texts)
-    asked = Sweep(gear_from(args), axes, observation_from(args, mesh=""), chunk=chunk_from(args))
+    look, chunk = observation_from(args, mesh=""), chunk_from(args)
+    asked = Sweep(gear_from(args), axes, look, args.start, chunk)
     store = open_store(args.out, asked)
     run_all([store], args)
     result = load_result(store)

@@ -64,7 +64,7 @@ def run_stores(
                 store.write(job.part, table)
                 bar.update(len(table["index"]))
                 following.extend(_next(store, job.part, table))
-            waiting.extend(_tasks(following))
+            waiting.extendleft(_tasks(following))
 
 
 def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:
