@@ -15,6 +15,7 @@ from herringbone_sim.dynamics.attractors import (
     AS_A_SET,
     PAIR,
     attractor_of,
+    distinct,
     like_neighbours,
     same,
 )
@@ -100,6 +101,20 @@ def test_pieces_of_one_chaos_mix_and_two_do_not():
     assert like_neighbours(one, one.copy()) < 0.1
 
 
+def test_a_period_too_long_to_be_seen_is_one_attractor():
+    """P37 in sections of 120 points: repeated points are not taken for a set of their own."""
+    rng = np.random.default_rng(0)
+    cycle, other = rng.normal(size=(2, 37, 3))
+    pieces = [np.tile(cycle, (5, 1))[first : first + 120] for first in (0, 11, 30)]
+    found = [attractor_of(piece) for piece in pieces]
+    assert [one.period for one in found] == [0, 0, 0]
+    assert same(found[0], found[1])
+    assert same(found[0], found[2])
+    assert not same(found[0], attractor_of(np.tile(other + 4.0, (5, 1))[:120]))
+    assert attractor_of(np.tile(cycle, (6, 1))).period == 37
+    assert np.array_equal(distinct(pieces[0], 1e-6), pieces[0][-37:])
+
+
 def test_a_failed_run_is_counted_and_attracts_nothing():
     cubics, y = Cubics(1.8), starts(200)
     y[::4] = np.nan
@@ -167,7 +182,7 @@ def test_gear_with_many_motions():
     drawn = random_starts(model, 20, np.random.default_rng(1))
     found = explore(gear_sections(model, 3000), np.vstack([rest, drawn]), exchange)
     assert found.attractors[found.labels[0]].label == "P2, left = right"
-    assert found.attractors[0].period == 0
+    assert found.attractors[0].symmetry != ALIKE
     assert found.shares()[0, 0] > 0.5
     assert np.mean(found.labels == found.labels[0]) < 0.3
 
@@ -204,4 +219,5 @@ def test_kinds_of_motion():
     assert kind_of(torus, growth(0.0, 0.0)) == "quasi-periodic"
     assert kind_of(torus, growth(0.08, 0.0)) == "chaotic"
     assert kind_of(torus, growth(0.08, 0.05)) == "hyperchaotic"
+    assert kind_of(torus, growth(-0.1, -0.2)) == "a long period"
     assert kind_of(np.tile(torus[:3], (20, 1)), growth(-0.1, -0.2)) == "P3"

@@ -71,7 +71,7 @@ def add_parser(subparsers: Any) -> None:
     add("--slice", type=int, default=0, metavar="N", help="a picture of N x N starts [none]")
     add("--reach", type=float, default=1.0, metavar="B", help="of x in b_c, v in b_c omega_n [1]")
     add("--transient", type=int, default=4000, metavar="N", help="cycles left out first [4000]")
-    add("--points", type=int, default=100, metavar="N", help="cycles looked at then [100]")
+    add("--points", type=int, default=200, metavar="N", help="cycles looked at then [200]")
     add("--seed", type=int, default=0, metavar="N", help="of the random starts [0]")
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
     parser.set_defaults(func=run)
@@ -144,7 +144,7 @@ def identify(model: Model, attractor: Attractor) -> tuple[str, Growth]:
     """Name of an attractor, and growth of its largest perturbation."""
     flow = GearFlow(model)
     growth = lyapunov_spectrum(flow, attractor.points[-1], PERIODS, k=2)
-    kind = kind_of(section_of(flow, growth.end, 200), growth)
+    kind = kind_of(section_of(flow, growth.end, 400), growth)
     return f"{kind}, {attractor.symmetry}" if attractor.symmetry else kind, growth
 
 

@@ -4,7 +4,8 @@ Periodic ones are the same when their points agree, from whichever of them one b
 the same when their points mix: attractors that coexist are disjoint sets, so the nearest neighbour
 of a point of one lies on the same one, while two pieces of one attractor interleave. The count of
 such neighbours is the test of Schilling, J. Am. Stat. Assoc. 81 (1986) 799, and Henze, Ann. Stat.
-16 (1988) 772: one half for one attractor, 1 for two. It needs no mean, which intermittency shifts.
+16 (1988) 772: one half for one attractor, 1 for two. It needs no mean, which intermittency shifts; it needs
+points enough to see the gap between two sets that run through each other.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from herringbone_sim.analysis.periods import TOLERANCE, find_period
+from herringbone_sim.analysis.periods import MIN_REPEATS, TOLERANCE, find_period
 
 Array = NDArray[np.float64]
 Exchange = NDArray[np.int64]
@@ -57,8 +58,9 @@ def attractor_of(
         exchange: (n,) indices that swap the two sides; none for a flow without the symmetry.
         tolerance: up to which points are one.
     """
-    period = find_period(section, tolerance=tolerance).value or 0
-    points = section[-period:] if period else section
+    longest = len(section) // MIN_REPEATS
+    period = find_period(section, max_period=longest, tolerance=tolerance).value or 0
+    points = section[-period:] if period else distinct(section, SAME_POINTS * tolerance)
     return Attractor(period, _symmetry(points, period, exchange, tolerance), points)
 
 
@@ -95,6 +97,17 @@ def like_neighbours(a: Array, b: Array) -> float:
     index = np.where(nearest[:, 0] == np.arange(len(both)), nearest[:, 1], nearest[:, 0])
     like = own[index] == own
     return float(0.5 * (like[own].mean() + like[~own].mean()))
+
+
+def distinct(points: Array, distance: float) -> Array:
+    """Points (m, n) less those that a later one comes close to.
+
+    A period too long to be seen as one repeats its points, which would be their own neighbours.
+    """
+    again = cKDTree(points).query_pairs(distance, output_type="ndarray")
+    kept = np.ones(len(points), dtype=bool)
+    kept[again.min(axis=1, initial=len(points))] = False
+    return points[kept]
 
 
 def _agree(a: Array, b: Array, period: int, tolerance: float) -> bool:

@@ -96,7 +96,7 @@ def wilson(count: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
     return max((middle - half) / scale, 0.0), min((middle + half) / scale, 1.0)
 
 
-def gear_sections(model: Model, transient: int = 2000, points: int = 100) -> Sections:
+def gear_sections(model: Model, transient: int = 2000, points: int = 200) -> Sections:
     """Sections of a gear at phase 0: the last points after a transient, in mesh cycles."""
 
     def sections_of(starts: Array) -> Array:

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 TURNING = 200  # periods in which perturbations turn into their directions
 SIGMAS, NEUTRAL = 4.0, 5e-4
+LONGEST = 64  # period that is looked for
 
 
 @dataclass(frozen=True)
@@ -115,17 +116,25 @@ def section_of(flow: GearFlow, y: Array, periods: int) -> Array:
 def kind_of(section: Array, spectrum: Growth) -> str:
     """``P2``, ``quasi-periodic``, ``chaotic``, or ``hyperchaotic`` (two positive exponents).
 
-    An exponent counts as positive from 4 standard errors and 5e-4 on. A motion that does not
-    repeat and has none is quasi-periodic, or a period too long to be seen.
+    An exponent is told from zero from 4 standard errors and 5e-4 on. A motion that does not
+    repeat and has no positive one is quasi-periodic when the largest is zero, and ``a long
+    period`` when all are negative.
     """
     positive = _positive(spectrum)
     if positive:
         return "chaotic" if positive == 1 else "hyperchaotic"
-    period = find_period(section).value
-    return f"P{period}" if period else "quasi-periodic"
+    period = find_period(section, max_period=LONGEST).value
+    if period:
+        return f"P{period}"
+    return "a long period" if spectrum.exponents[0] < -_floor(spectrum)[0] else "quasi-periodic"
 
 
 def _positive(growth: Growth) -> int:
     """Number of positive exponents."""
-    floor = np.maximum(SIGMAS * growth.errors, NEUTRAL)
-    return int(np.sum(growth.exponents > floor))
+    return int(np.sum(growth.exponents > _floor(growth)))
+
+
+def _floor(growth: Growth) -> Array:
+    """(k,) absolute value from which on an exponent is told from zero."""
+    floor: Array = np.maximum(SIGMAS * growth.errors, NEUTRAL)
+    return floor
