@@ -15,6 +15,7 @@ from herringbone_sim.sweeps.grid import CHUNK, Observation, for_sweeps
 from herringbone_sim.sweeps.store import Result, Store
 
 CHAIN = 16
+LEAST_SHARE = 5e-4  # of the values; rarer periods are not told
 
 
 def add_sweep_options(parser: argparse.ArgumentParser) -> None:
@@ -87,9 +88,11 @@ def tell(result: Result) -> None:
     """Print the shares of the periods, and how often which reason to fail was met."""
     period = result["period"]
     values, counts = np.unique(period[np.isfinite(period)], return_counts=True)
+    pairs = zip(values, counts / period.size, strict=True)
     shares = [
-        f"{'aperiodic' if value == 0 else f'P{value:.0f}'} {count / period.size:.1%}"
-        for value, count in zip(values, counts, strict=True)
+        f"{'aperiodic' if value == 0 else f'P{value:.0f}'} {share:.1%}"
+        for value, share in pairs
+        if share >= LEAST_SHARE
     ]
     print(f"{result.sweep.start}: {period.size} values: {', '.join(shares) or 'no periods'}")
     for reason, count in list(result.failures().items())[:5]:

@@ -56,6 +56,7 @@ MAP_STYLE = STYLE | {
 }
 HATCH = "//////"
 LEAST_EXPONENT = 2e-3  # per tau: a neutral direction may look like less
+LISTED = 1e-3  # share of the map from which on a period stands in the legend
 STRETCH = 99.0  # per cent of the exponents that the colours tell apart
 
 
@@ -113,7 +114,7 @@ def draw_period(axes: Axes, result: Result) -> None:
     handles = [
         Patch(facecolor=PERIOD_COLOURS[n], edgecolor=INK, linewidth=0.4, label=f"P{n}")
         for n in sorted(PERIOD_COLOURS)
-        if (period == n).any()
+        if (period == n).mean() >= LISTED
     ]
     if (period == 0).any():
         handles.append(Patch(facecolor=APERIODIC, label="aperiodic"))
