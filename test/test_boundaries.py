@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from gears import samples, state_at
 from orbit_support import (
     SWAP,
     OneSidedOscillator,
@@ -14,6 +15,7 @@ from orbit_support import (
     logistic,
 )
 
+from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.boundaries import find_boundaries
 from herringbone_sim.dynamics.cascade import Options, explore
@@ -127,6 +129,10 @@ def paper():
     return Parameters(thermal_rp="sun", projection="torque", gamma=1.2e-5)
 
 
+def make_at(p, delta_T, **values):
+    return build(p.changed({"delta_T": delta_T} | values))
+
+
 def test_borders_are_passed_an_even_number_of_times(paper):
     family, watch = gear_family(paper, "delta_T", 60.0, 100.0)
     flow = family.flow_at(85.0)
@@ -140,6 +146,21 @@ def test_borders_are_passed_an_even_number_of_times(paper):
     assert sum(passes.values()) > 0
     single = border_passes(flow, y[None])
     assert single["sp_L drive"] == single["sp_R drive"] == passes["sp_L = sp_R drive"]
+
+
+def test_at_a_grazing_of_the_gear_a_mesh_turns_back_on_its_border(paper):
+    """P1 over delta_T: the ring mesh just reaches x = -b' there, by 2048 samples of the cycle."""
+    family, watch = gear_family(paper, "delta_T", 63.0, 67.0)
+    flow = family.flow_at(66.0)
+    orbit = find_orbit(flow, settle(flow, flow.start(), 600), mirror=family.mirror)
+    (one,) = explore(family, [(66.0, orbit.points)], watch, Options(1))
+    (grazing,) = one.boundaries
+    assert (grazing.kind, grazing.detail) == ("grazing", "rp_L = rp_R back")
+    assert not grazing.changes_stability
+    model = make_at(paper, grazing.value, samples_per_cycle=2048)
+    y = np.array(grazing.point.orbit.points[0])
+    x = samples(model, 1, state_at(y)).rows[:, 5:9] / model.scales.b_c
+    assert x[:, 2].min() == pytest.approx(-model.packed.b[2], abs=1e-6)
 
 
 def test_the_flip_of_the_gear_is_where_its_simulated_period_doubles(paper):

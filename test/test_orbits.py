@@ -87,6 +87,21 @@ def test_where_there_is_no_orbit_a_reason_is_given():
     assert "left the range" in far.reason
 
 
+def test_sides_part_at_the_rate_of_the_transverse_multiplier():
+    """P3 at 64 K is stable for all that keep left and right alike, yet no halves stay alike."""
+    flow = GearFlow(make(**PAPER | {"delta_T": 64.0}))
+    sides = mirror(flow.model.layout)
+    orbit = find_orbit(
+        flow, closest_return(flow, settle(flow, flow.start(), 500), 3, 60), 3, sides
+    )
+    split = multipliers(orbit, sides)
+    assert least_period(orbit.points) == 3
+    assert split.unstable == (0, 1)
+    states = iterate(flow, orbit.points[0] + 1e-9 * parts(sides)[1] @ np.ones(4), 25)[::3]
+    apart = np.linalg.norm(states - states[:, sides], axis=1)
+    assert apart[8] / apart[5] == pytest.approx(abs(split.transverse[0]) ** 3, rel=1e-3)
+
+
 @pytest.fixture(scope="module")
 def stable():
     """The gear of the paper at 85 K: the motion that simulation reaches, and its orbit."""

@@ -32,14 +32,19 @@ MARKERS = {
     "fold": ("D", INK, "fold: branch turns back"),
     "crossing": ("P", INK, "crossing of branches"),
     "Neimark-Sacker": ("s", GREEN, "Neimark-Sacker"),
-    "transverse": ("^", ORANGE, "transverse: left and right part"),
+    "transverse": ("^", ORANGE, "transverse: sides part"),
     "grazing": ("|", GREY, "grazing of a border"),
 }
+SKY = "#56B4E9"
 STABILITY = {
     (False, False): ("stable", BLUE, "-", 1.6),
     (True, False): ("unstable", INK, "--", 0.9),
     (False, True): ("transversally unstable", ORANGE, "-", 1.3),
     (True, True): ("unstable both ways", ORANGE, "--", 0.9),
+}
+SIDES_DIFFER = {
+    (False, False): ("stable, left ≠ right", SKY, "-", 1.6),
+    (True, False): ("unstable, left ≠ right", GREY, "--", 0.9),
 }
 PERIOD_LINES: dict[int, Any] = {1: "-", 2: "--", 4: "-.", 8: ":", 16: (0, (1, 3))}
 ROOM = 0.03  # of the width of the axes, between the names of two boundaries
@@ -65,7 +70,8 @@ def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: 
         above.set_xlim(family.low, family.high)
         _name_boundaries(above, [b for one in followed for b in one.boundaries])
         handles = [*_stability_handles(followed), *_boundary_handles(followed)]
-        figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
+        style: Any = {"ncols": 4, "fontsize": 7.5, "columnspacing": 1.2, "handlelength": 1.6}
+        figure.legend(handles=handles, loc="outside lower center", **style)
         return figure
 
 
@@ -79,6 +85,11 @@ def _kind(point: BranchPoint) -> Kind:
     return within > 0, transverse > 0
 
 
+def _look(one: Followed, kind: Kind) -> tuple[str, str, str, float]:
+    """Label, colour, line and width of a stretch of a branch."""
+    return (STABILITY if one.symmetric else SIDES_DIFFER)[kind]
+
+
 def heights(one: Followed, points: Sequence[BranchPoint], mesh: int) -> Array:
     """Displacements (n, period) of one mesh at phase 0 along a branch."""
     flow_at = one.curve.family.flow_at
@@ -88,7 +99,7 @@ def heights(one: Followed, points: Sequence[BranchPoint], mesh: int) -> Array:
 def _draw_branches(axes: Axes, followed: Sequence[Followed], mesh: int) -> None:
     for one in followed:
         for kind, points in _pieces(one):
-            _, colour, line, width = STABILITY[kind]
+            _, colour, line, width = _look(one, kind)
             values = [point.value for point in points]
             # An unstable stretch lies below a stable one where they meet.
             style: Any = {"color": colour, "ls": line, "lw": width, "zorder": 2 - any(kind)}
@@ -168,8 +179,9 @@ def _apart(places: Array, room: float) -> Array:
 
 
 def _stability_handles(followed: Sequence[Followed]) -> list[Line2D]:
-    shown = {_kind(point) for one in followed for point in one.branch.points}
-    rows = [STABILITY[kind] for kind in STABILITY if kind in shown]
+    shown = {_look(one, _kind(point)) for one in followed for point in one.branch.points}
+    every = [*STABILITY.values(), *SIDES_DIFFER.values()]
+    rows = [look for look in every if look in shown]
     return [Line2D([], [], color=c, ls=line, lw=w, label=label) for label, c, line, w in rows]
 
 
