@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from herringbone_sim.analysis.periods import (
@@ -14,11 +15,12 @@ from herringbone_sim.analysis.periods import (
     MIN_REPEATS,
     TOLERANCE,
 )
-from herringbone_sim.core.packed import compiled
 
 Array = NDArray[np.float64]
 
 LEAST_RETURN = 1e-9
+
+compiled: Any = njit(cache=True, nogil=True, error_model="numpy")
 
 
 def find_periods(

@@ -15,6 +15,7 @@ from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 # Rows of the constants (rows, n_mesh, LANES); by mesh, side or coordinate as in ``Packed``.
 STIFFNESS, DAMPING, BORDER, E_MEAN = 0, 1, 2, 3
@@ -44,6 +45,11 @@ class Work(NamedTuple):
     force: Array  # (1, n) one order of the mesh forces
     mesh: Array  # (7, n) contact and what decides on its switching
     lane: Array  # (6, 1) where in its step each lane is
+    value: Indices  # number of the value in each lane, -1 when idle; as the next ones (LANES,)
+    index: Indices  # grid step within the cycle
+    cycle: Indices  # cycles done
+    steps: Indices  # grid steps a cycle
+    switches: Indices  # moves since the last grid point
 
 
 def make_work(rows: int, n_mesh: int, n_coordinate: int, order: int, tangents: int) -> Work:
@@ -67,6 +73,11 @@ def make_work(rows: int, n_mesh: int, n_coordinate: int, order: int, tangents: i
         force=zeros(1, n_mesh),
         mesh=zeros(7, n_mesh),
         lane=zeros(6, 1),
+        value=np.full(LANES, -1),
+        index=np.zeros(LANES, dtype=np.int64),
+        cycle=np.zeros(LANES, dtype=np.int64),
+        steps=np.ones(LANES, dtype=np.int64),
+        switches=np.zeros(LANES, dtype=np.int64),
     )
 
 

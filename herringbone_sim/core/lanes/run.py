@@ -157,10 +157,8 @@ def run_lanes(
         sections, end, growth, contact, failed: results, n of each.
     """
     n = table.shape[0]
-    value = np.full(LANES, IDLE)
-    index, cycle = np.zeros(LANES, np.int64), np.zeros(LANES, np.int64)
-    lane_steps = np.ones(LANES, np.int64)
-    switches = np.zeros(LANES, np.int64)
+    value, index, cycle = w.value, w.index, w.cycle
+    lane_steps, switches = w.steps, w.switches
     queue = 0
     busy = 0
     for lane in range(LANES):

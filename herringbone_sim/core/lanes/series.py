@@ -1,4 +1,4 @@
-"""Taylor series of excitation and motion in all lanes: ``core.series``, eight values at once."""
+"""Taylor series of excitation and motion in all lanes: ``core.series``, all lanes at once."""
 
 from __future__ import annotations
 

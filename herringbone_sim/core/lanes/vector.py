@@ -1,11 +1,12 @@
-"""Eight numbers in one vector register: the type that the lanes of the kernel are written in.
+"""Sixteen numbers side by side: the type that the lanes of the kernel are written in.
 
-Numba compiles ``a * b + c`` on these to one instruction for all lanes, on every machine (as many
-narrower ones where registers are narrower). Lanes never mix, so what a lane gives does not depend
-on its neighbours. Products that are added are fused by ``fma`` and by nothing else.
+Numba compiles ``a * b`` on these to one instruction a register, on every machine: two of the
+widest registers, or more of narrower ones; so one product needn't wait for another. Lanes never
+mix: what a lane gives does not depend on its neighbours. Products that are added are fused by
+``fma`` and by nothing else.
 
 Within compiled code: ``load(a, i, j)`` takes the lanes ``a[i, j, :]`` of a C-ordered float64
-array ``(.., .., 8)``, ``store(a, i, j, x)`` puts them back, ``splat(x)`` is one number in all
+array ``(.., .., 16)``, ``store(a, i, j, x)`` puts them back, ``splat(x)`` is one number in all
 lanes, ``+ - *`` and the comparisons work lane by lane, ``choose(mask, x, y)`` selects, ``bits``
 gives a mask as an integer.
 """
@@ -22,21 +23,21 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 from numba.np.arrayobj import make_array
 
-LANES = 8
+LANES = 16
 
 _DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
 _BITS = ir.VectorType(ir.IntType(1), LANES)
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """Numba's type of eight float64."""
+    """Numba's type of sixteen float64."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Lanes({LANES})")
 
 
 class Mask(types.Type):  # type: ignore[misc]
-    """Numba's type of eight truth values."""
+    """Numba's type of sixteen truth values."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Mask({LANES})")
