@@ -26,6 +26,24 @@ def test_every_way_is_kept_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (tmp_path / "bifurcation.svg").exists()
 
 
+def test_a_way_that_is_added_joins_the_diagram(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "sweep",
+        PAPER,
+        "--over=K=0:0.4:5",
+        *SHORT,
+        "--no-exponents",
+        "--out",
+        str(tmp_path),
+    ]
+    assert main(command) == 0
+    assert "different motions" not in capsys.readouterr().out
+    assert main([*command, "--start=down"]) == 0
+    assert "different motions" in capsys.readouterr().out
+
+
 def test_the_steps_are_those_of_a_sweep_unless_set(tmp_path: Path) -> None:
     common = ["sweep", PAPER, "--over=K=0,0.1", *SHORT, "--no-exponents", "--out"]
     assert main([*common, str(tmp_path / "a")]) == 0

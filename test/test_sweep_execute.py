@@ -122,7 +122,9 @@ def test_a_dask_worker_that_dies_loses_nothing(tmp_path: Path) -> None:
         killer.start()
         execute.run_stores([store], scheduler=cluster.scheduler_address)
         killer.join()
+        chain = run(tmp_path / "chain", small("down"), scheduler=cluster.scheduler_address)
     assert left[0] > 0
+    assert_same(chain, run(tmp_path / "here", small("down"), workers=1))
     assert_same(load_result(store), run(tmp_path / "local", sweep, workers=1))
 
 

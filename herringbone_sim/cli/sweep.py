@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from herringbone_sim.cli.parameter_options import add_parameter_options
@@ -15,8 +16,8 @@ from herringbone_sim.cli.sweep_options import (
     tell,
 )
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of
-from herringbone_sim.sweeps.grid import Sweep, axis_from_text
-from herringbone_sim.sweeps.store import load_result, open_store
+from herringbone_sim.sweeps.grid import STARTS, Sweep, axis_from_text
+from herringbone_sim.sweeps.store import FILE, Store, load_result, load_store, open_store
 from herringbone_sim.views.diagrams import write_diagram
 
 WAYS = {
@@ -39,8 +40,9 @@ each, and a bifurcation diagram. A value is reached
          the next, up and down, through the same change that the node makes
   all    all of these
 
-Repeat the command to go on with a sweep that was cut off. Several --over make a grid, without a
-diagram. A folder DIR/START a way holds sweep.json and Parquet tables (parts/)."""
+Repeat the command to go on with a sweep that was cut off; the diagram shows every way that DIR
+holds. Several --over make a grid, without a diagram. A folder DIR/START a way holds sweep.json
+and Parquet tables (parts/)."""
 EPILOG = """\
 examples:
   python -m herringbone_sim sweep --parameters config/paper.yaml --over delta_T=0:100:400 --out A
@@ -86,15 +88,23 @@ def sweep(args: argparse.Namespace) -> int:
         for way in WAYS[args.start]
     ]
     run_all(stores, args)
-    results = [load_result(store) for store in stores]
-    for result in results:
-        tell(result)
+    for store in stores:
+        tell(load_result(store))
     if len(axes) == 1:
-        diagram = diagram_of(results)
+        diagram = diagram_of([load_result(store) for store in _alike(args.out, stores[0].sweep)])
         _tell_hysteresis(diagram)
         paths = write_diagram(args.out, diagram)
         print(f"written: {', '.join(map(str, paths))}")
     return 0
+
+
+def _alike(folder: Path, asked: Sweep) -> list[Store]:
+    """Sweeps in a folder, of this run or an earlier one, that differ in their start alone."""
+    there = [folder / way for way in STARTS if (folder / way / FILE).exists()]
+    stores = [load_store(path) for path in there]
+    return [
+        s for s in stores if replace(asked, start=s.sweep.start, chunk=s.sweep.chunk) == s.sweep
+    ]
 
 
 def _tell_hysteresis(diagram: Diagram) -> None:

@@ -17,7 +17,7 @@ from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.sweeps.grid import Axis, Sweep, differences, sweep_from_json
 from herringbone_sim.sweeps.observe import SCALARS, Array, Table
 
-DESCRIPTION = "sweep.json"
+FILE = "sweep.json"
 NOT_RUN = "not run yet"
 
 
@@ -107,7 +107,7 @@ def open_store(folder: Path | str, sweep: Sweep) -> Store:
         AnalysisError: the folder holds another sweep, or can't be written.
     """
     store = Store(Path(folder), sweep)
-    described = store.folder / DESCRIPTION
+    described = store.folder / FILE
     if described.exists():
         other = load_store(folder).sweep
         if other != sweep:
@@ -130,7 +130,7 @@ def open_store(folder: Path | str, sweep: Sweep) -> Store:
 
 def load_store(folder: Path | str) -> Store:
     """Folder of a sweep that was begun; AnalysisError when there is none in it."""
-    described = Path(folder) / DESCRIPTION
+    described = Path(folder) / FILE
     try:
         return Store(Path(folder), sweep_from_json(described.read_text(encoding="utf-8")))
     except OSError as error:
