@@ -96,6 +96,8 @@ def run(args: argparse.Namespace) -> int:
     write_orbits(args.out, found, p)
     save(orbit_figure(found, args.over, mesh, p.layout.meshes[mesh]), args.out, "orbits")
     print(summary(found, args.over))
+    if len(found) == options.branches:
+        print(f"stopped at {len(found)} branches: lower --max-period, or the range")
     print(f"written: {args.out / 'orbits.png'}")
     return 0
 
