@@ -200,6 +200,7 @@ def _motion(folder: Path, point: Point) -> tuple[str, str]:
     obtained = f"{motion_name(point.motion)}, largest exponent {point.exponent:+.4f}"
     title = f"{statement.text}.  Obtained: {obtained}"
     figure.suptitle(title, x=0.01, ha="left", fontsize=9)
+    paper_figures.widen_section(figure, result)
     path, _ = figures.save(figure, folder, name)
     return f"figures/{path.name}", title
 

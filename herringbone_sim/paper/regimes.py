@@ -93,8 +93,9 @@ def find_cut(sweep: Sweep, before: int, after: int, near: float) -> Cut | None:
     """
     v, m = sweep.values, sweep.motions
     span = float(v[-1] - v[0])
+    reach = max(REACH * span, span / (len(v) - 1))
     changes = np.flatnonzero(m[1:] != m[:-1])
-    cuts = [_cut(sweep, int(i), before, after, REACH * span) for i in changes]
+    cuts = [_cut(sweep, int(i), before, after, reach) for i in changes]
     known = [c for c in cuts if abs(c.at - near) <= SEARCH * span]
     best = max(known, key=lambda c: _rank(c, near), default=None)
     return best if best and best.share_before * best.share_after > 0.0 else None

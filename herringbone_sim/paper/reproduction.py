@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from herringbone_sim.core.batch import Batch
+from herringbone_sim.core.model import build, initial_state
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.paper.boundaries import INNER, ROUNDS, Boundary, bisect, locate
 from herringbone_sim.paper.checks import Evidence, Obtained, check
@@ -26,7 +28,7 @@ from herringbone_sim.paper.statements import (
 POINT_SETTLE, POINT_CYCLES = 1000, 2000
 SMALL, LARGE = 0.01, 0.3
 RK4_STEPS = (50, 100, 200, 800)
-SLOW_SHARE = 0.5
+STEPPED_SHARE, SLOW_SHARE = 0.5, 0.25
 
 
 @dataclass(frozen=True)
@@ -128,21 +130,22 @@ def checked(known: Mapping[str, Evidence]) -> list[Checked]:
 def ways(reading: Reading) -> tuple[Way, ...]:
     """Ways to start and to step, beside the zero start with the Taylor series.
 
-    Small and larger random displacements, alike on both sides (``symmetric``) or not, as standard
-    deviations in b_c; and the paper's method with 50 to 800 steps a cycle.
+    Random displacements added to the set's own start, alike on both sides (``symmetric``) or not,
+    by their standard deviation in b_c; and the paper's method with 50 to 800 steps a cycle.
     """
-    n = reading.parameters.layout.n_state
-    starts = [_symmetric(n, SMALL, 1), _symmetric(n, LARGE, 2), _symmetric(n, LARGE, 3)]
-    names = [f"symmetric, {size:g}" for size in (SMALL, LARGE, LARGE)]
-    starts += [_any(n, SMALL, 4), _any(n, LARGE, 5), _any(n, LARGE, 6)]
-    names += [f"asymmetric, {size:g}" for size in (SMALL, LARGE, LARGE)]
+    zero = initial_state(build(reading.parameters))
+    sizes = (SMALL, LARGE, LARGE)
+    starts = [zero + _symmetric(len(zero), size, seed) for seed, size in enumerate(sizes, 1)]
+    starts += [zero + _any(len(zero), size, seed) for seed, size in enumerate(sizes, 4)]
+    kinds = itertools.product(("symmetric", "asymmetric"), sizes)
+    names = [f"{kind} +- {size:g} ({i})" for i, (kind, size) in enumerate(kinds, 1)]
     random = [Way(name, {}, start) for name, start in zip(names, starts, strict=True)]
     slow = RK4_STEPS[-1]
     stepped = [
         Way(
             f"RK4, {steps} steps",
             {"method": "rk4", "steps_per_cycle": steps},
-            share=SLOW_SHARE if steps == slow else 1.0,
+            share=SLOW_SHARE if steps == slow else STEPPED_SHARE,
         )
         for steps in RK4_STEPS
     ]
@@ -151,7 +154,8 @@ def ways(reading: Reading) -> tuple[Way, ...]:
 
 def compared_runs(n: int) -> int:
     """Runs of ``compared`` for one scenario: two continuations, six starts, four steps."""
-    return 8 * n + (len(RK4_STEPS) - 1) * n + max(int(n * SLOW_SHARE), 2)
+    stepped = (len(RK4_STEPS) - 1) * max(int(n * STEPPED_SHARE), 2)
+    return 8 * n + stepped + max(int(n * SLOW_SHARE), 2)
 
 
 def bisected_runs(one: Scenario) -> int:
@@ -195,10 +199,10 @@ def compared(
         found = continuations(observer, scenarios, reading, n, direction)
         for one, row in zip(scenarios, found, strict=True):
             rows[one.key][name] = row
-    for number, way in enumerate(ways(reading), start=1):
+    for way in ways(reading):
         for one in scenarios:
-            label = f"{way.name}" if way.start is None else f"{way.name} ({number})"
-            rows[one.key][label] = sweep(observer, one, reading, max(int(n * way.share), 2), way)
+            count = max(int(n * way.share), 2)
+            rows[one.key][way.name] = sweep(observer, one, reading, count, way)
     return rows
 
 

@@ -29,7 +29,7 @@ class WindowIs:
 
 @dataclass(frozen=True)
 class BoundaryAt:
-    """The motion changes from ``before`` to ``after``; ``low`` and ``high`` where two are printed."""
+    """The motion changes from ``before`` to ``after``; low and high where two are printed."""
 
     scenario: str
     text: str

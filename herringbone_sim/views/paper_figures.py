@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from herringbone_sim.analysis.pipeline import SegmentResult
 from herringbone_sim.paper.regimes import Sweep, stretches
 from herringbone_sim.paper.scenarios import CHAOS, FAILED, Scenario, motion_name
 from herringbone_sim.views.figures import (
@@ -28,6 +29,8 @@ COLOURS = {CHAOS: ORANGE, 1: BLUE, 2: "#56B4E9", 3: GREEN, 4: "#CC79A7", FAILED:
 OTHER = "#F0E442"
 STRIP = 0.16
 SHOWN = 16
+LEAST_HALF = 0.02
+ENDS = np.array([-1.0, 1.0])
 X_LABEL = r"$x_{\mathrm{sp}}^{\mathrm{L}}$ / $b_c$"
 
 
@@ -155,3 +158,14 @@ def _legend(figure: Figure, motions: Sequence[int]) -> None:
         for kind in kinds
     ]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches), fontsize=8)
+
+
+def widen_section(figure: Figure, result: SegmentResult) -> None:
+    """Set the limits of a periodic section to its points, or they lie on each other."""
+    if not result.period.value:
+        return
+    axes = figure.axes[2]
+    points = axes.collections[0].get_offsets()
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2.0
+    half = np.maximum(0.8 * np.ptp(points, axis=0), LEAST_HALF)
+    axes.set(xlim=middle[0] + half[0] * ENDS, ylim=middle[1] + half[1] * ENDS)
