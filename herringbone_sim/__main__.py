@@ -28,6 +28,7 @@ VERBS = (
     "exponents",
     "basins",
     "reproduce",
+    "control",
 )
 
 DESCRIPTION = """\

@@ -1,0 +1,226 @@
+"""Many gears from many starts: what their motions are; done work is kept in a folder.
+
+Each chunk is a file named by the hash of all that goes into it, so a run that was stopped goes on
+where it was, and a changed parameter is never mistaken for an old one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.batch import run_batch
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters, to_mapping
+from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.sweeps.observe import asymmetries, contact_loss
+from herringbone_sim.sweeps.periods import find_periods
+from herringbone_sim.version import VERSION
+
+Array = NDArray[np.float64]
+
+CHUNK = 128
+ALIKE = 0.01  # RMS of left less right in b_c up to which they move alike
+LEAST_EXPONENT = 2e-3  # per tau: less is neutral
+
+
+@dataclass(frozen=True)
+class Look:
+    """How long a motion is looked at.
+
+    Attributes:
+        transient: mesh cycles left out first.
+        cycles: mesh cycles looked at; a period needs 5 repeats in them.
+        exponents: whether to work out Lyapunov exponents.
+        max_period: largest period tried, mesh cycles.
+    """
+
+    transient: int = 800
+    cycles: int = 100
+    exponents: bool = False
+    max_period: int = 16
+
+
+@dataclass(frozen=True)
+class Motions:
+    """What n runs came to; arrays (n,), NaN where a run failed or nothing was asked for.
+
+    Attributes:
+        period: mesh cycles, 0 aperiodic.
+        exponent, exponent_error: largest Lyapunov exponent per tau and its standard error.
+        within, transverse: the same for perturbations that keep, and that part, left and right.
+        asymmetry: RMS of left less right over the section, b_c.
+        contact_loss: 0 never, 1 on one flank, 2 on both flanks of some mesh.
+        apart: share of the time without contact, mean of the meshes.
+        end: (n, n_state) last states, at phase 0.
+    """
+
+    period: Array
+    exponent: Array
+    exponent_error: Array
+    within: Array
+    transverse: Array
+    asymmetry: Array
+    contact_loss: Array
+    apart: Array
+    end: Array
+
+    @property
+    def chaotic(self) -> NDArray[np.bool_]:
+        """Whether the largest exponent is positive beyond its error; False where not known."""
+        surely = self.exponent > np.maximum(2.0 * self.exponent_error, LEAST_EXPONENT)
+        return np.asarray(surely, dtype=bool)
+
+    def repeats(self, cycles: int) -> NDArray[np.bool_]:
+        """Whether the motion repeats after so many mesh cycles: P1 does so after 2 as well."""
+        return repeats(self.period, cycles)
+
+    @property
+    def alike(self) -> NDArray[np.bool_]:
+        """Whether left and right move alike."""
+        return np.asarray(self.asymmetry < ALIKE, dtype=bool)
+
+
+def repeats(period: Array, cycles: int) -> NDArray[np.bool_]:
+    """Whether motions of these periods repeat after so many mesh cycles; aperiodic never, none
+    after 0."""
+    periodic = (period > 0) & (cycles > 0)
+    there = periodic & (np.mod(cycles, np.where(periodic, period, 1.0)) == 0.0)
+    return np.asarray(there, dtype=bool)
+
+
+class Runs:
+    """Runs gears on threads and keeps what was seen.
+
+    Args:
+        folder: made when it is new; None keeps nothing.
+        workers: threads.
+        planned: told the number of runs before they begin.
+        done: told the number of runs after each chunk.
+
+    Raises:
+        AnalysisError: the folder can't be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path | None = None,
+        workers: int = 2,
+        planned: Callable[[int], object] = lambda runs: None,
+        done: Callable[[int], object] = lambda runs: None,
+    ) -> None:
+        self._folder, self._workers = folder, workers
+        self._planned, self._done = planned, done
+        if folder:
+            _make(folder)
+
+    def observe(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
+        """Motions of n gears of one layout.
+
+        Args:
+            sets: n parameter sets.
+            starts: (n, n_state) states at phase 0; a row of NaN fails.
+            look: how long.
+        """
+        self._planned(len(sets))
+        pieces = [slice(i, i + CHUNK) for i in range(0, len(sets), CHUNK)]
+        pool = ThreadPoolExecutor(self._workers)
+        try:
+            tasks = [pool.submit(self._one, sets[at], starts[at], look) for at in pieces]
+            parts = []
+            for task in tasks:
+                parts.append(task.result())
+                self._done(len(parts[-1].period))
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+        return _joined(parts)
+
+    def _one(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
+        path = self._folder / f"{_key(sets, starts, look)}.npz" if self._folder else None
+        known = _read(path) if path else None
+        if known is not None:
+            return known
+        motions = _run(sets, starts, look)
+        if path:
+            _write(path, motions)
+        return motions
+
+
+def _run(sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
+    """One chunk; a gear that can't exist is NaN throughout."""
+    motions = _empty(len(sets), starts.shape[1])
+    models = {i: model for i, one in enumerate(sets) if (model := _built(one)) is not None}
+    rows = np.array([i for i in models if np.isfinite(starts[i]).all()], dtype=np.int64)
+    if len(rows):
+        chosen = [models[int(i)] for i in rows]
+        length = (look.transient, look.cycles, look.cycles, look.exponents)
+        batch = run_batch(chosen, starts[rows], *length)
+        motions.period[rows] = find_periods(batch.sections, look.max_period)
+        for name in ("exponent", "exponent_error"):
+            getattr(motions, name)[rows] = getattr(batch, f"{name}s")
+        motions.within[rows], motions.transverse[rows] = batch.within, batch.transverse
+        motions.asymmetry[rows] = asymmetries(batch.sections)
+        motions.contact_loss[rows] = contact_loss(batch.contact)
+        motions.apart[rows] = batch.contact[:, :, 1].mean(axis=1)
+        motions.end[rows] = batch.end
+    return motions
+
+
+def _built(one: Parameters) -> Any:
+    try:
+        return build(one)
+    except ParameterError:
+        return None
+
+
+def _empty(n: int, n_state: int) -> Motions:
+    names = [item.name for item in fields(Motions)]
+    return Motions(**{m: np.full((n, n_state) if m == "end" else n, np.nan) for m in names})
+
+
+def _joined(parts: Sequence[Motions]) -> Motions:
+    names = [item.name for item in fields(Motions)]
+    return Motions(**{m: np.concatenate([getattr(one, m) for one in parts]) for m in names})
+
+
+def _key(sets: Sequence[Parameters], starts: Array, look: Look) -> str:
+    text = json.dumps([VERSION, [to_mapping(one) for one in sets], vars(look)], sort_keys=True)
+    return hashlib.sha256(text.encode() + np.ascontiguousarray(starts).tobytes()).hexdigest()[:24]
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AnalysisError(
+            f"the output folder must be one that can be written, got {folder} "
+            f"({error.strerror}): choose another --out"
+        ) from None
+
+
+def _read(path: Path) -> Motions | None:
+    """Motions from a file; None when there is none, or a broken one."""
+    try:
+        with np.load(path) as file:
+            return Motions(**{item.name: file[item.name] for item in fields(Motions)})
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def _write(path: Path, motions: Motions) -> None:
+    """Write beside and rename, so that a file is whole or not there."""
+    part = path.with_suffix(".part")
+    arrays: Any = {item.name: getattr(motions, item.name) for item in fields(Motions)}
+    with part.open("wb") as file:
+        np.savez(file, **arrays)
+    os.replace(part, path)

@@ -1,0 +1,100 @@
+"""Phase and frequency of the control: what its shape does at each amplitude.
+
+On all four equations with the frequency of the mesh, the control adds to the inertia of the mesh
+error, e_m Omega^2 sin(Omega tau) - K cos(Omega tau + phase): it is a mesh error of another
+amplitude and phase (``equivalent_error``), and at one K and one phase it takes the error away
+(``cancelling``). At another frequency it is something that no error of the mesh can be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.control.amplitude import cycles_wanted, survey
+from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.starts import Starts
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.sweeps.grid import Axis
+
+Array = NDArray[np.float64]
+
+IRRATIONAL = (0.6180339887498949, 1.4142135623730951, 2.2360679774997896)
+ORDERS = tuple(sorted([*(i / 8 for i in range(25)), *IRRATIONAL]))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Motions over a parameter of the control and over K, from the zero start.
+
+    Attributes:
+        axis: control_phase or control_order, n values.
+        K: (m,).
+        period: (n, m) in periods of the forcing (of mesh and control together); 0 not periodic.
+        exponent, exponent_error: (n, m) largest Lyapunov exponent per tau.
+        chaotic: (n, m) whether it is positive beyond its error. A motion that is neither this
+            nor periodic is quasi-periodic, or its period is longer than what was looked for.
+        apart: (n, m) share of the time without contact.
+    """
+
+    axis: Axis
+    K: Array
+    period: Array
+    exponent: Array
+    exponent_error: Array
+    chaotic: NDArray[np.bool_]
+    apart: Array
+
+
+def phases(n: int) -> tuple[float, ...]:
+    """n phases [rad] round the circle, from -pi."""
+    return tuple(float(-np.pi + 2.0 * np.pi * i / n) for i in range(n))
+
+
+def shape_map(runs: Runs, base: Parameters, axis: Axis, K: Array, look: Look) -> Shape:
+    """Periods and exponents over one axis of the control and over K, from the zero start."""
+    found = survey(runs, base, axis, K, Starts(0, 0, running=False), look)
+    unit = np.array([cycles_wanted(base.changed({axis.name: v}), 1) for v in axis.values])
+    names = ("exponent", "exponent_error", "apart")
+    exponent, error, apart = (found.of(name)[:, :, 0] for name in names)
+    period = in_periods(found.of("period")[:, :, 0], unit[:, None], K)
+    chaotic = found.motions.chaotic.reshape(period.shape)
+    return Shape(axis, K, period, exponent, error, chaotic, apart)
+
+
+def in_periods(cycles: Array, unit: Array, K: Array) -> Array:
+    """Periods of mesh cycles (n, m) in units of the forcing (n, 1), 1 where K is 0.
+
+    A period that is no whole number of them is none of the forced motion, but a near miss within
+    the tolerance: 0. So is every one where mesh and control share no period (unit 0).
+    """
+    unit = np.where(K == 0.0, 1, unit)
+    whole = (unit > 0) & (np.mod(cycles, np.maximum(unit, 1)) == 0)
+    result: Array = np.where(np.isnan(cycles), np.nan, np.where(whole, cycles, 0.0))
+    return result / np.maximum(unit, 1)
+
+
+def best(values: Array, least: Array) -> tuple[float, float]:
+    """Value (n,) at which the least amplitude (n,) is smallest, and that; NaN if there is none."""
+    if not np.isfinite(least).any():
+        return np.nan, np.nan
+    at = int(np.nanargmin(least))
+    return float(values[at]), float(least[at])
+
+
+def equivalent_error(p: Parameters) -> tuple[float, float]:
+    """Amplitude e_m [b_c] and phase phi_b [rad] of the mesh error that acts as error and control.
+
+    From e_m Omega^2 sin(a) - K cos(a + phase) = e_m' Omega^2 sin(a + phi_b'): the same motion in
+    the relative displacements x, for order 1 on all four equations and an error of phase 0.
+    """
+    steady = p.e_m * p.Omega**2 + p.K * np.sin(p.control_phase)
+    across = -p.K * np.cos(p.control_phase)
+    return float(np.hypot(steady, across) / p.Omega**2), float(np.arctan2(across, steady))
+
+
+def cancelling(p: Parameters) -> tuple[float, float]:
+    """K and phase [rad] at which the control takes the inertia of the mesh error away."""
+    return float(p.e_m * p.Omega**2), float(-np.pi / 2.0)

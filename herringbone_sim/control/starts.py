@@ -1,0 +1,66 @@
+"""States from which a control is tried: it must not rest on a lucky one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.core.model import build, initial_state, state
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.dynamics.basins import random_starts
+
+Array = NDArray[np.float64]
+
+SETTLE = Look(transient=800, cycles=1)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Which states a control is switched on at; phase 0 each.
+
+    ``zero``: the initial state of the gear, from which the paper seems to start. ``running``: the
+    gear has run 800 mesh cycles without control. ``alike``: random, left and right the same.
+    ``parted``: random, left and right each on its own.
+
+    Attributes:
+        alike, parted: how many of them.
+        reach: of random displacements in b_c, and of rates in b_c omega_n.
+        seed: of the random ones, which are the same for every gear.
+        running: whether to start from the running gear too.
+    """
+
+    alike: int = 2
+    parted: int = 2
+    reach: float = 1.0
+    seed: int = 0
+    running: bool = True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Kind of each start, in the order of ``start_states``."""
+        running = ("running",) * self.running
+        return ("zero", *running, *("alike",) * self.alike, *("parted",) * self.parted)
+
+
+def start_states(runs: Runs, sets: Sequence[Parameters], starts: Starts) -> Array:
+    """States (n, n_start, n_state) for n gears; NaN where the gear without control failed."""
+    models = [build(one) for one in sets]
+    columns = [np.array([initial_state(model) for model in models])]
+    if starts.running:
+        free = [one.changed({"K": 0.0}) for one in sets]
+        columns.append(runs.observe(free, columns[0], SETTLE).end)
+    rng = np.random.default_rng(starts.seed)
+    n_class = models[0].layout.n_classes
+    for _ in range(starts.alike):
+        x, v = np.tile(rng.uniform(-starts.reach, starts.reach, (2, 2, 1, n_class)), (1, 1, 2, 1))
+        columns.append(np.array([state(model, x.ravel(), v.ravel(), 0.0) for model in models]))
+    for i in range(starts.parted):
+        seed = [starts.seed, 1 + i]
+        draws = (np.random.default_rng(seed) for _ in models)
+        pairs = zip(models, draws, strict=True)
+        columns.append(np.array([random_starts(m, 1, g, starts.reach)[0] for m, g in pairs]))
+    return np.stack(columns, axis=1)

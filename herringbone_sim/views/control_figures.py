@@ -1,0 +1,340 @@
+"""Control beyond the paper: least amplitudes, shape, torques, robustness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from herringbone_sim.control.amplitude import Least, Survey
+from herringbone_sim.control.realisation import Actuator, Needed, easiest
+from herringbone_sim.control.robustness import SHARES, Gathered, Survival
+from herringbone_sim.control.shape import Shape
+from herringbone_sim.views.figures import BLUE, GREEN, INK, ORANGE, STYLE, parameter_label
+from herringbone_sim.views.maps import APERIODIC, PERIOD_COLOURS
+
+Array = NDArray[np.float64]
+
+NEITHER = "#8d93a0"
+REACHED = ("#1d2027", "#7d8794", "#86b8df", "#dce9f5")
+REACHED_NAMES = ("from no start", "some starts: P1 or P2", "all: P1 or P2", "all: P1")
+COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
+OUTLINE = [withStroke(linewidth=3.0, foreground="white")]
+MESH_LABELS = (
+    *(r"$\mathrm{sp}^\mathrm{L}$", r"$\mathrm{sp}^\mathrm{R}$"),
+    *(r"$\mathrm{rp}^\mathrm{L}$", r"$\mathrm{rp}^\mathrm{R}$"),
+)
+TURN = ([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
+FULL_STYLE = STYLE | {"axes.spines.top": True, "axes.spines.right": True}
+
+
+def amplitude_figure(over: Survey, found: Sequence[Least], torque_n_m: float) -> Figure:
+    """Periods from the zero start, and from which starts P1 and P2 are reached; with curves.
+
+    Args:
+        over: survey over another parameter and K.
+        found: its least amplitudes.
+        torque_n_m: on the carrier at K = 1 [N m].
+    """
+    with matplotlib.rc_context(FULL_STYLE):
+        figure = Figure(figsize=(9.2, 3.9))
+        left, right = figure.subplots(1, 2, sharey=True)
+        draw_periods(left, over.axis.values, over.K, over.of("period")[:, :, 0])
+        left.set_title("period from the zero start, mesh cycles")
+        _draw_reached(right, over)
+        for axes, who in ((left, "zero"), (right, "alike")):
+            _least_curves(axes, found, who)
+            axes.set(xlabel=parameter_label(over.axis.name), ylim=(0.0, over.K[-1]))
+        left.set_ylabel(parameter_label("K"))
+        scale = right.secondary_yaxis(
+            "right", functions=(lambda K: K * torque_n_m / 1e3, lambda t: 1e3 * t / torque_n_m)
+        )
+        scale.set_ylabel("torque on the carrier alone [kN m]")
+        return figure
+
+
+def draw_periods(
+    axes: Axes, values: Sequence[float], K: Array, period: Array, chaotic: Array | None = None
+) -> None:
+    """Cells coloured by period, with a legend of those that occur.
+
+    Args:
+        values: (n,) of the axis.
+        K: (m,).
+        period: (n, m); 0 is not periodic.
+        chaotic: (n, m) whether it is known to be chaotic; tells motions without a period apart.
+    """
+    shown = [0, *PERIOD_COLOURS]
+    colours = [APERIODIC, *PERIOD_COLOURS.values(), NEITHER]
+    places = np.full(period.shape, np.nan)
+    for place, one in enumerate(shown):
+        places[period == one] = place
+    names = [(PERIOD_COLOURS[n], f"P{n}") for n in sorted(PERIOD_COLOURS) if (period == n).any()]
+    names.append((APERIODIC, "aperiodic" if chaotic is None else "chaotic"))
+    longer = period > max(PERIOD_COLOURS)
+    other = longer if chaotic is None else longer | ((period == 0) & (chaotic == 0))
+    if other.any():
+        places[other] = len(shown)
+        names.append((NEITHER, "neither"))
+    look: Any = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(shown) + 0.5}
+    _cells(axes, values, K, places, **look)
+    _legend(axes, names)
+
+
+def _draw_reached(axes: Axes, over: Survey) -> None:
+    period = over.of("period")
+    some = ((period == 1) | (period == 2)).any(axis=2)
+    level = some.astype(float)
+    level[over.reached(2, "all")] = 2.0
+    level[over.reached(1, "all")] = 3.0
+    look: Any = {"cmap": ListedColormap(REACHED), "vmin": -0.5, "vmax": 3.5}
+    _cells(axes, over.axis.values, over.K, level, **look)
+    axes.set_title(f"reached from {len(over.starts.names)} starts of four kinds")
+    _legend(axes, list(zip(REACHED, REACHED_NAMES, strict=True))[::-1])
+
+
+def _least_curves(axes: Axes, found: Sequence[Least], who: str) -> None:
+    """K from which P1 (full) and P2 or less (broken) are held from starts of a kind."""
+    styles: Any = ((1, "-"), (2, (0, (3, 1.5))))
+    for wanted, style in styles:
+        rows = [one for one in found if (one.who, one.wanted) == (who, wanted)]
+        K = [one.staircase.held for one in rows]
+        look: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
+        axes.plot([one.value for one in rows], K, path_effects=OUTLINE, **look)
+    starts = "the zero start" if who == "zero" else "all starts with equal halves"
+    handles = [
+        Line2D([], [], color=ORANGE, lw=1.6, label="P1 held above"),
+        Line2D([], [], color=ORANGE, lw=1.6, ls=(0, (3, 1.5)), label="P2 or P1 held above"),
+    ]
+    look = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
+    axes.legend(handles=handles, title=f"from {starts}", loc="upper right", **look)
+
+
+def shape_figure(
+    by_phase: Shape, by_order: Shape, least: Sequence[Least], cancelling: tuple[float, float]
+) -> Figure:
+    """Period and exponent over phase and K, and over order and K, from the zero start.
+
+    Args:
+        by_phase, by_order: the maps.
+        least: least amplitudes over the phase.
+        cancelling: K and phase at which the control takes the mesh error away.
+    """
+    with matplotlib.rc_context(FULL_STYLE):
+        figure = Figure(figsize=(9.2, 7.0))
+        (a, b), (c, d) = figure.subplots(2, 2)
+        turn = [*by_phase.axis.values, np.pi]
+        _draw_pair(a, b, turn, by_phase, [*range(len(turn) - 1), 0])
+        _phase_curves(a, least)
+        for axes in (a, b):
+            ring: Any = {"mfc": "none", "mec": GREEN, "ms": 8, "mew": 2.0}
+            axes.plot(cancelling[1], cancelling[0], "o", path_effects=OUTLINE, **ring)
+            axes.set_xticks(*TURN)
+            axes.set(xlabel="phase of the control [rad]", xlim=(-np.pi, np.pi))
+        a.set_title("period; ring: where the control cancels the mesh error")
+        places = list(range(len(by_order.axis)))
+        _draw_pair(c, d, places, by_order, places)
+        c.set_title("period, in periods of mesh and control together")
+        for axes in (c, d):
+            _order_ticks(axes, by_order.axis.values)
+        for axes in (a, b, c, d):
+            axes.set(ylabel=parameter_label("K"), ylim=(0.0, by_phase.K[-1]))
+        return figure
+
+
+def _draw_pair(
+    left: Axes, right: Axes, values: Sequence[float], found: Shape, rows: Sequence[int]
+) -> None:
+    """Period and exponent of some rows of a map at values of the axis."""
+    period, chaotic, exponent = (
+        np.asarray(one)[list(rows)] for one in (found.period, found.chaotic, found.exponent)
+    )
+    draw_periods(left, values, found.K, period, chaotic)
+    _draw_rates(right, values, found.K, exponent, r"$\lambda_1$ per $\tau$")
+    right.set_title("largest Lyapunov exponent")
+
+
+def _draw_rates(axes: Axes, values: Sequence[float], K: Array, rates: Array, label: str) -> None:
+    known = rates[np.isfinite(rates)]
+    low, high = np.percentile(known, [1.0, 99.0]) if known.size else (0.0, 0.0)
+    norm = TwoSlopeNorm(0.0, min(float(low), -1e-3), max(float(high), 1e-3))
+    image = _cells(axes, values, K, rates, cmap="RdBu_r", norm=norm)
+    assert axes.figure is not None
+    bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
+    bar.set_label(label)
+
+
+def _phase_curves(axes: Axes, least: Sequence[Least]) -> None:
+    """K from which P1 is held over the phase, from the zero start and from others as well."""
+    for who, style in (("zero", "-"), ("alike", (0, (3, 1.5)))):
+        rows = [one for one in least if (one.who, one.wanted) == (who, 1)]
+        K = [one.staircase.held for one in rows]
+        places = [one.value for one in rows]
+        look: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
+        label = "zero start" if who == "zero" else "all starts, equal halves"
+        axes.plot([*places, np.pi], [*K, *K[:1]], path_effects=OUTLINE, label=label, **look)
+    lines = axes.get_lines()[:2]
+    look = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
+    box = axes.legend(handles=lines, title="P1 held above, from", loc="upper right", **look)
+    axes.add_artist(box)
+
+
+def _order_ticks(axes: Axes, orders: Sequence[float]) -> None:
+    shown = [i for i, one in enumerate(orders) if len(orders) < 8 or one * 2 == round(one * 2)]
+    axes.set_xticks(shown, [f"{orders[i]:.3g}" for i in shown])
+    others = [i for i, one in enumerate(orders) if one * 8 != round(one * 8)]
+    for i in others:
+        axes.annotate(
+            "▴",
+            (i, 0.0),
+            (0, -6),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize=6,
+            color=ORANGE,
+            annotation_clip=False,
+        )
+    axes.set_xlabel("control frequency over mesh frequency (▴: irrational)")
+
+
+def realisation_figure(
+    single: Sequence[Actuator],
+    other: Sequence[Actuator],
+    found: Sequence[Needed],
+    T_1: float,
+) -> Figure:
+    """What each torque does to the meshes, and how large it has to be, beside the rated torque.
+
+    Args:
+        single: bodies driven alone.
+        other: torques that do what the carrier's does.
+        found: what the single ones need.
+        T_1: rated torque of the sun [N m].
+    """
+    ways = [*single, *other]
+    with matplotlib.rc_context(FULL_STYLE):
+        figure = Figure(figsize=(9.2, 3.7))
+        left, right = figure.subplots(1, 2, width_ratios=(1.0, 2.3))
+        _draw_patterns(left, ways)
+        _draw_torques(right, ways, found, T_1)
+        return figure
+
+
+def _draw_patterns(axes: Axes, ways: Sequence[Actuator]) -> None:
+    patterns = np.array([one.pattern for one in ways])
+    axes.imshow(patterns, cmap="RdBu_r", vmin=-1.8, vmax=1.8, aspect="auto")
+    for (row, column), value in np.ndenumerate(patterns):
+        axes.text(column, row, f"{value:+g}" if value else "0", ha="center", va="center")
+    axes.set_xticks(range(4), MESH_LABELS)
+    axes.set_yticks(range(len(ways)), [one.name for one in ways])
+    axes.tick_params(length=0)
+    axes.set_title("share of K on each mesh")
+
+
+def _draw_torques(
+    axes: Axes, ways: Sequence[Actuator], found: Sequence[Needed], T_1: float
+) -> None:
+    marks = ((1, "o", "P1"), (2, "s", "P2 or P1"))
+    for row, one in enumerate(ways):
+        name = one.name if any(n.actuator.name == one.name for n in found) else "carrier"
+        scale = one.largest_n_m / next(a for a in ways if a.name == name).largest_n_m
+        for shift, (wanted, mark, _) in zip((-0.13, 0.13), marks, strict=True):
+            own = [
+                n for n in found if (n.actuator.name, n.wanted, n.who) == (name, wanted, "alike")
+            ]
+            at_zero = min(own, key=lambda n: abs(n.phase))
+            for need, look in ((at_zero, {"mfc": "white"}), (easiest(own), {"mfc": BLUE})):
+                if need is not None and np.isfinite(need.K):
+                    x = need.torque_n_m * scale
+                    axes.plot(x, row + shift, mark, mec=BLUE, mew=1.3, ms=6.5, **look)
+    axes.axvline(T_1, color=ORANGE, linewidth=1.6)
+    axes.text(T_1 * 1.08, -0.42, f"rated $T_1$ = {T_1:g} N m", color=ORANGE, va="center")
+    axes.set(xscale="log", ylim=(len(ways) - 0.5, -0.5), yticks=[])
+    axes.set_xlabel("largest torque amplitude on one body [N m]")
+    axes.set_title("least torque that holds the motion, from all starts with equal halves")
+    axes.grid(axis="x", color="#e3e5e9", linewidth=0.6)
+    axes.set_axisbelow(True)
+    look: Any = {"color": "none", "mec": BLUE, "mew": 1.3}
+    handles = [
+        Line2D([], [], marker=mark, mfc=fill, label=f"{text}, {phase}", **look)
+        for fill, phase in ((BLUE, "best phase"), ("white", "phase 0"))
+        for _, mark, text in marks
+    ]
+    axes.legend(handles=handles, loc="lower right", fontsize=8, frameon=True, framealpha=0.9)
+
+
+def robustness_figure(
+    across: Survey, shares: Sequence[Gathered], lasting: Sequence[Survival]
+) -> Figure:
+    """Transverse exponent, shares of starts with unlike halves, and gears with unlike halves."""
+    with matplotlib.rc_context(FULL_STYLE):
+        figure = Figure(figsize=(9.2, 6.8))
+        (a, b), (c, d) = figure.subplots(2, 2)
+        label = r"$\lambda_\perp$ per $\tau$"
+        _draw_rates(a, across.axis.values, across.K, across.of("transverse")[:, :, 0], label)
+        a.set(xlabel=parameter_label(across.axis.name), ylabel=parameter_label("K"))
+        a.set_title("transverse exponent: red, left and right part")
+        _draw_shares(b, shares)
+        for axes, wanted in ((c, 1), (d, 2)):
+            _draw_survival(axes, [one for one in lasting if one.wanted == wanted])
+        return figure
+
+
+def _draw_shares(axes: Axes, shares: Sequence[Gathered]) -> None:
+    """Share of random starts that reach P1 (full) or at most P2 (broken) with equal halves."""
+    heats = sorted({one.values["delta_T"] for one in shares})
+    for colour, heat in zip(COLOURS, heats, strict=False):
+        for wanted, style in ((1, "-"), (2, ":")):
+            own = [s for s in shares if (s.values["delta_T"], s.wanted) == (heat, wanted)]
+            K, share = [s.values["K"] for s in own], np.array([s.share for s in own])
+            ends = np.array([[s.share - s.low, s.high - s.share] for s in own]).T
+            label = rf"$\Delta T$ = {heat:g} K" if wanted == 1 else None
+            look: Any = {"color": colour, "linestyle": style, "capsize": 2.0, "label": label}
+            errors = 100.0 * np.maximum(ends, 0.0)
+            axes.errorbar(K, 100.0 * share, yerr=errors, marker="o", ms=3.5, lw=1.2, **look)
+    axes.set(xlabel=parameter_label("K"), ylabel="share of the starts [%]", ylim=(-3.0, 103.0))
+    axes.set_title(f"{shares[0].starts} starts with unlike halves that end alike in P1 (dots: P2)")
+    axes.legend(fontsize=8, loc="center right")
+
+
+def _draw_survival(axes: Axes, lasting: Sequence[Survival]) -> None:
+    """Distance of left and right over the difference; open: not from the running gear."""
+    for colour, what in zip(COLOURS, dict.fromkeys(one.what for one in lasting), strict=False):
+        own = [one for one in lasting if one.what == what]
+        x, y = [100.0 * one.difference for one in own], [one.distance for one in own]
+        axes.plot(x, y, color=colour, lw=1.2, label=what)
+        for place, value, one in zip(x, y, own, strict=True):
+            full = one.from_zero and one.from_running and one.parted == one.starts
+            fill = colour if full else "white"
+            axes.plot(place, value, "o", color=colour, mfc=fill, mew=1.3, ms=5)
+    axes.set(xscale="log", yscale="log", ylabel=r"RMS of left less right / $b_c$")
+    ticks = [100.0 * share for share in SHARES]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    axes.set_xlabel("difference of left and right [%]")
+    wanted = lasting[0].wanted
+    axes.set_title(f"P{wanted} in gears with unlike halves (open: not from every start)")
+    axes.legend(fontsize=8, ncols=2)
+
+
+def _cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **look: Any) -> Any:
+    """A cell for each value and K."""
+    return axes.pcolormesh(values, K, data.T, shading="nearest", rasterized=True, **look)
+
+
+def _legend(axes: Axes, names: Sequence[tuple[str, str]]) -> None:
+    """Colours and their names beside the axes; stays when another legend is made."""
+    handles = [Patch(facecolor=c, edgecolor=INK, linewidth=0.4, label=name) for c, name in names]
+    look: Any = {"handlelength": 1.0, "handleheight": 1.0, "fontsize": 8, "borderaxespad": 0.0}
+    box = axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), **look)
+    axes.add_artist(box)
