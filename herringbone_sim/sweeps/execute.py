@@ -15,6 +15,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.chains import Job, last_states, observe_parts, part_before
 from herringbone_sim.sweeps.observe import Table
@@ -23,7 +24,6 @@ from herringbone_sim.sweeps.store import Store
 Entry = tuple[Store, Job]
 Task = tuple[Entry, ...]
 
-LANES = 8  # values that the kernel takes at once
 AHEAD = 2  # tasks under way for each core: one computed, one waiting
 RETRIES = 10
 PATIENCE_S = 60
