@@ -10,6 +10,7 @@ from gears import UNEVEN, make
 from hypothesis import settings
 
 from herringbone_sim import core
+from herringbone_sim.core.cache import forget_stale
 from herringbone_sim.core.packed import compiled, make_work
 from herringbone_sim.core.right_hand_side import right_hand_side
 
@@ -17,20 +18,8 @@ settings.register_profile("compiled", deadline=None)
 settings.load_profile("compiled")
 
 
-def forget_stale_kernel():
-    """Remove compiled code older than any source of the kernel.
-
-    Numba's cache looks at the file of a function alone, never at those that it calls.
-    """
-    (folder,) = core.__path__
-    newest = max(path.stat().st_mtime for path in Path(folder).glob("*.py"))
-    for place in (Path(folder), Path(__file__).parent):
-        for index in (place / "__pycache__").glob("*.nbi"):
-            if index.stat().st_mtime < newest:
-                index.unlink(missing_ok=True)
-
-
-forget_stale_kernel()
+# The kernel is compiled into functions of the tests too.
+forget_stale(Path(__file__).parent, Path(core.__file__).parent)
 
 
 @compiled

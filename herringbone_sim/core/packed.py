@@ -7,15 +7,20 @@ rounding breaks their symmetry in a chaotic transient; no fused or reordered ari
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from herringbone_sim.core.cache import forget_stale
+
 Array = NDArray[np.float64]
 
 TWO_PI = 2.0 * np.pi
+
+forget_stale(Path(__file__).parents[1], Path(__file__).parent)
 
 # Without Numba's reference counting nothing can be allocated within, and nothing is counted: the
 # counting of a dozen arrays a call cost a third of the time.

@@ -1,0 +1,37 @@
+"""Keeps the compiler's cache true: compiled code is forgotten when the kernel has changed.
+
+Numba looks only at the file of the function it loads, not at those that were compiled into it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from pathlib import Path
+
+STAMP = "sources.sha256"
+
+
+def forget_stale(package: Path, sources: Path) -> None:
+    """Remove compiled code below a package unless the sources are those it was compiled from.
+
+    Nothing happens where nothing can be written: an installed package does not change in place.
+    """
+    stamp = package / "__pycache__" / STAMP
+    now = _digest(sources)
+    with contextlib.suppress(OSError):
+        if stamp.is_file() and stamp.read_text() == now:
+            return
+        for index in package.rglob("__pycache__/*.nbi"):
+            index.unlink(missing_ok=True)
+        stamp.parent.mkdir(exist_ok=True)
+        stamp.write_text(now)
+
+
+def _digest(sources: Path) -> str:
+    """Of names, sizes and times of change; reading the sources would cost more than it is worth."""
+    found = hashlib.sha256()
+    for source in sorted(sources.rglob("*.py")):
+        status = source.stat()
+        found.update(f"{source.name} {status.st_size} {status.st_mtime_ns}\n".encode())
+    return found.hexdigest()
