@@ -64,10 +64,17 @@ def test_convergence_ends_at_the_exponents(chaos):
     assert (chaos / "exponents.png").stat().st_size > 20000
 
 
-def test_motion_is_named(tmp_path, capsys):
-    argv = ["exponents", "--set", "delta_T=85", "--cycles", "300", "--out", str(tmp_path)]
-    assert main([*argv, "--parameters", PAPER]) == 0
-    assert "\nP1, left = right\n" in capsys.readouterr().out
+def test_motions_are_named(tmp_path, capsys):
+    """P1 from rest at 85; chaos from an uneven start at 20, in which left and right differ."""
+    argv = ["exponents", "--parameters", PAPER, "--cycles", "300", "--out", str(tmp_path)]
+    assert main([*argv, "--set", "delta_T=85"]) == 0
+    shown = capsys.readouterr().out
+    assert "\nP1, left = right\n" in shown
+    assert "recorded series" not in shown
+    assert main([*argv, "--set", "delta_T=20", "--set", "initial_x=0.2,0.1,0,0"]) == 0
+    shown = capsys.readouterr().out
+    assert "chaotic\n" in shown
+    assert "left and right part" not in shown
 
 
 def test_basins_of_a_gear_with_one_motion(tmp_path, capsys):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.analysis.lyapunov import Exponent, largest_exponent
+from herringbone_sim.analysis.lyapunov import Exponent, largest_exponent, no_exponent
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.analysis.zero_one import ZeroOne, zero_one_test
 from herringbone_sim.core.model import Model, jacobian
@@ -55,7 +55,7 @@ class Opinions:
         if self.symmetric is None:
             return kind_of(self.section, self.spectrum)
         lasts = not _positive(self.symmetric.transverse)
-        words = "left = right" if lasts else "left = right but unstable to their parting"
+        words = "left = right" if lasts else "left = right, transversally unstable"
         return f"{kind_of(self.section, self.symmetric.within)}, {words}"
 
 
@@ -99,9 +99,17 @@ def all_opinions(
         two_trajectories=pairs,
         symmetric=symmetric,
         section=section,
-        series=largest_exponent(section, rng),
+        series=_of_series(section, rng),
         zero_one=zero_one_test(section[:, 0], rng),
     )
+
+
+def _of_series(section: Array, rng: np.random.Generator) -> Exponent:
+    # On repeated points the fits see rounding alone.
+    period = find_period(section, max_period=LONGEST).value
+    if period:
+        return no_exponent(f"the section repeats after {period} periods")
+    return largest_exponent(section, rng)
 
 
 def section_of(flow: GearFlow, y: Array, periods: int) -> Array:

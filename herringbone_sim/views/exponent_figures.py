@@ -116,13 +116,13 @@ def _draw_walk(axes: Axes, series: Array, test: ZeroOne) -> None:
     """Inset: the walk of the frequency nearest to the median."""
     nearest = int(np.argmin(np.abs(test.correlations - test.K)))
     walk = walks(series - series.mean(), test.frequencies[nearest : nearest + 1])[:, 0]
-    inset = axes.inset_axes((0.06, 0.06, 0.36, 0.36) if test.K < 0.5 else (0.06, 0.06, 0.5, 0.72))
+    inset = axes.inset_axes((0.1, 0.05, 0.4, 0.36) if test.K < 0.5 else (0.1, 0.05, 0.4, 0.78))
     inset.plot(walk.real, walk.imag, color=BLUE, linewidth=0.4)
     inset.set_aspect("equal", adjustable="datalim")
     inset.set(xticks=[], yticks=[])
     for spine in inset.spines.values():
         spine.set(visible=True, color=GREY)
-    inset.set_title("walk $(p, q)$", fontsize=8, pad=3)
+    inset.set_ylabel("walk $(p, q)$", fontsize=8, labelpad=2)
 
 
 def _edges(values: Array) -> Array:
