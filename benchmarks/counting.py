@@ -1,8 +1,8 @@
 """Floating-point operations of the kernels, counted by running their own text on a counting type.
 
 With NUMBA_DISABLE_JIT=1 the kernels are plain Python; fed with ``Counted`` numbers they count
-themselves, so the numbers can't go stale. An operation on eight lanes counts eight, whether or not
-a lane had use for it. Sums, differences, products, quotients and roots count one, a fused product
+themselves, so the numbers can't go stale. An operation on lanes counts one for each, whether or
+not a lane had use for it. Sums, differences, products, quotients and roots count one, a fused product
 and sum two, sines and cosines are kept apart; comparisons, magnitudes and moves count nothing.
 
     NUMBA_DISABLE_JIT=1 python -m benchmarks.counting
@@ -26,6 +26,7 @@ import numpy as np
 from benchmarks.peers.problem import BOTH, Array, at_rest, rig
 from herringbone_sim.core import batch
 from herringbone_sim.core.lanes import run, series, switching
+from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.packed import TWO_PI, make_work
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.core.right_hand_side import right_hand_side, rk4_step
@@ -36,7 +37,7 @@ SETTINGS = [(12, 16), (12, 8)]
 
 
 class Counted:
-    """A number, or eight in lanes, that counts what is done to it in ``Counted.done``."""
+    """A number, or one in each lane, that counts what is done to it in ``Counted.done``."""
 
     done: ClassVar[Counter[str]] = Counter()
     __hash__ = None  # type: ignore[assignment]
@@ -111,7 +112,7 @@ VECTOR: dict[str, Callable[..., Any]] = {
     "load": _load,
     "store": _store,
     "choose": _choose,
-    "splat": lambda x: Counted(np.full(8, float(x))),
+    "splat": lambda x: Counted(np.full(LANES, float(x))),
     "fma": counted("fused", lambda a, b, c: a * b + c, 2),
     "root": counted("rest", np.sqrt),
     "nearest": counted("rest", np.rint),
@@ -185,10 +186,10 @@ def of_lanes(start: Array, order: int, steps: int, both: bool) -> dict[str, floa
         for name in VECTOR.keys() & vars(module).keys():
             setattr(module, name, VECTOR[name])
     values = {"order": order, "steps_per_cycle": steps, "samples_per_cycle": 4}
-    models = [rig(**values | (BOTH if both else {}))] * 8
-    starts = np.repeat(start[None], 8, axis=0)
+    models = [rig(**values | (BOTH if both else {}))] * LANES
+    starts = np.repeat(start[None], LANES, axis=0)
     found = tally(lambda: batch.run_batch(models, starts, 0, CYCLES, 1))
-    return per_cycle(found, 8 * CYCLES)
+    return per_cycle(found, LANES * CYCLES)
 
 
 def count(start: Array) -> dict[str, dict[str, float]]:

@@ -2,8 +2,8 @@
 
     python -m benchmarks.limit [--rounds 9]
 
-Peaks are those of loops of fused multiply-adds, one number and eight numbers at a time, measured
-in the same run. The operations are counted by ``benchmarks.counting``; sines and cosines of the
+Peaks are those of loops of fused multiply-adds, one number at a time and in lanes, measured in the
+same run. The operations are counted by ``benchmarks.counting``; sines and cosines of the
 scalar kernels (calls of the C library) are left out of the rates. The stepper never fuses, so half
 of the scalar peak is its limit.
 """
@@ -35,7 +35,7 @@ from herringbone_sim.core.right_hand_side import right_hand_side
 CHAINS = 12
 TURNS = 1_000_000
 CYCLES = 2000
-VALUES = 16
+VALUES = LANES
 CALLS = 100_000
 CALLED = "sines and cosines"
 
@@ -144,7 +144,7 @@ def main() -> None:
     warnings.simplefilter("ignore", ParameterWarning)
     known, timings = counts(), works()
     scalar, vector = rates(rounds)
-    print(f"one core ({cpu_name()}): {scalar:.1f} GFLOP/s scalar, {vector:.1f} in vectors of 8")
+    print(f"one core ({cpu_name()}): {scalar:.1f} GFLOP/s scalar, {vector:.1f} in lanes")
     print(
         f"{'kernel':50} {'operations':>10} {'sin, cos':>8} {'us':>8} {'+-':>6} "
         f"{'GFLOP/s':>8} {'of peak':>8}"

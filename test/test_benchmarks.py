@@ -12,6 +12,7 @@ from gears import make
 
 from herringbone_sim.core.integrate import largest_exponent
 from herringbone_sim.core.lanes import series as lane_series
+from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import jacobian
 from herringbone_sim.core.packed import make_work
 from herringbone_sim.core.right_hand_side import right_hand_side
@@ -99,12 +100,12 @@ def test_the_product_of_two_series_costs_what_it_does_by_hand():
     assert operations(lambda: cauchy.py_func(work, 2, 0)) == 4 * (3 * 2 + 1)
 
 
-def test_lanes_count_eight_and_a_fused_operation_twice(monkeypatch):
+def test_lanes_count_one_each_and_a_fused_operation_twice(monkeypatch):
     for name in counting.VECTOR.keys() & vars(lane_series).keys():
         monkeypatch.setattr(lane_series, name, counting.VECTOR[name])
-    one = counting.Counted(np.ones(8))
-    assert operations(lambda: one * one + one) == 16
-    assert operations(lambda: lane_series.fma(one, one, one)) == 16
+    one = counting.Counted(np.ones(LANES))
+    assert operations(lambda: one * one + one) == 2 * LANES
+    assert operations(lambda: lane_series.fma(one, one, one)) == 2 * LANES
     assert operations(lambda: lane_series.choose(one > one, one, one)) == 0
 
 

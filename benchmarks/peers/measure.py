@@ -105,7 +105,7 @@ def sweep_rows(
         scale = len(values) / len(takes[i])
         cost, spread = summary(times[:, i] * scale)
         error, note = judge(takes[i], results[i])
-        told = [f"{method.cores} cores"] if method.cores > 1 else []
+        told = [f"{method.cores} cores", method.remark()] if method.cores > 1 else []
         told += [f"scaled up from {len(takes[i])} values"] if scale > 1.0 else []
         note = ", ".join([*told, note])
         rows.append(Row(method.family, method.setting, error, cost, spread, note))

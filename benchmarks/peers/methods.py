@@ -35,7 +35,8 @@ class SweepMethod:
         run: takes temperature rises (n,); gives sections (n, SECTIONS, 8) for (b), exponents (n,)
             for (c).
         most: values that it is given; the whole is scaled up when there are more.
-        cores: processes or threads it uses.
+        cores: threads it uses.
+        remark: called after a run, for the note in the table.
     """
 
     family: str
@@ -43,3 +44,4 @@ class SweepMethod:
     run: Callable[[Array], Array]
     most: int = 100_000
     cores: int = 1
+    remark: Callable[[], str] = str

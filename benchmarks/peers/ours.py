@@ -6,7 +6,11 @@ called half; in those without, the halves differ where it does not matter.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -24,11 +28,11 @@ from benchmarks.peers.problem import (
 )
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.packed import TWO_PI
 
 SETTINGS = [(8, 8), (8, 12), (8, 16), (10, 8), (12, 8), (12, 12), (12, 16), (16, 8)]
 RK4_STEPS = (200, 800, 3200)
-LANES = 16
 DEFAULT = "order 12, 16 steps (default)"
 
 
@@ -40,21 +44,17 @@ def label(order: int, steps: int) -> str:
 
 def orbit_methods() -> list[OrbitMethod]:
     """Rows of work (a)."""
-    found = []
-    for order, steps in SETTINGS:
-        values = {"order": order, "steps_per_cycle": steps, "samples_per_cycle": 4}
-        found.append(_stepper("ours, one at a time", label(order, steps), values))
-    for order, steps in SETTINGS:
-        values = {"order": order, "steps_per_cycle": steps, "samples_per_cycle": 4}
-        found.append(_lanes("ours, in lanes, half", label(order, steps), values))
-    for order, steps in SETTINGS:
-        values = {"order": order, "steps_per_cycle": steps, "samples_per_cycle": 4} | BOTH
-        found.append(_lanes("ours, in lanes", label(order, steps), values))
+    taylor: dict[str, dict[str, Any]] = {
+        label(order, steps): {"order": order, "steps_per_cycle": steps}
+        for order, steps in SETTINGS
+    }
+    found = [_stepper("ours, one at a time", name, values) for name, values in taylor.items()]
+    found += [_lanes("ours, in lanes, half", name, values) for name, values in taylor.items()]
+    found += [_lanes("ours, in lanes", name, values | BOTH) for name, values in taylor.items()]
     for steps in RK4_STEPS:
-        values = {"method": "rk4", "steps_per_cycle": steps, "samples_per_cycle": 4}
+        values: dict[str, Any] = {"method": "rk4", "steps_per_cycle": steps}
         found.append(_stepper("our RK4 (kinks stepped over)", f"{steps} steps", values))
-    found.append(_full_model())
-    return found
+    return [*found, _full_model()]
 
 
 def _full_model() -> OrbitMethod:
@@ -70,8 +70,8 @@ def _full_model() -> OrbitMethod:
     return OrbitMethod("ours, full model", DEFAULT, run)
 
 
-def _stepper(family: str, setting: str, values: dict[str, object]) -> OrbitMethod:
-    stepper = Stepper(rig(**values))
+def _stepper(family: str, setting: str, values: Mapping[str, object]) -> OrbitMethod:
+    stepper = Stepper(rig(samples_per_cycle=4, **values))
     n = stepper.model.parameters.samples_per_cycle
 
     def run(cycles: int) -> Array:
@@ -80,8 +80,8 @@ def _stepper(family: str, setting: str, values: dict[str, object]) -> OrbitMetho
     return OrbitMethod(family, setting, run)
 
 
-def _lanes(family: str, setting: str, values: dict[str, object]) -> OrbitMethod:
-    models = [rig(**values)] * LANES
+def _lanes(family: str, setting: str, values: Mapping[str, object]) -> OrbitMethod:
+    models = [rig(samples_per_cycle=4, **values)] * LANES
     starts = np.repeat(orbit_start()[None], LANES, axis=0)
 
     def run(cycles: int) -> Array:
@@ -93,9 +93,10 @@ def _lanes(family: str, setting: str, values: dict[str, object]) -> OrbitMethod:
 def diagram_methods() -> list[SweepMethod]:
     """Rows of work (b), the base of the ratios first."""
     coarse = {"order": 12, "steps_per_cycle": 8, "samples_per_cycle": 4}
+    first = SweepMethod("ours, in lanes, half", DEFAULT, sections_in_lanes)
     return [
-        SweepMethod("ours, in lanes, half", DEFAULT, sections_in_lanes),
-        SweepMethod("ours, in lanes, half", DEFAULT, _halved(sections_in_lanes), cores=2),
+        first,
+        on_two_cores(first),
         SweepMethod(
             "ours, in lanes, half", label(12, 8), lambda v: sections_in_lanes(v, **coarse)
         ),
@@ -137,9 +138,10 @@ def exponent_methods(cycles: int) -> list[SweepMethod]:
     def one_by_one(values: Array) -> Array:
         return exponents_one_by_one(values, cycles)
 
+    first = SweepMethod("ours, in lanes, half", DEFAULT, in_lanes)
     return [
-        SweepMethod("ours, in lanes, half", DEFAULT, in_lanes),
-        SweepMethod("ours, in lanes, half", DEFAULT, _halved(in_lanes), cores=2),
+        first,
+        on_two_cores(first),
         SweepMethod("ours, in lanes", DEFAULT, both_halves),
         SweepMethod("ours, one at a time", DEFAULT, one_by_one),
     ]
@@ -158,14 +160,32 @@ def exponents_one_by_one(values: Array, cycles: int, **settings: object) -> Arra
     return np.array(found)
 
 
-def _halved(run):
-    """The same on two threads: the kernel leaves the interpreter's lock alone."""
+class Halves:
+    """A work on two threads, every other value each: the kernel lets the interpreter's lock go."""
 
-    def work(values: Array) -> Array:
-        order = np.argsort(np.arange(len(values)) % 2, kind="stable")
+    def __init__(self, run: Callable[[Array], Array]) -> None:
+        self.run = run
+        self.busiest_s = 0.0
+
+    def __call__(self, values: Array) -> Array:
         with ThreadPoolExecutor(2) as pool:
-            parts = list(pool.map(run, [values[::2], values[1::2]]))
-        found = np.concatenate(parts)
-        return found[np.argsort(order, kind="stable")]
+            (even, one_s), (odd, other_s) = pool.map(self._timed, [values[::2], values[1::2]])
+        self.busiest_s = max(one_s, other_s)
+        found = np.empty((len(values), *even.shape[1:]))
+        found[::2], found[1::2] = even, odd
+        return found
 
-    return work
+    def _timed(self, values: Array) -> tuple[Array, float]:
+        start = time.thread_time()
+        found = self.run(values)
+        return found, time.thread_time() - start
+
+    def remark(self) -> str:
+        """Processor time of the busier thread: the time on the wall of a machine at rest."""
+        return f"{self.busiest_s:.2f} s of processor time in the busier thread"
+
+
+def on_two_cores(method: SweepMethod) -> SweepMethod:
+    """The same method on two threads."""
+    halves = Halves(method.run)
+    return replace(method, run=halves, cores=2, remark=halves.remark)

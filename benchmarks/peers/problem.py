@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 
 PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
 ORBIT = {"xi": 0.07, "delta_T": 90.0}
-REFERENCE = {"order": 24, "steps_per_cycle": 128, "samples_per_cycle": 4}
+REFERENCE = {"order": 24, "steps_per_cycle": 128, "samples_per_cycle": 4}  # of work (a)
+FINE = {"order": 20, "steps_per_cycle": 32, "samples_per_cycle": 4}  # of works (b) and (c)
 ORBIT_CYCLES = 20
 SETTLING = 3000
 TRANSIENT = 300  # mesh cycles left out in works (b) and (c)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numbalsoda
 import numpy as np
 from numba import carray, cfunc, njit
@@ -28,6 +30,7 @@ from herringbone_sim.core.packed import TWO_PI
 
 MANY = 10**8
 RTOLS = (1e-6, 1e-8, 1e-9, 1e-10)
+Solver = Callable[..., tuple[Array, bool]]
 lsoda, dop853 = numbalsoda.lsoda, numbalsoda.dop853
 
 
@@ -63,7 +66,7 @@ def _exponent(pointer, both, y, p, transient, z, cycles, rtol):
     return growth / (cycles * TWO_PI)
 
 
-def _solve(solver, half: bool, p: Array, y: Array, times: Array, rtol: float) -> Array:
+def _solve(solver: Solver, half: bool, p: Array, y: Array, times: Array, rtol: float) -> Array:
     """States (n, 8) at times, by the whole gear or by one half that stands for both."""
     pointer, start = (_rate_of_half.address, y[LEFT]) if half else (_rate.address, y)
     found = solver(pointer, start, times, p, rtol, rtol * 1e-2, MANY)[0]
@@ -74,7 +77,7 @@ def orbit_methods() -> list[OrbitMethod]:
     """Rows of work (a)."""
     p, y = constants(rig()), orbit_start()
 
-    def method(name: str, solver, half: bool, rtol: float) -> OrbitMethod:
+    def method(name: str, solver: Solver, half: bool, rtol: float) -> OrbitMethod:
         def run(cycles: int) -> Array:
             return _solve(solver, half, p, y, np.array([0.0, cycles * TWO_PI]), rtol)[-1]
 

@@ -16,6 +16,7 @@ from benchmarks.peers.problem import (
     tangent_slope,
     zero_start,
 )
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
 
 
@@ -57,7 +58,7 @@ def _method(setting: str, cycles: int, integrator: str, options: dict[str, float
     return SweepMethod("pynamicalsys", setting, run, most=4)
 
 
-def _exponent(system, model, cycles: int) -> float:
+def _exponent(system: ContinuousDynamicalSystem, model: Model, cycles: int) -> float:
     return float(
         system.lyapunov(
             zero_start(model),
