@@ -62,7 +62,9 @@ def draw_branches(axes: Axes, diagram: Diagram, branches: list[Branch], title: s
     for branch in branches:
         colour, label = LOOKS[branch.start]
         periodic = branch.period > 0
-        for rows, size in ((~periodic, 0.35), (periodic, 1.6)):
+        # The first is drawn larger: it shows as a rim where the next one covers it.
+        rim = 8.0 if branch is not branches[-1] else 1.6
+        for rows, size in ((~periodic, 0.35), (periodic, rim)):
             x, y = branch.point_values[rows].ravel(), branch.points[rows].ravel()
             axes.scatter(x, y, s=size, color=colour, linewidths=0, rasterized=True)
         axes.scatter([], [], s=12, color=colour, linewidths=0, label=label)
@@ -83,7 +85,7 @@ def draw_exponents(axes: Axes, branches: list[Branch]) -> None:
         parts = "parts left and right" if branch is branches[-1] else None
         axes.plot(branch.values, branch.transverse, label=parts, **look)
     axes.set(title="largest Lyapunov exponent", ylabel=r"$\lambda_1$ per $\tau$")
-    axes.legend(fontsize=8, loc="lower left", ncols=2, handletextpad=0.4, columnspacing=1.2)
+    axes.legend(fontsize=8, loc="best", ncols=2, handletextpad=0.4, columnspacing=1.2)
 
 
 def _chosen(diagram: Diagram, starts: tuple[str, ...]) -> list[Branch]:
