@@ -20,8 +20,14 @@ from herringbone_sim.control.realisation import (
     single_actuators,
     substitutes,
 )
-from herringbone_sim.control.robustness import gathered, survival, transverse_map
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.robustness import (
+    Gathered,
+    Survival,
+    gathered,
+    survival,
+    transverse_map,
+)
+from herringbone_sim.control.runs import LEAST_EXPONENT, Look, Runs
 from herringbone_sim.control.shape import ORDERS, Shape, best, cancelling, phases, shape_map
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.model import build
@@ -30,7 +36,7 @@ from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.views import control_figures
 from herringbone_sim.views.figures import save
 
-ASKED = tuple((wanted, who) for wanted in (1, 2) for who in ("zero", "alike"))
+ASKED = tuple((wanted, who) for wanted in (1, 2) for who in ("zero", "all"))
 SHOWN_HEATS = (20.0, 50.0, 70.0)
 MOTIONS = ((1, 0.5), (2, 0.3))  # period and K of the paper's Figs. 19 and 18
 LONG = 3  # times the transient, where left and right have to find each other
@@ -103,7 +109,7 @@ def least_line(place: str, one: Least) -> str:
     pockets = " ".join(f"{a:.2f}-{b:.2f}" for a, b in stairs.pockets) or "none"
     return (
         f"{place}  repeats after {one.wanted}  {one.who:8s} least {stairs.least:6.3f}  "
-        f"held {stairs.held:6.3f}  pockets {pockets}"
+        f"firm {stairs.firm:6.3f}  held {stairs.held:6.3f}  pockets {pockets}"
     )
 
 
@@ -111,7 +117,7 @@ def shape(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
     """``phase.csv``, ``order.csv``: maps; ``phase_least.csv``; ``control_shape.png``."""
     K, turn = size.K(), Axis("control_phase", phases(size.phases))
     by_phase = shape_map(runs, base, turn, K, size.longer(exponents=True))
-    tried = survey(runs, base, turn, K, Starts(alike=1, parted=0), size.look)
+    tried = survey(runs, base, turn, K, Starts(alike=1, parted=1), size.look)
     least = [one for wanted, who in ASKED for one in least_amplitudes(runs, tried, wanted, who)]
     # Orders of eighths repeat after 8 mesh cycles, so there must be time for a few of those.
     look = Look(size.look.transient, 4 * size.look.cycles, True, max_period=64)
@@ -128,11 +134,11 @@ def phase_lines(turn: Axis, least: Sequence[Least], base: Parameters) -> Lines:
     """The best phase for each motion, beside phase 0, and the phase that cancels the error."""
     lines = []
     for wanted, who in ASKED:
-        held = [one.staircase.held for one in least if (one.wanted, one.who) == (wanted, who)]
-        phase, K = best(np.array(turn.values), np.array(held))
-        at_zero = held[int(np.argmin(np.abs(turn.values)))]
+        firm = [one.staircase.firm for one in least if (one.wanted, one.who) == (wanted, who)]
+        phase, K = best(np.array(turn.values), np.array(firm))
+        at_zero = firm[int(np.argmin(np.abs(turn.values)))]
         lines.append(
-            f"repeats after {wanted}  {who:8s} best phase {phase:+.3f} rad: held from K "
+            f"repeats after {wanted}  {who:5s} best phase {phase:+.3f} rad: firm from K "
             f"{K:.3f}; phase 0: {at_zero:.3f}"
         )
     K, phase = cancelling(base)
@@ -142,14 +148,16 @@ def phase_lines(turn: Axis, least: Sequence[Least], base: Parameters) -> Lines:
 def order_lines(found: Shape) -> Lines:
     """What each order does, as shares of the values of K."""
     lines = []
-    for order, period, chaotic in zip(found.axis.values, found.period, found.chaotic, strict=True):
-        first = np.flatnonzero(period[1:] == 1)
+    for i, order in enumerate(found.axis.values):
+        period, chaotic = found.period[i, 1:], found.chaotic[i, 1:]
+        bears = (period > 0) & ~(found.transverse[i, 1:] > LEAST_EXPONENT)
+        first = np.flatnonzero(period == 1)
         least = f"{found.K[1 + first[0]]:.2f}" if len(first) else "none"
-        neither = np.mean((period == 0) & ~chaotic)
         lines.append(
-            f"order {order:5.3f}  chaotic {np.mean(chaotic):4.0%}  periodic "
-            f"{np.mean(period > 0):4.0%}  neither {neither:4.0%}  least K with the period of "
-            f"the forcing {least}"
+            f"order {order:5.3f}  periodic {np.mean(period > 0):4.0%}, of all and stable "
+            f"transversally {np.mean(bears):4.0%}  chaotic {np.mean(chaotic):4.0%}  neither "
+            f"{np.mean((period == 0) & ~chaotic):4.0%}  least K with the period of the forcing "
+            f"{least}"
         )
     return lines
 
@@ -159,7 +167,7 @@ def realisation(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
     model = build(base)
     single, other = single_actuators(model), substitutes(model)
     turn, K = Axis("control_phase", phases(size.phases // 2)), size.K(2.0)
-    starts = Starts(alike=1, parted=0)
+    starts = Starts(alike=1, parted=1)
     found = [
         one for a in single for one in needed(runs, base, a, turn, K, ASKED, starts, size.look)
     ]
@@ -190,14 +198,14 @@ def needed_lines(found: Sequence[Needed], T_1: float) -> Lines:
             own = [n for n in found if (n.actuator.name, n.wanted, n.who) == (name, wanted, who)]
             at_zero = min(own, key=lambda n: abs(n.phase))
             texts = [needed_text(one, T_1) for one in (at_zero, easiest(own)) if one]
-            lines.append(f"{name:14s} repeats after {wanted}  {who:6s} {'; '.join(texts)}")
+            lines.append(f"{name:14s} repeats after {wanted}  {who:5s} {'; '.join(texts)}")
     return lines
 
 
 def needed_text(one: Needed, T_1: float) -> str:
     """A need in words."""
     if not np.isfinite(one.K):
-        return f"phase {one.phase:+.2f}: not held at K = {one.largest:g}"
+        return f"phase {one.phase:+.2f}: nothing firm up to K = {one.largest:g}"
     times = one.torque_n_m / T_1
     return (
         f"phase {one.phase:+.2f}: K {one.K:.3f}, {one.torque_n_m:.0f} N m on one body, "
@@ -227,20 +235,35 @@ def robustness(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
     write(out / "starts.csv", head, counts)
     write(out / "survival.csv", list(vars(lasting[0])), (vars(one).values() for one in lasting))
     save(control_figures.robustness_figure(across, shares, lasting), out, "control_robustness")
-    return [
-        *transverse_lines(across),
-        *(
-            f"delta_T {s.values['delta_T']:g} K {s.values['K']:.1f}  repeats after {s.wanted}: "
-            f"{s.reached} of {s.starts} alike ({s.low:.0%} to {s.high:.0%}), {s.parted} parted"
+    return [*transverse_lines(across), *share_lines(shares), *survival_lines(lasting)]
+
+
+def share_lines(shares: Sequence[Gathered]) -> Lines:
+    """A line a place: shares of starts with unlike halves."""
+    lines = []
+    for place in dict.fromkeys((s.values["delta_T"], s.values["K"]) for s in shares):
+        texts = [
+            f"after {s.wanted}: {s.share:4.0%} ({s.low:.0%} to {s.high:.0%}) and {s.parted} apart"
             for s in shares
-        ),
-        *(
-            f"K {dict(MOTIONS)[s.wanted]} repeats after {s.wanted}  {s.what:10s} "
-            f"{s.difference:4.0%}  zero {s.from_zero!s:5s} running {s.from_running!s:5s} "
-            f"random {s.parted}/{s.starts}  distance {s.distance:.4f} b_c"
+            if (s.values["delta_T"], s.values["K"]) == place
+        ]
+        head = f"delta_T {place[0]:g} K {place[1]:.1f}  of {shares[0].starts} unlike starts alike"
+        lines.append(f"{head} {'; '.join(texts)}")
+    return lines
+
+
+def survival_lines(lasting: Sequence[Survival]) -> Lines:
+    """A line a motion and kind of difference: distance, and starts that do not lead there."""
+    lines = []
+    for wanted, what in dict.fromkeys((s.wanted, s.what) for s in lasting):
+        texts = [
+            f"{s.difference:.0%} P{s.period:g} {s.distance:.3f} b_c, {s.parted}/{s.starts}"
+            + ("" if s.from_running else ", not from running")
             for s in lasting
-        ),
-    ]
+            if (s.wanted, s.what) == (wanted, what)
+        ]
+        lines.append(f"K {dict(MOTIONS)[wanted]}  {what:10s} {'; '.join(texts)}")
+    return lines
 
 
 def transverse_lines(across: Survey) -> Lines:
@@ -301,19 +324,20 @@ def write_least(path: Path, name: str, found: Sequence[Least]) -> None:
     """A row a least amplitude; pockets as ``first-last`` on the grid of K."""
     rows = (
         [
-            *(one.value, one.wanted, one.who, one.staircase.least, one.staircase.held),
-            *(one.half_width, one.staircase.share),
+            *(one.value, one.wanted, one.who, one.staircase.least, one.staircase.firm),
+            *(one.staircase.held, one.half_width, one.staircase.share),
             ";".join(f"{a:g}-{b:g}" for a, b in one.staircase.pockets),
         ]
         for one in found
     )
-    head = [name, "wanted", "starts", "least_K", "held_from_K", "half_width", "share", "pockets"]
+    head = [name, "wanted", "starts", "least_K", "firm_from_K", "held_from_K", "half_width"]
+    head += ["share", "pockets"]
     write(path, head, rows)
 
 
 def write_shape(path: Path, found: Shape) -> None:
     """A row a value and K."""
-    names = ("period", "exponent", "exponent_error", "chaotic", "apart")
+    names = ("period", "exponent", "exponent_error", "transverse", "chaotic", "apart")
     rows = (
         [value, K, *(getattr(found, name)[i, j] for name in names)]
         for i, value in enumerate(found.axis.values)

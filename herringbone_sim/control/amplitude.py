@@ -1,13 +1,14 @@
 """The least amplitude K that reaches a wanted period, at each value of another parameter.
 
-"Reaches" is said with its start, because motions coexist, and as two numbers, because what a
+"Reaches" is said with its start, because motions coexist, and as three numbers, because what a
 control reaches at some K it may lose again above: the least K at which it is reached (perhaps in
-a pocket only), and the least K above which it is held up to the largest K tried.
+a pocket only), the one from which it is reached over 0.1 at least, and the one above which it is
+held up to the largest K tried.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -32,6 +33,8 @@ FROM = {
     "all": ("zero", "running", "alike", "parted"),
 }
 HALVINGS = 4
+FIRM = 0.1  # of K
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,14 @@ class Staircase:
 
     Attributes:
         least: smallest K at which it is; NaN = at none.
+        firm: first K of the first pocket that is at least ``FIRM`` wide; NaN = of none.
         held: smallest K above which it is at all values; NaN = not at the largest.
         pockets: first and last K of each run of values at which it is.
         share: of the values at which it is.
     """
 
     least: float
+    firm: float
     held: float
     pockets: tuple[tuple[float, float], ...]
     share: float
@@ -98,7 +103,7 @@ class Least:
         value: of the other parameter.
         wanted: the motion repeats after so many periods of the forcing.
         who: key of ``FROM``, the starts all of which must lead to it.
-        staircase: over K, its two ends refined.
+        staircase: over K; least, firm and held refined.
         half_width: of the bisection.
     """
 
@@ -137,7 +142,7 @@ def survey(
 def least_amplitudes(
     runs: Runs, over: Survey, wanted: int, who: str, halvings: int = HALVINGS
 ) -> list[Least]:
-    """Least amplitudes at each value of a survey, both refined by bisection.
+    """Least amplitudes at each value of a survey, refined by bisection.
 
     Args:
         wanted: periods of the forcing (of mesh and control together) after which the motion
@@ -158,46 +163,41 @@ def staircase(K: Array, reached: Flags) -> Staircase:
     first, last = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1
     pockets = tuple((float(K[a]), float(K[b])) for a, b in zip(first, last, strict=True))
     least = pockets[0][0] if pockets else np.nan
+    firm = next((a for a, b in pockets if b - a >= FIRM - ROUNDING), np.nan)
     held = pockets[-1][0] if pockets and reached[-1] else np.nan
-    return Staircase(least, held, pockets, float(np.mean(reached)))
+    return Staircase(least, firm, held, pockets, float(np.mean(reached)))
 
 
 def refined(K: Array, rows: Flags, reached: Reached, halvings: int) -> list[Staircase]:
-    """Staircases of many rows (n, m), their first edge and their last one bisected together.
+    """Staircases of many rows (n, m), their three edges bisected, all together.
 
     Args:
         reached: takes rows (l,) and amplitudes (l,) to whether the motion is reached there.
     """
     stairs = [staircase(K, row) for row in rows]
-    edges = [(i, K[j], K[j + 1]) for i, row in enumerate(rows) for j in _edges(row)]
-    index = np.array([edge[0] for edge in edges], dtype=np.int64)
-    low, high = np.array([edge[1:] for edge in edges]).reshape(-1, 2).T.copy()
-    ends = dict(
-        zip(zip(index.tolist(), high.tolist(), strict=True), range(len(edges)), strict=True)
-    )
-    for _ in range(halvings if len(edges) else 0):
+    edges = [(i, j) for i, one in enumerate(stairs) for j in _edges(K, one)]
+    index, above = np.array(edges, dtype=np.int64).reshape(-1, 2).T
+    low, high = K[above - 1], K[above]
+    for _ in range(halvings if edges else 0):
         middle = (low + high) / 2.0
         there = reached(index, middle)
         low, high = np.where(there, low, middle), np.where(there, middle, high)
-    value = {key: float((low[at] + high[at]) / 2.0) for key, at in ends.items()}
+    found = {(i, K[j]): value for (i, j), value in zip(edges, (low + high) / 2.0, strict=True)}
     return [
-        Staircase(
-            value.get((i, one.least), one.least),
-            value.get((i, one.held), one.held),
-            one.pockets,
-            one.share,
-        )
-        for i, one in enumerate(stairs)
+        _moved(one, {k: float(v) for (i, k), v in found.items() if i == row})
+        for row, one in enumerate(stairs)
     ]
 
 
-def _edges(row: Flags) -> set[int]:
-    """Places j where the row turns true from j to j + 1: the first such, and the last if held."""
-    rises = np.flatnonzero(~row[:-1] & row[1:])
-    if not len(rises):
-        return set()
-    first = set() if row[0] else {int(rises[0])}
-    return first | ({int(rises[-1])} if row[-1] else set())
+def _edges(K: Array, stairs: Staircase) -> set[int]:
+    """Places of the first K of the pockets that count, except where it is the first of all."""
+    ends = [one for one in (stairs.least, stairs.firm, stairs.held) if one > K[0]]
+    return {int(np.searchsorted(K, one)) for one in ends}
+
+
+def _moved(stairs: Staircase, to: Mapping[float, float]) -> Staircase:
+    least, firm, held = (to.get(one, one) for one in (stairs.least, stairs.firm, stairs.held))
+    return Staircase(least, firm, held, stairs.pockets, stairs.share)
 
 
 def _reached(

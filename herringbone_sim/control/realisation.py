@@ -157,7 +157,7 @@ class Needed:
         wanted: the motion repeats after so many mesh cycles.
         who: starts all of which must lead to it, see ``amplitude.FROM``.
         phase: of the control [rad].
-        K: least amplitude above which it is held up to the largest tried; NaN = not held there.
+        K: least amplitude from which it is reached over 0.1 of K; NaN = none was found.
         largest: largest amplitude tried.
         torque_n_m: at K, the largest amplitude on one body.
     """
@@ -185,8 +185,8 @@ def needed(
     over = survey(runs, actuator.controlled(base), phases, K, starts, look)
     return [
         Needed(
-            *(actuator, wanted, who, one.value, one.staircase.held, float(K[-1])),
-            one.staircase.held * actuator.largest_n_m,
+            *(actuator, wanted, who, one.value, one.staircase.firm, float(K[-1])),
+            one.staircase.firm * actuator.largest_n_m,
         )
         for wanted, who in asked
         for one in least_amplitudes(runs, over, wanted, who)
@@ -194,6 +194,6 @@ def needed(
 
 
 def easiest(found: Sequence[Needed]) -> Needed | None:
-    """The phase that needs the least; None where none holds the motion."""
+    """The phase that needs the least; None where none reaches the motion."""
     held = [one for one in found if np.isfinite(one.K)]
     return min(held, key=lambda one: one.K) if held else None

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.control.amplitude import Survey, survey
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.runs import Look, Runs, repeats
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
@@ -23,7 +23,6 @@ from herringbone_sim.dynamics.basins import random_starts, wilson
 from herringbone_sim.sweeps.grid import Axis
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 SHARES = (0.01, 0.02, 0.05, 0.10)
 
@@ -58,8 +57,9 @@ class Survival:
     Attributes:
         what: key of ``DIFFERENCES``.
         difference: of the halves: a share, of a phase the share of a mesh cycle.
-        wanted: the motion repeats after so many mesh cycles.
-        from_zero, from_running: whether it does, from these starts.
+        wanted: the motion is to repeat after so many mesh cycles.
+        period: of the motion from the zero start; 0 aperiodic, NaN failed.
+        from_zero, from_running: whether it repeats so, from these starts.
         parted: how many of so many random starts with unlike halves lead to it.
         starts: how many these were.
         distance: RMS of left less right [b_c] of the motion that repeats, from zero or else from
@@ -69,6 +69,7 @@ class Survival:
     what: str
     difference: float
     wanted: int
+    period: float
     from_zero: bool
     from_running: bool
     parted: int
@@ -153,17 +154,18 @@ def survival(
     states = start_states(runs, gears, Starts(alike=0, parted=starts))
     sets = [gear for gear in gears for _ in range(states.shape[1])]
     motions = runs.observe(sets, states.reshape(len(sets), -1), look)
-    there = motions.repeats(wanted).reshape(len(gears), -1)
+    period = motions.period.reshape(len(gears), -1)
     asymmetry = motions.asymmetry.reshape(len(gears), -1)
     return [
-        _survival(what, size, wanted, t, a)
-        for (what, size), t, a in zip(cases, there, asymmetry, strict=True)
+        _survival(what, size, wanted, p, a)
+        for (what, size), p, a in zip(cases, period, asymmetry, strict=True)
     ]
 
 
-def _survival(what: str, size: float, wanted: int, there: Flags, apart: Array) -> Survival:
+def _survival(what: str, size: float, wanted: int, period: Array, apart: Array) -> Survival:
+    there = repeats(period, wanted)
     zero, running = bool(there[0]), bool(there[1])
     distance = apart[0] if zero else apart[1] if running else np.nan
-    parted = there[2:]
-    counts = (int(parted.sum()), len(parted))
-    return Survival(what, size, wanted, zero, running, *counts, float(distance))
+    counts = (int(there[2:].sum()), len(there) - 2)
+    seen = (float(period[0]), zero, running, *counts)
+    return Survival(what, size, wanted, *seen, float(distance))

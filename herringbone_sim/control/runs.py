@@ -75,12 +75,6 @@ class Motions:
     apart: Array
     end: Array
 
-    @property
-    def chaotic(self) -> NDArray[np.bool_]:
-        """Whether the largest exponent is positive beyond its error; False where not known."""
-        surely = self.exponent > np.maximum(2.0 * self.exponent_error, LEAST_EXPONENT)
-        return np.asarray(surely, dtype=bool)
-
     def repeats(self, cycles: int) -> NDArray[np.bool_]:
         """Whether the motion repeats after so many mesh cycles: P1 does so after 2 as well."""
         return repeats(self.period, cycles)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.control.amplitude import cycles_wanted, survey
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.runs import LEAST_EXPONENT, Look, Runs
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.grid import Axis
@@ -34,8 +34,9 @@ class Shape:
         K: (m,).
         period: (n, m) in periods of the forcing (of mesh and control together); 0 not periodic.
         exponent, exponent_error: (n, m) largest Lyapunov exponent per tau.
-        chaotic: (n, m) whether it is positive beyond its error. A motion that is neither this
-            nor periodic is quasi-periodic, or its period is longer than what was looked for.
+        transverse: (n, m) that of perturbations that part left and right; NaN where they differ.
+        chaotic: (n, m) not periodic, and neighbours with the same symmetry part. A motion that is
+            neither this nor periodic is quasi-periodic, or its period longer than was looked for.
         apart: (n, m) share of the time without contact.
     """
 
@@ -44,6 +45,7 @@ class Shape:
     period: Array
     exponent: Array
     exponent_error: Array
+    transverse: Array
     chaotic: NDArray[np.bool_]
     apart: Array
 
@@ -57,11 +59,12 @@ def shape_map(runs: Runs, base: Parameters, axis: Axis, K: Array, look: Look) ->
     """Periods and exponents over one axis of the control and over K, from the zero start."""
     found = survey(runs, base, axis, K, Starts(0, 0, running=False), look)
     unit = np.array([cycles_wanted(base.changed({axis.name: v}), 1) for v in axis.values])
-    names = ("exponent", "exponent_error", "apart")
-    exponent, error, apart = (found.of(name)[:, :, 0] for name in names)
+    names = ("exponent", "exponent_error", "transverse", "within", "apart")
+    exponent, error, transverse, within, apart = (found.of(name)[:, :, 0] for name in names)
     period = in_periods(found.of("period")[:, :, 0], unit[:, None], K)
-    chaotic = found.motions.chaotic.reshape(period.shape)
-    return Shape(axis, K, period, exponent, error, chaotic, apart)
+    own = np.where(np.isnan(within), exponent, within)
+    chaotic = (period == 0) & (own > np.maximum(2.0 * error, LEAST_EXPONENT))
+    return Shape(axis, K, period, exponent, error, transverse, chaotic, apart)
 
 
 def in_periods(cycles: Array, unit: Array, K: Array) -> Array:

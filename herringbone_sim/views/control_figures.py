@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from herringbone_sim.control.amplitude import Least, Survey
 from herringbone_sim.control.realisation import Actuator, Needed, easiest
 from herringbone_sim.control.robustness import SHARES, Gathered, Survival
+from herringbone_sim.control.runs import LEAST_EXPONENT
 from herringbone_sim.control.shape import Shape
 from herringbone_sim.views.figures import BLUE, GREEN, INK, ORANGE, STYLE, parameter_label
 from herringbone_sim.views.maps import APERIODIC, PERIOD_COLOURS
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 NEITHER = "#8d93a0"
 REACHED = ("#1d2027", "#7d8794", "#86b8df", "#dce9f5")
@@ -34,7 +36,12 @@ MESH_LABELS = (
     *(r"$\mathrm{rp}^\mathrm{L}$", r"$\mathrm{rp}^\mathrm{R}$"),
 )
 TURN = ([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
-FULL_STYLE = STYLE | {"axes.spines.top": True, "axes.spines.right": True}
+FULL_STYLE = STYLE | {
+    "axes.spines.top": True,
+    "axes.spines.right": True,
+    "hatch.linewidth": 0.5,
+    "hatch.color": INK,
+}
 
 
 def amplitude_figure(over: Survey, found: Sequence[Least], torque_n_m: float) -> Figure:
@@ -51,7 +58,7 @@ def amplitude_figure(over: Survey, found: Sequence[Least], torque_n_m: float) ->
         draw_periods(left, over.axis.values, over.K, over.of("period")[:, :, 0])
         left.set_title("period from the zero start, mesh cycles")
         _draw_reached(right, over)
-        for axes, who in ((left, "zero"), (right, "alike")):
+        for axes, who in ((left, "zero"), (right, "all")):
             _least_curves(axes, found, who)
             axes.set(xlabel=parameter_label(over.axis.name), ylim=(0.0, over.K[-1]))
         left.set_ylabel(parameter_label("K"))
@@ -63,7 +70,7 @@ def amplitude_figure(over: Survey, found: Sequence[Least], torque_n_m: float) ->
 
 
 def draw_periods(
-    axes: Axes, values: Sequence[float], K: Array, period: Array, chaotic: Array | None = None
+    axes: Axes, values: Sequence[float], K: Array, period: Array, chaotic: Flags | None = None
 ) -> None:
     """Cells coloured by period, with a legend of those that occur.
 
@@ -81,7 +88,7 @@ def draw_periods(
     names = [(PERIOD_COLOURS[n], f"P{n}") for n in sorted(PERIOD_COLOURS) if (period == n).any()]
     names.append((APERIODIC, "aperiodic" if chaotic is None else "chaotic"))
     longer = period > max(PERIOD_COLOURS)
-    other = longer if chaotic is None else longer | ((period == 0) & (chaotic == 0))
+    other = longer if chaotic is None else longer | ((period == 0) & ~chaotic)
     if other.any():
         places[other] = len(shown)
         names.append((NEITHER, "neither"))
@@ -103,17 +110,17 @@ def _draw_reached(axes: Axes, over: Survey) -> None:
 
 
 def _least_curves(axes: Axes, found: Sequence[Least], who: str) -> None:
-    """K from which P1 (full) and P2 or less (broken) are held from starts of a kind."""
+    """K from which P1 (full) and P2 or less (broken) are reached over 0.1 of K."""
     styles: Any = ((1, "-"), (2, (0, (3, 1.5))))
     for wanted, style in styles:
         rows = [one for one in found if (one.who, one.wanted) == (who, wanted)]
-        K = [one.staircase.held for one in rows]
+        K = [one.staircase.firm for one in rows]
         look: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
         axes.plot([one.value for one in rows], K, path_effects=OUTLINE, **look)
-    starts = "the zero start" if who == "zero" else "all starts with equal halves"
+    starts = "the zero start" if who == "zero" else "all starts"
     handles = [
-        Line2D([], [], color=ORANGE, lw=1.6, label="P1 held above"),
-        Line2D([], [], color=ORANGE, lw=1.6, ls=(0, (3, 1.5)), label="P2 or P1 held above"),
+        Line2D([], [], color=ORANGE, lw=1.6, label="P1, firm above"),
+        Line2D([], [], color=ORANGE, lw=1.6, ls=(0, (3, 1.5)), label="P2 or P1, firm above"),
     ]
     look = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
     axes.legend(handles=handles, title=f"from {starts}", loc="upper right", **look)
@@ -140,10 +147,10 @@ def shape_figure(
             axes.plot(cancelling[1], cancelling[0], "o", path_effects=OUTLINE, **ring)
             axes.set_xticks(*TURN)
             axes.set(xlabel="phase of the control [rad]", xlim=(-np.pi, np.pi))
-        a.set_title("period; ring: where the control cancels the mesh error")
+        a.set_title("period; hatched: halves part; ring: error cancelled")
         places = list(range(len(by_order.axis)))
         _draw_pair(c, d, places, by_order, places)
-        c.set_title("period, in periods of mesh and control together")
+        c.set_title("period, of mesh and control together")
         for axes in (c, d):
             _order_ticks(axes, by_order.axis.values)
         for axes in (a, b, c, d):
@@ -155,11 +162,14 @@ def _draw_pair(
     left: Axes, right: Axes, values: Sequence[float], found: Shape, rows: Sequence[int]
 ) -> None:
     """Period and exponent of some rows of a map at values of the axis."""
-    period, chaotic, exponent = (
-        np.asarray(one)[list(rows)] for one in (found.period, found.chaotic, found.exponent)
-    )
-    draw_periods(left, values, found.K, period, chaotic)
-    _draw_rates(right, values, found.K, exponent, r"$\lambda_1$ per $\tau$")
+    at = list(rows)
+    period: Array = found.period[at]
+    draw_periods(left, values, found.K, period, found.chaotic[at])
+    parting = (period > 0) & (found.transverse[at] > LEAST_EXPONENT)
+    if parting.any():
+        look: Any = {"levels": [0.5, 1.5], "colors": "none", "hatches": ["////"]}
+        left.contourf(values, found.K, parting.T.astype(float), **look)
+    _draw_rates(right, values, found.K, found.exponent[at], r"$\lambda_1$ per $\tau$")
     right.set_title("largest Lyapunov exponent")
 
 
@@ -174,17 +184,17 @@ def _draw_rates(axes: Axes, values: Sequence[float], K: Array, rates: Array, lab
 
 
 def _phase_curves(axes: Axes, least: Sequence[Least]) -> None:
-    """K from which P1 is held over the phase, from the zero start and from others as well."""
-    for who, style in (("zero", "-"), ("alike", (0, (3, 1.5)))):
+    """K from which P1 is firm over the phase, from the zero start and from others as well."""
+    for who, style in (("zero", "-"), ("all", (0, (3, 1.5)))):
         rows = [one for one in least if (one.who, one.wanted) == (who, 1)]
-        K = [one.staircase.held for one in rows]
+        K = [one.staircase.firm for one in rows]
         places = [one.value for one in rows]
         look: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
-        label = "zero start" if who == "zero" else "all starts, equal halves"
+        label = "zero start" if who == "zero" else "all starts"
         axes.plot([*places, np.pi], [*K, *K[:1]], path_effects=OUTLINE, label=label, **look)
     lines = axes.get_lines()[:2]
     look = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
-    box = axes.legend(handles=lines, title="P1 held above, from", loc="upper right", **look)
+    box = axes.legend(handles=lines, title="P1, firm above, from", loc="upper right", **look)
     axes.add_artist(box)
 
 
@@ -249,26 +259,23 @@ def _draw_torques(
         name = one.name if any(n.actuator.name == one.name for n in found) else "carrier"
         scale = one.largest_n_m / next(a for a in ways if a.name == name).largest_n_m
         for shift, (wanted, mark, _) in zip((-0.13, 0.13), marks, strict=True):
-            own = [
-                n for n in found if (n.actuator.name, n.wanted, n.who) == (name, wanted, "alike")
-            ]
+            own = [n for n in found if (n.actuator.name, n.wanted, n.who) == (name, wanted, "all")]
             at_zero = min(own, key=lambda n: abs(n.phase))
-            for need, look in ((at_zero, {"mfc": "white"}), (easiest(own), {"mfc": BLUE})):
+            for need, fill in ((easiest(own), BLUE), (at_zero, "white")):
                 if need is not None and np.isfinite(need.K):
                     x = need.torque_n_m * scale
-                    axes.plot(x, row + shift, mark, mec=BLUE, mew=1.3, ms=6.5, **look)
+                    axes.plot(x, row + shift, mark, mec=BLUE, mew=1.3, ms=6.5, mfc=fill)
     axes.axvline(T_1, color=ORANGE, linewidth=1.6)
-    axes.text(T_1 * 1.08, -0.42, f"rated $T_1$ = {T_1:g} N m", color=ORANGE, va="center")
-    axes.set(xscale="log", ylim=(len(ways) - 0.5, -0.5), yticks=[])
+    axes.text(T_1 * 1.08, len(ways) - 0.8, f"rated $T_1$ = {T_1:g} N m", color=ORANGE, va="center")
+    axes.set(xscale="log", xlim=(0.7 * T_1, 3e5), ylim=(len(ways) - 0.5, -0.5), yticks=[])
     axes.set_xlabel("largest torque amplitude on one body [N m]")
-    axes.set_title("least torque that holds the motion, from all starts with equal halves")
+    axes.set_title("least torque that reaches the motion from all starts, over 0.1 of K")
     axes.grid(axis="x", color="#e3e5e9", linewidth=0.6)
     axes.set_axisbelow(True)
-    look: Any = {"color": "none", "mec": BLUE, "mew": 1.3}
     handles = [
-        Line2D([], [], marker=mark, mfc=fill, label=f"{text}, {phase}", **look)
+        Line2D([], [], color="none", mec=BLUE, mew=1.3, marker=m, mfc=fill, label=f"{t}, {phase}")
         for fill, phase in ((BLUE, "best phase"), ("white", "phase 0"))
-        for _, mark, text in marks
+        for _, m, t in marks
     ]
     axes.legend(handles=handles, loc="lower right", fontsize=8, frameon=True, framealpha=0.9)
 
@@ -303,28 +310,33 @@ def _draw_shares(axes: Axes, shares: Sequence[Gathered]) -> None:
             errors = 100.0 * np.maximum(ends, 0.0)
             axes.errorbar(K, 100.0 * share, yerr=errors, marker="o", ms=3.5, lw=1.2, **look)
     axes.set(xlabel=parameter_label("K"), ylabel="share of the starts [%]", ylim=(-3.0, 103.0))
-    axes.set_title(f"{shares[0].starts} starts with unlike halves that end alike in P1 (dots: P2)")
-    axes.legend(fontsize=8, loc="center right")
+    axes.set_title(f"{shares[0].starts} starts, unlike halves: end alike in P1 (dotted: or P2)")
+    axes.legend(fontsize=8, loc="center", frameon=True, framealpha=0.9)
 
 
 def _draw_survival(axes: Axes, lasting: Sequence[Survival]) -> None:
-    """Distance of left and right over the difference; open: not from the running gear."""
+    """Distance of left and right over the difference; open: not from every start."""
     for colour, what in zip(COLOURS, dict.fromkeys(one.what for one in lasting), strict=False):
         own = [one for one in lasting if one.what == what]
         x, y = [100.0 * one.difference for one in own], [one.distance for one in own]
         axes.plot(x, y, color=colour, lw=1.2, label=what)
         for place, value, one in zip(x, y, own, strict=True):
-            full = one.from_zero and one.from_running and one.parted == one.starts
-            fill = colour if full else "white"
-            axes.plot(place, value, "o", color=colour, mfc=fill, mew=1.3, ms=5)
+            every = one.from_zero and one.from_running and one.parted == one.starts
+            fill = colour if every else "white"
+            mark = "o" if one.period == 1 else "s"
+            axes.plot(place, value, mark, color=colour, mfc=fill, mew=1.3, ms=5)
+        lost = [place for place, value in zip(x, y, strict=True) if np.isnan(value)]
+        rim = axes.get_xaxis_transform()
+        axes.plot(lost, [0.97] * len(lost), "x", color=colour, mew=1.6, transform=rim)
     axes.set(xscale="log", yscale="log", ylabel=r"RMS of left less right / $b_c$")
+    axes.set_ylim(1e-3, 0.3)
     ticks = [100.0 * share for share in SHARES]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.minorticks_off()
+    axes.xaxis.set_minor_formatter("")
     axes.set_xlabel("difference of left and right [%]")
-    wanted = lasting[0].wanted
-    axes.set_title(f"P{wanted} in gears with unlike halves (open: not from every start)")
-    axes.legend(fontsize=8, ncols=2)
+    marks = "circles P1, squares P2, open: not from every start, x: lost"
+    axes.set_title(f"P{lasting[0].wanted}, unequal gears ({marks})", fontsize=8)
+    axes.legend(fontsize=8, ncols=3, loc="lower center")
 
 
 def _cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **look: Any) -> Any:
