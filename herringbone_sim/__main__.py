@@ -27,6 +27,7 @@ VERBS = (
     "orbits",
     "exponents",
     "basins",
+    "survival",
     "reproduce",
     "control",
 )

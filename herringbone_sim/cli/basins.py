@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from
-from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.model import build
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.basins import (
     Basins,
@@ -25,17 +25,15 @@ from herringbone_sim.dynamics.basins import (
     gear_sections,
     random_starts,
 )
-from herringbone_sim.dynamics.flow import GearFlow, symmetry
+from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
-from herringbone_sim.dynamics.opinions import kind_of, section_of
-from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
+from herringbone_sim.dynamics.opinions import identify
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.views.basin_figures import basins_figure
 from herringbone_sim.views.figures import save
 
 Array = NDArray[np.float64]
 
-PERIODS = 1000  # over which the exponent of each attractor is averaged
 HEAD = (
     *("attractor", "motion", "starts", "share", "low", "high"),
     *("exponent_per_tau", "exponent_error", "starts_of_slice"),
@@ -81,11 +79,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the starts, print the shares, write tables and figure."""
     _check(args)
     model = build(parameters_from(args))
-    kept = args.out / "unfinished"
-    try:
-        kept.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AnalysisError(f"{kept}: {error.strerror}: choose another --out") from None
+    kept = make_folder(args.out / "unfinished")
     key = f"{model.parameters} {args.transient} {args.points}"
     sections_of = remembered(kept, key, gear_sections(model, args.transient, args.points))
     starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
@@ -97,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     all_attractors = (plane[1] if plane else shared).attractors
     shared = Basins(all_attractors, shared.labels)
     known = [identify(model, one) for one in all_attractors]
-    names = [name for name, _ in known]
+    names = [named(kind, one) for (kind, _), one in zip(known, all_attractors, strict=True)]
     rows = table(names, [growth for _, growth in known], shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
     save(basins_figure(model, names, shared, plane), args.out, "basins")
@@ -124,6 +118,15 @@ def _bar(name: str) -> Callable[[Iterable[int]], Iterable[int]]:
     return lambda chunks: tqdm(chunks, desc=name, unit="chunk", disable=None)
 
 
+def make_folder(folder: Path) -> Path:
+    """The folder, made when it is new; AnalysisError where that can't be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AnalysisError(f"{folder}: {error.strerror}: choose another --out") from None
+    return folder
+
+
 def remembered(folder: Path, key: str, sections_of: Sections) -> Sections:
     """The same function, which keeps each answer in a folder and finds it there."""
 
@@ -140,12 +143,9 @@ def remembered(folder: Path, key: str, sections_of: Sections) -> Sections:
     return remembering
 
 
-def identify(model: Model, attractor: Attractor) -> tuple[str, Growth]:
-    """Name of an attractor, and growth of its largest perturbation."""
-    flow = GearFlow(model)
-    growth = lyapunov_spectrum(flow, attractor.points[-1], PERIODS, k=2)
-    kind = kind_of(section_of(flow, growth.end, 400), growth)
-    return f"{kind}, {attractor.symmetry}" if attractor.symmetry else kind, growth
+def named(kind: str, attractor: Attractor) -> str:
+    """Kind of a motion and its symmetry."""
+    return f"{kind}, {attractor.symmetry}" if attractor.symmetry else kind
 
 
 def table(

@@ -12,6 +12,7 @@ from herringbone_sim.analysis.lyapunov import Exponent, largest_exponent, no_exp
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.analysis.zero_one import ZeroOne, zero_one_test
 from herringbone_sim.core.model import Model, jacobian
+from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.flow import GearFlow, settle, symmetry
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
@@ -135,6 +136,20 @@ def kind_of(section: Array, spectrum: Growth) -> str:
     if period:
         return f"P{period}"
     return "a long period" if spectrum.exponents[0] < -_floor(spectrum)[0] else "quasi-periodic"
+
+
+def identify(
+    model: Model, attractor: Attractor, periods: int = 1000, transient: int = 200
+) -> tuple[str, Growth]:
+    """Kind of the motion on an attractor as ``kind_of``, and growth of two perturbations.
+
+    A symmetric motion is named by the perturbations that keep it so.
+    """
+    flow, exchange, y = GearFlow(model), symmetry(model), attractor.points[-1]
+    whole = growth = lyapunov_spectrum(flow, y, periods, transient, k=2)
+    if exchange is not None and np.array_equal(y, y[exchange]):
+        growth = symmetric_exponents(flow, y, exchange, periods, transient, k=2).within
+    return kind_of(section_of(flow, whole.end, 5 * LONGEST), growth), whole
 
 
 def _positive(growth: Growth) -> int:
