@@ -22,7 +22,13 @@ from herringbone_sim.recording.parameter_file import (
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
 CONFIG = Path(__file__).parents[1] / "config"
-PAPER = {"gamma": 1.2e-5, "alpha_w": 20.0, "projection": "torque", "thermal_rp": "sun"}
+PAPER = {
+    "m_n": 0.003845,
+    "gamma": 1.2e-5,
+    "alpha_w": 20.74,
+    "projection": "torque",
+    "thermal_rp": "sun",
+}
 UNTYPED = ("planet_angle",)
 
 

@@ -25,7 +25,7 @@ from herringbone_sim.sweeps.store import Store, load_result, load_store, open_st
 
 # Chaos, and heat that leaves no backlash, in one grid.
 HOSTILE = Sweep(
-    gear(), (axis("delta_T", 0.0, 300.0, 4), axis("K", 0.0, 0.3, 2)), Observation(5, 5, 5), chunk=3
+    gear(), (axis("delta_T", 0.0, 330.0, 4), axis("K", 0.0, 0.3, 2)), Observation(5, 5, 5), chunk=3
 )
 
 
@@ -55,7 +55,7 @@ def test_failures_are_nan_with_their_reason(tmp_path: Path) -> None:
     for column in found.columns.values():
         assert np.isnan(column[failed]).all()
     assert np.isfinite(found["exponent"][~failed]).all()
-    assert found.failures() == {"delta_T = 200 K": 2, "delta_T = 300 K": 2}
+    assert found.failures() == {"delta_T = 220 K": 2, "delta_T = 330 K": 2}
 
 
 def test_a_motion_that_diverges_is_nan_with_its_reason(tmp_path: Path) -> None:

@@ -87,8 +87,9 @@ def share(sweep: Sweep, low: float, high: float, motion: int) -> float:
 def find_cut(sweep: Sweep, before: int, after: int, near: float) -> Cut | None:
     """The edge from one motion to another, as clean as there is within a quarter of the sweep.
 
-    Every place where the motion changes is tried: the product of the shares of ``before`` and of
-    ``after`` within 3 % of the sweep on either side ranks it, then its distance from ``near``.
+    Every place where the motion changes is tried: the product of the shares of ``before`` and
+    ``after`` within 3 % of the sweep on either side ranks it, to a tenth, then its distance from
+    ``near``.
     None where one of the motions is not to be seen at any of them.
     """
     v, m = sweep.values, sweep.motions
@@ -102,7 +103,7 @@ def find_cut(sweep: Sweep, before: int, after: int, near: float) -> Cut | None:
 
 
 def _rank(cut: Cut, near: float) -> tuple[float, float]:
-    return round(cut.share_before * cut.share_after, 3), -abs(cut.at - near)
+    return round(cut.share_before * cut.share_after, 1), -abs(cut.at - near)
 
 
 def _cut(sweep: Sweep, i: int, before: int, after: int, reach: float) -> Cut:
