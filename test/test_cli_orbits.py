@@ -77,6 +77,8 @@ def test_an_unstable_orbit_is_found_on_request(tmp_path, capsys):
         (["--start", "0.18"], "--start must lie in"),
         (["--start", "0.16", "--mesh", "sp9_L"], "--mesh must be one of sp_L"),
         (["--over", "delta_T", "--to", "30", "--start", "20"], "is not periodic"),
+        (["--over", "delta_T", "--to", "900", "--start", "20"], "half-backlash"),
+        (["--from", "0.2", "--start", "0.16"], "must ascend"),
     ],
 )
 def test_what_cannot_be_done_is_said(tmp_path, capsys, more, message):
@@ -84,6 +86,20 @@ def test_what_cannot_be_done_is_said(tmp_path, capsys, more, message):
     assert main(command) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    command = [*XI, "--start", "0.168", "--settle", "300", "--out", str(tmp_path / "file" / "in")]
+    assert main(command) == 2
+    assert "--out must be a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("start", ["0.16:0", "0.16:half", "warm"])
+def test_a_start_that_is_none_is_refused(start, capsys):
+    with pytest.raises(SystemExit):
+        main([*XI, "--start", start, "--out", "x"])
+    assert "--start" in capsys.readouterr().err
 
 
 def test_a_parameter_that_cannot_vary_is_refused(capsys):

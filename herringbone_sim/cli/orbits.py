@@ -89,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
     family, watch = gear_family(p, args.over, args.low, args.high)
     mesh = _mesh(args.mesh, p)
     starts = [(v, find_start(Gears(p, args.over), family, v, n, args)) for v, n in args.start]
+    _make(args.out)
     options = Options(max_period=args.max_period, asymmetric=args.asymmetric)
 
     with tqdm(desc="branches", unit="", disable=None) as bar:
@@ -102,6 +103,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AnalysisError(
+            f"--out must be a folder that can be written, got {folder} ({error.strerror})"
+        ) from None
+
+
 def _mesh(name: str | None, p: Parameters) -> int:
     meshes = p.layout.meshes
     if name is not None and name not in meshes:
@@ -112,9 +122,10 @@ def _mesh(name: str | None, p: Parameters) -> int:
 def _start(text: str) -> tuple[float, int | None]:
     """Value and period of ``85`` or ``85:2``."""
     value, _, period = text.partition(":")
-    if period and not 1 <= int(period) <= MAX_PERIOD:
-        raise argparse.ArgumentTypeError(f"the period must lie in 1 .. {MAX_PERIOD}, got {period}")
-    return float(value), int(period) if period else None
+    n = int(period) if period else None
+    if n is not None and not 1 <= n <= MAX_PERIOD:
+        raise argparse.ArgumentTypeError(f"the period must lie in 1 .. {MAX_PERIOD}, got {n}")
+    return float(value), n
 
 
 def find_start(

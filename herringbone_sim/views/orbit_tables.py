@@ -12,7 +12,6 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.boundaries import Boundary
 from herringbone_sim.dynamics.cascade import Followed
 from herringbone_sim.dynamics.turning import section
-from herringbone_sim.errors import AnalysisError
 from herringbone_sim.views.orbit_figures import stability_of
 
 NONE = complex("nan")
@@ -82,22 +81,12 @@ def _aligned(rows: Sequence[Sequence[str]]) -> str:
 
 
 def write_orbits(folder: Path, found: Sequence[Followed], p: Parameters) -> None:
-    """``branches.csv``, ``sections.csv`` and ``boundaries.csv``.
-
-    Raises:
-        AnalysisError: the folder can't be written.
-    """
+    """``branches.csv``, ``sections.csv`` and ``boundaries.csv`` into a folder that is there."""
     columns = [f"{a}_{m}" for a in "xv" for m in p.layout.meshes]
     head = ["branch", "index", "value"]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        _table(folder / "branches.csv", [*head, *ORBIT_COLUMNS], _orbit_rows(found))
-        _table(folder / "sections.csv", [*head, "cycle", *columns], _section_rows(found))
-        _table(folder / "boundaries.csv", BOUNDARY_COLUMNS, _boundary_rows(found))
-    except OSError as error:
-        raise AnalysisError(
-            f"--out must be a folder that can be written, got {folder} ({error.strerror})"
-        ) from None
+    _table(folder / "branches.csv", [*head, *ORBIT_COLUMNS], _orbit_rows(found))
+    _table(folder / "sections.csv", [*head, "cycle", *columns], _section_rows(found))
+    _table(folder / "boundaries.csv", BOUNDARY_COLUMNS, _boundary_rows(found))
 
 
 def _table(path: Path, head: Sequence[str], rows: Iterator[Sequence[object]]) -> None:
@@ -111,9 +100,7 @@ def _orbit_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
     for i, one in enumerate(found, start=1):
         for j, point in enumerate(one.branch.points):
             mu = point.multipliers
-            largest = [
-                part[0] if len(part) else complex("nan") for part in (mu.within, mu.transverse)
-            ]
+            largest = [part[0] if len(part) else NONE for part in (mu.within, mu.transverse)]
             parts = [f"{x:.12g}" for value in largest for x in (value.real, value.imag)]
             stability = stability_of(point)
             yield [i, j, f"{point.value:.12g}", one.period, stability, *mu.unstable, *parts]
