@@ -12,6 +12,7 @@ one mesh and without.
 from __future__ import annotations
 
 import argparse
+import os
 import tempfile
 import time
 import warnings
@@ -52,7 +53,7 @@ def workers_of(kind: str, count: int) -> Iterator[dict[str, Any]]:
         return
     from distributed import LocalCluster
 
-    look = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None}
+    look = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": ":0"}
     with LocalCluster(processes=True, **look) as cluster:
         how: dict[str, Any] = {"scheduler": cluster.scheduler_address}
         timed(sweep_of(4, chunk=1), how)
@@ -117,6 +118,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5, help="timed sweeps of each row")
     options = parser.parse_args()
     warnings.simplefilter("ignore", ParameterWarning)
+    os.environ["PYTHONWARNINGS"] = "ignore"  # of the Dask processes
     cost = print_efficiency(options.size, options.repeats)
     print_memory(2 * options.size)
     print(f"a million values: {cost * MILLION / 3600:.2f} core hours")

@@ -115,7 +115,7 @@ def test_a_dask_worker_that_dies_loses_nothing(tmp_path: Path) -> None:
     store = open_store(tmp_path / "dask", sweep)
     left: list[int] = []
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
         victim = next(iter(cluster.workers.values())).pid
         killer = threading.Thread(target=kill_after, args=(victim, store, left))
