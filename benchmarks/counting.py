@@ -2,8 +2,9 @@
 
 With NUMBA_DISABLE_JIT=1 the kernels are plain Python; fed with ``Counted`` numbers they count
 themselves, so the numbers can't go stale. An operation on lanes counts one for each, whether or
-not a lane had use for it. Sums, differences, products, quotients and roots count one, a fused product
-and sum two, sines and cosines are kept apart; comparisons, magnitudes and moves count nothing.
+not a lane had use for it. Sums, differences, products, quotients and roots count one, a fused
+product and sum two, sines and cosines are kept apart; comparisons, magnitudes and moves count
+nothing.
 
     NUMBA_DISABLE_JIT=1 python -m benchmarks.counting
 

@@ -39,7 +39,7 @@ from herringbone_sim.paper.statements import MotionAt, statements
 
 BETA = math.radians(16.0)
 ALPHA_T = math.degrees(math.atan(math.tan(math.radians(20.0)) / math.cos(BETA)))
-XI = (0.08, 0.085, 0.09, 0.10)
+XI = (0.08, 0.085, 0.0875, 0.09, 0.10)
 PRINTED: Mapping[str, Any] = {"b_c": 1e-4, "gamma": 1.2e-5, "alpha_w": 20.0, "thermal_rp": "own"}
 
 CHOICES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
