@@ -77,6 +77,7 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "m_p of both sides in I_ce": {"m_p": 8.97},
     "fixed ring without mass in Eq. 11": {"I_r": 1e6},
     "omega_n as printed": {"omega_n": "printed"},
+    "M = I / r_b as printed": {"masses": "printed"},
     "error forcing with the other sign": {"e_factor": (-1.0,)},
     "right half shifted by pi": {"mesh_phase": (0.0, math.pi, 0.0, math.pi)},
     "right half shifted by pi/2": {"mesh_phase": (0.0, math.pi / 2, 0.0, math.pi / 2)},
@@ -135,12 +136,15 @@ def drawn(count: int) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def parameters(changes: Mapping[str, Any]) -> Parameters:
-    """The set of a reading; omega_n as Eq. 17 prints it divides by the inverse masses."""
-    changes = dict(changes)
-    if changes.get("omega_n") == "printed":
-        s = scales(Parameters())
-        changes["omega_n"] = math.sqrt(1.5e9 / (1.0 / s.M_s + 1.0 / s.M_p))
-    return Parameters().changed(changes)
+    """The set of a reading; what Eqs. 11 and 17 print is put into inertias and omega_n."""
+    values = {k: v for k, v in changes.items() if v != "printed"}
+    s = scales(Parameters().changed(values))
+    if "omega_n" in changes:
+        values["omega_n"] = math.sqrt(1.5e9 / (1.0 / s.M_s + 1.0 / s.M_p))
+    if "masses" in changes:
+        inertias = {"I_s": s.r_bs, "I_p": s.r_bp, "I_r": s.r_br, "I_c": s.r_bc, "m_p": s.r_bc}
+        values |= {name: getattr(Parameters, name) * r for name, r in inertias.items()}
+    return Parameters().changed(values)
 
 
 def score(name: str, kind: str, changes: Mapping[str, Any], n: int) -> Score:

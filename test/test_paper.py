@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from herringbone_sim.core.integrate import Stepper, largest_exponent
+from herringbone_sim.core.integrate import Stepper, largest_exponent, simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.recording.parameter_file import load_parameters
 
@@ -69,3 +69,15 @@ def test_regime_hangs_on_no_start(values, expected):
 @pytest.mark.parametrize(("values", "expected"), ROBUST + FROM_REST)
 def test_regime_is_the_same_with_the_papers_method(values, expected):
     assert period(paper(values, method="rk4", steps_per_cycle=200))[0] == expected
+
+
+def test_control_is_a_mesh_error_in_quadrature():
+    """- K cos(Omega tau) in every equation is what an error - K / Omega^2 cos(Omega tau) does."""
+    values = {"xi": 0.0875, "Omega": 1.3, "samples_per_cycle": 16}
+    share = 0.3 / 1.3**2
+    error = {"e_m": float(np.hypot(0.35, share)), "phi_b": (-float(np.arctan2(share, 0.35)),)}
+    controlled, _ = simulate(paper({**values, "K": 0.3}), 30)
+    ground, _ = simulate(paper({**values, **error}), 30)
+    for channel in ("x_sp_L", "v_sp_L", "x_rp_R", "F_rp_R"):
+        scale = np.abs(controlled[channel]).max()
+        np.testing.assert_allclose(controlled[channel], ground[channel], atol=1e-9 * scale)
