@@ -12,6 +12,7 @@ from tqdm import tqdm
 from herringbone_sim.cli.control_parts import FULL, PARTS, QUICK
 from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from, settings
 from herringbone_sim.control.runs import Runs
+from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.grid import for_sweeps
@@ -50,7 +51,12 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the parts that were asked for; write and print what they found."""
+    """Run the parts that were asked for; write and print what they found.
+
+    Raises:
+        AnalysisError: no such part, no threads, or the model of all planets.
+        ParameterError: no gear can be like this.
+    """
     chosen = [part.strip() for part in args.only.split(",")]
     if unknown := set(chosen) - set(PARTS):
         raise AnalysisError(f"--only takes {', '.join(PARTS)}, got {', '.join(sorted(unknown))}")
@@ -59,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
     base = for_sweeps(parameters_from(args), settings(args.set))
     if base.model != "reduced":
         raise AnalysisError("control needs model: reduced, got full: its K is that of Eq. (22)")
+    build(base)
     # Said once above; every gear of every part would say it again.
     warnings.simplefilter("ignore", ParameterWarning)
     for part in chosen:

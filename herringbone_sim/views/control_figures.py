@@ -28,7 +28,7 @@ Flags = NDArray[np.bool_]
 
 NEITHER = "#8d93a0"
 REACHED = ("#1d2027", "#7d8794", "#86b8df", "#dce9f5")
-REACHED_NAMES = ("from no start", "some starts: P1 or P2", "all: P1 or P2", "all: P1")
+REACHED_NAMES = ("none: P1 or P2", "some: P1 or P2", "all: P1 or P2", "all: P1")
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
 OUTLINE = [withStroke(linewidth=3.0, foreground="white")]
 MESH_LABELS = (
@@ -53,9 +53,9 @@ def amplitude_figure(over: Survey, found: Sequence[Least], torque_n_m: float) ->
         torque_n_m: on the carrier at K = 1 [N m].
     """
     with matplotlib.rc_context(FULL_STYLE):
-        figure = Figure(figsize=(9.2, 3.9))
+        figure = Figure(figsize=(9.2, 4.2))
         left, right = figure.subplots(1, 2, sharey=True)
-        draw_periods(left, over.axis.values, over.K, over.of("period")[:, :, 0])
+        draw_periods(left, over.axis.values, over.K, over.of("period")[:, :, 0], below=True)
         left.set_title("period from the zero start, mesh cycles")
         _draw_reached(right, over)
         for axes, who in ((left, "zero"), (right, "all")):
@@ -70,7 +70,12 @@ def amplitude_figure(over: Survey, found: Sequence[Least], torque_n_m: float) ->
 
 
 def draw_periods(
-    axes: Axes, values: Sequence[float], K: Array, period: Array, chaotic: Flags | None = None
+    axes: Axes,
+    values: Sequence[float],
+    K: Array,
+    period: Array,
+    chaotic: Flags | None = None,
+    below: bool = False,
 ) -> None:
     """Cells coloured by period, with a legend of those that occur.
 
@@ -79,6 +84,7 @@ def draw_periods(
         K: (m,).
         period: (n, m); 0 is not periodic.
         chaotic: (n, m) whether it is known to be chaotic; tells motions without a period apart.
+        below: whether the legend stands below the axes.
     """
     shown = [0, *PERIOD_COLOURS]
     colours = [APERIODIC, *PERIOD_COLOURS.values(), NEITHER]
@@ -94,7 +100,7 @@ def draw_periods(
         names.append((NEITHER, "neither"))
     look: Any = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(shown) + 0.5}
     _cells(axes, values, K, places, **look)
-    _legend(axes, names)
+    _legend(axes, names, below)
 
 
 def _draw_reached(axes: Axes, over: Survey) -> None:
@@ -106,7 +112,7 @@ def _draw_reached(axes: Axes, over: Survey) -> None:
     look: Any = {"cmap": ListedColormap(REACHED), "vmin": -0.5, "vmax": 3.5}
     _cells(axes, over.axis.values, over.K, level, **look)
     axes.set_title(f"reached from {len(over.starts.names)} starts of four kinds")
-    _legend(axes, list(zip(REACHED, REACHED_NAMES, strict=True))[::-1])
+    _legend(axes, list(zip(REACHED, REACHED_NAMES, strict=True))[::-1], below=True)
 
 
 def _least_curves(axes: Axes, found: Sequence[Least], who: str) -> None:
@@ -119,8 +125,8 @@ def _least_curves(axes: Axes, found: Sequence[Least], who: str) -> None:
         axes.plot([one.value for one in rows], K, path_effects=OUTLINE, **look)
     starts = "the zero start" if who == "zero" else "all starts"
     handles = [
-        Line2D([], [], color=ORANGE, lw=1.6, label="P1, firm above"),
-        Line2D([], [], color=ORANGE, lw=1.6, ls=(0, (3, 1.5)), label="P2 or P1, firm above"),
+        Line2D([], [], color=ORANGE, lw=1.6, label="P1 above"),
+        Line2D([], [], color=ORANGE, lw=1.6, ls=(0, (3, 1.5)), label="P2 or P1 above"),
     ]
     look = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
     axes.legend(handles=handles, title=f"from {starts}", loc="upper right", **look)
@@ -190,11 +196,11 @@ def _phase_curves(axes: Axes, least: Sequence[Least]) -> None:
         K = [one.staircase.firm for one in rows]
         places = [one.value for one in rows]
         look: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
-        label = "zero start" if who == "zero" else "all starts"
+        label = "zero start" if who == "zero" else "starts of all kinds"
         axes.plot([*places, np.pi], [*K, *K[:1]], path_effects=OUTLINE, label=label, **look)
     lines = axes.get_lines()[:2]
     look = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
-    box = axes.legend(handles=lines, title="P1, firm above, from", loc="upper right", **look)
+    box = axes.legend(handles=lines, title="P1 above, from the", loc="upper right", **look)
     axes.add_artist(box)
 
 
@@ -344,9 +350,15 @@ def _cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **look: A
     return axes.pcolormesh(values, K, data.T, shading="nearest", rasterized=True, **look)
 
 
-def _legend(axes: Axes, names: Sequence[tuple[str, str]]) -> None:
-    """Colours and their names beside the axes; stays when another legend is made."""
+def _legend(axes: Axes, names: Sequence[tuple[str, str]], below: bool = False) -> None:
+    """Colours and their names beside or below the axes; stays when another legend is made."""
     handles = [Patch(facecolor=c, edgecolor=INK, linewidth=0.4, label=name) for c, name in names]
     look: Any = {"handlelength": 1.0, "handleheight": 1.0, "fontsize": 8, "borderaxespad": 0.0}
-    box = axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), **look)
+    if below:
+        look |= {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "ncols": len(names)}
+        look |= {"columnspacing": 1.2}
+    else:
+        look |= {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
+    box = axes.legend(handles=handles, **look)
     axes.add_artist(box)
+    box.set_clip_on(False)  # else the layout leaves no room for it

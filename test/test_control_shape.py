@@ -1,0 +1,99 @@
+"""Phase and frequency of the control: what it is worth as an error, and in a linear gear."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gears import make
+
+from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.shape import (
+    best,
+    cancelling,
+    equivalent_error,
+    in_periods,
+    phases,
+    shape_map,
+)
+from herringbone_sim.core.batch import run_batch
+from herringbone_sim.core.model import reduced_accelerations, relative, state
+from herringbone_sim.sweeps.grid import Axis
+
+pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
+LINEAR = {"b": 0.0, "gamma": 0.0, "k_amp": (), "e_m": 0.0, "T_1": 0.0, "xi": 0.1}
+
+
+def motion(model, x, v, cycles):
+    """Relative displacements and rates after some cycles from given ones."""
+    start = state(model, np.array(x), np.array(v), 0.0)
+    end = run_batch([model], start[None], cycles - 1, 1, 0).end[0]
+    return np.concatenate(relative(model, end, 0.0))
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.7, np.pi / 2, -2.0])
+def test_the_control_is_a_mesh_error_of_another_amplitude_and_phase(phase):
+    """From the same displacements the gear with that error moves as the controlled one."""
+    gear = {"Omega": 0.9, "T_1": 220.0, "delta_T": 40.0}
+    controlled = make(**gear, K=0.3, control_phase=phase)
+    e_m, phi_b = equivalent_error(controlled.parameters)
+    other = make(**gear, e_m=e_m, phi_b=(phi_b,))
+    x, v = (0.3, 0.3, 0.1, 0.1), (0.0, 0.0, 0.2, 0.2)
+    np.testing.assert_allclose(
+        motion(controlled, x, v, 3), motion(other, x, v, 3), atol=1e-8, rtol=1e-8
+    )
+
+
+def test_one_control_takes_the_error_away():
+    gear = make(Omega=0.9).parameters
+    K, phase = cancelling(gear)
+    controlled = make(Omega=0.9, K=K, control_phase=phase)
+    assert equivalent_error(controlled.parameters)[0] == pytest.approx(0.0, abs=1e-15)
+    x, v = (0.3, 0.3, 0.1, 0.1), (0.0, 0.0, 0.2, 0.2)
+    without = make(Omega=0.9, e_m=0.0)
+    np.testing.assert_allclose(
+        motion(controlled, x, v, 3), motion(without, x, v, 3), atol=1e-8, rtol=1e-8
+    )
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 1.5, 2.0])
+@pytest.mark.parametrize("on", [(1.0, 1.0, 1.0, 1.0), (1.0, 0.0, -1.0, 0.0)])
+def test_a_linear_gear_answers_as_its_transfer_function_says(order, on):
+    """x = -K Re H exp(i (order phase + control_phase)) by the equations of the paper, Eq. (18)."""
+    gear = {**LINEAR, "control_order": order, "control_phase": 0.4, "control_on": on}
+    model, K = make(**gear, K=0.3), 0.3
+    unit = np.eye(4)
+    rest = make(**LINEAR)
+    stiffness = -np.array([reduced_accelerations(rest, x, np.zeros(4), 0.0) for x in unit]).T
+    damping = -np.array([reduced_accelerations(rest, np.zeros(4), v, 0.0) for v in unit]).T
+    transfer = np.linalg.inv(stiffness - order**2 * unit + 1j * order * damping)
+    answer = -K * np.exp(0.4j) * (transfer @ np.array(on))
+    found = motion(model, np.zeros(4), np.zeros(4), 400)
+    expected = np.concatenate([answer.real, (1j * order * answer).real])
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+    assert np.abs(answer).max() > 0.05
+
+
+def test_a_linear_gear_has_the_period_of_mesh_and_control_together():
+    """Half the frequency of the mesh: two cycles, counted as one period of both."""
+    gear = make(**LINEAR | {"e_m": 0.3}).parameters
+    orders = Axis("control_order", (0.5, 0.6180339887498949, 1.0))
+    found = shape_map(Runs(), gear, orders, np.array([0.0, 0.3]), Look(300, 200, True, 32))
+    assert found.period.tolist() == [[1.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
+    assert not found.chaotic.any()
+    assert (found.exponent < 0.0).all()
+
+
+def test_periods_in_units_of_the_forcing():
+    cycles = np.array([[1.0, 4.0, 3.0, 0.0, np.nan]])
+    K = np.array([0.0, 0.1, 0.2, 0.3, 0.4])
+    found = in_periods(cycles, np.array([[2]]), K)
+    np.testing.assert_array_equal(found, [[1.0, 2.0, 0.0, 0.0, np.nan]])
+    np.testing.assert_array_equal(in_periods(cycles, np.array([[0]]), K)[0, :4], [1, 0, 0, 0])
+
+
+def test_phases_and_the_best_of_them():
+    turn = phases(8)
+    assert turn[0] == -np.pi
+    assert 0.0 in turn
+    assert best(np.array(turn[:3]), np.array([0.4, np.nan, 0.2])) == (turn[2], 0.2)
+    assert np.isnan(best(np.array(turn[:2]), np.array([np.nan, np.nan]))).all()
