@@ -15,8 +15,7 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.basins import make_folder, remembered
 from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from
-from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.model import Model, build
 from herringbone_sim.dynamics.basins import gear_sections, random_starts
 from herringbone_sim.dynamics.survival import Survival, survival
 from herringbone_sim.errors import AnalysisError
@@ -81,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         )
     p = parameters_from(args)
     values = np.linspace(args.low, args.high, args.values)
-    models = [p.changed({args.over: float(value)}) for value in values]
+    models = [build(p.changed({args.over: float(value)})) for value in values]
     kept = make_folder(args.out / "unfinished")
     found = [_at(one, args, kept) for one in tqdm(models, unit="value", disable=None)]
     rows = table(values, found)
@@ -94,10 +93,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _at(p: Parameters, args: argparse.Namespace, kept: Path) -> Survival:
-    model = build(p)
+def _at(model: Model, args: argparse.Namespace, kept: Path) -> Survival:
     sections = gear_sections(model, args.transient, POINTS)
-    sections_of = remembered(kept, f"{p} {args.transient} {POINTS}", sections)
+    sections_of = remembered(kept, f"{model.parameters} {args.transient} {POINTS}", sections)
     starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
     return survival(model, sections_of, starts)
 

@@ -4,8 +4,8 @@ Periodic ones are the same when their points agree, from whichever of them one b
 the same when their points mix: attractors that coexist are disjoint sets, so the nearest neighbour
 of a point of one lies on the same one, while two pieces of one attractor interleave. The count of
 such neighbours is the test of Schilling, J. Am. Stat. Assoc. 81 (1986) 799, and Henze, Ann. Stat.
-16 (1988) 772: one half for one attractor, 1 for two. It needs no mean, which intermittency shifts; it needs
-points enough to see the gap between two sets that run through each other.
+16 (1988) 772: one half for one attractor, 1 for two. It needs no mean, which intermittency shifts;
+it needs points enough to see the gap between two sets that run through each other.
 """
 
 from __future__ import annotations

@@ -8,11 +8,12 @@ linearity does: between the two lies a plateau, which ``over_distances`` shows.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.dynamics.flow import Flow
+from herringbone_sim.dynamics.flow import Flow, settle
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.errors import AnalysisError
 
@@ -49,23 +50,9 @@ def two_trajectory_exponent(
     """
     if not distance > 0.0:
         raise AnalysisError(f"distance must be positive, got {distance}: try {DISTANCE:g}")
-    apart = np.random.default_rng(0).normal(size=flow.n) if direction is None else direction
-    apart = distance * apart / np.linalg.norm(apart)
-    none, growth = np.zeros((0, flow.n)), []
-    for _ in range((transient + periods) // every):
-        other = y + apart
-        start = float(np.linalg.norm(other - y))
-        for _ in range(every):
-            (y, _), (other, _) = flow.advance(y, none), flow.advance(other, none)
-        length = float(np.linalg.norm(other - y))
-        if length == 0.0:
-            raise AnalysisError(
-                f"the two trajectories became one from a distance of {distance:g}: raise it"
-            )
-        growth.append(np.log(length / start))
-        apart = (other - y) * (distance / length)
-    kept = np.array(growth[transient // every :])[:, None]
-    return Growth(kept, every * flow.period, y)
+    path = _path(flow, y, (transient + periods) // every, every)
+    logarithms = _growth(flow, path, distance, every, direction)[transient // every :]
+    return Growth(logarithms[:, None], every * flow.period, path[-1])
 
 
 def over_distances(
@@ -77,10 +64,41 @@ def over_distances(
 ) -> Array:
     """Exponent and standard error (m, 2) at each distance; NaN where the two became one."""
     found = np.full((len(distances), 2), np.nan)
+    path = _path(flow, y, transient + periods)
     for i, distance in enumerate(distances):
         try:
-            growth = two_trajectory_exponent(flow, y, periods, transient, distance)
+            logarithms = _growth(flow, path, distance)[transient:]
         except AnalysisError:
             continue
+        growth = Growth(logarithms[:, None], flow.period, path[-1])
         found[i] = growth.exponents[0], growth.errors[0]
     return found
+
+
+def _path(flow: Flow, y: Array, steps: int, every: int = 1) -> Array:
+    """States (steps + 1, n) of the first trajectory, so many periods apart."""
+    path = [y]
+    for _ in range(steps):
+        path.append(settle(flow, path[-1], every))
+    return np.array(path)
+
+
+def _growth(
+    flow: Flow, path: Array, distance: float, every: int = 1, direction: Array | None = None
+) -> Array:
+    """Logarithmic growth (steps,) of the distance of the second trajectory between states."""
+    apart = np.random.default_rng(0).normal(size=flow.n) if direction is None else direction
+    apart = distance * apart / np.linalg.norm(apart)
+    logarithms = np.empty(len(path) - 1)
+    for i, (y, ahead) in enumerate(pairwise(path)):
+        other = y + apart
+        start = float(np.linalg.norm(other - y))  # rounded: not quite the distance asked for
+        apart = settle(flow, other, every) - ahead
+        length = float(np.linalg.norm(apart))
+        if not min(start, length) > 0.0:
+            raise AnalysisError(
+                f"the two trajectories became one from a distance of {distance:g}: raise it"
+            )
+        logarithms[i] = np.log(length / start)
+        apart *= distance / length
+    return logarithms

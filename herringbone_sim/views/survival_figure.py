@@ -18,7 +18,7 @@ from herringbone_sim.views.figures import BLUE, GREEN, GREY, INK, ORANGE, STYLE,
 Array = NDArray[np.float64]
 
 COLOURS = (BLUE, GREEN, "#E8C468", ORANGE)
-LEAST = 0.03  # of the width, for a name above a stretch
+LETTER = 0.013  # of the width
 
 
 def survival_figure(name: str, values: Array, found: Sequence[Survival]) -> Figure:
@@ -74,7 +74,7 @@ def _name_motions(axes: Axes, edges: Array, names: Sequence[str]) -> None:
         low, high = edges[first], edges[last]
         if first:
             axes.axvline(low, color=INK, linewidth=0.6, linestyle=":")
-        if high - low >= LEAST * (edges[-1] - edges[0]):
+        if high - low >= LETTER * (len(name) + 0.5) * (edges[-1] - edges[0]):
             middle = 0.5 * (low + high)
             axes.text(middle, 101.5, name, fontsize=8, ha="center", va="bottom")
         first = last
