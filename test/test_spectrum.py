@@ -79,8 +79,8 @@ def test_convergence_ends_at_the_exponents_and_the_error_is_honest():
     off = np.array([(p.exponents[0] - HENON[0]) / p.errors[0] for p in parts])
     assert 0.3 < np.sqrt(np.mean(off**2)) < 2.5
     assert found.finite_time(1000)[:, 0] == pytest.approx([p.exponents[0] for p in parts])
-    early, late = np.abs(found.running[[30, -1], 0] - HENON[0])
-    assert late < early
+    off = np.abs(found.running[:, 0] - HENON[0])
+    assert off[-1] < 0.3 * off[10:100].max()
 
 
 def test_dimension_of_what_has_none_and_of_what_fills_all():
