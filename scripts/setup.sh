@@ -92,13 +92,19 @@ warm_up() {
   quietly "$python" - <<'PYTHON' || fail "the kernel could not be compiled"
 import warnings
 
+import numpy as np
+
+from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import warm_up
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 
 warnings.simplefilter("ignore")
-for model in ("reduced", "full"):
-    warm_up(build(Parameters(model=model)))
+for name in ("reduced", "full"):
+    model = build(Parameters(model=name))
+    warm_up(model)
+    even, uneven = np.zeros(model.layout.n_state), np.eye(1, model.layout.n_state)[0]
+    run_batch([model] * 2, np.array([even, uneven]), transient=0, cycles=1, points=0)
 PYTHON
 }
 
@@ -113,7 +119,7 @@ case $kind in
 esac
 
 packages=$(digest requirements*.txt scripts/setup.sh <(pwd))
-kernel=$(digest herringbone_sim/core/*.py <(pwd))
+kernel=$(digest herringbone_sim/core/*.py herringbone_sim/core/lanes/*.py <(pwd))
 if ! done_for "$kind" "$packages"; then
   "$python" -m pip --version >/dev/null 2>&1 && fits "$python" || make_venv
   install_packages
