@@ -50,6 +50,18 @@ def delayed_logistic(a):
     )
 
 
+def repelling(t):
+    """(x, y) -> (y, t y - 1.5 x + x^3): multipliers of 0 are the roots of mu^2 - t mu + 1.5.
+
+    A complex pair of modulus sqrt(1.5) up to t = sqrt(6), then two real ones; one passes 1 at 2.5.
+    """
+    return MapFlow(
+        2,
+        lambda y: np.array([y[1], t * y[1] - 1.5 * y[0] + y[0] ** 3]),
+        lambda y: np.array([[0.0, 1.0], [3 * y[0] ** 2 - 1.5, t]]),
+    )
+
+
 def coupled(r, share):
     """Two logistic maps, each fed a share of the other: transverse multiplier (1 - 2 share) f'."""
     mix = np.array([[1 - share, share], [share, 1 - share]])

@@ -13,6 +13,7 @@ from orbit_support import (
     delayed_logistic,
     henon,
     logistic,
+    repelling,
 )
 
 from herringbone_sim.core.model import build
@@ -76,6 +77,14 @@ def test_the_neimark_sacker_boundary_of_the_delayed_logistic_map():
     assert one.value == pytest.approx(2.0, abs=1e-9)
     assert one.multiplier.real == pytest.approx(0.5, abs=1e-6)
     assert (one.before, one.after) == ((0, 0), (2, 0))
+
+
+def test_multipliers_that_meet_off_the_circle_are_no_boundary():
+    curve, branch = branch_of(repelling, 2.2, 2.7, [0.0, 0.0], 2.3)
+    (one,) = find_boundaries(curve, branch)
+    assert one.kind == "crossing"
+    assert one.value == pytest.approx(2.5, abs=1e-9)
+    assert (one.before, one.after) == ((2, 0), (1, 0))
 
 
 def test_symmetry_breaks_where_the_transverse_multiplier_says():
@@ -176,6 +185,19 @@ def test_the_flip_of_the_gear_is_where_its_simulated_period_doubles(paper):
         last = iterate(near, settle(near, near.start(), 5000), 3)
         assert (np.abs(last[1] - last[0]).max() > 1e-4) == (period == 2)
         assert last[2] == pytest.approx(last[0], abs=1e-5)
+
+
+def test_period_four_of_the_gear_ends_in_the_flip_of_period_two(paper):
+    """And does not fall onto period two before: its last orbit is at the flip of that branch."""
+    family, _ = gear_family(paper.changed({"delta_T": 50.0}), "xi", 0.135, 0.15)
+    flow = family.flow_at(0.14)
+    start = closest_return(flow, settle(flow, flow.start(), 600), 4, 20)
+    four, two = explore(family, [(0.14, start)], None, Options(4))
+    assert (four.period, two.period) == (4, 2)
+    assert four.branch.ends[1] == "halved"
+    flip = next(one for one in two.boundaries if one.kind == "flip")
+    assert four.branch.points[-1].value == pytest.approx(flip.value, abs=1e-6)
+    assert any(one.kind == "fold" and one.value > flip.value for one in four.boundaries)
 
 
 def test_period_two_of_the_gear_ends_in_a_fold_beside_a_stable_period_one(paper):
