@@ -112,10 +112,11 @@ def reproduce(args: argparse.Namespace) -> int:
 
 def _total(scenarios: Sequence[Scenario], args: argparse.Namespace) -> int:
     """Runs to come, if every boundary can be bisected."""
-    compared = reproduction.compared_runs(args.compared) if args.compared else 0
-    return sum(
-        args.values + reproduction.bisected_runs(one) + compared for one in scenarios
-    ) + reproduction.point_runs(scenarios)
+    each: int = args.values
+    if args.compared:
+        each += reproduction.compared_runs(args.compared)
+    bisected = sum(reproduction.bisected_runs(one) for one in scenarios)
+    return len(scenarios) * each + bisected + reproduction.point_runs(scenarios)
 
 
 def _facts(args: argparse.Namespace, reading: Reading, checked: Sequence[Checked]) -> list[str]:

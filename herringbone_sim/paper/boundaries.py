@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.paper.observe import Observer
 from herringbone_sim.paper.regimes import Sweep, find_cut, motions_of
-from herringbone_sim.paper.scenarios import Scenario
+from herringbone_sim.paper.scenarios import Array, Scenario
 from herringbone_sim.paper.staircase import Reading, Way, request
 from herringbone_sim.paper.statements import BoundaryAt
 
 ROUNDS, INNER = 2, 15
+PATIENCE, MOVES = 4000, 8
 
 
 @dataclass(frozen=True)
@@ -56,23 +58,31 @@ def bisect(
     """The boundary to 1/256 of the sweep's step: sections of the interval, 15 values at a time.
 
     Only an edge whose two neighbours on the sweep show the two motions can be cut in pieces; any
-    other is left as ``locate`` finds it. Within the interval the last value before the first one
-    that is no longer ``before`` counts.
+    other is left as ``locate`` finds it. Every value is given 4000 cycles to settle: beside a
+    period doubling a motion leaves its old orbit slowly, and the interval of the sweep may have
+    to be moved by some steps first. Within it the first value that is not ``before`` counts.
     """
     found = locate(sweep, wanted)
     if not found.note.startswith("clean"):
         return found
+
+    def is_before(values: Array) -> NDArray[np.bool_]:
+        asked = replace(request(one, reading, values, way), transient=PATIENCE)
+        same: NDArray[np.bool_] = motions_of(observer.batch(asked)) == wanted.before
+        return same
+
     low, high = found.at - found.half_width, found.at + found.half_width
+    width = high - low
+    for _ in range(MOVES):
+        first, last = is_before(np.array([low, high]))
+        if first and not last:
+            break
+        low, high = (low - width, high - width) if not first else (low + width, high + width)
+    else:
+        return replace(found, note="edge of the sweep; it moves with patience")
     for _ in range(ROUNDS):
         values = np.linspace(low, high, INNER + 2)
-        motions = motions_of(observer.batch(request(one, reading, values[1:-1], way)))
-        still = np.append(motions == wanted.before, False)
-        first = int(np.argmin(still))
-        low, high = float(values[first]), float(values[first + 1])
-    return Boundary(
-        (low + high) / 2.0,
-        (high - low) / 2.0,
-        found.share_before,
-        found.share_after,
-        "bisected",
-    )
+        at = int(np.argmin(np.append(is_before(values[1:-1]), False)))
+        low, high = float(values[at]), float(values[at + 1])
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    return replace(found, at=middle, half_width=half, note="bisected")

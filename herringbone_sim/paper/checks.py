@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import singledispatch
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.paper.boundaries import Boundary, locate
 from herringbone_sim.paper.regimes import (
@@ -130,9 +131,13 @@ def _edge_shares(sweep: Sweep, statement: BoundaryAt, at: float) -> tuple[float,
 def _no_edge(sweep: Sweep, statement: BoundaryAt) -> str:
     missing = [m for m in (statement.before, statement.after) if m not in sweep.motions]
     if missing:
-        ends = _last_chaos(sweep, float(sweep.values[-1]))
-        return f"no {' or '.join(map(motion_name, missing))}; chaos ends at {ends:.4g}"
+        return f"no {' or '.join(map(motion_name, missing))}{_end(sweep)}"
     return "no such edge near"
+
+
+def _end(sweep: Sweep) -> str:
+    last = _last_chaos(sweep, float(sweep.values[-1]))
+    return f"; chaos ends at {last:.4g}" if math.isfinite(last) else " anywhere"
 
 
 def _last_chaos(sweep: Sweep, high: float) -> float:
@@ -150,8 +155,17 @@ def _(statement: ExponentSign, evidence: Evidence) -> Obtained:
     inside = (sweep.values >= statement.low) & (sweep.values <= statement.high)
     exponents = sweep.exponents[inside, 0]
     right = float(np.mean(exponents * statement.sign > 0)) if inside.any() else float("nan")
-    spread = f"median {np.nanmedian(exponents):+.3f}" if np.isfinite(exponents).any() else "none"
-    return Obtained(f"{right:.0%} of the values, {spread}", 1.0 - right, right >= LEAST_SHARE)
+    text = f"{right:.0%} of the values{_alike(sweep, inside, statement.sign)}"
+    return Obtained(text, 1.0 - right, bool(right >= LEAST_SHARE))
+
+
+def _alike(sweep: Sweep, inside: NDArray[np.bool_], sign: int) -> str:
+    """Median, and the share that has the sign when left and right are kept alike."""
+    exponents, within = sweep.exponents[inside, 0], sweep.exponents[inside, 2]
+    if not np.isfinite(exponents).any():
+        return ", none known"
+    alike = float(np.mean(within * sign > 0))
+    return f", median {np.nanmedian(exponents):+.3f}; left and right kept alike: {alike:.0%}"
 
 
 @check.register
@@ -159,7 +173,8 @@ def _(statement: ChaosEnds, evidence: Evidence) -> Obtained:
     last = _last_chaos(evidence.sweep, statement.high)
     error = last - statement.low
     ok = bool(abs(error) <= REACH * _span(evidence.sweep))
-    return Obtained(f"last chaos at {last:.4g}", error, ok)
+    text = f"last chaos at {last:.4g}" if math.isfinite(last) else "no chaos anywhere"
+    return Obtained(text, error, ok)
 
 
 @check.register

@@ -87,23 +87,22 @@ def share(sweep: Sweep, low: float, high: float, motion: int) -> float:
 def find_cut(sweep: Sweep, before: int, after: int, near: float) -> Cut | None:
     """The edge from one motion to another, as clean as there is within a quarter of the sweep.
 
-    Every place where the motion changes is tried: the product of the shares of ``before`` and
-    ``after`` within 3 % of the sweep on either side ranks it, to a tenth, then its distance from
-    ``near``.
-    None where one of the motions is not to be seen at any of them.
+    Every place where the motion changes is tried. The shares of ``before`` and of ``after`` within
+    3 % of the sweep on either side, and its closeness to ``near`` (1 there, 0 at a quarter of the
+    sweep from it), are multiplied: the largest product counts. None where all are zero.
     """
     v, m = sweep.values, sweep.motions
     span = float(v[-1] - v[0])
     reach = max(REACH * span, span / (len(v) - 1))
     changes = np.flatnonzero(m[1:] != m[:-1])
     cuts = [_cut(sweep, int(i), before, after, reach) for i in changes]
-    known = [c for c in cuts if abs(c.at - near) <= SEARCH * span]
-    best = max(known, key=lambda c: _rank(c, near), default=None)
-    return best if best and best.share_before * best.share_after > 0.0 else None
+    best = max(cuts, key=lambda c: _merit(c, near, span), default=None)
+    return best if best and _merit(best, near, span) > 0.0 else None
 
 
-def _rank(cut: Cut, near: float) -> tuple[float, float]:
-    return round(cut.share_before * cut.share_after, 1), -abs(cut.at - near)
+def _merit(cut: Cut, near: float, span: float) -> float:
+    closeness = max(1.0 - abs(cut.at - near) / (SEARCH * span), 0.0)
+    return cut.share_before * cut.share_after * closeness
 
 
 def _cut(sweep: Sweep, i: int, before: int, after: int, reach: float) -> Cut:

@@ -160,7 +160,7 @@ def compared_runs(n: int) -> int:
 
 def bisected_runs(one: Scenario) -> int:
     """Runs that its boundaries take at most."""
-    return (len(one.windows) - 1) * ROUNDS * INNER
+    return (len(one.windows) - 1) * (ROUNDS * INNER + 2)
 
 
 def point_runs(scenarios: Sequence[Scenario]) -> int:

@@ -165,7 +165,7 @@ def widen_section(figure: Figure, result: SegmentResult) -> None:
     if not result.period.value:
         return
     axes = figure.axes[2]
-    points = axes.collections[0].get_offsets()
+    points = np.asarray(axes.collections[0].get_offsets(), dtype=float)
     middle = (points.max(axis=0) + points.min(axis=0)) / 2.0
     half = np.maximum(0.8 * np.ptp(points, axis=0), LEAST_HALF)
     axes.set(xlim=middle[0] + half[0] * ENDS, ylim=middle[1] + half[1] * ENDS)
