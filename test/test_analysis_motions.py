@@ -122,6 +122,14 @@ def test_no_exponent_comes_with_its_reason(points: np.ndarray, noise: float, wor
     assert words in found.reason
 
 
+def test_a_long_period_has_no_exponent_whatever_its_rounding() -> None:
+    rng = _rng()
+    points = np.tile(rng.normal(size=(28, 4)), (40, 1)) + 1e-12 * rng.normal(size=(1120, 4))
+    found = largest_exponent(points, rng)
+    assert np.isnan(found.value)
+    assert "repeats every 28 cycles" in found.reason
+
+
 def test_the_interval_narrows_with_more_data() -> None:
     short, long = (largest_exponent(henon(n), _rng()) for n in (400, 6000))
     assert long.high - long.low < 0.5 * (short.high - short.low)

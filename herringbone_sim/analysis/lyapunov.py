@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.core.timeseries import Array
 
 MAX_STEPS = 6000
@@ -19,6 +20,7 @@ MAX_NOISY = 3000
 LARGEST_REACH = 0.3
 BLOCKS = 30
 RESAMPLES = 400
+LONGEST = 64  # period that is looked for before anything is fitted
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,9 @@ def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0
     """
     if len(points) < MIN_STEPS + SKIP:
         return no_exponent(f"{len(points)} cycles are too few, {MIN_STEPS + SKIP} are needed")
+    period = find_period(points, noise, LONGEST).value
+    if period:
+        return no_exponent(f"repeats every {period} cycles: neighbours differ by noise or rounding")
     plane = _extended_directions(points, noise)
     if not plane.shape[1]:
         return no_exponent("the points do not spread beyond noise and rounding")

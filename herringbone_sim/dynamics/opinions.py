@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.analysis.lyapunov import Exponent, largest_exponent, no_exponent
+from herringbone_sim.analysis.lyapunov import LONGEST, Exponent, largest_exponent
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.analysis.zero_one import ZeroOne, zero_one_test
 from herringbone_sim.core.model import Model, jacobian
@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 
 TURNING = 200  # periods in which perturbations turn into their directions
 SIGMAS, NEUTRAL = 4.0, 5e-4
-LONGEST = 64  # period that is looked for
 
 
 @dataclass(frozen=True)
@@ -100,17 +99,9 @@ def all_opinions(
         two_trajectories=pairs,
         symmetric=symmetric,
         section=section,
-        series=_of_series(section, rng),
+        series=largest_exponent(section, rng),
         zero_one=zero_one_test(section[:, 0], rng),
     )
-
-
-def _of_series(section: Array, rng: np.random.Generator) -> Exponent:
-    # On repeated points the fits see rounding alone.
-    period = find_period(section, max_period=LONGEST).value
-    if period:
-        return no_exponent(f"the section repeats after {period} periods")
-    return largest_exponent(section, rng)
 
 
 def section_of(flow: GearFlow, y: Array, periods: int) -> Array:
