@@ -15,6 +15,7 @@ from herringbone_sim.paper.statements import BoundaryAt
 
 ROUNDS, INNER = 2, 15
 PATIENCE, MOVES = 4000, 8
+FINE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,10 @@ def bisect(
     """The boundary to 1/256 of the sweep's step: sections of the interval, 15 values at a time.
 
     Only an edge whose two neighbours on the sweep show the two motions can be cut in pieces; any
-    other is left as ``locate`` finds it. Every value is given 4000 cycles to settle: beside a
-    period doubling a motion leaves its old orbit slowly, and the interval of the sweep may have
-    to be moved by some steps first. Within it the first value that is not ``before`` counts.
+    other is left as ``locate`` finds it. Every value is given 4000 cycles to settle, and its
+    points must repeat to 1e-5 b_c: beside a period doubling a motion leaves its old orbit slowly
+    and not far, so the interval of the sweep may have to be moved by some steps first. Within it
+    the first value that is not ``before`` counts.
     """
     found = locate(sweep, wanted)
     if not found.note.startswith("clean"):
@@ -68,7 +70,8 @@ def bisect(
 
     def is_before(values: Array) -> NDArray[np.bool_]:
         asked = replace(request(one, reading, values, way), transient=PATIENCE)
-        same: NDArray[np.bool_] = motions_of(observer.batch(asked)) == wanted.before
+        motions = motions_of(observer.batch(asked), FINE)
+        same: NDArray[np.bool_] = motions == wanted.before
         return same
 
     low, high = found.at - found.half_width, found.at + found.half_width

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.analysis.periods import TOLERANCE, find_period
 from herringbone_sim.core.batch import Batch
 from herringbone_sim.paper.scenarios import CHAOS, FAILED, Array, motion_name
 
@@ -61,20 +61,20 @@ class Cut:
     clean: bool
 
 
-def motions_of(batch: Batch) -> Labels:
+def motions_of(batch: Batch, tolerance: float = TOLERANCE) -> Labels:
     """(n,) period of each value of a batch, 0 aperiodic, -1 failed.
 
     The section points of all states, in units of b_c and b_c omega_n, must gather around as many
-    centres as there are cycles in the period, to 1e-3 RMS and without drifting apart.
+    centres as there are cycles in the period, to ``tolerance`` RMS and without drifting apart.
     """
-    found = [_motion(points) for points in batch.sections]
+    found = [_motion(points, tolerance) for points in batch.sections]
     return np.array(found, dtype=np.int64)
 
 
-def _motion(points: Array) -> int:
+def _motion(points: Array, tolerance: float) -> int:
     if not np.isfinite(points).all():
         return FAILED
-    period = find_period(points, max_period=MAX_PERIOD).value
+    period = find_period(points, max_period=MAX_PERIOD, tolerance=tolerance).value
     return CHAOS if period is None else period
 
 
