@@ -67,12 +67,12 @@ def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0
     """
     if len(points) < MIN_STEPS + SKIP:
         return no_exponent(f"{len(points)} cycles are too few, {MIN_STEPS + SKIP} are needed")
-    period = find_period(points, noise, LONGEST).value
-    if period:
-        return no_exponent(f"repeats every {period} cycles: neighbours differ by noise or rounding")
     plane = _extended_directions(points, noise)
     if not plane.shape[1]:
         return no_exponent("the points do not spread beyond noise and rounding")
+    period = find_period(points, noise, LONGEST).value
+    if period:
+        return no_exponent(f"repeats every {period} cycles: neighbours differ by noise or rounding")
     fitted = _local_maps(plane, noise)
     if fitted is None:
         return no_exponent("near neighbours can't be told from noise: record longer")
