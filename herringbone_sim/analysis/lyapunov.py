@@ -72,7 +72,7 @@ def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0
         return no_exponent("the points do not spread beyond noise and rounding")
     period = find_period(points, noise, LONGEST).value
     if period:
-        return no_exponent(f"repeats every {period} cycles: neighbours differ by noise or rounding")
+        return no_exponent(f"repeats every {period} cycles: neighbours differ by rounding")
     fitted = _local_maps(plane, noise)
     if fitted is None:
         return no_exponent("near neighbours can't be told from noise: record longer")
