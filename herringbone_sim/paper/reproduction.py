@@ -138,7 +138,7 @@ def ways(reading: Reading) -> tuple[Way, ...]:
     starts = [zero + _symmetric(len(zero), size, seed) for seed, size in enumerate(sizes, 1)]
     starts += [zero + _any(len(zero), size, seed) for seed, size in enumerate(sizes, 4)]
     kinds = itertools.product(("symmetric", "asymmetric"), sizes)
-    names = [f"{kind} +- {size:g} ({i})" for i, (kind, size) in enumerate(kinds, 1)]
+    names = [f"{kind} ±{size:g} ({i})" for i, (kind, size) in enumerate(kinds, 1)]
     random = [Way(name, {}, start) for name, start in zip(names, starts, strict=True)]
     slow = RK4_STEPS[-1]
     stepped = [

@@ -30,6 +30,7 @@ OTHER = "#F0E442"
 STRIP = 0.16
 SHOWN = 16
 LEAST_HALF = 0.02
+HEADROOM = 1.25
 ENDS = np.array([-1.0, 1.0])
 X_LABEL = r"$x_{\mathrm{sp}}^{\mathrm{L}}$ / $b_c$"
 
@@ -148,7 +149,8 @@ def _exponents(axes: Axes, sweep: Sweep) -> None:
     axes.set_ylabel(r"$\lambda_1$ per $\tau$")
     low = float(np.nanmin(np.fmax(value, -0.12))) if np.isfinite(value).any() else -0.1
     axes.set_ylim(bottom=min(low, -0.05) * 1.1)
-    axes.legend(loc="best", fontsize=8, ncols=2)
+    axes.set_ylim(top=HEADROOM * axes.get_ylim()[1])
+    axes.legend(loc="upper right", fontsize=8, ncols=2)
 
 
 def _legend(figure: Figure, motions: Sequence[int]) -> None:
