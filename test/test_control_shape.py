@@ -8,11 +8,13 @@ from gears import make
 
 from herringbone_sim.control.runs import Look, Runs
 from herringbone_sim.control.shape import (
+    around_cancelling,
     best,
     cancelling,
     equivalent_error,
     in_periods,
     phases,
+    quiet,
     shape_map,
 )
 from herringbone_sim.core.batch import run_batch
@@ -53,6 +55,16 @@ def test_one_control_takes_the_error_away():
     np.testing.assert_allclose(
         motion(controlled, x, v, 3), motion(without, x, v, 3), atol=1e-8, rtol=1e-8
     )
+
+
+def test_where_the_error_is_cancelled_teeth_stay_in_contact():
+    """Near it they do not: what is left of the error outweighs the load."""
+    gear = make(k_amp=(), xi=0.2, gamma=0.0).parameters
+    near = around_cancelling(Runs(), gear, 3, Look(300, 60))
+    still = quiet(near)
+    assert still[1, 1, :3].all()
+    assert not still[0, 0].any()
+    assert near.of("period")[1, 1, 0] == 1.0
 
 
 @pytest.mark.parametrize("order", [0.5, 1.0, 1.5, 2.0])

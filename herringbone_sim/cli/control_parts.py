@@ -16,7 +16,7 @@ from herringbone_sim.control.amplitude import FROM, least_amplitudes, survey
 from herringbone_sim.control.realisation import needed, single_actuators, substitutes
 from herringbone_sim.control.robustness import gathered, survival, transverse_map
 from herringbone_sim.control.runs import Look, Runs
-from herringbone_sim.control.shape import ORDERS, cancelling, phases, shape_map
+from herringbone_sim.control.shape import ORDERS, around_cancelling, cancelling, phases, shape_map
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
@@ -58,7 +58,7 @@ class Size:
         return Look(times * self.look.transient, self.look.cycles, exponents)
 
 
-FULL = Size(26, 51, 32, ORDERS, 100, Look())
+FULL = Size(41, 51, 32, ORDERS, 100, Look())
 QUICK = Size(3, 11, 4, (0.5, 0.6180339887498949, 1.0), 8, Look(transient=200, cycles=80))
 
 
@@ -75,11 +75,12 @@ def amplitude(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
     tables.write_least(out / "least.csv", "delta_T", found)
     torque = build(base).scales.control_torque_n_m(1.0)
     save(control_figures.amplitude_figure(over, found, torque), out, "control_amplitude")
-    return [*text.least_lines(size.delta_T, found), *text.contact_lines(over)]
+    lines = [*text.least_lines(size.delta_T, found), *text.window_lines(over)]
+    return [*lines, *text.contact_lines(over)]
 
 
 def shape(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
-    """``phase.csv``, ``order.csv``: maps; ``phase_least.csv``; ``control_shape.png``."""
+    """``phase.csv``, ``order.csv``: maps; ``phase_least.csv``, ``quiet.csv``; a figure."""
     K, turn = size.K(), Axis("control_phase", phases(size.phases))
     by_phase = shape_map(runs, base, turn, K, size.longer(exponents=True))
     tried = survey(runs, base, turn, K, Starts(alike=1, parted=1), size.look)
@@ -90,9 +91,14 @@ def shape(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
     tables.write_shape(out / "phase.csv", by_phase)
     tables.write_shape(out / "order.csv", by_order)
     tables.write_least(out / "phase_least.csv", "control_phase", least)
+    near = around_cancelling(runs, base, size.phases // 4 * 2 + 1, size.look)
+    tables.write_runs(out / "quiet.csv", near)
+    middle = dict(zip(("K", "control_phase"), cancelling(base), strict=True))
+    (share,) = gathered(runs, base, [middle], (1,), size.starts, size.longer(times=LONG))
     figure = control_figures.shape_figure(by_phase, by_order, least, cancelling(base))
     save(figure, out, "control_shape")
-    return [*text.phase_lines(turn, least, base), *text.order_lines(by_order)]
+    lines = [*text.phase_lines(turn, least, base), *text.quiet_lines(near, share)]
+    return [*lines, *text.order_lines(by_order)]
 
 
 def realisation(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
@@ -108,7 +114,7 @@ def realisation(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
     tables.write_needed(out / "needed.csv", found)
     figure = torque_figures.realisation_figure(single, other, found, base.T_1)
     save(figure, out, "control_realisation")
-    return [*text.torque_lines((*single, *other)), *text.needed_lines(found, base.T_1)]
+    return [*text.torque_lines(base, (*single, *other)), *text.needed_lines(found, base.T_1)]
 
 
 def robustness(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:

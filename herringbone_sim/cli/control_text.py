@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.control.amplitude import Least, Survey
+from herringbone_sim.control.amplitude import Least, Survey, windows
 from herringbone_sim.control.realisation import BODIES, Actuator, Needed, easiest
 from herringbone_sim.control.robustness import Gathered, Survival
 from herringbone_sim.control.runs import LEAST_EXPONENT
-from herringbone_sim.control.shape import Shape, best, cancelling, equivalent_error
+from herringbone_sim.control.shape import Shape, best, cancelling, equivalent_error, quiet
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.scaling import scales
 from herringbone_sim.sweeps.grid import Axis
+from herringbone_sim.sweeps.observe import NO_TIME
 
 ASKED = tuple((wanted, who) for wanted in (1, 2) for who in ("zero", "all"))
 SHOWN_HEATS = (20.0, 50.0, 70.0)
@@ -45,6 +47,22 @@ def least_line(place: str, one: Least) -> str:
     )
 
 
+def window_lines(over: Survey) -> Lines:
+    """Periods along K from single starts, at the temperatures shown."""
+    lines = []
+    for i, value in enumerate(over.axis.values):
+        for j in (0, 1) if value in nearest(over.axis, SHOWN_HEATS) else ():
+            found = windows(over.K, over.of("period")[i, :, j])
+            texts = (f"{a:.2f}-{b:.2f} {motion(period)}" for period, a, b in found)
+            lines.append(f"delta_T {value:5.1f}  {over.starts.names[j]:8s} {', '.join(texts)}")
+    return lines
+
+
+def motion(period: float) -> str:
+    """``P2`` or ``aperiodic``."""
+    return f"P{period:g}" if period else "aperiodic"
+
+
 def contact_lines(over: Survey) -> Lines:
     """What teeth do in the controlled motions of period 1 from the zero start."""
     chosen = (over.of("period")[:, :, 0] == 1) & (over.K > 0.0)
@@ -72,6 +90,30 @@ def phase_lines(turn: Axis, least: Sequence[Least], base: Parameters) -> Lines:
     K, phase = cancelling(base)
     lines.append(f"the mesh error is cancelled at K {K:g}, phase {phase:+.3f} rad")
     return [*lines, *error_lines(least, base)]
+
+
+def quiet_lines(near: Survey, share: Gathered) -> Lines:
+    """How well the control has to meet the mesh error for teeth to stay in contact, and the share
+    of starts with unlike halves that end in P1 where it is met."""
+    still = quiet(near)
+    middle, phases = len(near.K) // 2, np.array(near.axis.values)
+    lines = []
+    for kind in dict.fromkeys(near.starts.names):
+        own = still[:, :, [name == kind for name in near.starts.names]].all(axis=2)
+        head = f"quiet (P1, contact never lost) from {kind:8s}"
+        if not own[middle, middle]:
+            lines.append(f"{head} not even where the mesh error is cancelled")
+            continue
+        K, turn = near.K[own[middle]], phases[own[:, middle]] - phases[middle]
+        lines.append(
+            f"{head} within K {K[0]:.4f} to {K[-1]:.4f} at that phase, {turn[0]:+.4f} to "
+            f"{turn[-1]:+.4f} rad at that K"
+        )
+    return [
+        *lines,
+        f"where the mesh error is cancelled {share.reached} of {share.starts} starts with unlike "
+        f"halves end alike in P1 ({share.low:.0%} to {share.high:.0%})",
+    ]
 
 
 def error_lines(least: Sequence[Least], base: Parameters) -> Lines:
@@ -102,18 +144,22 @@ def order_lines(found: Shape) -> Lines:
         bears = (period > 0) & ~(found.transverse[i, 1:] > LEAST_EXPONENT)
         first = np.flatnonzero(period == 1)
         least = f"{found.K[1 + first[0]]:.2f}" if len(first) else "none"
+        still = np.flatnonzero((period > 0) & (found.apart[i, 1:] < NO_TIME))
+        quiet_K = f", contact never lost from {found.K[1 + still[0]]:.2f}" if len(still) else ""
         lines.append(
             f"order {order:5.3f}  periodic {np.mean(period > 0):4.0%}, of all and stable "
             f"transversally {np.mean(bears):4.0%}  chaotic {np.mean(chaotic):4.0%}  neither "
             f"{np.mean((period == 0) & ~chaotic):4.0%}  least K with the period of the forcing "
-            f"{least}"
+            f"{least}{quiet_K}"
         )
     return lines
 
 
-def torque_lines(ways: Sequence[Actuator]) -> Lines:
-    """Torques of each actuator at the K of the paper's Fig. 18."""
-    return [
+def torque_lines(base: Parameters, ways: Sequence[Actuator]) -> Lines:
+    """Torques of each actuator at the K of the paper's Fig. 18, and how fast they alternate."""
+    frequency = base.control_order * base.Omega * scales(base).omega_n / (2.0 * np.pi)
+    head = f"torques alternate at {frequency:.0f} Hz; the rated T_1 is {base.T_1:g} N m"
+    return [head] + [
         f"{one.name:20s} K = 0.3: {torques_text(0.3 * np.array(one.torques_n_m))}" for one in ways
     ]
 
@@ -166,7 +212,7 @@ def survival_lines(lasting: Sequence[Survival]) -> Lines:
     lines = []
     for wanted, what in dict.fromkeys((s.wanted, s.what) for s in lasting):
         texts = [
-            f"{s.difference:.0%} P{s.period:g} {s.distance:.3f} b_c, {s.parted}/{s.starts}"
+            f"{s.difference:.0%} {motion(s.period)} {s.distance:.3f} b_c, {s.parted}/{s.starts}"
             + ("" if s.from_running else ", not from running")
             for s in lasting
             if (s.wanted, s.what) == (wanted, what)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.control.amplitude import cycles_wanted, survey
+from herringbone_sim.control.amplitude import Survey, cycles_wanted, survey
 from herringbone_sim.control.runs import LEAST_EXPONENT, Look, Runs
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.parameters import Parameters
@@ -101,3 +101,20 @@ def equivalent_error(p: Parameters) -> tuple[float, float]:
 def cancelling(p: Parameters) -> tuple[float, float]:
     """K and phase [rad] at which the control takes the inertia of the mesh error away."""
     return float(p.e_m * p.Omega**2), float(-np.pi / 2.0)
+
+
+def around_cancelling(runs: Runs, base: Parameters, n: int, look: Look) -> Survey:
+    """Motions from all kinds of starts near the control that cancels the mesh error.
+
+    Args:
+        n: odd number of phases within 0.02 rad, and of amplitudes within 2 %.
+    """
+    K, phase = cancelling(base)
+    near = Axis("control_phase", tuple(map(float, phase + np.linspace(-0.02, 0.02, n))))
+    return survey(runs, base, near, K * np.linspace(0.98, 1.02, n), Starts(1, 1), look)
+
+
+def quiet(over: Survey) -> NDArray[np.bool_]:
+    """Whether a motion of a survey has period 1 and never loses contact (n, m, s)."""
+    still = (over.of("period") == 1) & (over.of("contact_loss") == 0)
+    return np.asarray(still, dtype=bool)

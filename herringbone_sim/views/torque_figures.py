@@ -24,6 +24,9 @@ MESH_LABELS = (
 )
 
 
+MARKS: dict[float, str] = {1.0: "o", 2.0: "s"}  # others: a diamond
+
+
 def realisation_figure(
     single: Sequence[Actuator],
     other: Sequence[Actuator],
@@ -105,42 +108,46 @@ def robustness_figure(
 
 
 def _draw_shares(axes: Axes, shares: Sequence[Gathered]) -> None:
-    """Share of random starts that reach P1 (full) or at most P2 (broken) with equal halves."""
+    """Share of random starts that end in P1 with equal halves, or (broken) in P2 with unlike."""
     heats = sorted({one.values["delta_T"] for one in shares})
     for colour, heat in zip(COLOURS, heats, strict=False):
-        for wanted, style in ((1, "-"), (2, ":")):
-            own = [s for s in shares if (s.values["delta_T"], s.wanted) == (heat, wanted)]
-            K, share = [s.values["K"] for s in own], np.array([s.share for s in own])
-            ends = np.array([[s.share - s.low, s.high - s.share] for s in own]).T
-            label = rf"$\Delta T$ = {heat:g} K" if wanted == 1 else None
-            look: Any = {"color": colour, "linestyle": style, "capsize": 2.0, "label": label}
-            errors = 100.0 * np.maximum(ends, 0.0)
-            axes.errorbar(K, 100.0 * share, yerr=errors, marker="o", ms=3.5, lw=1.2, **look)
+        once, twice = (
+            [s for s in shares if (s.values["delta_T"], s.wanted) == (heat, wanted)]
+            for wanted in (1, 2)
+        )
+        K = [s.values["K"] for s in once]
+        share = 100.0 * np.array([s.share for s in once])
+        ends = 100.0 * np.array([[s.share - s.low, s.high - s.share] for s in once]).T
+        look: Any = {"color": colour, "marker": "o", "ms": 3.5, "lw": 1.2, "capsize": 2.0}
+        label = rf"$\Delta T$ = {heat:g} K"
+        axes.errorbar(K, share, yerr=np.maximum(ends, 0.0), label=label, **look)
+        parted = [100.0 * s.parted / s.starts for s in twice]
+        axes.plot(K, parted, color=colour, lw=1.2, ls=(0, (3, 1.5)))
     axes.set(xlabel=parameter_label("K"), ylabel="share of the starts [%]", ylim=(-3.0, 103.0))
-    axes.set_title(f"{shares[0].starts} starts, unlike halves: end alike in P1 (dotted: or P2)")
+    axes.set_title(f"{shares[0].starts} unlike starts: end in P1 alike (broken: in P2 apart)")
     axes.legend(fontsize=8, loc="center", frameon=True, framealpha=0.9)
 
 
 def _draw_survival(axes: Axes, lasting: Sequence[Survival]) -> None:
-    """Distance of left and right over the difference; open: not from every start."""
+    """Distance of left and right over the difference: discs P1, squares P2, crosses lost."""
     for colour, what in zip(COLOURS, dict.fromkeys(one.what for one in lasting), strict=False):
         own = [one for one in lasting if one.what == what]
         x, y = [100.0 * one.difference for one in own], [one.distance for one in own]
-        axes.plot(x, y, color=colour, lw=1.2, label=what)
+        axes.plot(x, y, color=colour, lw=0.8, alpha=0.5)
+        axes.plot([], [], "o", color=colour, ms=5, label=what)
         for place, value, one in zip(x, y, own, strict=True):
             every = one.from_zero and one.from_running and one.parted == one.starts
             fill = colour if every else "white"
-            mark = "o" if one.period == 1 else "s"
+            mark = MARKS.get(one.period, "D")
             axes.plot(place, value, mark, color=colour, mfc=fill, mew=1.3, ms=5)
         lost = [place for place, value in zip(x, y, strict=True) if np.isnan(value)]
         rim = axes.get_xaxis_transform()
         axes.plot(lost, [0.97] * len(lost), "x", color=colour, mew=1.6, transform=rim)
     axes.set(xscale="log", yscale="log", ylabel=r"RMS of left less right / $b_c$")
-    axes.set_ylim(1e-3, 0.3)
+    axes.set_ylim(4e-4, 0.3)
     ticks = [100.0 * share for share in SHARES]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_formatter("")
     axes.set_xlabel("difference of left and right [%]")
-    marks = "circles P1, squares P2, open: not from every start, x: lost"
-    axes.set_title(f"P{lasting[0].wanted}, unequal gears ({marks})", fontsize=8)
+    axes.set_title(f"P{lasting[0].wanted} with unlike halves (open: not from every start)")
     axes.legend(fontsize=8, ncols=3, loc="lower center")
