@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -303,3 +306,45 @@ def test_unwritable_folder_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(AnalysisError, match="--out"):
         Observer(tmp_path / "file" / "data")
+
+
+@pytest.fixture(scope="module")
+def readings():
+    path = Path(__file__).parents[1] / "benchmarks" / "reading.py"
+    spec = importlib.util.spec_from_file_location("reading_search", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["reading_search"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_paper_file_is_the_best_natural_reading_of_the_search(readings, reading):
+    best = readings.parameters(readings.BEST)
+    for name in ("m_n", "alpha_w", "gamma", "b_c"):
+        assert getattr(best, name) == pytest.approx(getattr(reading.parameters, name), rel=1e-4)
+    for name in ("projection", "thermal_rp", "initial_x", "T_2", "beta"):
+        assert getattr(best, name) == getattr(reading.parameters, name)
+
+
+def test_every_reading_of_the_search_is_a_set_of_parameters(readings):
+    known = [*readings.natural(), *readings.drawn(3)]
+    assert len({name for name, _ in known}) == len(known)
+    sets = [readings.parameters(changes) for _, changes in known]
+    assert len({repr(one) for one in sets}) == len(sets)
+    assert list(readings.drawn(2)) == list(readings.drawn(3))[:2]
+
+
+def test_search_goes_on_where_it_stopped(readings, tmp_path, monkeypatch):
+    asked = []
+
+    def score(name, kind, changes, n):
+        asked.append(name)
+        return readings.Score(name, kind, dict.fromkeys("ABCDE", len(asked)), 0.1)
+
+    monkeypatch.setattr(readings, "score", score)
+    wanted = [(name, "natural", changes) for name, changes in readings.natural()][:3]
+    first = readings.scores(wanted[:2], 10, tmp_path / "scores.jsonl")
+    again = readings.scores(wanted, 10, tmp_path / "scores.jsonl")
+    assert asked == [name for name, _, _ in wanted]
+    assert again[:2] == first
+    assert readings.table(again, 1).splitlines()[1].split()[0] == "15"
