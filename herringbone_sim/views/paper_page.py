@@ -90,9 +90,10 @@ def _count(key: str, one: Scenario, checked: Sequence[Checked]) -> list[str]:
 
 def _scenario(part: Part, checked: Sequence[Checked], compared: Sequence[Compared]) -> str:
     one = part.scenario
+    below = ", largest exponent" if one.has_exponents else ""
     caption = (
-        f"{one.figure}: motions published and obtained, section points of x_sp_L, largest "
-        "exponent; dashed: the published boundaries"
+        f"{one.figure}: motions published (hatched: implied) and obtained, section points of "
+        f"x_sp_L{below}; dashed: the published boundaries"
     )
     motions = "".join(_figure(name, text) for name, text in part.motions)
     return "".join(
