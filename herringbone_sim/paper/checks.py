@@ -41,7 +41,9 @@ RULES = (
     f"A boundary is right when it lies within {REACH:.0%} of the sweep's range of the published "
     f"value and at least {EDGE_SHARE:.0%} of the values within {REACH:.0%} of the range (or "
     "within the published window, where that is narrower) on either side have the published "
-    "motions; its error is obtained minus published.",
+    "motions; its error is obtained minus published. Where the edge is ragged the cleanest and "
+    "nearest change counts (shares on both sides times closeness to the published value): the "
+    "error is then the least that can be claimed.",
     f"The sign of the exponent is right when at least {LEAST_SHARE:.0%} of the values in the "
     "window have it; its error is the share that has not.",
     f"Chaos ends where the last chaotic value of the sweep lies; right within {REACH:.0%} of the "
