@@ -46,7 +46,7 @@ class Work(NamedTuple):
     mesh: Array  # (7, n) contact and what decides on its switching
     lane: Array  # (6, 1) where in its step each lane is
     value: Indices  # number of the value in each lane, -1 when idle; as the next ones (LANES,)
-    index: Indices  # grid step within the cycle
+    place: Indices  # grid step within the cycle
     cycle: Indices  # cycles done
     steps: Indices  # grid steps a cycle
     switches: Indices  # moves since the last grid point
@@ -74,7 +74,7 @@ def make_work(rows: int, n_mesh: int, n_coordinate: int, order: int, tangents: i
         mesh=zeros(7, n_mesh),
         lane=zeros(6, 1),
         value=np.full(LANES, -1),
-        index=np.zeros(LANES, dtype=np.int64),
+        place=np.zeros(LANES, dtype=np.int64),
         cycle=np.zeros(LANES, dtype=np.int64),
         steps=np.ones(LANES, dtype=np.int64),
         switches=np.zeros(LANES, dtype=np.int64),

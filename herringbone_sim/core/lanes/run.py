@@ -157,7 +157,7 @@ def run_lanes(
         sections, end, growth, contact, failed: results, n of each.
     """
     n = table.shape[0]
-    value, index, cycle = w.value, w.index, w.cycle
+    value, index, cycle = w.value, w.place, w.cycle
     lane_steps, switches = w.steps, w.switches
     queue = 0
     busy = 0
