@@ -61,6 +61,12 @@ def test_planets_and_halves_that_all_differ():
     assert np.abs(found - one_by_one(model, 12)).max() < 1e-9
 
 
+def test_meshes_that_start_on_their_border():
+    model = paper(b=0.0, delta_T=0.0, xi=0.1)
+    found = run_batch([model], transient=0, cycles=12, points=12).sections[0]
+    assert np.abs(found - one_by_one(model, 12)).max() < 1e-9
+
+
 def test_asymmetric_start_is_that_of_the_stepper():
     model = paper(delta_T=30.0)
     y = np.random.default_rng(1).normal(size=8) * 0.1

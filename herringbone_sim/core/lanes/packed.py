@@ -26,7 +26,7 @@ HARMONICS = 15  # then K_COS, K_SIN, E_COS, E_SIN of each harmonic
 
 # Rows of ``Work.mesh`` and of ``Work.lane``.
 CONTACT, END, END_SLOPE, AT, NEXT, DRIVE, BACK = range(7)
-DONE, LEFT, PHASE, MOVE, ANGLE, TIME = range(6)
+DONE, LEFT, PHASE, MOVE, ANGLE, SWITCHES = range(6)
 
 
 class Work(NamedTuple):
@@ -49,7 +49,6 @@ class Work(NamedTuple):
     place: Indices  # grid step within the cycle
     cycle: Indices  # cycles done
     steps: Indices  # grid steps a cycle
-    switches: Indices  # moves since the last grid point
 
 
 def make_work(rows: int, n_mesh: int, n_coordinate: int, order: int, tangents: int) -> Work:
@@ -77,7 +76,6 @@ def make_work(rows: int, n_mesh: int, n_coordinate: int, order: int, tangents: i
         place=np.zeros(LANES, dtype=np.int64),
         cycle=np.zeros(LANES, dtype=np.int64),
         steps=np.ones(LANES, dtype=np.int64),
-        switches=np.zeros(LANES, dtype=np.int64),
     )
 
 

@@ -20,6 +20,7 @@ from herringbone_sim.core.lanes.packed import (
     MOVE,
     PHASE,
     STEP,
+    SWITCHES,
 )
 from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state
 from herringbone_sim.core.lanes.switching import find_moves, switch_contact, touch
@@ -62,6 +63,7 @@ def take_value(w, lane, value, table, starts):
         for j in range(starts.shape[2]):
             w.y[t, j, lane] = starts[value, t, j]
     w.lane[DONE, 0, lane] = 0.0
+    w.lane[SWITCHES, 0, lane] = 0.0
 
 
 @compiled
@@ -158,7 +160,7 @@ def run_lanes(
     """
     n = table.shape[0]
     value, index, cycle = w.value, w.place, w.cycle
-    lane_steps, switches = w.steps, w.switches
+    lane_steps = w.steps
     queue = 0
     busy = 0
     for lane in range(LANES):
@@ -174,7 +176,7 @@ def run_lanes(
         expand_excitation(w, inverse, controlled)
         touch(shape, w)
         expand_motion(shape, w, 0, True, True, controlled, inverse)
-        find_moves(w, switches)
+        find_moves(w)
         take_state(w, 0)
         if w.y.shape[0] > 1:
             expand_motion(shape, w, 1, False, True, controlled, inverse)
@@ -185,15 +187,15 @@ def run_lanes(
         count_contact(w)
         switch_contact(w)
         move = load(w.lane, MOVE, 0)
-        arrived = bits(move == splat(1.0))
+        whole = move == splat(1.0)
+        arrived = bits(whole)
         done = load(w.lane, DONE, 0)
-        done = choose(move == splat(1.0), splat(0.0), done + move * (1.0 - done))
-        store(w.lane, DONE, 0, done)
+        switches = load(w.lane, SWITCHES, 0) + 1.0
+        store(w.lane, DONE, 0, choose(whole, splat(0.0), done + move * (1.0 - done)))
+        store(w.lane, SWITCHES, 0, choose(whole, splat(0.0), switches))
         for lane in range(LANES):
-            switches[lane] += 1
             if not (arrived >> lane) & 1:
                 continue
-            switches[lane] = 0
             index[lane] += 1
             if index[lane] < lane_steps[lane]:
                 continue

@@ -6,11 +6,11 @@ from herringbone_sim.core.lanes.packed import (
     AT,
     BORDER,
     CONTACT,
-    DONE,
     END,
     END_SLOPE,
     MOVE,
     NEXT,
+    SWITCHES,
 )
 from herringbone_sim.core.lanes.vector import (
     LANES,
@@ -131,7 +131,7 @@ def locate(x, w, m, lane):
 
 
 @compiled
-def find_moves(w, switches):
+def find_moves(w):
     """How far each lane goes in its step, 1 or up to its first switch, into ``w.lane``.
 
     A lane that has passed 400 switches within one step is let through to its end.
@@ -147,9 +147,8 @@ def find_moves(w, switches):
                 locate(x, w, m, lane)
             seen >>= 1
             lane += 1
-    for lane in range(LANES):
-        if switches[lane] >= MAX_SUBSTEPS:
-            w.lane[MOVE, 0, lane] = 1.0
+    stuck = load(w.lane, SWITCHES, 0) > splat(MAX_SUBSTEPS - 0.5)
+    store(w.lane, MOVE, 0, choose(stuck, splat(1.0), load(w.lane, MOVE, 0)))
 
 
 @inlined
@@ -169,7 +168,7 @@ def touch(shape, w):
     """Contact (Eqs. 1, 4) from the states in all lanes that begin a step of the grid."""
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
-    begins = load(w.lane, DONE, 0) == splat(0.0)
+    begins = load(w.lane, SWITCHES, 0) == splat(0.0)
     for side in range(sides):
         for k in range(c):
             a = side * c + k
