@@ -150,11 +150,9 @@ def parameters(changes: Mapping[str, Any]) -> Parameters:
 def score(name: str, kind: str, changes: Mapping[str, Any], n: int) -> Score:
     """Statements right; those of section 4 at the damping ratio that gives most of them."""
     base = parameters(changes)
-    with Observer() as observer:
-        right = {key: _right(observer, Reading(base, 0.0), key, n) for key in "AB"}
-        rows = {
-            xi: {key: _right(observer, Reading(base, xi), key, n) for key in "CDE"} for xi in XI
-        }
+    observer = Observer()
+    right = {key: _right(observer, Reading(base, 0.0), key, n) for key in "AB"}
+    rows = {xi: {key: _right(observer, Reading(base, xi), key, n) for key in "CDE"} for xi in XI}
     xi = max(rows, key=lambda one: sum(rows[one].values()))
     return Score(name, kind, {**right, **rows[xi]}, xi)
 

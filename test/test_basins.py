@@ -221,3 +221,11 @@ def test_kinds_of_motion():
     assert kind_of(torus, growth(0.08, 0.05)) == "hyperchaotic"
     assert kind_of(torus, growth(-0.1, -0.2)) == "a long period"
     assert kind_of(np.tile(torus[:3], (20, 1)), growth(-0.1, -0.2)) == "P3"
+
+
+def test_sections_do_not_hang_on_the_number_of_threads(gear):
+    model = gear(delta_T=20.0)
+    starts = random_starts(model, 11, np.random.default_rng(3))
+    one = gear_sections(model, 50, 20)(starts)
+    for workers in (2, 3, 40):
+        np.testing.assert_array_equal(gear_sections(model, 50, 20, workers)(starts), one)

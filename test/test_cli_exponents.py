@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from herringbone_sim.__main__ import main
-from herringbone_sim.cli.basins import remembered
+from herringbone_sim.cli.basins import kept_sections
 from herringbone_sim.cli.parameter_options import (
     add_parameter_options,
     parameters_from,
     settings,
 )
+from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 
@@ -93,26 +94,31 @@ def test_basins_of_a_gear_with_one_motion(tmp_path, capsys):
     assert "P1, left = right" in capsys.readouterr().out
 
 
-def test_a_stopped_run_goes_on_where_it_was(tmp_path):
+def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch):
     calls = []
 
-    def sections_of(starts):
-        calls.append(len(starts))
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return np.repeat(starts[:, None], 3, axis=1)
+    def gear_sections(*_):
+        def sections_of(starts):
+            calls.append(len(starts))
+            if len(calls) == 2:
+                raise KeyboardInterrupt
+            return np.repeat(starts[:, None], 3, axis=1)
 
-    def ask(key, starts):
-        return remembered(tmp_path, key, sections_of)(starts)
+        return sections_of
 
+    def ask(delta_T, starts):
+        model = build(Parameters(delta_T=delta_T))
+        return kept_sections(tmp_path, model, 10, 3, 1)(starts)
+
+    monkeypatch.setattr("herringbone_sim.cli.basins.gear_sections", gear_sections)
     first, second = np.zeros((4, 2)), np.ones((3, 2))
-    ask("gear", first)
+    ask(20.0, first)
     with pytest.raises(KeyboardInterrupt):
-        ask("gear", second)
-    assert ask("gear", first).shape == (4, 3, 2)
-    assert np.all(ask("gear", second) == 1.0)
+        ask(20.0, second)
+    assert ask(20.0, first).shape == (4, 3, 2)
+    assert np.all(ask(20.0, second) == 1.0)
     assert calls == [4, 3, 3]
-    ask("another gear", first)
+    ask(21.0, first)
     assert calls == [4, 3, 3, 4]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import hashlib
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from
-from herringbone_sim.core.model import build
+from herringbone_sim.cli.workers import add_workers, workers_from
+from herringbone_sim.core.model import Model, build
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.basins import (
     Basins,
@@ -29,6 +29,7 @@ from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.opinions import identify
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps.kept import Kept
 from herringbone_sim.views.basin_figures import basins_figure
 from herringbone_sim.views.figures import save
 
@@ -71,6 +72,7 @@ def add_parser(subparsers: Any) -> None:
     add("--transient", type=int, default=4000, metavar="N", help="cycles left out first [4000]")
     add("--points", type=int, default=200, metavar="N", help="cycles looked at then [200]")
     add("--seed", type=int, default=0, metavar="N", help="of the random starts [0]")
+    add_workers(parser)
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
     parser.set_defaults(func=run)
 
@@ -78,10 +80,10 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the starts, print the shares, write tables and figure."""
     _check(args)
+    workers = workers_from(args)
     model = build(parameters_from(args))
-    kept = make_folder(args.out / "unfinished")
-    key = f"{model.parameters} {args.transient} {args.points}"
-    sections_of = remembered(kept, key, gear_sections(model, args.transient, args.points))
+    unfinished = args.out / "unfinished"
+    sections_of = kept_sections(unfinished, model, args.transient, args.points, workers)
     starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
     shared = explore(sections_of, starts, symmetry(model), progress=_bar("starts"))
     plane = None
@@ -95,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     rows = table(names, [growth for _, growth in known], shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
     save(basins_figure(model, names, shared, plane), args.out, "basins")
-    shutil.rmtree(kept)
+    shutil.rmtree(unfinished)
     print(text(rows, shared))
     print(f"written: {args.out / 'basins.csv'}, {args.out / 'basins.png'}")
     return 0
@@ -118,27 +120,16 @@ def _bar(name: str) -> Callable[[Iterable[int]], Iterable[int]]:
     return lambda chunks: tqdm(chunks, desc=name, unit="chunk", disable=None)
 
 
-def make_folder(folder: Path) -> Path:
-    """The folder, made when it is new; AnalysisError where that can't be."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AnalysisError(f"{folder}: {error.strerror}: choose another --out") from None
-    return folder
-
-
-def remembered(folder: Path, key: str, sections_of: Sections) -> Sections:
-    """The same function, which keeps each answer in a folder and finds it there."""
+def kept_sections(
+    folder: Path, model: Model, transient: int, points: int, workers: int
+) -> Sections:
+    """``gear_sections`` that are kept in a folder, and found there."""
+    sections_of, kept = gear_sections(model, transient, points, workers), Kept(folder)
 
     def remembering(starts: Array) -> Array:
-        name = hashlib.sha256(key.encode() + starts.tobytes()).hexdigest()[:32]
-        path, new = folder / f"{name}.npy", folder / f"{name}.part"
-        if not path.exists():
-            with new.open("wb") as file:
-                np.save(file, sections_of(starts))
-            new.replace(path)
-        sections: Array = np.load(path)
-        return sections
+        parts = ["sections", model.parameters, transient, points, starts]
+        found: Array = kept.once(parts, lambda: {"sections": sections_of(starts)})["sections"]
+        return found
 
     return remembering
 

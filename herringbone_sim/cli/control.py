@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.control_parts import FULL, PARTS, QUICK
 from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from, settings
+from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.control.runs import Runs
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import ParameterWarning
@@ -46,7 +47,7 @@ def add_parser(subparsers: Any) -> None:
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")
     add("--only", default=",".join(PARTS), metavar="PARTS", help=f"of {', '.join(PARTS)} [all]")
     add("--quick", action="store_true", help="coarse and short, to see what comes")
-    add("--workers", type=int, default=2, metavar="N", help="threads [2]")
+    add_workers(parser)
     parser.set_defaults(func=run)
 
 
@@ -60,8 +61,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = [part.strip() for part in args.only.split(",")]
     if unknown := set(chosen) - set(PARTS):
         raise AnalysisError(f"--only takes {', '.join(PARTS)}, got {', '.join(sorted(unknown))}")
-    if args.workers < 1:
-        raise AnalysisError(f"--workers must be 1 or more, got {args.workers}")
+    workers = workers_from(args)
     base = for_sweeps(parameters_from(args), settings(args.set))
     if base.model != "reduced":
         raise AnalysisError("control needs model: reduced, got full: its K is that of Eq. (22)")
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     warnings.simplefilter("ignore", ParameterWarning)
     for part in chosen:
         with tqdm(desc=part, unit="run", total=0, disable=None) as bar:
-            runs = Runs(args.out / "data", args.workers, _planner(bar), bar.update)
+            runs = Runs(args.out / "data", workers, _planner(bar), bar.update)
             lines = PARTS[part](runs, base, QUICK if args.quick else FULL, args.out)
         print("\n".join([part, *(f"  {line}" for line in lines)]))
     print(f"written: {args.out}")

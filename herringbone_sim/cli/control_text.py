@@ -99,7 +99,7 @@ def quiet_lines(near: Survey, share: Gathered) -> Lines:
     middle, phases = len(near.K) // 2, np.array(near.axis.values)
     lines = []
     for kind in dict.fromkeys(near.starts.names):
-        own = still[:, :, [name == kind for name in near.starts.names]].all(axis=2)
+        own = np.all(still[:, :, [name == kind for name in near.starts.names]], axis=2)
         head = f"quiet (P1, contact never lost) from {kind:8s}"
         if not own[middle, middle]:
             lines.append(f"{head} not even where the mesh error is cancelled")

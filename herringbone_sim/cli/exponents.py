@@ -21,6 +21,7 @@ from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.opinions import Opinions, all_opinions
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views.exponent_figures import exponents_figure
 from herringbone_sim.views.figures import PARAMETER_SYMBOLS, save
 
@@ -73,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
             f"got {args.cycles} and {args.transient}"
         )
     model = build(parameters_from(args))
+    make_folder(args.out)
     with tqdm(total=STEPS, unit="method", disable=None) as bar:
 
         def step(name: str) -> None:
@@ -133,24 +135,14 @@ def text(rows: Sequence[Row]) -> str:
 
 
 def write(folder: Path, rows: Sequence[Row], found: Opinions, title: str) -> None:
-    """``exponents.csv``, ``convergence.csv`` and the figure.
-
-    Raises:
-        AnalysisError: the folder can't be written.
-    """
+    """``exponents.csv``, ``convergence.csv`` and the figure."""
     running = found.spectrum.running
     names = [f"exponent_{j}" for j in range(1, running.shape[1] + 1)]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / "exponents.csv").open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([HEAD, *rows])
-        data = np.column_stack([np.arange(1, len(running) + 1), running])
-        head = ",".join(["period", *names])
-        formats = ["%d"] + ["%.9g"] * len(names)
-        path = folder / "convergence.csv"
-        np.savetxt(path, data, fmt=formats, delimiter=",", header=head, comments="")
-        save(exponents_figure(found, title), folder, "exponents")
-    except OSError as error:
-        raise AnalysisError(
-            f"{folder} can't be written ({error.strerror}): choose another --out"
-        ) from None
+    with (folder / "exponents.csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([HEAD, *rows])
+    data = np.column_stack([np.arange(1, len(running) + 1), running])
+    head = ",".join(["period", *names])
+    formats = ["%d"] + ["%.9g"] * len(names)
+    path = folder / "convergence.csv"
+    np.savetxt(path, data, fmt=formats, delimiter=",", header=head, comments="")
+    save(exponents_figure(found, title), folder, "exponents")

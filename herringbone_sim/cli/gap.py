@@ -11,6 +11,7 @@ from herringbone_sim.gap.residual import ForceResidual, force_residual
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording
+from herringbone_sim.sweeps.kept import make_folder
 
 DESCRIPTION = """\
 Compare a campaign (a folder of runs with campaign.yaml) with the nominal model, mesh by mesh:
@@ -40,7 +41,7 @@ def gap(args: argparse.Namespace) -> int:
     """Print a line a run and write ``residual.csv``."""
     campaign = read_campaign(args.campaign)
     nominal = load_parameters(args.nominal).changed({"model": "full"})
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
     print(f"{'run':10s} {'role':9s} {'residual [N]':>13s} {'of force':>9s}  largest mesh (share)")
     with (args.out / "residual.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)

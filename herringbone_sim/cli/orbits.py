@@ -23,6 +23,7 @@ from herringbone_sim.dynamics.orbits import (
     least_period,
 )
 from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views.figures import save
 from herringbone_sim.views.orbit_figures import orbit_figure
 from herringbone_sim.views.orbit_tables import summary, write_orbits
@@ -89,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     family, watch = gear_family(p, args.over, args.low, args.high)
     mesh = _mesh(args.mesh, p)
     starts = [(v, find_start(Gears(p, args.over), family, v, n, args)) for v, n in args.start]
-    _make(args.out)
+    make_folder(args.out)
     options = Options(max_period=args.max_period, asymmetric=args.asymmetric)
 
     with tqdm(desc="branches", unit="", disable=None) as bar:
@@ -101,15 +102,6 @@ def run(args: argparse.Namespace) -> int:
         print(f"stopped at {len(found)} branches: lower --max-period, or the range")
     print(f"written: {args.out / 'orbits.png'}")
     return 0
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AnalysisError(
-            f"--out must be a folder that can be written, got {folder} ({error.strerror})"
-        ) from None
 
 
 def _mesh(name: str | None, p: Parameters) -> int:

@@ -12,9 +12,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from herringbone_sim.cli.demo import config
+from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.core.scaling import scales
-from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper import reproduction
 from herringbone_sim.paper.motions import recorded
 from herringbone_sim.paper.observe import Observer
@@ -28,6 +28,7 @@ from herringbone_sim.paper.scenarios import (
 )
 from herringbone_sim.paper.staircase import Reading
 from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views import figures, paper_figures
 from herringbone_sim.views.figures import Scale
 from herringbone_sim.views.paper_page import Part, page
@@ -74,7 +75,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help=f"damping ratio of section 4, scenarios C to E; {SECTION_4_XI_PRINTED:g} is printed "
         f"(default: {SECTION_4_XI:g})",
     )
-    add("--workers", type=_count, default=2, metavar="N", help="threads (default: 2)")
+    add_workers(parser)
     parser.set_defaults(func=reproduce)
 
 
@@ -84,11 +85,10 @@ def reproduce(args: argparse.Namespace) -> int:
     reading = Reading(load_parameters(args.parameters or config("paper.yaml")), args.xi)
     # Said once above; every set of every sweep would say it again.
     warnings.simplefilter("ignore", ParameterWarning)
-    _make(args.out)
-    with (
-        tqdm(total=_total(scenarios, args), unit="run", disable=None, smoothing=0.05) as bar,
-        Observer(args.out / "data", args.workers, bar.update) as observer,
-    ):
+    workers = workers_from(args)
+    make_folder(args.out / "figures")
+    with tqdm(total=_total(scenarios, args), unit="run", disable=None, smoothing=0.05) as bar:
+        observer = Observer(args.out / "data", workers, bar.update)
         sweeps = reproduction.sweeps(observer, scenarios, reading, args.values)
         points = reproduction.points(observer, scenarios, reading)
         known = {
@@ -209,16 +209,6 @@ def _motion(folder: Path, point: Point) -> tuple[str, str]:
 def file_name(figure: str) -> str:
     """``Fig. 7`` as ``fig07``."""
     return f"fig{int(figure.split()[-1]):02d}"
-
-
-def _make(out: Path) -> None:
-    try:
-        (out / "figures").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AnalysisError(
-            f"the output folder must be one that can be written, got {out} "
-            f"({error.strerror}): choose another --out"
-        ) from None
 
 
 def _count(text: str) -> int:

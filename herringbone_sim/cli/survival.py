@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from herringbone_sim.cli.basins import make_folder, remembered
+from herringbone_sim.cli.basins import kept_sections
 from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from
+from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.model import Model, build
-from herringbone_sim.dynamics.basins import gear_sections, random_starts
+from herringbone_sim.dynamics.basins import random_starts
 from herringbone_sim.dynamics.survival import Survival, survival
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.views.figures import save
@@ -66,6 +67,7 @@ def add_parser(subparsers: Any) -> None:
     add("--reach", type=float, default=1.0, metavar="B", help="of x in b_c, v in b_c omega_n [1]")
     add("--transient", type=int, default=3000, metavar="N", help="cycles left out first [3000]")
     add("--seed", type=int, default=0, metavar="N", help="of the random starts [0]")
+    add_workers(parser)
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
     parser.set_defaults(func=run)
 
@@ -78,24 +80,23 @@ def run(args: argparse.Namespace) -> int:
             f"--transient 0 or more, got {args.values}, {args.low} to {args.high}, {args.starts} "
             f"and {args.transient}"
         )
-    p = parameters_from(args)
+    p, workers = parameters_from(args), workers_from(args)
     values = np.linspace(args.low, args.high, args.values)
     models = [build(p.changed({args.over: float(value)})) for value in values]
-    kept = make_folder(args.out / "unfinished")
-    found = [_at(one, args, kept) for one in tqdm(models, unit="value", disable=None)]
+    found = [_at(one, args, workers) for one in tqdm(models, unit="value", disable=None)]
     rows = table(values, found)
     with (args.out / "survival.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([HEAD, *rows])
     save(survival_figure(args.over, values, found), args.out, "survival")
-    shutil.rmtree(kept)
+    shutil.rmtree(args.out / "unfinished")
     print(text(args.over, values, found))
     print(f"written: {args.out / 'survival.csv'}, {args.out / 'survival.png'}")
     return 0
 
 
-def _at(model: Model, args: argparse.Namespace, kept: Path) -> Survival:
-    sections = gear_sections(model, args.transient, POINTS)
-    sections_of = remembered(kept, f"{model.parameters} {args.transient} {POINTS}", sections)
+def _at(model: Model, args: argparse.Namespace, workers: int) -> Survival:
+    unfinished = args.out / "unfinished"
+    sections_of = kept_sections(unfinished, model, args.transient, POINTS, workers)
     starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
     return survival(model, sections_of, starts)
 

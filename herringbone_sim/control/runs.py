@@ -1,15 +1,7 @@
-"""Many gears from many starts: what their motions are; done work is kept in a folder.
-
-Each chunk is a file named by the hash of all that goes into it, so a run that was stopped goes on
-where it was, and a changed parameter is never mistaken for an old one.
-"""
+"""Many gears from many starts: what their motions are; done work is kept in a folder."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-import zipfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
@@ -21,11 +13,11 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import Parameters, to_mapping
-from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.sweeps.kept import Kept
 from herringbone_sim.sweeps.observe import asymmetries, contact_loss
 from herringbone_sim.sweeps.periods import find_periods
-from herringbone_sim.version import VERSION
 
 Array = NDArray[np.float64]
 
@@ -85,6 +77,9 @@ class Motions:
         return np.asarray(self.asymmetry < ALIKE, dtype=bool)
 
 
+NAMES = tuple(item.name for item in fields(Motions))
+
+
 def repeats(period: Array, cycles: int) -> NDArray[np.bool_]:
     """Whether motions of these periods repeat after so many mesh cycles; aperiodic never, none
     after 0."""
@@ -113,10 +108,8 @@ class Runs:
         planned: Callable[[int], object] = lambda runs: None,
         done: Callable[[int], object] = lambda runs: None,
     ) -> None:
-        self._folder, self._workers = folder, workers
+        self._kept, self._workers = Kept(folder), workers
         self._planned, self._done = planned, done
-        if folder:
-            _make(folder)
 
     def observe(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
         """Motions of n gears of one layout.
@@ -127,26 +120,18 @@ class Runs:
             look: how long.
         """
         self._planned(len(sets))
-        pieces = [slice(i, i + CHUNK) for i in range(0, len(sets), CHUNK)]
-        pool = ThreadPoolExecutor(self._workers)
-        try:
-            tasks = [pool.submit(self._one, sets[at], starts[at], look) for at in pieces]
-            parts = []
-            for task in tasks:
-                parts.append(task.result())
-                self._done(len(parts[-1].period))
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-        return _joined(parts)
+        firsts = range(0, len(sets), CHUNK)
+        pieces = [(sets[i : i + CHUNK], starts[i : i + CHUNK], look) for i in firsts]
+        with ThreadPoolExecutor(self._workers) as pool:
+            found = pool.map(lambda piece: self._chunk(*piece), pieces)
+            return _joined([self._told(one) for one in found])
 
-    def _one(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
-        path = self._folder / f"{_key(sets, starts, look)}.npz" if self._folder else None
-        known = _read(path) if path else None
-        if known is not None:
-            return known
-        motions = _run(sets, starts, look)
-        if path:
-            _write(path, motions)
+    def _chunk(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
+        parts = [NAMES, sets, starts, look]
+        return Motions(**self._kept.once(parts, lambda: vars(_run(sets, starts, look))))
+
+    def _told(self, motions: Motions) -> Motions:
+        self._done(len(motions.period))
         return motions
 
 
@@ -178,43 +163,8 @@ def _built(one: Parameters) -> Any:
 
 
 def _empty(n: int, n_state: int) -> Motions:
-    names = [item.name for item in fields(Motions)]
-    return Motions(**{m: np.full((n, n_state) if m == "end" else n, np.nan) for m in names})
+    return Motions(**{m: np.full((n, n_state) if m == "end" else n, np.nan) for m in NAMES})
 
 
 def _joined(parts: Sequence[Motions]) -> Motions:
-    names = [item.name for item in fields(Motions)]
-    return Motions(**{m: np.concatenate([getattr(one, m) for one in parts]) for m in names})
-
-
-def _key(sets: Sequence[Parameters], starts: Array, look: Look) -> str:
-    text = json.dumps([VERSION, [to_mapping(one) for one in sets], vars(look)], sort_keys=True)
-    return hashlib.sha256(text.encode() + np.ascontiguousarray(starts).tobytes()).hexdigest()[:24]
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AnalysisError(
-            f"the output folder must be one that can be written, got {folder} "
-            f"({error.strerror}): choose another --out"
-        ) from None
-
-
-def _read(path: Path) -> Motions | None:
-    """Motions from a file; None when there is none, or a broken one."""
-    try:
-        with np.load(path) as file:
-            return Motions(**{item.name: file[item.name] for item in fields(Motions)})
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-
-
-def _write(path: Path, motions: Motions) -> None:
-    """Write beside and rename, so that a file is whole or not there."""
-    part = path.with_suffix(".part")
-    arrays: Any = {item.name: getattr(motions, item.name) for item in fields(Motions)}
-    with part.open("wb") as file:
-        np.savez(file, **arrays)
-    os.replace(part, path)
+    return Motions(**{m: np.concatenate([getattr(one, m) for one in parts]) for m in NAMES})

@@ -18,7 +18,7 @@ def forget_stale(package: Path, sources: Path) -> None:
     Nothing happens where nothing can be written: an installed package does not change in place.
     """
     stamp = package / "__pycache__" / STAMP
-    now = _digest(sources)
+    now = digest(sources)
     with contextlib.suppress(OSError):
         if stamp.is_file() and stamp.read_text() == now:
             return
@@ -28,10 +28,11 @@ def forget_stale(package: Path, sources: Path) -> None:
         stamp.write_text(now)
 
 
-def _digest(sources: Path) -> str:
-    """Of names, sizes and times of change: cheaper than reading the sources."""
+def digest(sources: Path) -> str:
+    """Of the names and contents of all Python files below a folder."""
     found = hashlib.sha256()
     for source in sorted(sources.rglob("*.py")):
-        status = source.stat()
-        found.update(f"{source.name} {status.st_size} {status.st_mtime_ns}\n".encode())
+        content = source.read_bytes()
+        found.update(f"{source.relative_to(sources).as_posix()} {len(content)}\n".encode())
+        found.update(content)
     return found.hexdigest()

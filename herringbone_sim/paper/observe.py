@@ -1,33 +1,25 @@
-"""Batches of models, kept in a folder: what was done before is read, not run again.
-
-Each chunk of a request is a file named by the hash of all that goes into it, so a killed
-reproduction goes on where it stopped, and a changed parameter is never mistaken for an old one.
-"""
+"""Batches of models, kept in a folder: what was done before is read, not run again."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-import zipfile
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from itertools import chain
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from herringbone_sim.core.batch import Batch, run_batch
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import Parameters, to_mapping
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.paper.regimes import POINTS
 from herringbone_sim.paper.scenarios import Array
-from herringbone_sim.version import VERSION
+from herringbone_sim.sweeps.kept import Kept
 
 CHUNK = 32
+NAMES = tuple(item.name for item in fields(Batch))
 
 
 @dataclass(frozen=True)
@@ -53,21 +45,20 @@ class Request:
 
     def _part(self, first: int, stop: int) -> Request:
         starts = None if self.starts is None else self.starts[first:stop]
-        length = (self.transient, self.cycles, self.points, self.exponents)
-        return Request(self.sets[first:stop], starts, *length)
+        return Request(self.sets[first:stop], starts, *self.length)
 
     @property
-    def key(self) -> str:
-        """Hash of all that the result hangs on."""
-        sets = [to_mapping(one) for one in self.sets]
-        length = [self.transient, self.cycles, self.points, self.exponents]
-        text = json.dumps([VERSION, sets, length], sort_keys=True).encode()
-        starts = b"" if self.starts is None else np.ascontiguousarray(self.starts).tobytes()
-        return hashlib.sha256(text + starts).hexdigest()[:24]
+    def length(self) -> tuple[int, int, int, bool]:
+        return self.transient, self.cycles, self.points, self.exponents
+
+    @property
+    def parts(self) -> list[Any]:
+        """All that the result hangs on."""
+        return [NAMES, self.sets, self.starts, self.length]
 
 
 class Observer:
-    """Runs requests on threads and keeps their batches in a folder; a context manager.
+    """Runs requests on threads and keeps their batches in a folder.
 
     Args:
         folder: made when it is new; None keeps nothing.
@@ -84,21 +75,7 @@ class Observer:
         workers: int = 2,
         done: Callable[[int], object] = lambda sets: None,
     ) -> None:
-        self._folder, self._done = folder, done
-        if folder:
-            _make(folder)
-        self._pool = ThreadPoolExecutor(workers)
-
-    def __enter__(self) -> Observer:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._kept, self._workers, self._done = Kept(folder), workers, done
 
     def batch(self, request: Request) -> Batch:
         """The batch of one request."""
@@ -106,69 +83,33 @@ class Observer:
 
     def batches(self, requests: Iterable[Request]) -> list[Batch]:
         """The batches of several requests, run side by side."""
-        waiting = [self._submit(request) for request in requests]
-        return [_joined([self._told(chunk) for chunk in chunks]) for chunks in waiting]
+        pieces = [request.chunks() for request in requests]
+        with ThreadPoolExecutor(self._workers) as pool:
+            found = pool.map(self._one, chain.from_iterable(pieces))
+            return [_joined([self._told(next(found)) for _ in own]) for own in pieces]
 
-    def _submit(self, request: Request) -> list[Future[Batch]]:
-        return [self._pool.submit(self._one, chunk) for chunk in request.chunks()]
+    def _one(self, chunk: Request) -> Batch:
+        arrays = self._kept.once(chunk.parts, lambda: vars(_run(chunk)))
+        return Batch(**{**arrays, "reasons": tuple(map(str, arrays["reasons"]))})
 
-    def _told(self, chunk: Future[Batch]) -> Batch:
-        batch = chunk.result()
+    def _told(self, batch: Batch) -> Batch:
         self._done(len(batch.reasons))
         return batch
 
-    def _one(self, chunk: Request) -> Batch:
-        path = self._folder / f"{chunk.key}.npz" if self._folder else None
-        known = _read(path) if path else None
-        if known is not None:
-            return known
-        models = [build(one) for one in chunk.sets]
-        batch = run_batch(
-            models, chunk.starts, chunk.transient, chunk.cycles, chunk.points, chunk.exponents
-        )
-        if path:
-            _write(path, batch)
-        return batch
+
+def _run(chunk: Request) -> Batch:
+    return run_batch([build(one) for one in chunk.sets], chunk.starts, *chunk.length)
 
 
 def _starts(n: int) -> range:
     return range(0, n, CHUNK)
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AnalysisError(
-            f"the output folder must be one that can be written, got {folder} "
-            f"({error.strerror}): choose another --out"
-        ) from None
-
-
-def _read(path: Path) -> Batch | None:
-    """A batch from its file; None when there is none, or a broken one."""
-    try:
-        with np.load(path) as file:
-            arrays = {item.name: file[item.name] for item in fields(Batch)}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-    return Batch(**{**arrays, "reasons": tuple(str(text) for text in arrays["reasons"])})
-
-
-def _write(path: Path, batch: Batch) -> None:
-    """Write beside and rename, so that a file is whole or not there."""
-    part = path.with_suffix(".part")
-    arrays: Any = {item.name: np.asarray(getattr(batch, item.name)) for item in fields(Batch)}
-    with part.open("wb") as file:
-        np.savez(file, **arrays)
-    os.replace(part, path)
-
-
 def _joined(parts: Sequence[Batch]) -> Batch:
     """Batches one behind the other."""
     arrays = {
-        item.name: np.concatenate([getattr(part, item.name) for part in parts])
-        for item in fields(Batch)
-        if item.name != "reasons"
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in NAMES
+        if name != "reasons"
     }
     return Batch(**arrays, reasons=tuple(text for part in parts for text in part.reasons))

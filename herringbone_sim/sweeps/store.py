@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.sweeps.grid import Axis, Sweep, differences, sweep_from_json
+from herringbone_sim.sweeps.kept import make_folder, whole
 from herringbone_sim.sweeps.observe import SCALARS, Array, Table
 
 FILE = "sweep.json"
@@ -44,14 +44,10 @@ class Store:
         return [part for part in range(self.sweep.n_parts) if not self.has(part)]
 
     def write(self, part: int, table: Table) -> None:
-        """Write a part under another name and rename it: it is there whole or not at all."""
+        """Write a part, whole or not at all."""
         columns = {name: _column(values) for name, values in table.items()}
-        partial = self.path(part).with_suffix(".partial")
-        with partial.open("wb") as file:
+        with whole(self.path(part)) as file:
             pq.write_table(pa.table(columns), file, compression="zstd")
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(self.path(part))
 
     def read_part(self, part: int) -> Table:
         """The table of one part, as it was written.
@@ -115,16 +111,9 @@ def open_store(folder: Path | str, sweep: Sweep) -> Store:
                 f"{folder} holds another sweep ({'; '.join(differences(other, sweep))}): "
                 "choose another folder, or repeat that sweep as it was"
             )
-    try:
-        (store.folder / "parts").mkdir(parents=True, exist_ok=True)
-        partial = described.with_suffix(".partial")
-        partial.write_text(sweep.to_json(), encoding="utf-8")
-        partial.replace(described)
-    except OSError as error:
-        raise AnalysisError(
-            f"the folder of a sweep must be one that can be written, got {folder} "
-            f"({error.strerror}): choose another"
-        ) from None
+    make_folder(store.folder / "parts")
+    with whole(described) as file:
+        file.write(sweep.to_json().encode())
     return store
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from herringbone_sim.analysis.bifurcation import BifurcationDiagram, bifurcation_diagram
 from herringbone_sim.analysis.pipeline import SegmentResult
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views import figures, tables
 from herringbone_sim.views.figures import Scale
 from herringbone_sim.views.report import Picture, report_html
@@ -36,7 +37,7 @@ def write_run(
     Raises:
         AnalysisError: the folder can't be written.
     """
-    _make(folder)
+    make_folder(folder / "figures")
     chosen = figures.representatives(results)
     written = _tables(folder, results, chosen)
     pictures = []
@@ -67,21 +68,11 @@ def write_diagram(
     folder: Path, diagram: BifurcationDiagram, scale: Scale
 ) -> tuple[Path, Path, Path]:
     """``bifurcation.csv``, ``figures/bifurcation.png`` and ``.svg``; returns the three paths."""
-    _make(folder)
+    make_folder(folder / "figures")
     table = folder / "bifurcation.csv"
     tables.write_bifurcation(table, diagram)
     figure = figures.bifurcation_figure(diagram, scale)
     return table, *figures.save(figure, folder / "figures", "bifurcation")
-
-
-def _make(folder: Path) -> None:
-    try:
-        (folder / "figures").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AnalysisError(
-            f"the output folder must be one that can be written, got {folder} "
-            f"({error.strerror}): choose another --out"
-        ) from None
 
 
 def _tables(

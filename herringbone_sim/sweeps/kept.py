@@ -1,0 +1,122 @@
+"""Arrays that took long to make, kept in a folder: what was done before is read, not done again.
+
+Each is a file named by the digest of all that it hangs on, so work that was stopped goes on where
+it was, and what other parameters or another kernel gave is never mistaken for it.
+"""
+
+from __future__ import annotations
+
+import errno
+import functools
+import hashlib
+import json
+import os
+import threading
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from herringbone_sim.core import cache
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.version import VERSION
+
+Arrays = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Arrays by the digest of their parts; may be used by threads and processes side by side.
+
+    Attributes:
+        folder: made when it is new; None keeps nothing.
+
+    Raises:
+        AnalysisError: the folder can't be written.
+    """
+
+    folder: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.folder:
+            make_folder(self.folder)
+
+    def once(self, parts: Sequence[Any], work: Callable[[], Mapping[str, Any]]) -> Arrays:
+        """Arrays by name: read where they are kept and whole, else made and kept.
+
+        Args:
+            parts: all that the arrays hang on, see ``digest``.
+            work: makes them.
+        """
+        path = self.folder / f"{digest(parts)}.npz" if self.folder else None
+        known = _read(path) if path else None
+        if known is not None:
+            return known
+        made: Arrays = {name: np.asarray(values) for name, values in work().items()}
+        if path:
+            with whole(path) as file:
+                np.savez(file, **made)
+        return made
+
+
+def digest(parts: Sequence[Any]) -> str:
+    """Name for what is made of parts: of them, of this version and of the sources of the kernel.
+
+    Args:
+        parts: plain values, arrays, and dataclasses or sequences of them.
+    """
+    text = json.dumps([VERSION, _sources(), *parts], default=_plain, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def make_folder(folder: Path) -> Path:
+    """The folder, made when it is new; AnalysisError where that can't be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        raise AnalysisError(
+            f"the output folder must be one that can be written, got {folder} "
+            f"({error.strerror}): choose another --out"
+        ) from None
+    return folder
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[BinaryIO]:
+    """A file beside ``path`` to write to; it takes that name when all is written, or never."""
+    partial = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}.partial")
+    try:
+        with partial.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _read(path: Path) -> Arrays | None:
+    """Arrays of a file; None when there is none, or a broken one."""
+    try:
+        with np.load(path) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+@functools.cache
+def _sources() -> tuple[str, ...]:
+    """Of the kernel, and of what is told of its runs here."""
+    return tuple(cache.digest(Path(one).parent) for one in (cache.__file__, __file__))
+
+
+def _plain(part: Any) -> Any:
+    if isinstance(part, np.ndarray):
+        return [str(part.dtype), part.shape, hashlib.sha256(part.tobytes()).hexdigest()]
+    return vars(part)

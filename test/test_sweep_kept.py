@@ -1,0 +1,125 @@
+"""What was made once is read again: by its parts, whole or not at all."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+
+import numpy as np
+import pytest
+
+from herringbone_sim.control.runs import Look
+from herringbone_sim.core import cache
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps import kept
+from herringbone_sim.sweeps.kept import Kept, digest, make_folder, whole
+
+
+class Work:
+    """Arrays, and how often they were made."""
+
+    def __init__(self):
+        self.times = 0
+
+    def __call__(self):
+        self.times += 1
+        return {"x": np.arange(3.0), "reasons": ("", "diverged")}
+
+
+def test_what_was_made_is_read(tmp_path):
+    work = Work()
+    made = Kept(tmp_path / "new" / "data").once(["a", 1], work)
+    read = Kept(tmp_path / "new" / "data").once(["a", 1], work)
+    assert work.times == 1
+    for name in ("x", "reasons"):
+        np.testing.assert_array_equal(made[name], read[name])
+    Kept(tmp_path / "new" / "data").once(["a", 2], work)
+    assert work.times == 2
+
+
+def test_without_a_folder_all_is_made():
+    work = Work()
+    for _ in range(2):
+        assert Kept().once(["a"], work)["reasons"].tolist() == ["", "diverged"]
+    assert work.times == 2
+
+
+@pytest.mark.parametrize("length", [0, 50, -20])
+def test_a_broken_file_is_made_again(tmp_path, length):
+    work = Work()
+    Kept(tmp_path).once(["a"], work)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(path.read_bytes()[:length])
+    assert Kept(tmp_path).once(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
+    assert work.times == 2
+
+
+def test_digest_tells_all_parts_apart(gear):
+    paper = gear().parameters
+    y = np.arange(4.0)
+    parts = [
+        ["a", y],
+        ["a", y + 1e-15],
+        ["a", y[::-1]],
+        ["a", y.reshape(2, 2)],
+        ["a", y.astype(np.float32)],
+        ["a", None],
+        [paper],
+        [paper.changed({"delta_T": 50.001})],
+        [[paper], Look()],
+        [[paper], Look(exponents=True)],
+    ]
+    assert len({digest(one) for one in parts}) == len(parts)
+    assert digest(["a", y[::-1]]) == digest(["a", y[::-1].copy()])
+
+
+def test_another_kernel_has_other_names(monkeypatch):
+    before = digest(["a"])
+    monkeypatch.setattr(kept, "_sources", lambda: ("another",))
+    assert digest(["a"]) != before
+
+
+def test_sources_count_by_name_and_content_alone(tmp_path):
+    for folder in ("one", "two", "three"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "kernel.py").write_text("x = 1\n")
+    (tmp_path / "two" / "kernel.py").write_text("x = 2\n")
+    one, two, three = (cache.digest(tmp_path / name) for name in ("one", "two", "three"))
+    assert one == three != two
+
+
+def test_a_file_is_whole_or_not_there(tmp_path):
+    path = tmp_path / "part"
+    with whole(path) as file:
+        file.write(b"old")
+    with pytest.raises(TypeError), whole(path) as file:
+        file.writelines([b"new", None])
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_two_threads_may_make_the_same(tmp_path):
+    together = Barrier(2)
+
+    def make(_):
+        def work():
+            together.wait(10.0)
+            return {"x": np.ones(1000)}
+
+        return Kept(tmp_path).once(["a"], work)["x"].sum()
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(make, range(2))) == [1000.0, 1000.0]
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(AnalysisError, match="must be one that can be written"):
+        make_folder(tmp_path / "file" / "data")
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(AnalysisError, match="Permission denied"):
+        make_folder(tmp_path)
