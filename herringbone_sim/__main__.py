@@ -7,6 +7,7 @@ import importlib
 import sys
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
@@ -66,15 +67,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         hint = "ROS arguments follow --ros-args" if hasattr(args, "rest") else "see --help"
         commands.error(f"unknown arguments {' '.join(rest)}: {hint}")
     args.rest = rest
-    warnings.simplefilter("once", ParameterWarning)
-    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
-    try:
-        return int(args.func(args))
-    except HerringboneError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    with warnings.catch_warnings():
+        _warn_once()
+        try:
+            return int(args.func(args))
+        except HerringboneError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return 130
+
+
+def _warn_once() -> None:
+    """Say each warning once, in a line.
+
+    The filter "once" would not do: what it remembers is a module's, and is forgotten whenever any
+    library changes the filters.
+    """
+    said: set[str] = set()
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        text = f"warning: {message}"
+        if text not in said:
+            said.add(text)
+            print(text, file=sys.stderr)
+
+    warnings.simplefilter("always", ParameterWarning)
+    warnings.showwarning = show
 
 
 def gap() -> int:

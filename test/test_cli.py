@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -83,3 +84,17 @@ def test_a_speed_that_plays_nothing_is_refused(
     writer.close()
     assert main(["replay", str(writer.path), "--publish", f"--speed={speed}"]) == 2
     assert "speed must be finite and positive" in capsys.readouterr().err
+
+
+def test_a_command_warns_once_and_leaves_the_filters_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Sets are built at the door, and again from each folder of a sweep; runs are on threads."""
+    before = warnings.showwarning, list(warnings.filters)
+    short = ["--transient", "10", "--cycles", "10", "--no-exponents", "--chunk", "2"]
+    argv = ["sweep", "--over", "delta_T=20:60:6", "--start", "both", "--workers", "2", *short]
+    assert main([*argv, "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().err.count("warning: no such gear") == 1
+    assert (warnings.showwarning, list(warnings.filters)) == before
+    assert main([*argv, "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().err.count("warning: no such gear") == 1

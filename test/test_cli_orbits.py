@@ -92,7 +92,7 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path, capsys):
     (tmp_path / "file").touch()
     command = [*XI, "--start", "0.168", "--settle", "300", "--out", str(tmp_path / "file" / "in")]
     assert main(command) == 2
-    assert "--out must be a folder" in capsys.readouterr().err
+    assert "choose another --out" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("start", ["0.16:0", "0.16:half", "warm"])

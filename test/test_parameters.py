@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -215,6 +216,27 @@ def test_the_papers_gear_is_warned_about_and_runs():
     (text,) = warnings_of()
     assert "(z_s + z_r) / N to be whole, got 104 / 3 = 34.667" in text
     assert "runs all the same" in text
+
+
+def test_a_copy_does_not_warn_again_of_the_same():
+    p = Parameters()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert p.changed({"delta_T": 30}).changed({"K": 0.1}).delta_T == 30.0
+        assert caught == []
+        p.changed({"z_p": 26})
+    (one,) = caught
+    assert "got 77" in str(one.message)
+    assert Path(one.filename) == Path(__file__)
+
+
+def test_a_copy_leaves_the_set_alone_and_is_checked():
+    p = Parameters()
+    before = to_mapping(p)
+    with pytest.raises(ParameterError, match="xi"):
+        p.changed({"xi": -1.0})
+    assert p.changed({"xi": 0.2}) != p
+    assert to_mapping(p) == before
 
 
 def test_given_planet_angles_need_no_equal_spacing():

@@ -121,7 +121,7 @@ def _bar(name: str) -> Callable[[Iterable[int]], Iterable[int]]:
 
 
 def kept_sections(
-    folder: Path, model: Model, transient: int, points: int, workers: int
+    folder: Path, model: Model, transient: int, points: int, workers: int = 1
 ) -> Sections:
     """``gear_sections`` that are kept in a folder, and found there."""
     sections_of, kept = gear_sections(model, transient, points, workers), Kept(folder)

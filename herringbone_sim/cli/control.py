@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from herringbone_sim.cli.parameter_options import add_parameter_options, paramet
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.control.runs import Runs
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.grid import for_sweeps
 
@@ -66,8 +64,6 @@ def run(args: argparse.Namespace) -> int:
     if base.model != "reduced":
         raise AnalysisError("control needs model: reduced, got full: its K is that of Eq. (22)")
     build(base)
-    # Said once above; every gear of every part would say it again.
-    warnings.simplefilter("ignore", ParameterWarning)
     for part in chosen:
         with tqdm(desc=part, unit="run", total=0, disable=None) as bar:
             runs = Runs(args.out / "data", workers, _planner(bar), bar.update)

@@ -53,11 +53,9 @@ def gear_of(parameters: Mapping[str, Any], with_model: bool) -> Gear:
 def model_at(p: Parameters, point: Mapping[str, float]) -> Model:
     """Model at an operating point of the analysis: its parameters and its mesh frequency."""
     values = {name: point[name] for name in FROM_POINT if np.isfinite(point.get(name, np.nan))}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        model = build(p.changed(values))
-        Omega = 2 * np.pi * point[FREQUENCY] / model.scales.omega_n
-        return build(model.parameters.changed({"Omega": Omega}))
+    model = build(p.changed(values))
+    Omega = 2 * np.pi * point[FREQUENCY] / model.scales.omega_n
+    return build(model.parameters.changed({"Omega": Omega}))
 
 
 def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float] | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.demo import config
 from herringbone_sim.cli.workers import add_workers, workers_from
-from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.paper import reproduction
 from herringbone_sim.paper.motions import recorded
@@ -83,8 +81,6 @@ def reproduce(args: argparse.Namespace) -> int:
     """Run it all, write it all, print what was right."""
     scenarios = reproduction.chosen(args.only)
     reading = Reading(load_parameters(args.parameters or config("paper.yaml")), args.xi)
-    # Said once above; every set of every sweep would say it again.
-    warnings.simplefilter("ignore", ParameterWarning)
     workers = workers_from(args)
     make_folder(args.out / "figures")
     with tqdm(total=_total(scenarios, args), unit="run", disable=None, smoothing=0.05) as bar:

@@ -6,6 +6,7 @@ import argparse
 import csv
 import shutil
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,9 @@ def run(args: argparse.Namespace) -> int:
     p, workers = parameters_from(args), workers_from(args)
     values = np.linspace(args.low, args.high, args.values)
     models = [build(p.changed({args.over: float(value)})) for value in values]
-    found = [_at(one, args, workers) for one in tqdm(models, unit="value", disable=None)]
+    with ThreadPoolExecutor(workers) as pool:
+        told = pool.map(lambda one: _at(one, args), models)
+        found = list(tqdm(told, total=len(models), unit="value", disable=None))
     rows = table(values, found)
     with (args.out / "survival.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([HEAD, *rows])
@@ -94,9 +97,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _at(model: Model, args: argparse.Namespace, workers: int) -> Survival:
-    unfinished = args.out / "unfinished"
-    sections_of = kept_sections(unfinished, model, args.transient, POINTS, workers)
+def _at(model: Model, args: argparse.Namespace) -> Survival:
+    sections_of = kept_sections(args.out / "unfinished", model, args.transient, POINTS)
     starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
     return survival(model, sections_of, starts)
 

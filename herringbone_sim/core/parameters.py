@@ -12,7 +12,8 @@ import math
 import numbers
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from copy import copy
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from herringbone_sim.core.layout import Layout
@@ -159,10 +160,8 @@ class Parameters:
     samples_per_cycle: int = _p(16, "-", "samples recorded a mesh cycle", 1, 10000, live=True)
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            _check(item.name, getattr(self, item.name), meaning(item.name))
-        _check_lists(self)
-        _check_gear(self)
+        _check_all(self)
+        _warn(obstacles(self), stacklevel=4)
 
     @property
     def layout(self) -> Layout:
@@ -184,9 +183,17 @@ class Parameters:
         return self.samples_per_cycle * math.ceil(least / self.samples_per_cycle - 1e-9)
 
     def changed(self, values: Mapping[str, Any]) -> Parameters:
-        """A copy with some values changed, coerced by ``coerce``; ParameterError as when built."""
+        """A copy with some values changed, coerced by ``coerce``; ParameterError as when built.
+
+        What this set was warned of when it was built is not said again of the copy.
+        """
         known: dict[str, Any] = {name: coerce(name, value) for name, value in values.items()}
-        return replace(self, **known)
+        changed = copy(self)
+        vars(changed).update(known)
+        _check_all(changed)
+        said = obstacles(self)
+        _warn([rule for rule in obstacles(changed) if rule not in said], stacklevel=3)
+        return changed
 
 
 def names() -> tuple[str, ...]:
@@ -259,6 +266,13 @@ def spread(values: Sequence[float], n: int) -> list[float]:
     return list(values) * n if len(values) == 1 else list(values)
 
 
+def _check_all(p: Parameters) -> None:
+    for item in fields(p):
+        _check(item.name, getattr(p, item.name), meaning(item.name))
+    _check_lists(p)
+    _check_gear(p)
+
+
 def _check(name: str, value: Any, about: Meaning) -> None:
     if about.choices:
         if value not in about.choices:
@@ -320,6 +334,10 @@ def _check_gear(p: Parameters) -> None:
             f"the ring must be larger than the sun: z_r > z_s, got {p.z_r} and "
             f"{p.z_s}: the ratio 1 + z_r / z_s needs a planet between them"
         )
+
+
+def obstacles(p: Parameters) -> list[str]:
+    """Rules of assembly that a gear breaks; the model runs all the same."""
     rules = []
     if p.z_r != p.z_s + 2 * p.z_p:
         rules.append(
@@ -344,9 +362,10 @@ def _check_gear(p: Parameters) -> None:
             f"neighbouring planets touch: (z_s + z_p) sin(gap / 2) = {apart:.1f} must exceed "
             f"z_p + 2 = {p.z_p + 2}"
         )
+    return rules
+
+
+def _warn(rules: Sequence[str], stacklevel: int) -> None:
     for rule in rules:
-        warnings.warn(
-            f"no such gear can be assembled: {rule}; it runs all the same",
-            ParameterWarning,
-            stacklevel=4,
-        )
+        text = f"no such gear can be assembled: {rule}; it runs all the same"
+        warnings.warn(text, ParameterWarning, stacklevel)
