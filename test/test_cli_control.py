@@ -62,7 +62,7 @@ def test_maps_are_whole(written):
     assert len(rows(written / "phase.csv")) == 4 * 6
     orders = rows(written / "order.csv")
     assert len(orders) == 3 * 6
-    golden = [one for one in orders if one["control_order"] == "0.618034" and one["K"] != "0"]
+    golden = [one for one in orders if one["control_order"] == "0.618033989" and one["K"] != "0"]
     assert {one["period"] for one in golden} == {"0"}
     assert len(rows(written / "survival.csv")) == 2 * 6 * 4
     for one in rows(written / "starts.csv"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -31,6 +30,7 @@ from herringbone_sim.dynamics.opinions import identify
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.kept import Kept
 from herringbone_sim.views.basin_figures import basins_figure
+from herringbone_sim.views.csv_file import write_csv
 from herringbone_sim.views.figures import save
 
 Array = NDArray[np.float64]
@@ -173,8 +173,7 @@ def write(
     plane: tuple[Array, Basins] | None,
 ) -> None:
     """``basins.csv``, ``starts.csv`` and ``slice.csv``; attractors count from 1, 0 = failed."""
-    with (folder / "basins.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([HEAD, *rows])
+    write_csv(folder / "basins.csv", HEAD, rows)
     states = ",".join(["attractor", *(f"y_{i}" for i in range(starts.shape[1]))])
     _save(folder / "starts.csv", np.column_stack([shared.labels + 1, starts]), states)
     if plane:

@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from herringbone_sim.control.amplitude import Least, Survey
 from herringbone_sim.control.realisation import BODIES, MESHES, Actuator, Needed
 from herringbone_sim.control.robustness import Gathered, Survival
 from herringbone_sim.control.shape import Shape
-
-
-def write(path: Path, head: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
-    """A table; floats short, NaN empty."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(head)
-        table.writerows([_short(value) for value in row] for row in rows)
-
-
-def _short(value: Any) -> Any:
-    if not isinstance(value, (float, np.floating)):
-        return value
-    return f"{value:.6g}" if np.isfinite(value) else ""
+from herringbone_sim.views.csv_file import write_csv
 
 
 def write_runs(path: Path, over: Survey) -> None:
@@ -40,7 +23,7 @@ def write_runs(path: Path, over: Survey) -> None:
         for i, kind in enumerate(over.starts.names)
     )
     rows = ((*p, *c) for p, c in zip(places, zip(*columns, strict=True), strict=True))
-    write(path, [over.axis.name, "K", "start", *names], rows)
+    write_csv(path, [over.axis.name, "K", "start", *names], rows)
 
 
 def write_least(path: Path, name: str, found: Sequence[Least]) -> None:
@@ -55,7 +38,7 @@ def write_least(path: Path, name: str, found: Sequence[Least]) -> None:
     )
     head = [name, "wanted", "starts", "least_K", "firm_from_K", "held_from_K", "half_width"]
     head += ["share", "pockets"]
-    write(path, head, rows)
+    write_csv(path, head, rows)
 
 
 def write_shape(path: Path, found: Shape) -> None:
@@ -66,7 +49,7 @@ def write_shape(path: Path, found: Shape) -> None:
         for i, value in enumerate(found.axis.values)
         for j, K in enumerate(found.K)
     )
-    write(path, [found.axis.name, "K", *names], rows)
+    write_csv(path, [found.axis.name, "K", *names], rows)
 
 
 def write_needed(path: Path, found: Sequence[Needed]) -> None:
@@ -75,22 +58,22 @@ def write_needed(path: Path, found: Sequence[Needed]) -> None:
         [n.actuator.name, n.wanted, n.who, n.phase, n.K, n.largest, n.torque_n_m] for n in found
     )
     head = ["actuator", "wanted", "starts", "phase", "K", "largest_K", "torque_n_m"]
-    write(path, head, rows)
+    write_csv(path, head, rows)
 
 
 def write_actuators(path: Path, ways: Sequence[Actuator]) -> None:
     """A row an actuator: shares of K on the meshes, N m at K = 1 on the bodies."""
     head = ["actuator", *(f"share_{m}" for m in MESHES), *(f"n_m_per_K_{b}" for b in BODIES)]
-    write(path, head, ([one.name, *one.pattern, *one.torques_n_m] for one in ways))
+    write_csv(path, head, ([one.name, *one.pattern, *one.torques_n_m] for one in ways))
 
 
 def write_shares(path: Path, shares: Sequence[Gathered]) -> None:
     """A row a place and motion."""
     names = ("wanted", "starts", "reached", "parted", "share", "low", "high")
     rows = ([*one.values.values(), *(getattr(one, name) for name in names)] for one in shares)
-    write(path, [*shares[0].values, *names], rows)
+    write_csv(path, [*shares[0].values, *names], rows)
 
 
 def write_survival(path: Path, lasting: Sequence[Survival]) -> None:
     """A row a motion, kind and size of difference."""
-    write(path, list(vars(lasting[0])), (vars(one).values() for one in lasting))
+    write_csv(path, list(vars(lasting[0])), (vars(one).values() for one in lasting))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from herringbone_sim.dynamics.opinions import Opinions, all_opinions
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.csv_file import write_csv
 from herringbone_sim.views.exponent_figures import exponents_figure
 from herringbone_sim.views.figures import PARAMETER_SYMBOLS, save
 
@@ -138,8 +138,7 @@ def write(folder: Path, rows: Sequence[Row], found: Opinions, title: str) -> Non
     """``exponents.csv``, ``convergence.csv`` and the figure."""
     running = found.spectrum.running
     names = [f"exponent_{j}" for j in range(1, running.shape[1] + 1)]
-    with (folder / "exponents.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([HEAD, *rows])
+    write_csv(folder / "exponents.csv", HEAD, rows)
     data = np.column_stack([np.arange(1, len(running) + 1), running])
     head = ",".join(["period", *names])
     formats = ["%d"] + ["%.9g"] * len(names)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -28,6 +26,7 @@ from herringbone_sim.paper.staircase import Reading
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views import figures, paper_figures
+from herringbone_sim.views.csv_file import write_csv
 from herringbone_sim.views.figures import Scale
 from herringbone_sim.views.paper_page import Part, page
 
@@ -142,23 +141,18 @@ def _table(checked: Sequence[Checked]) -> list[str]:
 
 
 def _write_tables(out: Path, checked: Sequence[Checked], compared: Sequence[Compared]) -> None:
-    with (out / "statements.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["scenario", "statement", "published", "obtained", "error", "ok"])
-        for one in checked:
-            s, got = one.statement, one.obtained
-            error = f"{got.error:.6g}" if math.isfinite(got.error) else ""
-            table.writerow([s.scenario, s.text, s.published, got.text, error, got.ok])
-    with (out / "dependence.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(
-            (*("scenario", "boundary", "published", "way"), *("obtained", "half_width"), *SHARES)
-        )
-        for row in compared:
-            f = row.found
-            numbers = (f.at, f.half_width, f.share_before, f.share_after)
-            head = [row.wanted.scenario, row.wanted.text, row.wanted.published, row.way]
-            table.writerow([*head, *(f"{v:.6g}" if math.isfinite(v) else "" for v in numbers)])
+    head = ["scenario", "statement", "published", "obtained", "error", "ok"]
+    found = [(one.statement, one.obtained) for one in checked]
+    rows = ([s.scenario, s.text, s.published, got.text, got.error, got.ok] for s, got in found)
+    write_csv(out / "statements.csv", head, rows)
+    head = ["scenario", "boundary", "published", "way", "obtained", "half_width", *SHARES]
+    write_csv(out / "dependence.csv", head, map(_compared_row, compared))
+
+
+def _compared_row(row: Compared) -> list[object]:
+    wanted, f = row.wanted, row.found
+    place = [wanted.scenario, wanted.text, wanted.published, row.way]
+    return [*place, f.at, f.half_width, f.share_before, f.share_after]
 
 
 def _draw(

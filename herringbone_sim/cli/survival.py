@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,6 +20,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.dynamics.basins import random_starts
 from herringbone_sim.dynamics.survival import Survival, survival
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.views.csv_file import write_csv
 from herringbone_sim.views.figures import save
 from herringbone_sim.views.survival_figure import survival_figure
 
@@ -88,8 +88,7 @@ def run(args: argparse.Namespace) -> int:
         told = pool.map(lambda one: _at(one, args), models)
         found = list(tqdm(told, total=len(models), unit="value", disable=None))
     rows = table(values, found)
-    with (args.out / "survival.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([HEAD, *rows])
+    write_csv(args.out / "survival.csv", HEAD, rows)
     save(survival_figure(args.over, values, found), args.out, "survival")
     shutil.rmtree(args.out / "unfinished")
     print(text(args.over, values, found))

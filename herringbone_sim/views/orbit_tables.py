@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.boundaries import Boundary
 from herringbone_sim.dynamics.cascade import Followed
 from herringbone_sim.dynamics.turning import section
+from herringbone_sim.views.csv_file import write_csv
 from herringbone_sim.views.orbit_figures import stability_of
 
 NONE = complex("nan")
@@ -84,16 +84,9 @@ def write_orbits(folder: Path, found: Sequence[Followed], p: Parameters) -> None
     """``branches.csv``, ``sections.csv`` and ``boundaries.csv`` into a folder that is there."""
     columns = [f"{a}_{m}" for a in "xv" for m in p.layout.meshes]
     head = ["branch", "index", "value"]
-    _table(folder / "branches.csv", [*head, *ORBIT_COLUMNS], _orbit_rows(found))
-    _table(folder / "sections.csv", [*head, "cycle", *columns], _section_rows(found))
-    _table(folder / "boundaries.csv", BOUNDARY_COLUMNS, _boundary_rows(found))
-
-
-def _table(path: Path, head: Sequence[str], rows: Iterator[Sequence[object]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(head)
-        table.writerows(rows)
+    write_csv(folder / "branches.csv", [*head, *ORBIT_COLUMNS], _orbit_rows(found))
+    write_csv(folder / "sections.csv", [*head, "cycle", *columns], _section_rows(found))
+    write_csv(folder / "boundaries.csv", BOUNDARY_COLUMNS, _boundary_rows(found))
 
 
 def _orbit_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:

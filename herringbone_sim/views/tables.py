@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import numpy as np
 
 from herringbone_sim.analysis.bifurcation import BifurcationDiagram
 from herringbone_sim.analysis.pipeline import SegmentResult
+from herringbone_sim.views.csv_file import write_csv
 
 Cell = str | int | float | None
 
@@ -59,7 +58,7 @@ def segment_row(result: SegmentResult) -> list[Cell]:
 
 def write_segments(path: Path, results: Sequence[SegmentResult]) -> None:
     """One row a segment."""
-    _write(path, segment_columns(results), (segment_row(result) for result in results))
+    write_csv(path, segment_columns(results), (segment_row(result) for result in results))
 
 
 def write_poincare(path: Path, results: Sequence[SegmentResult]) -> None:
@@ -85,7 +84,7 @@ def write_spectrum(path: Path, results: Sequence[SegmentResult]) -> None:
         for number, s in spectra
         for order, amplitudes in zip(s.orders.tolist(), s.amplitudes.tolist(), strict=True)
     )
-    _write(path, names, rows)
+    write_csv(path, names, rows)
 
 
 def write_lines(path: Path, results: Sequence[SegmentResult]) -> None:
@@ -95,7 +94,7 @@ def write_lines(path: Path, results: Sequence[SegmentResult]) -> None:
         for r in results
         for line in r.lines
     )
-    _write(path, ["segment", "mesh", "h", "n", "h/n", "order", "amplitude_m"], rows)
+    write_csv(path, ["segment", "mesh", "h", "n", "h/n", "order", "amplitude_m"], rows)
 
 
 def write_bifurcation(path: Path, diagram: BifurcationDiagram) -> None:
@@ -109,19 +108,4 @@ def write_bifurcation(path: Path, diagram: BifurcationDiagram) -> None:
         for i, points in enumerate(diagram.points)
         for value, x in zip(diagram.point_values[i], points, strict=True)
     )
-    _write(path, names, rows)
-
-
-def _write(path: Path, names: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        writer.writerows([_text(cell) for cell in row] for row in rows)
-
-
-def _text(cell: Cell) -> str:
-    if cell is None:
-        return ""
-    if isinstance(cell, float):
-        return "" if math.isnan(cell) else f"{cell:.9g}"
-    return str(cell)
+    write_csv(path, names, rows)
