@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.dynamics.flow import Flow
+from herringbone_sim.dynamics.newton import newton
 from herringbone_sim.dynamics.orbits import (
     Array,
     Multipliers,
     Orbit,
     basis_of,
     multipliers,
-    newton,
     shoot,
 )
 from herringbone_sim.errors import AnalysisError

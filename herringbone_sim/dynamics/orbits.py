@@ -8,40 +8,19 @@ n Jacobians (Parker and Chua, Practical Numerical Algorithms for Chaotic Systems
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.dynamics.flow import Flow
-from herringbone_sim.errors import AnalysisError, DivergenceError, ParameterError
+from herringbone_sim.dynamics.newton import TOLERANCE, newton
+from herringbone_sim.errors import AnalysisError, DivergenceError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Equations = Callable[[Array], tuple[Array, Array]]
 
-TOLERANCE = 1e-10
-MAX_ITERATIONS = 40
-SHORTEST = 2.0**-8  # of a Newton step
 SYMMETRIC = 1e-9
-
-
-@dataclass(frozen=True)
-class Solution:
-    """Where Newton's method ended.
-
-    Attributes:
-        z: (k,) the last iterate.
-        residual: its largest residual.
-        iterations: Newton steps taken.
-        reason: why it is no solution; empty when it is one.
-    """
-
-    z: Array
-    residual: float
-    iterations: int
-    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -148,44 +127,6 @@ def shoot(flow: Flow, z: Array, basis: Array) -> tuple[Array, Array]:
         jacobian[i, :, i] += basis.T @ tangents.T
         jacobian[i, :, following] -= np.eye(k)
     return residual.ravel(), jacobian.reshape(period * k, period * k)
-
-
-def newton(
-    equations: Equations,
-    z: Array,
-    tolerance: float = TOLERANCE,
-    max_iterations: int = MAX_ITERATIONS,
-) -> Solution:
-    """Root of a system by Newton's method, the step halved until the residual falls."""
-    try:
-        residual, jacobian = equations(z)
-    except (DivergenceError, ParameterError) as error:
-        return Solution(z, float("nan"), 0, str(error))
-    for iteration in range(max_iterations):
-        size = float(np.abs(residual).max())
-        if size <= tolerance:
-            return Solution(z, size, iteration)
-        try:
-            step = np.linalg.solve(jacobian, -residual)
-        except np.linalg.LinAlgError:
-            return Solution(z, size, iteration, "the Jacobian is singular")
-        share = 1.0
-        while (found := _attempt(equations, z + share * step, size)) is None:
-            share *= 0.5
-            if share < SHORTEST:
-                return Solution(z, size, iteration, "no step along Newton's direction helps")
-        z, (residual, jacobian) = z + share * step, found
-    size = float(np.abs(residual).max())
-    reason = "" if size <= tolerance else f"no convergence in {max_iterations} steps"
-    return Solution(z, size, max_iterations, reason)
-
-
-def _attempt(equations: Equations, z: Array, size: float) -> tuple[Array, Array] | None:
-    try:
-        residual, jacobian = equations(z)
-    except (DivergenceError, ParameterError):
-        return None
-    return (residual, jacobian) if np.abs(residual).max() < size else None
 
 
 def multipliers(orbit: Orbit, mirror: NDArray[np.int64] | None = None) -> Multipliers:

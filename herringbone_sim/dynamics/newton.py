@@ -1,0 +1,73 @@
+"""Root of a system of equations by Newton's method with shortened steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.errors import DivergenceError, ParameterError
+
+Array = NDArray[np.float64]
+Equations = Callable[[Array], tuple[Array, Array]]
+
+TOLERANCE = 1e-10
+MAX_ITERATIONS = 40
+SHORTEST = 2.0**-8  # share of a Newton step
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where Newton's method ended.
+
+    Attributes:
+        z: (k,) the last iterate.
+        residual: its largest residual.
+        iterations: Newton steps taken.
+        reason: why it is no solution; empty when it is one.
+    """
+
+    z: Array
+    residual: float
+    iterations: int
+    reason: str = ""
+
+
+def newton(
+    equations: Equations,
+    z: Array,
+    tolerance: float = TOLERANCE,
+    max_iterations: int = MAX_ITERATIONS,
+) -> Solution:
+    """Root of a system by Newton's method, the step halved until the residual falls."""
+    try:
+        residual, jacobian = equations(z)
+    except (DivergenceError, ParameterError) as error:
+        return Solution(z, float("nan"), 0, str(error))
+    for iteration in range(max_iterations):
+        size = float(np.abs(residual).max())
+        if size <= tolerance:
+            return Solution(z, size, iteration)
+        try:
+            step = np.linalg.solve(jacobian, -residual)
+        except np.linalg.LinAlgError:
+            return Solution(z, size, iteration, "the Jacobian is singular")
+        share = 1.0
+        while (found := _attempt(equations, z + share * step, size)) is None:
+            share *= 0.5
+            if share < SHORTEST:
+                return Solution(z, size, iteration, "no step along Newton's direction helps")
+        z, (residual, jacobian) = z + share * step, found
+    size = float(np.abs(residual).max())
+    reason = "" if size <= tolerance else f"no convergence in {max_iterations} steps"
+    return Solution(z, size, max_iterations, reason)
+
+
+def _attempt(equations: Equations, z: Array, size: float) -> tuple[Array, Array] | None:
+    try:
+        residual, jacobian = equations(z)
+    except (DivergenceError, ParameterError):
+        return None
+    return (residual, jacobian) if np.abs(residual).max() < size else None
