@@ -11,7 +11,14 @@ import sys
 import numpy as np
 from gears import UNEVEN, make
 
+from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.lanes import run as lane_run
+from herringbone_sim.core.lanes import series as lane_series
+from herringbone_sim.core.lanes import switching as lane_switching
+from herringbone_sim.core.lanes.vector import LANES
+from herringbone_sim.core.packed import make_work
+from herringbone_sim.core.run import cross
 from herringbone_sim.core.switching import leaves_at
 
 COARSE = {"delta_T": 90.0, "steps_per_cycle": 4, "samples_per_cycle": 4}
@@ -46,6 +53,76 @@ POLYNOMIALS = [
 ]
 
 
+LANES_CASES = {
+    "alike": ([{"delta_T": 90.0}, {"delta_T": 90.0, "K": 0.1, "control_order": 0.5}], 3, True),
+    "unlike": ([{"xi": 0.2, "phi_a": (0.0, 0.3, 0.1, 0.5), "k_amp": (0.25, 0.1)}], 2, True),
+    "full": ([UNEVEN | {"delta_T": 90.0}], 1, False),
+    "touching": ([{"delta_T": 0.0, "b": 0.0, "initial_x": (0.0, 0.0, 0.1, -0.1)}], 2, False),
+    "bounces": ([COARSE | {"order": 20, "phi_a": (0.0, 0.3, 0.1, 0.5)}], 6, False),
+    "grazes": ([SWING | {"b": 0.4234563182159026 - 1e-4}], 1, False),
+    "no_harmonics": ([{"k_amp": (), "e_amp": (), "initial_x": (1.0,)}], 2, False),
+    "runaway": ([{"initial_x": (1e7,)}, {"delta_T": 80.0}], 2, False),
+    "many": ([{"delta_T": 80.0 + i} for i in range(18)], 1, False),
+}
+
+
+# What ``core.lanes.vector`` compiles, for the interpreter; products are not fused there.
+VECTOR = {
+    "load": lambda a, i, j: a[i, j].copy(),
+    "choose": np.where,
+    "splat": lambda x: np.full(LANES, float(x)),
+    "fma": lambda a, b, c: a * b + c,
+    "root": np.sqrt,
+    "nearest": np.rint,
+    "absolute": np.abs,
+    "without": np.logical_not,
+    "bits": lambda where: sum(1 << i for i, bit in enumerate(where) if bit),
+}
+
+
+def store(a, i, j, x):
+    a[i, j] = x
+
+
+def read_lanes():
+    """Let the interpreter run the lanes: vectors become arrays of NumPy."""
+    for module in (lane_run, lane_series, lane_switching):
+        for name in vars(module).keys() & VECTOR.keys():
+            setattr(module, name, VECTOR[name])
+        module.store = store
+    np.seterr(all="ignore")
+
+
+def lane_models():
+    """Models of the batches, by name."""
+    return {name: [make(**one) for one in sets] for name, (sets, _, _) in LANES_CASES.items()}
+
+
+def lanes(models_of):
+    """Sections, ends, exponents and contact of the batches, by name."""
+    found = {}
+    for name, models in models_of.items():
+        _, cycles, exponents = LANES_CASES[name]
+        batch = run_batch(models, None, 1, cycles, cycles, exponents)
+        parts = [batch.sections, batch.end, batch.contact, batch.exponents]
+        found[f"lanes_{name}"] = np.concatenate([part.ravel() for part in parts])
+    return found
+
+
+def whole_cycles(cases):
+    """State and tangents after two cycles, without samples."""
+    found = {}
+    for name in ("reduced", "rk4"):
+        stepper, start, _ = cases[name]
+        model = stepper.model
+        y, tangents = start.y.copy(), np.eye(model.layout.n_state)
+        layout, p = model.layout, model.parameters
+        work = make_work(layout.n_mesh, layout.n_coordinate, p.order)
+        cross(model.packed, work, y, tangents, 0, 2, p.steps, p.method == "rk4")
+        found[f"cycles_{name}"] = np.vstack([y, tangents])
+    return found
+
+
 def leaving():
     """``leaves_at`` of the polynomials above at level 0, and mirrored at level 0.1."""
     found = []
@@ -77,7 +154,10 @@ def results(cases):
 
 
 if __name__ == "__main__":
-    cases = ready()
+    cases, batches = ready(), lane_models()
+    read_lanes()
+    found = lanes(batches)
     # Compiled code calls the C library; NumPy has a cosine of its own on some processors.
     np.cos, np.sin = math.cos, math.sin
-    np.savez(sys.argv[1], leaving=leaving(), **results(cases))
+    found |= results(cases) | whole_cycles(cases)
+    np.savez(sys.argv[1], leaving=leaving(), **found)

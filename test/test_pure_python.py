@@ -27,7 +27,9 @@ def both(tmp_path_factory):
     command = [sys.executable, str(HERE / "interpreted.py"), str(out)]
     subprocess.run(command, env=environment, check=True, timeout=200)
     with np.load(out) as found:
-        return interpreted.results(interpreted.ready()), dict(found)
+        cases, batches = interpreted.ready(), interpreted.lane_models()
+        compiled = interpreted.results(cases) | interpreted.whole_cycles(cases)
+        return compiled | interpreted.lanes(batches), dict(found)
 
 
 @pytest.mark.parametrize("part", ["rows", "end", "tangents", "counts"])
@@ -39,3 +41,16 @@ def test_interpreted_and_compiled_kernel_agree(both, case, part):
 
 def test_interpreted_and_compiled_search_agree(both):
     assert np.array_equal(interpreted.leaving(), both[1]["leaving"])
+
+
+@pytest.mark.parametrize("name", ["cycles_reduced", "cycles_rk4"])
+def test_interpreted_and_compiled_cycles_agree(both, name):
+    compiled, read = (found[name] for found in both)
+    assert np.array_equal(compiled, read)
+
+
+@pytest.mark.parametrize("case", interpreted.LANES_CASES)
+def test_interpreted_and_compiled_lanes_agree(both, case):
+    compiled, read = (found[f"lanes_{case}"] for found in both)
+    assert np.array_equal(np.isnan(compiled), np.isnan(read))
+    assert np.nanmax(np.abs(compiled - read)) < 1e-8
