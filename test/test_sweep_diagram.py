@@ -16,6 +16,7 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.chains import ramp
 from herringbone_sim.sweeps.diagram import diagram_of
 from herringbone_sim.sweeps.grid import Observation, Sweep
+from herringbone_sim.sweeps.observe import section_displacements
 from herringbone_sim.sweeps.store import load_result, open_store
 
 WARM = axis("delta_T", 70.0, 90.0, 5)
@@ -101,3 +102,31 @@ def test_what_is_no_diagram_is_told(tmp_path: Path) -> None:
     result = load_result(open_store(tmp_path, small()))
     with pytest.raises(AnalysisError, match="same values of one parameter"):
         diagram_of([result])
+
+
+# Nothing hangs on this once a chain goes on: the sweep is one long run of one gear.
+STILL = axis("initial_noise", 0.0, 0.1, 3)
+
+
+@pytest.mark.parametrize("order", [0.5, 0.618])
+@pytest.mark.parametrize("start", ["up", "down", "ramp_up", "ramp_down"])
+def test_the_control_keeps_its_phase_from_value_to_value(
+    tmp_path: Path, start: str, order: float
+) -> None:
+    base = gear(K=0.3, control_order=order, xi=0.15, delta_T=85.0)
+    sweep = Sweep(base, (STILL,), Observation(20, 11, 11, False, "sp_L"), start, chunk=1)
+    found = run(tmp_path, sweep, workers=1)["points"][:: -1 if sweep.downwards else 1]
+    first = sweep.parameters_at(2 if sweep.downwards else 0)
+    whole = run_batch([build(first)], None, 0, 93, 93).sections[0]
+    length = 11 if sweep.ramped else 31
+    for place, points in enumerate(found):
+        end = 31 + place * length
+        assert points == pytest.approx(
+            section_displacements(sweep, [build(first)], whole[None, end - 11 : end])[0], abs=1e-6
+        )
+
+
+def test_a_ramp_that_stands_still_is_the_motion_itself() -> None:
+    p = gear(K=0.3, control_order=0.618, xi=0.15, delta_T=85.0)
+    states, _ = ramp([p] * 30)
+    assert states[:-1] == pytest.approx(run_batch([build(p)], None, 0, 30, 30).sections[0])

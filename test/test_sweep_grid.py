@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from sweep_support import axis, gear, small
 
 from herringbone_sim.errors import ParameterError
+from herringbone_sim.sweeps.chains import job_of
 from herringbone_sim.sweeps.grid import (
     Axis,
     Observation,
@@ -83,3 +86,16 @@ def test_differences_name_what_differs() -> None:
     assert "xi: 0.07, 0.1" in told
     assert "chunk: 4, 2" in told
     assert "T_1" not in told
+
+
+@pytest.mark.parametrize("indices", [range(0, 1), range(3, 6), range(5, 7), range(4, 12)])
+def test_what_is_cut_out_keeps_its_values(indices: range) -> None:
+    sweep = small()
+    cut, first = sweep.cut(indices)
+    assert [cut.values_at(i - first) for i in indices] == [sweep.values_at(i) for i in indices]
+
+
+@pytest.mark.parametrize("start", ["fixed", "up", "ramp_down"])
+def test_a_task_takes_no_more_along_than_it_needs(start: str) -> None:
+    sweep = Sweep(gear(), (axis("K", 0.0, 1.0, 100_000),), start=start, chunk=16)
+    assert len(pickle.dumps(job_of(sweep, 3000))) < 5_000

@@ -10,13 +10,13 @@ import pytest
 from sweep_support import run, small
 
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.chains import Job, observe_parts
+from herringbone_sim.sweeps.chains import job_of, observe_parts
 from herringbone_sim.sweeps.store import NOT_RUN, load_result, load_store, open_store
 
 
 def test_a_part_comes_back_as_it_was_written(tmp_path: Path) -> None:
     store = open_store(tmp_path, small("up"))
-    table = observe_parts([Job(store.sweep, 0)])[0]
+    table = observe_parts([job_of(store.sweep, 0)])[0]
     store.write(0, table)
     found = store.read_part(0)
     assert found.keys() == table.keys()
@@ -52,7 +52,7 @@ def test_an_unfinished_part_does_not_count(tmp_path: Path) -> None:
 
 def test_broken_and_foreign_parts_are_told(tmp_path: Path) -> None:
     store = open_store(tmp_path, small())
-    store.write(0, observe_parts([Job(store.sweep, 1)])[0])
+    store.write(0, observe_parts([job_of(store.sweep, 1)])[0])
     with pytest.raises(AnalysisError, match="other values than this sweep"):
         store.read_part(0)
     store.path(0).write_bytes(b"nothing")

@@ -6,6 +6,7 @@ same to the bit, alone or among others, in whatever order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,7 @@ from herringbone_sim.core.lanes.run import run_lanes
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.parameters import Parameters
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -104,6 +106,19 @@ def run_batch(
             run = _run_rk4 if models[0].parameters.method == "rk4" else _run_lanes
             reasons[chosen] = run(found, chosen, group, starts[chosen], sides, length)
     return replace(found, reasons=tuple(reasons))
+
+
+def at_cycle(p: Parameters, cycle: int) -> Parameters:
+    """The same gear with its control as it stands after some mesh cycles of a run.
+
+    A batch counts its cycles from 0; where one goes on from the end of another, this keeps the
+    phase of a control whose frequency is no whole multiple of the mesh frequency.
+    """
+    turns = p.control_order * cycle
+    part = turns - math.floor(turns)
+    if part == 0.0:
+        return p
+    return p.changed({"control_phase": math.remainder(p.control_phase + TWO_PI * part, TWO_PI)})
 
 
 def _check(models: Sequence[Model], transient: int, cycles: int, points: int) -> None:

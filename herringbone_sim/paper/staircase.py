@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.core.batch import Batch
+from herringbone_sim.core.batch import Batch, at_cycle
 from herringbone_sim.core.model import build, relative
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.paper.observe import Observer, Request
@@ -98,11 +98,13 @@ def continuations(
     """
     grids = np.array([one.values(n)[::direction] for one in scenarios])
     starts: Array | None = None
-    batches, asked = [], []
+    batches, asked, cycle = [], [], 0
     for column in grids.T:
         pairs = zip(scenarios, column, strict=True)
-        sets = tuple(one.parameters(reading.parameters, v, reading.xi) for one, v in pairs)
-        asked.append(Request(sets, starts, SETTLE if starts is None else STAY))
+        sets = [one.parameters(reading.parameters, v, reading.xi) for one, v in pairs]
+        now = tuple(at_cycle(one, cycle) for one in sets)
+        asked.append(Request(now, starts, SETTLE if starts is None else STAY))
+        cycle += asked[-1].transient + asked[-1].cycles
         batches.append(observer.batch(asked[-1]))
         starts = batches[-1].end
     steps = [sweep_of(col, b, a) for col, b, a in zip(grids.T, batches, asked, strict=True)]

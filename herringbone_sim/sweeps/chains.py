@@ -33,28 +33,54 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Job:
-    """One part of a sweep.
+    """One part of a sweep, with no more of the sweep than it needs: it may have far to go.
 
     Attributes:
-        sweep: that it is of.
         part: its number.
+        sweep: the values that it needs, cut out of the whole.
+        indices: flat indices in that.
+        first: flat index in the whole of the first value there.
+        visited: places of the first axis that its chains have been at before.
         before: (width, n_state) states in which the part before it on its chains ended; None for
             the first one, and where every value starts by itself.
     """
 
-    sweep: Sweep
     part: int
+    sweep: Sweep
+    indices: range
+    first: int
+    visited: int = 0
     before: Array | None = None
 
     @property
     def rows(self) -> list[range]:
         """What is observed at once: all, or the places of the first axis in the chains' order."""
-        sweep, indices = self.sweep, self.sweep.part(self.part)
+        sweep, indices = self.sweep, self.indices
         if not sweep.chained:
             return [indices]
         firsts = range(indices.start, indices.stop, sweep.width)
         rows = [range(first, first + sweep.width) for first in firsts]
         return rows[::-1] if sweep.downwards else rows
+
+
+def job_of(sweep: Sweep, part: int, before: Array | None = None) -> Job:
+    """The job of a part; ``before`` as in ``Job``."""
+    indices = sweep.part(part)
+    if not sweep.chained:
+        small, first = sweep.cut(indices)
+        return Job(part, small, _moved(indices, first), first)
+    past = sweep.size - indices.stop if sweep.downwards else indices.start
+    low, high = indices.start, indices.stop
+    if past and sweep.downwards:
+        high += sweep.width
+    elif past:
+        low -= sweep.width
+    small, first = sweep.cut(range(low, high))
+    return Job(part, small, _moved(indices, first), first, past // sweep.width, before)
+
+
+def _moved(indices: range, first: int) -> range:
+    return range(indices.start - first, indices.stop - first)
 
 
 def observe_parts(jobs: Sequence[Job]) -> list[Table]:
@@ -67,7 +93,7 @@ def observe_parts(jobs: Sequence[Job]) -> list[Table]:
         for i, table in zip(going, found, strict=True):
             tables[i].append(table)
             before[i] = table.get("end")
-    return [_whole(job.sweep, parts) for job, parts in zip(jobs, tables, strict=True)]
+    return [_whole(job, parts) for job, parts in zip(jobs, tables, strict=True)]
 
 
 def part_before(sweep: Sweep, part: int) -> int | None:
@@ -84,13 +110,19 @@ def last_states(sweep: Sweep, table: Table) -> Array:
 
 def _observe(jobs: Sequence[Job], step: int) -> list[Table]:
     if jobs[0].sweep.ramped:
-        return [_ramp(job.sweep, job.rows[step], job.before) for job in jobs]
-    return observe([Asked(j.sweep, j.rows[step], _starts(j, j.rows[step])) for j in jobs])
+        return [_ramp(job, job.rows[step], job.visited + step) for job in jobs]
+    return observe([_asked(job, job.rows[step], job.visited + step) for job in jobs])
 
 
-def _whole(sweep: Sweep, tables: list[Table]) -> Table:
-    ordered = tables[::-1] if sweep.downwards else tables
-    return {name: np.concatenate([table[name] for table in ordered]) for name in tables[0]}
+def _asked(job: Job, row: range, place: int) -> Asked:
+    look = job.sweep.observation
+    return Asked(job.sweep, row, _starts(job, row), place * (look.transient + look.cycles))
+
+
+def _whole(job: Job, tables: list[Table]) -> Table:
+    ordered = tables[::-1] if job.sweep.downwards else tables
+    table = {name: np.concatenate([table[name] for table in ordered]) for name in tables[0]}
+    return table | {"index": table["index"] + job.first}
 
 
 def _neighbour(sweep: Sweep, index: int) -> int:
@@ -111,20 +143,23 @@ def _starts(job: Job, row: range) -> Array | None:
     return starts
 
 
-def _ramp(sweep: Sweep, row: range, before: Array | None) -> Table:
-    table = empty_table(sweep, row)
+def _ramp(job: Job, row: range, place: int) -> Table:
+    table, before = empty_table(job.sweep, row), job.before
     reasons = []
     for i, index in enumerate(row):
         start = None if before is None or np.isnan(before[i]).any() else before[i]
-        reasons.append(_ramp_one(sweep, table, i, index, start))
+        reasons.append(_ramp_one(job.sweep, table, i, index, start, place))
     table["reason"] = np.array(reasons, dtype=object)
     return table
 
 
-def _ramp_one(sweep: Sweep, table: Table, i: int, index: int, start: Array | None) -> str:
+def _ramp_one(
+    sweep: Sweep, table: Table, i: int, index: int, start: Array | None, place: int
+) -> str:
+    look = sweep.observation
     try:
         path = _path(sweep, index, start is None)
-        states, model = ramp(path, start)
+        states, model = ramp(path, start, look.transient + (place + 1) * look.cycles - len(path))
     except ParameterError as error:
         return str(error)
     if states is None:
@@ -148,12 +183,15 @@ def _path(sweep: Sweep, index: int, anew: bool) -> list[Parameters]:
     return [here.changed({name: value}) for value in np.linspace(first, last, look.cycles + 1)[1:]]
 
 
-def ramp(path: list[Parameters], start: Array | None = None) -> tuple[Array | None, Model]:
+def ramp(
+    path: list[Parameters], start: Array | None = None, cycle: int = 0
+) -> tuple[Array | None, Model]:
     """Drive one gear through a path of parameters, a mesh cycle each, as the node does.
 
     Args:
         path: n parameter sets that differ in live parameters.
         start: (n_state,) state at phase 0 with the first of them; by default its initial state.
+        cycle: mesh cycles that the control has run before.
 
     Returns:
         (n + 1, n_state) states at the start of every cycle and at the end, None when the motion
@@ -162,7 +200,7 @@ def ramp(path: list[Parameters], start: Array | None = None) -> tuple[Array | No
     model = build(path[0])
     y = initial_state(model) if start is None else start
     layout = model.layout
-    state = State(y.copy(), 0, 0, 0.0, np.zeros((0, layout.n_state)), np.zeros(0))
+    state = State(y.copy(), cycle, 0, 0.0, np.zeros((0, layout.n_state)), np.zeros(0))
     states = [state.y]
     stepper = Stepper(model)
     for parameters in path:
@@ -173,6 +211,6 @@ def ramp(path: list[Parameters], start: Array | None = None) -> tuple[Array | No
         block = stepper.advance(state, parameters.samples_per_cycle)
         if block.diverged:
             return None, model
-        state = replace(block.end, cycle=0)
+        state = block.end
         states.append(state.y)
     return np.array(states), model

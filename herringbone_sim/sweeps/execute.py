@@ -17,7 +17,13 @@ from tqdm import tqdm
 
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.chains import Job, last_states, observe_parts, part_before
+from herringbone_sim.sweeps.chains import (
+    Job,
+    job_of,
+    last_states,
+    observe_parts,
+    part_before,
+)
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import Store
 
@@ -71,12 +77,12 @@ def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:
     """Parts that can be computed now: all, or of chains the first whose forerunner is there."""
     sweep = store.sweep
     if not sweep.chained:
-        yield from ((store, Job(sweep, part)) for part in missing)
+        yield from ((store, job_of(sweep, part)) for part in missing)
     elif missing:
         part = missing[-1 if sweep.downwards else 0]
         before = part_before(sweep, part)
         states = None if before is None else last_states(sweep, store.read_part(before))
-        yield store, Job(sweep, part, states)
+        yield store, job_of(sweep, part, states)
 
 
 def _next(store: Store, part: int, table: Table) -> Iterator[Entry]:
@@ -85,7 +91,7 @@ def _next(store: Store, part: int, table: Table) -> Iterator[Entry]:
     while sweep.chained and 0 <= part + step < sweep.n_parts:
         part += step
         if not store.has(part):
-            yield store, Job(sweep, part, last_states(sweep, table))
+            yield store, job_of(sweep, part, last_states(sweep, table))
             return
         table = store.read_part(part)
 

@@ -6,7 +6,7 @@ import json
 import math
 import numbers
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -152,6 +152,18 @@ class Sweep:
         """Flat indices of one part; parts of a continuation hold whole places of its axis."""
         first = number * self._part_size
         return range(first, min(first + self._part_size, self.size))
+
+    def cut(self, indices: range) -> tuple[Sweep, int]:
+        """A sweep of the values around some flat indices, and the flat index of its first one."""
+        axes, first, width = list(self.axes), 0, self.size
+        for k, axis in enumerate(self.axes):
+            width //= len(axis)
+            low, high = ((index - first) // width for index in (indices[0], indices[-1]))
+            axes[k] = Axis(axis.name, axis.values[low : high + 1])
+            first += low * width
+            if high > low:
+                break
+        return replace(self, axes=tuple(axes)), first
 
     def values_at(self, index: int) -> dict[str, float]:
         """Values of the axes at a flat index."""

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.batch import Batch, run_batch
+from herringbone_sim.core.batch import Batch, at_cycle, run_batch
 from herringbone_sim.core.model import Model, build, initial_state, relative
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
@@ -60,11 +60,13 @@ class Asked:
         indices: n flat indices.
         starts: (n, n_state) states at phase 0; None, and NaN in a row, for the initial state of
             the gear.
+        cycle: mesh cycles that the control has run before.
     """
 
     sweep: Sweep
     indices: Sequence[int]
     starts: Array | None = None
+    cycle: int = 0
 
 
 def observe(asked: Sequence[Asked]) -> list[Table]:
@@ -73,7 +75,7 @@ def observe(asked: Sequence[Asked]) -> list[Table]:
     The sweeps are alike in what they observe and in the layout and order of their gears.
     """
     tables = [empty_table(one.sweep, one.indices) for one in asked]
-    found = [build_all(one.sweep, one.indices) for one in asked]
+    found = [build_all(one.sweep, one.indices, one.cycle) for one in asked]
     models = [[model for model in built if model is not None] for built, _ in found]
     whole = [model for chosen in models for model in chosen]
     look = asked[0].sweep.observation
@@ -107,13 +109,15 @@ def empty_table(sweep: Sweep, indices: Sequence[int]) -> Table:
     return table
 
 
-def build_all(sweep: Sweep, indices: Sequence[int]) -> tuple[list[Model | None], list[str]]:
-    """Models of some values, None where there can be none, and why."""
+def build_all(
+    sweep: Sweep, indices: Sequence[int], cycle: int = 0
+) -> tuple[list[Model | None], list[str]]:
+    """Models of some values after so many cycles, None where there can be none, and why."""
     models: list[Model | None] = []
     reasons: list[str] = []
     for index in indices:
         try:
-            models.append(build(sweep.parameters_at(index)))
+            models.append(build(at_cycle(sweep.parameters_at(index), cycle)))
             reasons.append("")
         except ParameterError as error:
             models.append(None)
