@@ -1,0 +1,27 @@
+"""Backlash offset: half-backlash b' of some meshes not nominal, b' + offset (wear, thickness).
+
+Source: Eq. (3) with another b. Positive is more play.
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import PLAY, law
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """b' plus the offset, not below zero."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            law[PLAY, m] = max(law[PLAY, m] + theta[0], 0.0)
+
+
+EFFECT = Effect(
+    id="backlash_offset",
+    text="half-backlash b' of some meshes not nominal (wear, thickness)",
+    level="mesh",
+    parameters=(Parameter("offset", "m", "more half-backlash", -6e-5, 2e-4, 5e-6),),
+    loci=(("all", "all", "all"), ("*", "all", "all"), ("*", "*", "*")),
+    excite=excite,
+)

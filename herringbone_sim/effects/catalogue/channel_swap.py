@@ -1,0 +1,36 @@
+"""Channel swap: two channels carry each other's values.
+
+Source: the definition; the machine does not change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import CHANNELS, replaced
+from herringbone_sim.effects.effect import Effect
+from herringbone_sim.errors import ParameterError
+
+
+def distort(
+    theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
+) -> TimeSeries:
+    """The series with the two channels swapped; ParameterError unless there are two."""
+    if len(channels) != 2:
+        raise ParameterError(
+            f"channel_swap takes two channels, got {', '.join(channels)}: name both"
+        )
+    one, other = channels
+    return replaced(series, {one: series[other], other: series[one]})
+
+
+EFFECT = Effect(
+    id="channel_swap",
+    text="two channels carry each other's values",
+    level="sensor",
+    parameters=(),
+    options=(CHANNELS,),
+    distort=distort,
+)

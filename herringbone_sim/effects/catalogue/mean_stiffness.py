@@ -1,0 +1,27 @@
+"""Mean stiffness: k(t) off by a factor, k = factor k_own(t).
+
+Source: a factor on Eq. (7); Eqs. (5), (6) of the paper give k_m from the parts of a tooth pair.
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import STIFFNESS, law
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """k times the factor."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            law[STIFFNESS, m] *= theta[0]
+
+
+EFFECT = Effect(
+    id="mean_stiffness",
+    text="mesh stiffness off by a factor",
+    level="mesh",
+    parameters=(Parameter("factor", "-", "k over its own value", 0.3, 3.0, 1.1, neutral=1.0),),
+    loci=(("*", "all", "all"), ("*", "*", "*")),
+    excite=excite,
+)

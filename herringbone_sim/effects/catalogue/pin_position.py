@@ -1,0 +1,28 @@
+"""Pin position: one planet's pin off its place, d = offset on its sun and its ring meshes.
+
+Source: a pin that is behind by w along the carrier's motion takes w less off x in Eqs. (15) and
+(16) alike, so d = w cos beta on all four.
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import SHIFT, law
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """A constant d."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            law[SHIFT, m] += theta[0]
+
+
+EFFECT = Effect(
+    id="pin_position",
+    text="one planet's pin off its place: constant displacement on its sun and ring meshes",
+    level="mesh",
+    parameters=(Parameter("offset", "m", "displacement d", -2e-4, 2e-4, 1e-5),),
+    loci=(("all", "*", "all"),),
+    excite=excite,
+)

@@ -1,0 +1,48 @@
+"""Profile error: d = cos cos(order phase) + sin sin(order phase), independent of load.
+
+Source: one more harmonic of the transmission error, Eq. (9); as e is taken off the deflection in
+Eqs. (15), (16), d is that harmonic with the opposite sign.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
+from herringbone_sim.effects.law import FREQUENCY, PHASE, SHIFT, SHIFT_RATE, law
+
+ORDER = 1
+
+
+def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+    """Rows mask, order (2, n_mesh)."""
+    return np.stack([mask, np.full(mask.shape, float(options["order"]))])
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """d and its rate."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            angle = site[ORDER, m] * now[PHASE]
+            cos, sin = np.cos(angle), np.sin(angle)
+            rate = site[ORDER, m] * now[FREQUENCY]
+            law[SHIFT, m] += theta[0] * cos + theta[1] * sin
+            law[SHIFT_RATE, m] += rate * (theta[1] * cos - theta[0] * sin)
+
+
+EFFECT = Effect(
+    id="profile_error",
+    text="transmission error of mesh order, independent of load",
+    level="mesh",
+    parameters=(
+        Parameter("cos", "m", "cosine amplitude of d", -1e-4, 1e-4, 3e-6),
+        Parameter("sin", "m", "sine amplitude of d", -1e-4, 1e-4, 3e-6),
+    ),
+    options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
+    loci=(("all", "all", "all"), ("*", "all", "all"), ("*", "*", "*")),
+    place=place,
+    excite=excite,
+)

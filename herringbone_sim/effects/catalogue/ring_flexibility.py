@@ -1,0 +1,69 @@
+"""Ring flexibility: each half of the ring turns on its own spring.
+
+M_r u'' = cos beta sum F_rp - k u - c u', with M_r = I_r / r_br^2 and c = 2 damping sqrt(k M_r);
+the ring gives way, d = -u cos beta on the ring meshes of its side. Source: Eq. (13) written for a
+ring that is not fixed, as in lumped models of planetary gears (Lin and Parker 1999).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.effect import Effect, Options, Parameter
+from herringbone_sim.effects.law import SHIFT, SHIFT_RATE, law
+
+MASS, COS_BETA, SHARE = range(1, 4)
+
+
+def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+    """Rows mask, mass M_r [kg], cos beta, planets that a mesh stands for (4, n_mesh)."""
+    one = np.ones(mask.shape)
+    s = model.scales
+    return np.stack([mask, s.M_r * one, s.cos_beta * one, model.packed.multiplicity * one])
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """d = -u cos beta of the side, and its rate."""
+    half = law.shape[1] // 2
+    if not np.isinf(theta[0]):
+        for m in range(half, law.shape[1]):
+            if site[0, m] != 0.0:
+                side = (m - half) // (half // 2)
+                law[SHIFT, m] -= site[COS_BETA, m] * own[2 * side]
+                law[SHIFT_RATE, m] -= site[COS_BETA, m] * own[2 * side + 1]
+
+
+@law
+def drive(theta, site, gear, now, own, force, slope):
+    """The ring's own equation of motion, side by side."""
+    half = force.size // 2
+    slope[:] = 0.0
+    if not np.isinf(theta[0]):
+        mass = site[MASS, 0]
+        damping = 2.0 * theta[1] * np.sqrt(theta[0] * mass)
+        for side in range(2):
+            u, rate = own[2 * side], own[2 * side + 1]
+            load = -theta[0] * u - damping * rate
+            for m in range(half + side * (half // 2), half + (side + 1) * (half // 2)):
+                load += site[0, m] * site[SHARE, m] * site[COS_BETA, m] * force[m]
+            slope[2 * side] = rate
+            slope[2 * side + 1] = load / mass
+
+
+EFFECT = Effect(
+    id="ring_flexibility",
+    text="the ring turns on its own spring",
+    level="mesh",
+    parameters=(
+        Parameter("stiffness", "N/m", "of its spring", 1e7, 1e12, 3e9, neutral=np.inf),
+        Parameter("damping", "-", "damping ratio", 0.0, 1.0, 0.05, neutral=None),
+    ),
+    loci=(("rp", "all", "all"), ("rp", "all", "*")),
+    place=place,
+    excite=excite,
+    drive=drive,
+    states=lambda model: 4,
+)

@@ -1,0 +1,40 @@
+"""Run-out: d = amplitude cos(2 pi (cycles - late) / Z + phase), once a revolution of a member.
+
+Z are the mesh cycles a revolution against the carrier (27, 25, 77 for sun, planet, ring of the
+nominal rig), ``late`` when the same place of the member reaches the mesh of each planet. Source:
+eccentricity as displacement excitation in the place of e(t), Eqs. (15), (16).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import FREQUENCY, PHASE, SHIFT, SHIFT_RATE, law
+from herringbone_sim.effects.site import MEMBER, revolutions
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """d and its rate, once a revolution."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            angle = (now[PHASE] - TWO_PI * site[2, m]) / site[1, m] + theta[1]
+            law[SHIFT, m] += theta[0] * np.cos(angle)
+            law[SHIFT_RATE, m] -= theta[0] * np.sin(angle) * now[FREQUENCY] / site[1, m]
+
+
+EFFECT = Effect(
+    id="runout",
+    text="once-a-revolution (against the carrier) displacement of one member",
+    level="mesh",
+    parameters=(
+        Parameter("amplitude", "m", "of the displacement", 0.0, 2e-4, 1e-5),
+        Parameter("phase", "rad", "at phase 0 on planet 1", -3.1416, 3.1416, 0.0, neutral=None),
+    ),
+    options=(MEMBER,),
+    loci=(("*", "all", "all"), ("*", "all", "*"), ("all", "*", "all"), ("all", "*", "*")),
+    place=revolutions,
+    excite=excite,
+)

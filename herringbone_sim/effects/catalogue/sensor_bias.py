@@ -1,0 +1,31 @@
+"""Sensor bias: a channel shows y + bias, in the channel's unit.
+
+Source: the definition of a zero error; the machine does not change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import CHANNELS, replaced
+from herringbone_sim.effects.effect import Effect, Parameter
+
+
+def distort(
+    theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
+) -> TimeSeries:
+    """The series with the bias on these channels."""
+    return replaced(series, {name: series[name] + theta[0] for name in channels})
+
+
+EFFECT = Effect(
+    id="sensor_bias",
+    text="a channel shows its value plus a constant",
+    level="sensor",
+    parameters=(Parameter("bias", "unit of the channel", "shown less true", -1e6, 1e6, 0.0),),
+    options=(CHANNELS,),
+    loci=(("*", "*", "*"), ("*", "all", "all")),
+    distort=distort,
+)

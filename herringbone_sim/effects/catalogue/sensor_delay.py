@@ -1,0 +1,33 @@
+"""Sensor delay: a channel shows y(t - delay).
+
+Between samples by the shape-keeping cubic of Akima; before the first sample the first value
+holds. Source: the definition; the machine does not change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import CHANNELS, between, replaced
+from herringbone_sim.effects.effect import Effect, Parameter
+
+
+def distort(
+    theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
+) -> TimeSeries:
+    """The series with these channels late."""
+    at = series.times - theta[0]
+    return replaced(series, {name: between(series.times, series[name], at) for name in channels})
+
+
+EFFECT = Effect(
+    id="sensor_delay",
+    text="a channel comes late",
+    level="sensor",
+    parameters=(Parameter("delay", "s", "how late", -1e-3, 1e-3, 2e-6),),
+    options=(CHANNELS,),
+    loci=(("*", "*", "*"), ("*", "all", "all")),
+    distort=distort,
+)

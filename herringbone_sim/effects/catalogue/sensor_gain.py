@@ -1,0 +1,31 @@
+"""Sensor gain: a channel shows gain y.
+
+Source: the definition of a calibration error; the machine does not change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import CHANNELS, replaced
+from herringbone_sim.effects.effect import Effect, Parameter
+
+
+def distort(
+    theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
+) -> TimeSeries:
+    """The series with these channels times the gain."""
+    return replaced(series, {name: theta[0] * series[name] for name in channels})
+
+
+EFFECT = Effect(
+    id="sensor_gain",
+    text="a channel shows its value times a gain",
+    level="sensor",
+    parameters=(Parameter("gain", "-", "shown over true", 0.2, 5.0, 1.1, neutral=1.0),),
+    options=(CHANNELS,),
+    loci=(("*", "*", "*"), ("*", "all", "all")),
+    distort=distort,
+)

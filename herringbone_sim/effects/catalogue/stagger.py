@@ -1,0 +1,28 @@
+"""Stagger: one side's mesh phase is ahead, k(phase + angle) and e(phase + angle).
+
+Source: the phase of Eqs. (7), (9), by which order j shifts by j times the angle; the recorded x
+holds the nominal e(t), so the difference of e shows as a displacement.
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import law, shift_phase
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """k and e of the meshes ahead by the angle."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            shift_phase(gear, now, m, theta[0], law)
+
+
+EFFECT = Effect(
+    id="stagger",
+    text="left/right mesh phase error: k and e shift together",
+    level="mesh",
+    parameters=(Parameter("phase", "rad", "how far these are ahead", -3.1416, 3.1416, 0.1),),
+    loci=(("all", "all", "*"),),
+    excite=excite,
+)

@@ -1,0 +1,45 @@
+"""A further harmonic of k(t): k += k_m [cos cos(order phase) + sin sin(order phase)].
+
+Source: Eq. (7) with one more term; order 1 corrects the amplitude and phase of Eq. (8).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
+from herringbone_sim.effects.law import MEAN_K, PHASE, STIFFNESS, law
+
+ORDER = 1
+
+
+def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+    """Rows mask, order (2, n_mesh)."""
+    return np.stack([mask, np.full(mask.shape, float(options["order"]))])
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """k plus the harmonic, as a share of the mean."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            angle = site[ORDER, m] * now[PHASE]
+            share = theta[0] * np.cos(angle) + theta[1] * np.sin(angle)
+            law[STIFFNESS, m] += gear[MEAN_K, m] * share
+
+
+EFFECT = Effect(
+    id="stiffness_harmonic",
+    text="a further mesh-order harmonic of k(t), or a wrong first one",
+    level="mesh",
+    parameters=(
+        Parameter("cos", "-", "cosine amplitude as a share of the mean", -0.5, 0.5, 0.05),
+        Parameter("sin", "-", "sine amplitude as a share of the mean", -0.5, 0.5, 0.05),
+    ),
+    options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
+    loci=(("all", "all", "all"), ("*", "all", "all"), ("*", "*", "*")),
+    place=place,
+    excite=excite,
+)

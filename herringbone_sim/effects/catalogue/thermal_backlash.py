@@ -1,0 +1,27 @@
+"""Thermal backlash: b' changes with temperature at another rate, b' + rate delta_T.
+
+Source: Eqs. (2), (3) with another expansion coefficient. Positive is more play.
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import DELTA_T, PLAY, law
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """b' plus the rate times the temperature rise, not below zero."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            law[PLAY, m] = max(law[PLAY, m] + theta[0] * now[DELTA_T], 0.0)
+
+
+EFFECT = Effect(
+    id="thermal_backlash",
+    text="half-backlash b' changes with temperature at another rate",
+    level="mesh",
+    parameters=(Parameter("rate", "m/K", "more half-backlash a kelvin", -5e-7, 2e-6, 5e-8),),
+    loci=(("all", "all", "all"), ("*", "all", "all")),
+    excite=excite,
+)

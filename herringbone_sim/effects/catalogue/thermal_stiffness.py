@@ -1,0 +1,27 @@
+"""Thermal stiffness: k falls with temperature, k (1 - rate delta_T).
+
+Source: the temperature coefficient of Young's modulus in k_h, k_a, k_b, k_s, k_f of Eq. (5).
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import DELTA_T, STIFFNESS, law
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """k less by the rate times the temperature rise, not below a twentieth."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            law[STIFFNESS, m] *= max(1.0 - theta[0] * now[DELTA_T], 0.05)
+
+
+EFFECT = Effect(
+    id="thermal_stiffness",
+    text="stiffness falls with temperature",
+    level="mesh",
+    parameters=(Parameter("rate", "1/K", "share of k lost a kelvin", -0.01, 0.01, 1e-3),),
+    loci=(("all", "all", "all"), ("*", "all", "all")),
+    excite=excite,
+)

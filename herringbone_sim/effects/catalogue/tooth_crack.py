@@ -1,0 +1,37 @@
+"""Tooth crack: k falls while one tooth is in mesh, k -= depth w(s) k, so in proportion to load.
+
+w is a raised cosine of the mesh cycles s from the event, which comes once a revolution of its
+member against the carrier: every 27, 25 or 77 mesh cycles of the nominal rig. Source: the usual
+reduction of mesh stiffness by a crack, see Eq. (5) with k_b and k_s of one tooth lowered.
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import STIFFNESS, bump, cycles_from_event, law
+from herringbone_sim.effects.site import MEMBER, revolutions
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """k less by the depth while the tooth is in mesh."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            s = cycles_from_event(now, site[1, m], site[2, m], theta[1])
+            law[STIFFNESS, m] *= 1.0 - theta[0] * bump(s, theta[2])
+
+
+EFFECT = Effect(
+    id="tooth_crack",
+    text="stiffness drop while one tooth is in mesh, proportional to load",
+    level="mesh",
+    parameters=(
+        Parameter("depth", "-", "largest share of k that is lost", 0.0, 0.95, 0.2),
+        Parameter("position", "cycles", "mesh cycle of the event", 0.0, 77.0, 0.0, neutral=None),
+        Parameter("width", "cycles", "mesh cycles from onset to end", 0.2, 4.0, 1.5, neutral=None),
+    ),
+    options=(MEMBER,),
+    loci=(("*", "*", "*"), ("*", "all", "*"), ("all", "*", "*")),
+    place=revolutions,
+    excite=excite,
+)

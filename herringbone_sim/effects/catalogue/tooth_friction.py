@@ -1,0 +1,75 @@
+"""Tooth friction: mu |F| along the flanks, against sliding, which turns round at the pitch point.
+
+The contact is at s = p_b wrap(phase) / 2 pi from the pitch point on the line of action, p_b the
+base pitch, so with g = mu |F| cos beta sign(s), as torque over base radius:
+sun mesh: -g (tan alpha_t + s / r_bs) on the sun, g (tan alpha_t - s / r_bp) on the planet,
+g tan alpha_t on the carrier;
+ring mesh: -g (tan alpha_t + s / r_bp) on the planet, g tan alpha_t (r_br - r_bp) / r_bc on the
+carrier. The work is never positive: -g |s| times the rolling speed. It is not in the normal
+force. Source: Coulomb's law with the lever arms of involute flanks, for example Vaishya and Singh
+(J. Sound Vib. 248, 671, 2001).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.effects.effect import Effect, Options, Parameter
+from herringbone_sim.effects.law import PHASE, law
+from herringbone_sim.effects.site import is_ring
+
+TAN, DRIVER_ARM, DRIVEN_ARM, CARRIER_ARM, COS_BETA, SHARE = range(1, 7)
+
+
+def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+    """Rows mask, tan alpha_t, p_b over the radii of driver and driven, arm on the carrier, ..."""
+    p, s = model.parameters, model.scales
+    ring = is_ring(model.layout)
+    tan = np.tan(np.radians(p.alpha_n)) / s.cos_beta
+    pitch = TWO_PI * s.r_bs / p.z_s
+    one = np.ones(mask.shape)
+    return np.stack(
+        [
+            mask,
+            tan * one,
+            pitch / np.where(ring > 0.0, s.r_bp, s.r_bs),
+            pitch / np.where(ring > 0.0, s.r_br, s.r_bp),
+            tan * np.where(ring > 0.0, (s.r_br - s.r_bp) / s.r_bc, 1.0),
+            s.cos_beta * one,
+            model.packed.multiplicity * one,
+        ]
+    )
+
+
+@law
+def react(theta, site, gear, now, own, x, v, law, force, torque):
+    """Torques of the friction; the normal force stays."""
+    turn = now[PHASE] / TWO_PI
+    s = turn - np.floor(turn + 0.5)
+    half = force.size // 2
+    planets = half // 2
+    for m in range(force.size):
+        if site[0, m] != 0.0 and s != 0.0:
+            g = theta[0] * abs(force[m]) * site[COS_BETA, m] * np.sign(s)
+            driver = -g * (site[TAN, m] + s * site[DRIVER_ARM, m])
+            driven = g * (site[TAN, m] - s * site[DRIVEN_ARM, m])
+            if m < half:
+                torque[m // planets] += site[SHARE, m] * driver
+                torque[3 + m] += driven
+            else:
+                torque[3 + m - half] += driver
+            torque[2] += site[SHARE, m] * g * site[CARRIER_ARM, m]
+
+
+EFFECT = Effect(
+    id="tooth_friction",
+    text="sliding friction, sign change at the pitch point",
+    level="body",
+    parameters=(Parameter("mu", "-", "friction coefficient", 0.0, 0.5, 0.05),),
+    loci=(("all", "all", "all"), ("*", "all", "all")),
+    place=place,
+    react=react,
+)

@@ -1,0 +1,48 @@
+"""Tooth spall: a displacement d = height w(s) while one tooth is in mesh, whatever the load.
+
+w is a raised cosine of the mesh cycles s from the event, which comes once a revolution of its
+member against the carrier, as for a crack. Source: a local fault as displacement excitation in
+the place of e(t), Eqs. (15), (16).
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.law import (
+    FREQUENCY,
+    SHIFT,
+    SHIFT_RATE,
+    bump,
+    bump_slope,
+    cycles_from_event,
+    law,
+)
+from herringbone_sim.effects.site import MEMBER, revolutions
+
+
+@law
+def excite(theta, site, gear, now, own, law):
+    """d and its rate while the tooth is in mesh."""
+    for m in range(law.shape[1]):
+        if site[0, m] != 0.0:
+            s = cycles_from_event(now, site[1, m], site[2, m], theta[1])
+            rate = now[FREQUENCY] / TWO_PI
+            law[SHIFT, m] += theta[0] * bump(s, theta[2])
+            law[SHIFT_RATE, m] += theta[0] * bump_slope(s, theta[2]) * rate
+
+
+EFFECT = Effect(
+    id="tooth_spall",
+    text="displacement event while one tooth is in mesh, whatever the load",
+    level="mesh",
+    parameters=(
+        Parameter("height", "m", "largest displacement", -2e-4, 2e-4, 1e-5),
+        Parameter("position", "cycles", "mesh cycle of the event", 0.0, 77.0, 0.0, neutral=None),
+        Parameter("width", "cycles", "mesh cycles from onset to end", 0.2, 4.0, 1.0, neutral=None),
+    ),
+    options=(MEMBER,),
+    loci=(("*", "*", "*"), ("*", "all", "*"), ("all", "*", "*")),
+    place=revolutions,
+    excite=excite,
+)

@@ -1,0 +1,48 @@
+"""Torque ripple: the input torque is T_1 [1 + amplitude cos(order angle + phase)].
+
+The angle is that of the input shaft to ground: a turn takes z_s z_r / (z_s + z_r) mesh cycles,
+19.99 with the teeth of the nominal rig. Half of the torque acts on each side of the sun. Source:
+T_1 of Eq. (12), not constant.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
+from herringbone_sim.effects.law import PHASE, TORQUE, law
+
+ORDER, TURN, RADIUS = range(1, 4)
+
+
+def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+    """Rows mask, order, mesh cycles a turn of the input shaft, radius of the sun (4, n_mesh)."""
+    p = model.parameters
+    one = np.ones(mask.shape)
+    turn = p.z_s * p.z_r / (p.z_s + p.z_r)
+    return np.stack([mask, options["order"] * one, turn * one, model.scales.r_bs * one])
+
+
+@law
+def react(theta, site, gear, now, own, x, v, law, force, torque):
+    """More or less torque on both halves of the sun."""
+    angle = site[ORDER, 0] * now[PHASE] / site[TURN, 0] + theta[1]
+    more = 0.5 * now[TORQUE] / site[RADIUS, 0] * theta[0] * np.cos(angle)
+    torque[0] += more
+    torque[1] += more
+
+
+EFFECT = Effect(
+    id="torque_ripple",
+    text="input torque not constant",
+    level="body",
+    parameters=(
+        Parameter("amplitude", "-", "share of T_1", 0.0, 2.0, 0.1),
+        Parameter("phase", "rad", "at phase 0", -3.1416, 3.1416, 0.0, neutral=None),
+    ),
+    options=(Option("order", "events a turn of the input shaft", 1, tuple(range(1, 61))),),
+    place=place,
+    react=react,
+)

@@ -1,0 +1,75 @@
+"""What sensor effects share: which channels are concerned, and series with some replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.effect import Active, Option
+from herringbone_sim.errors import ParameterError
+
+Array = NDArray[np.float64]
+CHANNELS = Option("channels", "channels concerned: names, or x, v, F of the locus", ("F",))
+PREFIXES = ("x", "v", "F")
+
+
+def distort(series: TimeSeries, actives: tuple[Active, ...]) -> TimeSeries:
+    """The series as the sensors show it; effects of other levels are passed over.
+
+    Raises:
+        ParameterError: a channel that the series does not have.
+    """
+    for one in actives:
+        if one.effect.distort is not None:
+            named = channels_of(series, one)
+            series = one.effect.distort(np.array(one.theta), series, named)
+    return series
+
+
+def channels_of(series: TimeSeries, one: Active) -> tuple[str, ...]:
+    """Names of the channels that a sensor effect concerns."""
+    wanted = one.chosen.get("channels", ())
+    named: list[str] = []
+    for name in (wanted,) if isinstance(wanted, str) else wanted:
+        named += _of_locus(series, one, name) if name in PREFIXES else [name]
+    missing = [name for name in named if name not in series]
+    if missing:
+        raise ParameterError(
+            f"{one.effect.id} concerns {', '.join(missing)}, the recording has "
+            f"{', '.join(series.names)}: name channels that it has"
+        )
+    return tuple(named)
+
+
+def _of_locus(series: TimeSeries, one: Active, prefix: str) -> list[str]:
+    place = one.locus
+    found = []
+    for name in series.names:
+        kind, _, side = name.removeprefix(f"{prefix}_").partition("_")
+        if name.startswith(f"{prefix}_") and (
+            place.mesh in ("all", kind[:2])
+            and place.planet in ("all", kind[2:])
+            and place.side in ("all", side)
+        ):
+            found.append(name)
+    return found
+
+
+def replaced(series: TimeSeries, columns: Mapping[str, Array]) -> TimeSeries:
+    """A copy with the samples (n,) of some channels replaced."""
+    data = series.data.copy()
+    for name, values in columns.items():
+        if name in series:
+            data[:, series.names.index(name)] = values
+    return TimeSeries(series.times, data, series.names)
+
+
+def between(times: Array, values: Array, at: Array) -> Array:
+    """Values (m,) at times between the samples; the outermost hold beyond them."""
+    inside = np.clip(at, times[0], times[-1])
+    found: Array = Akima1DInterpolator(times, values)(inside)
+    return found

@@ -1,0 +1,238 @@
+"""What an effect is: its parameters, where it may sit, and its laws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import KINDS, SIDES, Layout
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.law import no_drive, no_excite, no_react
+from herringbone_sim.errors import ParameterError
+
+Array = NDArray[np.float64]
+Options = Mapping[str, Any]
+LEVELS = ("mesh", "body", "sensor")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that says how large an effect is, or how it lies.
+
+    Attributes:
+        name, unit, text: as in a report; the text says what it is.
+        low, high: bounds.
+        start: a moderate value to start a fit from.
+        neutral: value at which the effect changes nothing; None for one that says how it lies.
+    """
+
+    name: str
+    unit: str
+    text: str
+    low: float
+    high: float
+    start: float
+    neutral: float | None = 0.0
+
+
+@dataclass(frozen=True)
+class Option:
+    """A choice that is no number to fit: which member, which order, which law.
+
+    Attributes:
+        choices: what may be chosen; empty for any text or list of texts.
+    """
+
+    name: str
+    text: str
+    start: Any
+    choices: tuple[Any, ...] = ()
+
+
+@dataclass(frozen=True)
+class Locus:
+    """Meshes: kind ``sp``, ``rp`` or ``all``; planet ``1`` .. or ``all``; side or ``all``."""
+
+    mesh: str = "all"
+    planet: str = "all"
+    side: str = "all"
+
+    def mask(self, layout: Layout) -> Array:
+        """(n_mesh,) 1 on the meshes meant, 0 elsewhere; ParameterError when there are none."""
+        planets = layout.planets if layout.numbered else ("all",)
+        for name, value, known in (
+            ("mesh", self.mesh, KINDS),
+            ("planet", self.planet, planets),
+            ("side", self.side, SIDES),
+        ):
+            if value not in (*known, "all"):
+                raise ParameterError(
+                    f"{name} of a locus must be one of {', '.join((*known, 'all'))}, "
+                    f"got {value!r}: name meshes of the gear (model: full tells planets apart)"
+                )
+        chosen = [
+            float(
+                self.mesh in ("all", kind)
+                and self.planet in ("all", planet)
+                and self.side in ("all", side)
+            )
+            for kind in KINDS
+            for side in SIDES
+            for planet in planets
+        ]
+        return np.array(chosen)
+
+
+ALL = Locus()
+Place = Callable[[Model, Array, Options], Array]
+Distort = Callable[[Array, TimeSeries, tuple[str, ...]], TimeSeries]
+
+
+def plain_place(model: Model, mask: Array, options: Options) -> Array:
+    """Rows (1, n_mesh): the mask alone."""
+    rows: Array = mask[None, :].copy()
+    return rows
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect of the catalogue.
+
+    Attributes:
+        id: name in reports and parameter files.
+        text: what it is, in a line.
+        level: ``mesh`` acts in the force law, ``body`` in the torque balance, ``sensor`` on the
+            recording.
+        parameters: in the order of ``theta``.
+        loci: patterns of where it may sit, as (mesh, planet, side): each part a name, ``all`` for
+            all together, or ``*`` for every single one in turn.
+        options: choices beside the parameters.
+        place: rows ``site`` (rows, n_mesh) from the model, the mask of the locus and the options.
+        excite, react, drive: compiled, see ``effects.law``.
+        states: (model) -> number of states of its own.
+        acts: names of the laws it has among excite, react, drive.
+        distort: of a sensor effect: (theta, series, channels) -> series.
+    """
+
+    id: str
+    text: str
+    level: str
+    parameters: tuple[Parameter, ...]
+    loci: tuple[tuple[str, str, str], ...] = (("all", "all", "all"),)
+    options: tuple[Option, ...] = ()
+    place: Place = plain_place
+    excite: Any = no_excite
+    react: Any = no_react
+    drive: Any = no_drive
+    states: Callable[[Model], int] = field(default=lambda model: 0)
+    distort: Distort | None = None
+
+    def __post_init__(self) -> None:
+        if self.level not in LEVELS:
+            raise ParameterError(f"level of {self.id} must be one of {LEVELS}, got {self.level!r}")
+        if (self.level == "sensor") != (self.distort is not None):
+            raise ParameterError(f"{self.id}: a sensor effect, and no other, has distort")
+
+    @property
+    def neutral(self) -> Array:
+        """theta (p,) at which nothing changes; start values for what says how it lies."""
+        values = [p.start if p.neutral is None else p.neutral for p in self.parameters]
+        return np.array(values, dtype=float)
+
+    @property
+    def start(self) -> Array:
+        """theta (p,) to start from."""
+        return np.array([p.start for p in self.parameters], dtype=float)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest theta (p,)."""
+        low = np.array([p.low for p in self.parameters], dtype=float)
+        return low, np.array([p.high for p in self.parameters], dtype=float)
+
+    def candidates(self, layout: Layout) -> tuple[Locus, ...]:
+        """Every locus of a gear at which this effect may sit."""
+        planets = layout.planets if layout.numbered else ("all",)
+        known = (KINDS, planets, SIDES)
+        found: dict[Locus, None] = {}
+        for pattern in self.loci:
+            parts = [
+                names if part == "*" else (part,)
+                for part, names in zip(pattern, known, strict=True)
+            ]
+            for mesh in parts[0]:
+                for planet in parts[1]:
+                    found |= {Locus(mesh, planet, side): None for side in parts[2]}
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class Active:
+    """An effect with its size and place: what a parameter file or a hypothesis holds.
+
+    Attributes:
+        effect: which.
+        theta: (p,) its parameters.
+        locus: where.
+        options: choices by name; those left out are the effect's own start values.
+    """
+
+    effect: Effect
+    theta: tuple[float, ...]
+    locus: Locus = ALL
+    options: tuple[tuple[str, Any], ...] = ()
+
+    def with_theta(self, theta: Sequence[float] | Array) -> Active:
+        """The same at the same place with other parameters."""
+        return replace(self, theta=tuple(float(v) for v in theta))
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """All options by name."""
+        return {o.name: o.start for o in self.effect.options} | dict(self.options)
+
+
+def active(
+    effect: Effect,
+    locus: Locus = ALL,
+    values: Mapping[str, Any] | None = None,
+) -> Active:
+    """An effect at a place with some parameters and options by name; the rest at their start.
+
+    Raises:
+        ParameterError: a name that it does not have, or a value outside its bounds.
+    """
+    values = dict(values or {})
+    theta = tuple(_number(effect, p, values.pop(p.name, p.start)) for p in effect.parameters)
+    options = {o.name: _choice(effect, o, values.pop(o.name, o.start)) for o in effect.options}
+    if values:
+        known = [*(p.name for p in effect.parameters), *(o.name for o in effect.options)]
+        raise ParameterError(
+            f"{effect.id} has no {', '.join(sorted(values))}; it has {', '.join(known)}"
+        )
+    return Active(effect, theta, locus, tuple(options.items()))
+
+
+def _number(effect: Effect, p: Parameter, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ParameterError(f"{p.name} of {effect.id} must be a number, got {value!r}")
+    if value != p.neutral and not p.low <= value <= p.high:
+        raise ParameterError(
+            f"{p.name} [{p.unit}] of {effect.id} must lie in {p.low:g} .. {p.high:g}, "
+            f"got {value!r}: choose a value inside"
+        )
+    return float(value)
+
+
+def _choice(effect: Effect, option: Option, value: Any) -> Any:
+    value = tuple(value) if isinstance(value, list) else value
+    if option.choices and value not in option.choices:
+        raise ParameterError(
+            f"{option.name} of {effect.id} must be one of {option.choices}, got {value!r}"
+        )
+    return value

@@ -1,0 +1,137 @@
+"""Forces and torques that a gear with effects has at recorded motion: what a diagnosis regresses.
+
+The recorded x and v hold the nominal error e(t), so a displacement that nobody knows of shows in
+the force alone: F = k f(x + d) + c (v + d'). No trajectory is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
+from herringbone_sim.effects.instant import recorded
+from herringbone_sim.errors import AnalysisError
+
+Array = NDArray[np.float64]
+SUBSTEPS = 8
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Recorded motion, as the laws read it.
+
+    Attributes:
+        times: (n,) [s].
+        now: (n, 5) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
+        x, v: (n, n_mesh) deflection [m] and rate [m/s].
+        force: (n, n_mesh) measured [N], which drives own states of effects; None if unmeasured.
+    """
+
+    times: Array
+    now: Array
+    x: Array
+    v: Array
+    force: Array | None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the gear answers to a motion.
+
+    Attributes:
+        force: (n, n_mesh) normal mesh forces [N].
+        torque: (n, n_bodies) effects' torques over base radius [N], as u is signed.
+    """
+
+    force: Array
+    torque: Array
+
+
+def motion(model: Model, series: TimeSeries) -> Motion:
+    """Motion of a recording with x and v of all meshes of the model.
+
+    The mesh frequency is the slope of ``phase``; without delta_T, T_1, K those of the model hold.
+
+    Raises:
+        AnalysisError: phase, or x or v of a mesh, is missing.
+    """
+    p, meshes = model.parameters, model.layout.meshes
+    needed = ("phase", *(f"{a}_{m}" for a in "xv" for m in meshes))
+    missing = [name for name in needed if name not in series]
+    if missing or len(series) < 2:
+        raise AnalysisError(
+            f"the laws of effects need phase, x and v of every mesh of the {p.model} model over "
+            f"time, {', '.join(missing) or 'samples'} missing: record them"
+        )
+    phase = series["phase"]
+    slope = np.polyfit(series.times - series.times[0], phase - phase[0], 1)[0]
+    held = [series[n] if n in series else getattr(p, n) for n in ("delta_T", "T_1", "K")]
+    columns = [phase, slope, *held]
+    now = np.stack([np.broadcast_to(column, phase.shape) for column in columns], axis=1)
+    forces = tuple(f"F_{m}" for m in meshes)
+    return Motion(
+        times=series.times,
+        now=np.ascontiguousarray(now, dtype=float),
+        x=series.columns(tuple(f"x_{m}" for m in meshes)),
+        v=series.columns(tuple(f"v_{m}" for m in meshes)),
+        force=series.columns(forces) if all(name in series for name in forces) else None,
+    )
+
+
+def answer(model: Model, actives: Sequence[Active], moved: Motion) -> Answer:
+    """Forces and torques of a gear with effects at a recorded motion.
+
+    Own states of effects (ring, bearing) start at rest and follow the measured forces, so the
+    first few cycles of theirs are those of a start.
+
+    Args:
+        model: built for the operating point (delta_T sets the backlash).
+
+    Raises:
+        AnalysisError: an effect with states of its own, and no measured forces.
+        ParameterError: a locus that the gear or the effect doesn't have.
+    """
+    found = laws(model, actives)
+    if found.n_own and moved.force is None:
+        raise AnalysisError(
+            "an effect with states of its own is driven by the measured forces, the recording has "
+            "none: record F of every mesh"
+        )
+    n = len(moved.times)
+    force = np.empty((n, model.layout.n_mesh))
+    torque = np.empty((n, len(model.layout.bodies)))
+    with pointers_allowed():
+        recorded(
+            found.kernel,
+            found.site,
+            found.theta,
+            gear_table(model),
+            moved.times,
+            moved.now,
+            moved.x,
+            moved.v,
+            force if moved.force is None else moved.force,
+            np.zeros(found.n_own),
+            scratch(model, found.n_own),
+            SUBSTEPS,
+            force,
+            torque,
+        )
+    return Answer(force, torque)
+
+
+def forces(model: Model, actives: Sequence[Active], moved: Motion) -> Array:
+    """Normal mesh forces (n, n_mesh) [N], see ``answer``."""
+    return answer(model, actives, moved).force
+
+
+def torques(model: Model, actives: Sequence[Active], moved: Motion) -> Array:
+    """Effects' torques over base radius (n, n_bodies) [N], see ``answer``."""
+    return answer(model, actives, moved).torque

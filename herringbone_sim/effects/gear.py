@@ -1,0 +1,167 @@
+"""The nominal gear and its active effects, laid out for the compiled laws, SI units."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import float64, types, void
+from numba.core.errors import NumbaExperimentalFeatureWarning
+from numba.experimental.function_type import _get_wrapper_address
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.effect import Active, Effect
+
+Array = NDArray[np.float64]
+_ROW, _ROWS = float64[::1], float64[:, ::1]
+_HEAD = (_ROW, _ROWS, _ROWS, _ROW, _ROW)
+EXCITE = void(*_HEAD, _ROWS)
+REACT = void(*_HEAD, _ROW, _ROW, _ROWS, _ROW, _ROW)
+DRIVE = void(*_HEAD, _ROW, _ROW)
+SLOTS = 4
+_NOTHING = Active(Effect("nothing", "fills a slot", "mesh", ()), ())
+
+
+class _Pointer(types.WrapperAddressProtocol):  # type: ignore[misc]
+    """A compiled law as a pointer, so that one kernel runs whatever laws it is handed."""
+
+    def __init__(self, function: Any, signature: Any) -> None:
+        function.compile(signature)
+        self._address = _get_wrapper_address(function, signature)
+        self._signature = signature
+
+    def __wrapper_address__(self) -> int:
+        return int(self._address)
+
+    def signature(self) -> Any:
+        return self._signature
+
+
+@dataclass(frozen=True)
+class Laws:
+    """Active effects for the kernel, padded to a multiple of four so that it is compiled once.
+
+    Attributes:
+        excite, react, drive: the laws as pointers.
+        theta: parameters, one array each.
+        site: (rows, n_mesh) of each.
+        first: (n + 1,) where the own states of each begin.
+        n_active: effects, without the padding.
+    """
+
+    excite: tuple[Any, ...]
+    react: tuple[Any, ...]
+    drive: tuple[Any, ...]
+    theta: tuple[Array, ...]
+    site: tuple[Array, ...]
+    first: NDArray[np.int64]
+    n_active: int
+
+    @property
+    def kernel(self) -> Kernel:
+        """All but parameters and sites, as compiled code takes it."""
+        return Kernel(self.excite, self.react, self.drive, self.first, self.n_active)
+
+    @property
+    def n_own(self) -> int:
+        """Own states of all effects together."""
+        return int(self.first[-1])
+
+
+def laws(model: Model, actives: Sequence[Active]) -> Laws:
+    """Lay out active effects; those of sensors are left out, they don't change the machine.
+
+    Raises:
+        ParameterError: a locus that the gear or the effect doesn't have.
+    """
+    chosen = [one for one in actives if one.effect.level != "sensor"]
+    used = len(chosen)
+    chosen += [_NOTHING] * (-used % SLOTS or (0 if used else SLOTS))
+    own = [one.effect.states(model) for one in chosen]
+    return Laws(
+        excite=tuple(_pointer(one.effect.excite, EXCITE) for one in chosen),
+        react=tuple(_pointer(one.effect.react, REACT) for one in chosen),
+        drive=tuple(_pointer(one.effect.drive, DRIVE) for one in chosen),
+        theta=tuple(np.array(one.theta, dtype=float) for one in chosen),
+        site=tuple(_site(model, one) for one in chosen),
+        first=np.cumsum([0, *own]),
+        n_active=used,
+    )
+
+
+def _site(model: Model, one: Active) -> Array:
+    mask = one.locus.mask(model.layout)
+    rows: Array = np.ascontiguousarray(one.effect.place(model, mask, one.chosen), dtype=float)
+    return rows
+
+
+_pointers: dict[tuple[Any, Any], Any] = {}
+
+
+def _pointer(function: Any, signature: Any) -> Any:
+    if not hasattr(function, "compile"):
+        return function
+    key = (function, signature)
+    if key not in _pointers:
+        _pointers[key] = _Pointer(function, signature)
+    return _pointers[key]
+
+
+def gear_table(model: Model) -> Array:
+    """(4 + 4 orders, n_mesh): mean k, c, b', mean e, then cosine and sine of k and e by order."""
+    p, s = model.packed, model.scales
+    stiff = s.omega_n**2 / s.projection
+    orders = max(len(p.k_cos), len(p.e_cos))
+    table = np.zeros((4 + 4 * orders, model.layout.n_mesh))
+    table[0] = p.stiffness * stiff
+    table[1] = model.damping_n_s_per_m
+    table[2] = model.half_backlash_m
+    table[3] = p.e_mean * s.b_c
+    for j in range(len(p.k_cos)):
+        table[4 + 4 * j], table[5 + 4 * j] = p.k_cos[j] * stiff, p.k_sin[j] * stiff
+    for j in range(len(p.e_cos)):
+        table[6 + 4 * j], table[7 + 4 * j] = p.e_cos[j] * s.b_c, p.e_sin[j] * s.b_c
+    return table
+
+
+class Kernel(NamedTuple):
+    """``Laws`` as compiled code takes it."""
+
+    excite: tuple[Any, ...]
+    react: tuple[Any, ...]
+    drive: tuple[Any, ...]
+    first: NDArray[np.int64]
+    n_active: int
+
+
+class Scratch(NamedTuple):
+    """What the kernel scribbles on; n = n_mesh, s = own states, b = bodies."""
+
+    law: Array  # (5, n)
+    x: Array  # (n,) deflection with the effects' displacements
+    v: Array  # (n,)
+    force: Array  # (n,)
+    torque: Array  # (b,)
+    driving: Array  # (n,) forces between samples
+    stage: Array  # (s,)
+    slope: Array  # (4, s)
+
+
+def scratch(model: Model, n_own: int) -> Scratch:
+    """Scratch for a model with so many own states of its effects."""
+    n = model.layout.n_mesh
+    sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own))
+    return Scratch(*(np.zeros(size) for size in sizes))
+
+
+@contextmanager
+def pointers_allowed() -> Iterator[None]:
+    """Numba tells of every call through a pointer that this is experimental: once is enough."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+        yield

@@ -1,0 +1,89 @@
+"""The force law with effects at one instant, and at recorded ones: compiled, SI units."""
+
+from __future__ import annotations
+
+from herringbone_sim.effects.law import (
+    DAMPING,
+    OWN_B,
+    OWN_C,
+    PHASE,
+    PLAY,
+    SHIFT,
+    SHIFT_RATE,
+    STIFFNESS,
+    law,
+    play,
+    stiffness_at,
+)
+
+
+@law
+def instant(e, site, theta, gear, now, own, x, v, w):
+    """Forces and torques of one instant, in ``w.force`` and ``w.torque``; also in ``w.law``.
+
+    ``e`` is a ``gear.Laws`` as the kernel takes it; x, v (n,) are deflections and rates without
+    the effects' displacements, which are added to give ``w.x`` and ``w.v``.
+    """
+    for m in range(x.size):
+        w.law[STIFFNESS, m] = stiffness_at(gear, m, now[PHASE])
+        w.law[DAMPING, m] = gear[OWN_C, m]
+        w.law[PLAY, m] = gear[OWN_B, m]
+        w.law[SHIFT, m] = 0.0
+        w.law[SHIFT_RATE, m] = 0.0
+    for i in range(e.n_active):
+        mine = own[e.first[i] : e.first[i + 1]]
+        e.excite[i](theta[i], site[i], gear, now, mine, w.law)
+    for m in range(x.size):
+        w.x[m] = x[m] + w.law[SHIFT, m]
+        w.v[m] = v[m] + w.law[SHIFT_RATE, m]
+        f = play(w.x[m], w.law[PLAY, m])
+        w.force[m] = w.law[STIFFNESS, m] * f + w.law[DAMPING, m] * w.v[m]
+    w.torque[:] = 0.0
+    for i in range(e.n_active):
+        mine = own[e.first[i] : e.first[i + 1]]
+        e.react[i](theta[i], site[i], gear, now, mine, w.x, w.v, w.law, w.force, w.torque)
+
+
+@law
+def own_slopes(e, site, theta, gear, now, own, force, slope):
+    """Rates (s,) of the effects' own states under mesh forces (n,)."""
+    for i in range(e.n_active):
+        a, b = e.first[i], e.first[i + 1]
+        if b > a:
+            e.drive[i](theta[i], site[i], gear, now, own[a:b], force, slope[a:b])
+
+
+@law
+def follow(e, site, theta, gear, now, own, here, there, w, h, substeps):
+    """Own states (s,) over a step h [s] in place, forces (n,) linear in between; RK4."""
+    step = h / substeps
+    for k in range(substeps):
+        for stage in range(4):
+            part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+            at = (k + part) / substeps
+            for m in range(here.size):
+                w.driving[m] = here[m] + at * (there[m] - here[m])
+            for j in range(own.size):
+                before = part * step * w.slope[max(stage - 1, 0), j] if stage > 0 else 0.0
+                w.stage[j] = own[j] + before
+            own_slopes(e, site, theta, gear, now, w.stage, w.driving, w.slope[stage])
+        for j in range(own.size):
+            inner = w.slope[1, j] + w.slope[2, j]
+            own[j] += step / 6.0 * (w.slope[0, j] + 2.0 * inner + w.slope[3, j])
+
+
+@law
+def recorded(e, site, theta, gear, times, now, x, v, measured, own, w, substeps, force, torque):
+    """Forces (samples, n) and torques (samples, bodies) of recorded motion, row by row.
+
+    Own states follow the measured forces (samples, n), from ``own`` at the first sample on.
+    """
+    for i in range(x.shape[0]):
+        instant(e, site, theta, gear, now[i], own, x[i], v[i], w)
+        for m in range(w.force.size):
+            force[i, m] = w.force[m]
+        for k in range(w.torque.size):
+            torque[i, k] = w.torque[k]
+        if own.size > 0 and i + 1 < x.shape[0]:
+            h = times[i + 1] - times[i]
+            follow(e, site, theta, gear, now[i], own, measured[i], measured[i + 1], w, h, substeps)

@@ -1,0 +1,129 @@
+"""What the compiled laws of effects read and write: one instant, all meshes, SI units.
+
+An effect has up to three laws, each compiled by ``law`` and of one of these forms; all edit in
+place, in the order of ``react``'s arguments below::
+
+    excite(theta, site, gear, now, own, law)
+    react(theta, site, gear, now, own, x, v, law, force, torque)
+    drive(theta, site, gear, now, own, force, slope)
+
+Arrays, with n = n_mesh in the order of ``core.layout``:
+    theta (p,): parameters of the effect, in its order.
+    site (rows, n): made by its ``place``; row 0 is 1 where the effect sits, else 0.
+    gear (rows, n): own constants of the meshes, see below.
+    now (5,): unwrapped mesh phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
+    own (s,): states of its own, as displacement and rate; ``slope (s,)`` is their rate.
+    law (5, n): stiffness k [N/m], damping c [N s/m], half-backlash b [m], and a displacement
+        d [m] with its rate [m/s] that are added to the deflection: F = k f(x + d) + c (v + d').
+    x, v (n,): deflection [m] and rate [m/s], d and its rate included.
+    force (n,): mesh forces [N]. torque (n_bodies,): torque over base radius [N] on s_L, s_R, c,
+        p1_L, ..., positive as the rotations u are.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from herringbone_sim.core.cache import forget_stale
+from herringbone_sim.core.packed import TWO_PI
+
+STIFFNESS, DAMPING, PLAY, SHIFT, SHIFT_RATE = range(5)
+PHASE, FREQUENCY, DELTA_T, TORQUE, CONTROL = range(5)
+MEAN_K, OWN_C, OWN_B, MEAN_E, HARMONICS = range(5)
+
+forget_stale(Path(__file__).parent, Path(__file__).parent)
+
+law: Any = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+
+
+@law
+def stiffness_at(gear, m, phase):
+    """k [N/m] of mesh m without effects at a phase [rad], Eq. (7).
+
+    Four rows of ``gear`` an order from ``HARMONICS`` on: cosine and sine of k, then of e.
+    """
+    k = gear[MEAN_K, m]
+    for j in range((gear.shape[0] - HARMONICS) // 4):
+        angle = (j + 1) * phase
+        row = HARMONICS + 4 * j
+        k += gear[row, m] * np.cos(angle) + gear[row + 1, m] * np.sin(angle)
+    return k
+
+
+@law
+def error_at(gear, m, phase):
+    """e [m] of mesh m without effects at a phase [rad], Eq. (9)."""
+    e = gear[MEAN_E, m]
+    for j in range((gear.shape[0] - HARMONICS) // 4):
+        angle = (j + 1) * phase
+        row = HARMONICS + 4 * j
+        e += gear[row + 2, m] * np.cos(angle) + gear[row + 3, m] * np.sin(angle)
+    return e
+
+
+@law
+def error_slope_at(gear, m, phase):
+    """de/dphase [m/rad] of mesh m without effects at a phase [rad]."""
+    slope = 0.0
+    for j in range((gear.shape[0] - HARMONICS) // 4):
+        angle = (j + 1) * phase
+        row = HARMONICS + 4 * j
+        rate = gear[row + 3, m] * np.cos(angle) - gear[row + 2, m] * np.sin(angle)
+        slope += (j + 1) * rate
+    return slope
+
+
+@law
+def shift_phase(gear, now, m, angle, own_law):
+    """k and e of mesh m together, ahead by an angle [rad]: order j shifts by j times it."""
+    phase = now[PHASE]
+    ahead = phase + angle
+    own_law[STIFFNESS, m] += stiffness_at(gear, m, ahead) - stiffness_at(gear, m, phase)
+    own_law[SHIFT, m] -= error_at(gear, m, ahead) - error_at(gear, m, phase)
+    slope = error_slope_at(gear, m, ahead) - error_slope_at(gear, m, phase)
+    own_law[SHIFT_RATE, m] -= now[FREQUENCY] * slope
+
+
+@law
+def cycles_from_event(now, period, late, position):
+    """Mesh cycles from the nearest event; it comes every ``period`` cycles, first at position."""
+    s = now[PHASE] / TWO_PI - position - late
+    return s - period * np.floor(s / period + 0.5)
+
+
+@law
+def bump(s, width):
+    """Raised cosine of height 1 around s = 0, zero beyond width / 2; same unit for both."""
+    return 0.5 + 0.5 * np.cos(TWO_PI * s / width) if abs(s) < 0.5 * width else 0.0
+
+
+@law
+def bump_slope(s, width):
+    """Derivative of ``bump`` by s."""
+    inside = abs(s) < 0.5 * width
+    return -0.5 * TWO_PI / width * np.sin(TWO_PI * s / width) if inside else 0.0
+
+
+@law
+def play(x, b):
+    """Backlash function f(x), Eqs. (1), (4)."""
+    return x - b if x > b else (x + b if x < -b else 0.0)
+
+
+@law
+def no_excite(theta, site, gear, now, own, law):
+    """Nothing is excited."""
+
+
+@law
+def no_react(theta, site, gear, now, own, x, v, law, force, torque):
+    """No force is changed."""
+
+
+@law
+def no_drive(theta, site, gear, now, own, force, slope):
+    """No states of its own."""

@@ -1,0 +1,82 @@
+"""Effects by name: those of the catalogue, of installed packages, and of a user's own files."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import importlib.util
+import os
+import pkgutil
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+
+from herringbone_sim.effects import catalogue
+from herringbone_sim.effects.effect import Effect
+from herringbone_sim.errors import ParameterError
+
+GROUP = "herringbone_sim.effects"
+VARIABLE = "HERRINGBONE_EFFECTS"
+
+
+def effects() -> dict[str, Effect]:
+    """All effects by id, in the order of their names.
+
+    They are ``EFFECT`` of the modules in ``effects.catalogue``, of the entry points of the group
+    ``herringbone_sim.effects``, and of the files that the environment variable
+    ``HERRINGBONE_EFFECTS`` lists, separated as in PATH.
+
+    Raises:
+        ParameterError: a file without ``EFFECT``, or two effects of one name.
+    """
+    return dict(_found(os.environ.get(VARIABLE, "")))
+
+
+def effect(name: str) -> Effect:
+    """The effect of an id; ParameterError says which there are."""
+    known = effects()
+    if name not in known:
+        raise ParameterError(
+            f"no effect {name!r}; there are {', '.join(known)}; own ones are files listed in "
+            f"{VARIABLE}"
+        )
+    return known[name]
+
+
+@functools.cache
+def _found(paths: str) -> tuple[tuple[str, Effect], ...]:
+    modules = [
+        importlib.import_module(f"{catalogue.__name__}.{module.name}")
+        for module in pkgutil.iter_modules(catalogue.__path__)
+    ]
+    modules += [point.load() for point in entry_points(group=GROUP)]
+    modules += [load_file(Path(path)) for path in paths.split(os.pathsep) if path]
+    found: dict[str, Effect] = {}
+    for module in modules:
+        one = _of(module)
+        if one.id in found:
+            raise ParameterError(f"two effects are named {one.id}: rename that in {module}")
+        found[one.id] = one
+    return tuple(sorted(found.items()))
+
+
+def load_file(path: Path) -> ModuleType:
+    """Module of a Python file; ParameterError where that can't be."""
+    path = path.resolve()
+    name = f"herringbone_effect_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if not path.is_file() or spec is None or spec.loader is None:
+        raise ParameterError(f"{VARIABLE} must list Python files, got {path}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _of(module: ModuleType) -> Effect:
+    one = getattr(module, "EFFECT", None)
+    if not isinstance(one, Effect):
+        raise ParameterError(f"{module} must hold EFFECT, an effects.effect.Effect, got {one!r}")
+    return one

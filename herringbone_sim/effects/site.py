@@ -1,0 +1,52 @@
+"""Where the teeth of a member meet: rows of ``site`` for events once a revolution."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import KINDS, Layout
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.effect import Option, Options
+from herringbone_sim.errors import ParameterError
+
+Array = NDArray[np.float64]
+MEMBER = Option("member", "the gear that carries it", "sun", ("sun", "planet", "ring"))
+
+
+def planet_angles(model: Model) -> Array:
+    """Angle [rad] (n_mesh,) of the planet of each mesh on the carrier."""
+    p = model.parameters
+    if not model.layout.numbered:
+        return np.zeros(model.layout.n_mesh)
+    equal = 360.0 * np.arange(p.n_planets) / p.n_planets
+    psi = np.radians(np.array(p.planet_angle) if p.planet_angle else equal)
+    return np.tile(psi, 4)
+
+
+def is_ring(layout: Layout) -> Array:
+    """(n_mesh,) 1 on ring-planet meshes, 0 on sun-planet meshes."""
+    return np.repeat(np.arange(len(KINDS), dtype=float), layout.n_mesh // 2)
+
+
+def revolutions(model: Model, mask: Array, options: Options) -> Array:
+    """Rows mask, mesh cycles a revolution against the carrier, and when in cycles (3, n_mesh).
+
+    One place of the sun meets the planets in the order of their angles, one of the ring in the
+    opposite order; one of a planet meets the ring half a revolution after the sun.
+
+    Raises:
+        ParameterError: meshes that the member has no part in.
+    """
+    member = options["member"]
+    ring = is_ring(model.layout)
+    p = model.parameters
+    psi = planet_angles(model) / (2.0 * np.pi)
+    if np.any(mask * {"sun": ring, "planet": 0.0 * ring, "ring": 1.0 - ring}[member]):
+        raise ParameterError(
+            f"meshes of a {member} are meant, the locus has others: set its mesh to "
+            f"{'sp' if member == 'sun' else 'rp'}"
+        )
+    cycles = {"sun": p.z_s, "planet": p.z_p, "ring": p.z_r}[member]
+    late = {"sun": psi, "planet": 0.5 * ring, "ring": -psi}[member]
+    return np.stack([mask, np.full(mask.shape, float(cycles)), cycles * late])
