@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -19,7 +20,7 @@ from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps import execute
+from herringbone_sim.sweeps import cluster, execute
 from herringbone_sim.sweeps.grid import Observation, Sweep
 from herringbone_sim.sweeps.store import Store, load_result, load_store, open_store
 
@@ -116,24 +117,39 @@ def test_a_dask_worker_that_dies_loses_nothing(tmp_path: Path) -> None:
     left: list[int] = []
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as cluster:
-        victim = next(iter(cluster.workers.values())).pid
+    ) as local:
+        victim = next(iter(local.workers.values())).pid
         killer = threading.Thread(target=kill_after, args=(victim, store, left))
         killer.start()
-        execute.run_stores([store], scheduler=cluster.scheduler_address)
+        execute.run_stores([store], scheduler=local.scheduler_address)
         killer.join()
-        chain = run(tmp_path / "chain", small("down"), scheduler=cluster.scheduler_address)
+        chain = run(tmp_path / "chain", small("down"), scheduler=local.scheduler_address)
     assert left[0] > 0
     assert_same(chain, run(tmp_path / "here", small("down"), workers=1))
     assert_same(load_result(store), run(tmp_path / "local", sweep, workers=1))
 
 
-def test_a_scheduler_that_is_not_there_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(execute, "PATIENCE_S", 0.5)
+@pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1", "foo://here:1", "tcp://a:b"])
+def test_what_is_no_address_is_told_at_once(tmp_path: Path, address: str) -> None:
+    pytest.importorskip("distributed", reason="the package needs dask[distributed]")
     with pytest.raises(AnalysisError, match="no Dask scheduler answers"):
-        run(tmp_path, small(), scheduler="tcp://127.0.0.1:9")
+        run(tmp_path, small(), scheduler=address)
+
+
+@pytest.mark.parametrize("listening", [False, True])
+def test_a_scheduler_that_is_not_there_is_told_and_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listening: bool
+) -> None:
+    """Nobody there, or somebody who does not speak as Dask does."""
+    distributed = pytest.importorskip("distributed", reason="the package needs dask[distributed]")
+    monkeypatch.setattr(cluster, "CONNECT_S", 0.5)
+    monkeypatch.setattr(distributed, "Client", None)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        if listening:
+            other.listen()
+        with pytest.raises(AnalysisError, match="no Dask scheduler answers"):
+            run(tmp_path, small(), scheduler=f"tcp://127.0.0.1:{other.getsockname()[1]}")
 
 
 def kill_after(pid: int, store: Store, left: list[int]) -> None:

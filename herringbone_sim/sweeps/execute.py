@@ -16,7 +16,6 @@ from typing import Any
 from tqdm import tqdm
 
 from herringbone_sim.core.lanes.vector import LANES
-from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.chains import (
     Job,
     job_of,
@@ -24,6 +23,7 @@ from herringbone_sim.sweeps.chains import (
     observe_parts,
     part_before,
 )
+from herringbone_sim.sweeps.cluster import cluster
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import Store
 
@@ -31,8 +31,6 @@ Entry = tuple[Store, Job]
 Task = tuple[Entry, ...]
 
 AHEAD = 2  # tasks under way for each core: one computed, one waiting
-RETRIES = 10
-PATIENCE_S = 60
 
 
 def run_stores(
@@ -131,37 +129,9 @@ def _completed(
 def _pool(workers: int | None, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
     """An executor and the number of its cores."""
     if scheduler is not None:
-        with _cluster(scheduler) as pool:
+        with cluster(scheduler) as pool:
             yield pool
         return
     cores = workers or os.cpu_count() or 1
     with ThreadPoolExecutor(cores) as threads:
         yield threads, cores
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """The same on a Dask cluster; work of a worker that dies is given to another."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise AnalysisError(
-            'a scheduler needs Dask: type pip install "dask[distributed]"'
-        ) from None
-    try:
-        connect: Any = Client
-        client = connect(address, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise AnalysisError(
-            f"no Dask scheduler answers at {address!r} ({error}): give its address, such as "
-            "tcp://HOST:8786"
-        ) from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=PATIENCE_S)
-        except TimeoutError:
-            raise AnalysisError(
-                f"the Dask scheduler at {address} has no workers: start some with dask worker"
-            ) from None
-        cores = sum(client.nthreads().values())
-        yield client.get_executor(pure=False, retries=RETRIES), cores

@@ -1,0 +1,76 @@
+"""A Dask cluster as an executor: who does not answer is told before anything is started."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+from herringbone_sim.errors import AnalysisError
+
+RETRIES = 10
+CONNECT_S = 10
+WORKERS_S = 60
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    """An executor and the number of its cores; work of a worker that dies is given to another.
+
+    Raises:
+        AnalysisError: no scheduler there, no workers, or no Dask.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise AnalysisError(
+            'a scheduler needs Dask: type pip install "dask[distributed]"'
+        ) from None
+    _check(address)
+    connect: Any = Client
+    with connect(address, timeout=CONNECT_S, set_as_default=False) as client:
+        try:
+            client.wait_for_workers(1, timeout=WORKERS_S)
+        except TimeoutError:
+            raise AnalysisError(
+                f"the Dask scheduler at {address} has no workers: start some with dask worker"
+            ) from None
+        cores = sum(client.nthreads().values())
+        yield client.get_executor(pure=False, retries=RETRIES), cores
+
+
+def _check(address: str) -> None:
+    """A client that finds nobody would hold up the end of the process: look before it is made."""
+    from distributed.comm.addressing import get_address_host_port
+
+    try:
+        get_address_host_port(address)
+        with ThreadPoolExecutor(1) as thread:  # the caller may run in an event loop
+            thread.submit(asyncio.run, _greet(address)).result()
+    except (OSError, ValueError, OverflowError) as error:
+        raise AnalysisError(
+            f"no Dask scheduler answers at {address!r} ({_last_cause(error)}): give its address, "
+            "such as tcp://HOST:8786"
+        ) from None
+
+
+async def _greet(address: str) -> None:
+    from distributed.core import connect
+    from distributed.security import Security
+
+    call: Any = connect
+    security: Any = Security()
+    calling = call(address, timeout=CONNECT_S, **security.get_connection_args("client"))
+    try:
+        comm = await asyncio.wait_for(calling, CONNECT_S + 1)
+    except asyncio.TimeoutError:
+        raise OSError("what listens there does not speak as Dask does") from None
+    await comm.close()
+
+
+def _last_cause(error: BaseException) -> BaseException:
+    while error.__cause__ is not None:
+        error = error.__cause__
+    return error
