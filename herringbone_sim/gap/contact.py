@@ -1,0 +1,51 @@
+"""The backlash function seen through noise: its expectation, its spread, the odds of contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NoisyBacklash:
+    """f(x) for x known up to Gaussian noise; arrays as x.
+
+    Attributes:
+        f: expectation of the backlash function, Eqs. (1), (4) [m].
+        variance: of f [m^2].
+        contact: probability of contact, which is also the derivative of ``f`` by x.
+    """
+
+    f: Array
+    variance: Array
+    contact: Array
+
+
+def noisy_backlash(x: Array, half_backlash: Array, sigma: Array) -> NoisyBacklash:
+    """Expectation of f over Gaussian noise: errors in the variable x no longer bias the law.
+
+    Args:
+        x: (n, n_mesh) displacement [m].
+        half_backlash: (n_mesh,) b' [m].
+        sigma: (n_mesh,) standard deviation of the noise of x [m]; NaN is taken as none.
+    """
+    s = np.maximum(np.nan_to_num(sigma), 1e-15)
+    drive, drive_square, on = _ramp(x - half_backlash, s)
+    back, back_square, off = _ramp(-x - half_backlash, s)
+    f = drive - back
+    variance = np.maximum(drive_square + back_square - f**2, 0.0)
+    return NoisyBacklash(f, variance, on + off)
+
+
+def _ramp(over: Array, sigma: Array) -> tuple[Array, Array, Array]:
+    """Expectation of max(y, 0), of its square, and odds of y > 0, for y ~ N(over, sigma^2)."""
+    z = over / sigma
+    odds = ndtr(z)
+    bell = sigma * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+    mean = over * odds + bell
+    return mean, (over**2 + sigma**2) * odds + over * bell, odds

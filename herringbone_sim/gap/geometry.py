@@ -1,0 +1,35 @@
+"""The matrices between bodies, coordinates z = (q, r) and meshes (``Layout.state_names``)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.model import Model
+
+Array = NDArray[np.float64]
+
+
+def coordinates_to_meshes(layout: Layout) -> Array:
+    """D (n_mesh, n_coordinate): x = D (q, r) - e; see ``Layout.state_names``."""
+    n, c = layout.n_mesh, layout.n_classes
+    D = np.zeros((n, layout.n_coordinate))
+    for side in range(2):
+        for planet in range(c):
+            sun, ring = side * c + planet, n // 2 + side * c + planet
+            D[sun, side] = 1.0
+            D[sun, 2 + side * c + planet] = -1.0
+            D[ring, 2 + side * c + planet] = 1.0
+    return D
+
+
+def bodies_to_coordinates(model: Model) -> Array:
+    """B (n_coordinate, n_bodies): (q, r) = B u; rigid rotation (2, 2, 1, 1, ...) drops out."""
+    layout, cos_beta = model.layout, model.scales.cos_beta
+    B = np.zeros((layout.n_coordinate, len(layout.bodies)))
+    B[0, 0] = B[1, 1] = cos_beta
+    B[:2, 2] = -2.0 * cos_beta
+    B[2:, 2] = -cos_beta
+    B[2:, 3:] = cos_beta * np.eye(layout.n_coordinate - 2)
+    return B

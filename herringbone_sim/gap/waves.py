@@ -1,0 +1,42 @@
+"""Nominal stiffness and mesh error at the recorded mesh phase."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Waves:
+    """What the nominal model says at every sample of a run.
+
+    Attributes:
+        k: (n, n_mesh) stiffness k(t) [N/m], Eqs. (7), (8).
+        e, e_rate, e_acceleration: (n, n_mesh) mesh error [m], [m/s], [m/s^2], Eqs. (9), (10).
+    """
+
+    k: Array
+    e: Array
+    e_rate: Array
+    e_acceleration: Array
+
+
+def waves(model: Model, phase: Array, omega_rad_per_s: float) -> Waves:
+    """Nominal k(t), e(t) and derivatives of all meshes at phases (n,) [rad]."""
+    p, s = model.packed, model.scales
+    orders = np.arange(1, max(len(p.k_cos), len(p.e_cos)) + 1)
+    cos, sin = np.cos(np.outer(phase, orders)), np.sin(np.outer(phase, orders))
+    h, i = len(p.k_cos), len(p.e_cos)
+    per_m = s.omega_n**2 / s.projection
+    k = p.stiffness + cos[:, :h] @ p.k_cos + sin[:, :h] @ p.k_sin
+    turn = omega_rad_per_s * orders[:i]
+    rate = (cos[:, :i] * turn) @ p.e_sin - (sin[:, :i] * turn) @ p.e_cos
+    acceleration = -(cos[:, :i] * turn**2) @ p.e_cos - (sin[:, :i] * turn**2) @ p.e_sin
+    e = p.e_mean + cos[:, :i] @ p.e_cos + sin[:, :i] @ p.e_sin
+    return Waves(k * per_m, e * s.b_c, rate * s.b_c, acceleration * s.b_c)

@@ -1,0 +1,75 @@
+"""Rigs with a known difference, recorded as rigs do: nominal e(t), noise on every channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.core.integrate import simulate
+from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun, mesh_table, prepare_run
+from herringbone_sim.gap.waves import waves
+from herringbone_sim.recording.campaign import CampaignRun
+from herringbone_sim.recording.reader import Recording
+
+NOMINAL = Parameters(model="full", samples_per_cycle=24)
+OMEGA_N = build(NOMINAL).scales.omega_n
+POINTS = (
+    {"delta_T": 85.0, "K": 0.0, "T_1": 283.0, "Omega": 0.942},
+    {"delta_T": 72.0, "K": 0.0, "T_1": 2150.0, "Omega": 0.314},
+    {"delta_T": 37.0, "K": 0.05, "T_1": 1145.0, "Omega": 0.615},
+)
+ROLES = ("fit", "fit", "held_out")
+
+
+def sampled(own: Mapping[str, Any], point: Mapping[str, float], cycles: int = 40) -> TimeSeries:
+    """A run of the rig with its own parameters, without noise; x and v hold the nominal e(t)."""
+    nominal = build(NOMINAL.changed(point))
+    rig = build(NOMINAL.changed({**point, "omega_n": OMEGA_N, **own}))
+    _, state = simulate(rig, 60)
+    series, _ = simulate(rig, cycles, state)
+    return with_nominal_error(series, rig, nominal)
+
+
+def with_nominal_error(series: TimeSeries, rig: Model, nominal: Model) -> TimeSeries:
+    """x + e_own - e_nominal, and v likewise: what encoders and the nominal e(t) give."""
+    omega = nominal.parameters.Omega * nominal.scales.omega_n
+    its, ours = (waves(m, series["phase"], omega) for m in (rig, nominal))
+    data = series.data.copy()
+    for j, name in enumerate(rig.layout.meshes):
+        data[:, series.names.index(f"x_{name}")] += (its.e - ours.e)[:, j]
+        data[:, series.names.index(f"v_{name}")] += (its.e_rate - ours.e_rate)[:, j]
+    return TimeSeries(series.times, data, series.names)
+
+
+def noisy(series: TimeSeries, share: float, seed: int) -> TimeSeries:
+    """White noise of a share of each channel's RMS on all but the head."""
+    data = series.data.copy()
+    rms = np.sqrt(np.mean(data[:, 5:] ** 2, axis=0))
+    data[:, 5:] += share * rms * np.random.default_rng(seed).normal(size=data[:, 5:].shape)
+    return TimeSeries(series.times, data, series.names)
+
+
+def prepared(
+    series: TimeSeries,
+    point: Mapping[str, float],
+    role: str = "fit",
+    share: float | None = 0.01,
+    name: str = "run",
+) -> PreparedRun:
+    recording = Recording(Path(name), name, series, {}, (), True, ())
+    return prepare_run(CampaignRun(Path(name), point, role), recording, NOMINAL, share)
+
+
+def rig(own: Mapping[str, Any], share: float = 0.01, seed: int = 7) -> PreparedCampaign:
+    """Three runs of a rig, the last one held out."""
+    runs = tuple(
+        prepared(noisy(sampled(own, point), share, seed + i), point, role, share, f"run_{i:02d}")
+        for i, (point, role) in enumerate(zip(POINTS, ROLES, strict=True))
+    )
+    return PreparedCampaign("planted", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
