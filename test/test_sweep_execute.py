@@ -56,7 +56,11 @@ def test_failures_are_nan_with_their_reason(tmp_path: Path) -> None:
     for column in found.columns.values():
         assert np.isnan(column[failed]).all()
     assert np.isfinite(found["exponent"][~failed]).all()
-    assert found.failures() == {"delta_T = 220 K": 2, "delta_T = 330 K": 2}
+    (failure,) = found.failures()
+    assert failure.count == 4
+    assert failure.ranges == {"delta_T": (220.0, 330.0), "K": (0.0, 0.3)}
+    assert failure.reason == found.reasons[2, 0]
+    assert str(failure).startswith("4 failed at delta_T = 220 to 330, K = 0 to 0.3: delta_T = 220")
 
 
 def test_a_motion_that_diverges_is_nan_with_its_reason(tmp_path: Path) -> None:

@@ -81,6 +81,12 @@ def test_the_steps_of_a_sweep_leave_what_the_user_set() -> None:
     assert (kept.order, kept.steps_per_cycle, kept.samples_per_cycle) == (20, 8, 1)
 
 
+def test_rk4_keeps_its_own_steps() -> None:
+    base = gear(method="rk4", steps_per_cycle=200, samples_per_cycle=300)
+    assert for_sweeps(base, {"method": "rk4"}).steps == 300
+    assert for_sweeps(base, {"steps_per_cycle": 200}).steps == 200
+
+
 def test_differences_name_what_differs() -> None:
     told = "; ".join(differences(small(), small(xi=0.1, chunk=2)))
     assert "xi: 0.07, 0.1" in told

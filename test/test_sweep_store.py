@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from sweep_support import run, small
+from sweep_support import assert_same, run, small
 
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps import kept
 from herringbone_sim.sweeps.chains import job_of, observe_parts
 from herringbone_sim.sweeps.store import NOT_RUN, load_result, load_store, open_store
 
@@ -50,14 +51,33 @@ def test_an_unfinished_part_does_not_count(tmp_path: Path) -> None:
     assert len(list((tmp_path / "parts").glob("*.parquet"))) == 3
 
 
-def test_broken_and_foreign_parts_are_told(tmp_path: Path) -> None:
-    store = open_store(tmp_path, small())
-    store.write(0, observe_parts([job_of(store.sweep, 1)])[0])
-    with pytest.raises(AnalysisError, match="other values than this sweep"):
-        store.read_part(0)
-    store.path(0).write_bytes(b"nothing")
-    with pytest.raises(AnalysisError, match="delete it and run"):
-        load_result(store)
+@pytest.mark.parametrize("start", ["fixed", "up", "down"])
+def test_damaged_and_foreign_parts_are_computed_again(tmp_path: Path, start: str) -> None:
+    whole = run(tmp_path, small(start), workers=1)
+    store = open_store(tmp_path, small(start))
+    good = store.path(1).read_bytes()
+    for bad in (good[:-100], good[:200] + bytes(len(good) - 400) + good[-200:], b""):
+        store.path(1).write_bytes(bad)
+        assert store.missing() == [1]
+        assert (load_result(store).reasons[1] == NOT_RUN).all()
+        assert_same(whole, run(tmp_path, small(start), workers=1))
+    store.path(1).write_bytes(store.path(0).read_bytes())
+    assert_same(whole, run(tmp_path, small(start), workers=1))
+
+
+def test_a_sweep_of_another_kernel_is_not_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = run(tmp_path, small(), workers=1)
+    monkeypatch.setattr(kept, "_sources", lambda: ("another",))
+    old = open_store(tmp_path, small())
+    assert_same(load_result(old), whole)
+    old.path(1).unlink()
+    with pytest.raises(AnalysisError, match="another version of the program"):
+        open_store(tmp_path, small())
+    for part in (0, 2):
+        old.path(part).unlink()
+    assert open_store(tmp_path, small()).kernel != old.kernel
 
 
 def test_a_folder_without_a_sweep_is_told(tmp_path: Path) -> None:

@@ -91,19 +91,22 @@ def sweep(args: argparse.Namespace) -> int:
     for store in stores:
         tell(load_result(store))
     if len(axes) == 1:
-        diagram = diagram_of([load_result(store) for store in _alike(args.out, stores[0].sweep)])
+        diagram = diagram_of([load_result(store) for store in _alike(args.out, stores[0])])
         _tell_hysteresis(diagram)
         paths = write_diagram(args.out, diagram)
         print(f"written: {', '.join(map(str, paths))}")
     return 0
 
 
-def _alike(folder: Path, asked: Sweep) -> list[Store]:
+def _alike(folder: Path, asked: Store) -> list[Store]:
     """Sweeps in a folder, of this run or an earlier one, that differ in their start alone."""
     there = [folder / way for way in STARTS if (folder / way / FILE).exists()]
     stores = [load_store(path) for path in there]
     return [
-        s for s in stores if replace(asked, start=s.sweep.start, chunk=s.sweep.chunk) == s.sweep
+        s
+        for s in stores
+        if s.kernel == asked.kernel
+        and replace(asked.sweep, start=s.sweep.start, chunk=s.sweep.chunk) == s.sweep
     ]
 
 

@@ -95,5 +95,5 @@ def tell(result: Result) -> None:
         if share >= LEAST_SHARE
     ]
     print(f"{result.sweep.start}: {period.size} values: {', '.join(shares) or 'no periods'}")
-    for reason, count in list(result.failures().items())[:5]:
-        print(f"  {count} failed: {reason}")
+    for failure in result.failures()[:5]:
+        print(f"  {failure}")

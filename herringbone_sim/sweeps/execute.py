@@ -79,7 +79,8 @@ def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:
     elif missing:
         part = missing[-1 if sweep.downwards else 0]
         before = part_before(sweep, part)
-        states = None if before is None else last_states(sweep, store.read_part(before))
+        table = None if before is None else store.read_part(before)
+        states = None if table is None else last_states(sweep, table)
         yield store, job_of(sweep, part, states)
 
 
@@ -88,10 +89,11 @@ def _next(store: Store, part: int, table: Table) -> Iterator[Entry]:
     sweep, step = store.sweep, -1 if store.sweep.downwards else 1
     while sweep.chained and 0 <= part + step < sweep.n_parts:
         part += step
-        if not store.has(part):
+        there = store.read_part(part)
+        if there is None:
             yield store, job_of(sweep, part, last_states(sweep, table))
             return
-        table = store.read_part(part)
+        table = there
 
 
 def _tasks(entries: Sequence[Entry]) -> Iterator[Task]:

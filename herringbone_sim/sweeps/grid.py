@@ -221,10 +221,13 @@ def axis_from_text(text: str) -> Axis:
 def for_sweeps(base: Parameters, kept: Mapping[str, Any]) -> Parameters:
     """The gear with the steps of a sweep: order 14, 8 steps and 1 sample a mesh cycle.
 
+    RK4 keeps its own steps: so few would be too long for it.
+
     Args:
         kept: parameters that the user chose; they stay.
     """
-    return base.changed({name: value for name, value in KERNEL.items() if name not in kept})
+    steps = KERNEL | ({"steps_per_cycle": base.steps} if base.method == "rk4" else {})
+    return base.changed({name: value for name, value in steps.items() if name not in kept})
 
 
 def differences(one: Sweep, other: Sweep) -> list[str]:

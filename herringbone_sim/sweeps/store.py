@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,12 @@ from numpy.typing import NDArray
 
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.sweeps.grid import Axis, Sweep, differences, sweep_from_json
-from herringbone_sim.sweeps.kept import make_folder, whole
+from herringbone_sim.sweeps.kept import digest, make_folder, whole
 from herringbone_sim.sweeps.observe import SCALARS, Array, Table
 
 FILE = "sweep.json"
 NOT_RUN = "not run yet"
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(e[-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -28,19 +30,22 @@ class Store:
     Attributes:
         folder: holds ``sweep.json`` and ``parts/00000.parquet``, ...
         sweep: what is described there.
+        kernel: digest of the sources that its parts are computed by.
     """
 
     folder: Path
     sweep: Sweep
+    kernel: str = ""
 
     def path(self, part: int) -> Path:
         return self.folder / "parts" / f"{part:05d}.parquet"
 
     def has(self, part: int) -> bool:
-        return self.path(part).is_file()
+        """Whether a part is there and whole."""
+        return self.read_part(part) is not None
 
     def missing(self) -> list[int]:
-        """Numbers of the parts that are not there."""
+        """Numbers of the parts that are not there, or damaged."""
         return [part for part in range(self.sweep.n_parts) if not self.has(part)]
 
     def write(self, part: int, table: Table) -> None:
@@ -49,24 +54,37 @@ class Store:
         with whole(self.path(part)) as file:
             pq.write_table(pa.table(columns), file, compression="zstd")
 
-    def read_part(self, part: int) -> Table:
-        """The table of one part, as it was written.
-
-        Raises:
-            AnalysisError: the file is no part of this sweep.
-        """
+    def read_part(self, part: int) -> Table | None:
+        """The table of one part, as it was written; None where there is none, or a damaged one."""
         try:
             found = pq.read_table(self.path(part))
             table = {name: _array(found.column(name)) for name in found.column_names}
-        except (pa.ArrowException, OSError) as error:
-            raise AnalysisError(
-                f"{self.path(part)} can't be read ({error}): delete it and run the sweep again"
-            ) from None
-        if list(table["index"]) != list(self.sweep.part(part)):
-            raise AnalysisError(
-                f"{self.path(part)} holds other values than this sweep: delete it and run again"
-            )
-        return table
+            mine = np.array_equal(table["index"], self.sweep.part(part))
+        except (pa.ArrowException, OSError, KeyError):
+            return None
+        return table if mine else None
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Values that failed for one kind of reason: the same text but for its numbers.
+
+    Attributes:
+        count: how many.
+        ranges: the least and the largest of them on each axis, by name.
+        reason: of the first of them.
+    """
+
+    count: int
+    ranges: dict[str, tuple[float, float]]
+    reason: str
+
+    def __str__(self) -> str:
+        places = (
+            f"{name} = {low:g}" if low == high else f"{name} = {low:g} to {high:g}"
+            for name, (low, high) in self.ranges.items()
+        )
+        return f"{self.count} failed at {', '.join(places)}: {self.reason}"
 
 
 @dataclass(frozen=True)
@@ -90,38 +108,74 @@ class Result:
     def axes(self) -> tuple[Axis, ...]:
         return self.sweep.axes
 
-    def failures(self) -> dict[str, int]:
-        """How often each reason to fail was met, the commonest first; values are left out."""
-        told = (str(reason).split(" leaves mesh ")[0] for reason in self.reasons.flat if reason)
-        return dict(Counter(told).most_common())
+    def failures(self) -> list[Failure]:
+        """The kinds of reasons to fail that were met, the commonest first."""
+        kinds: dict[str, list[int]] = {}
+        for index, reason in enumerate(self.reasons.flat):
+            if reason:
+                kinds.setdefault(NUMBER.sub("#", str(reason)), []).append(index)
+        found = [self._failure(indices) for indices in kinds.values()]
+        return sorted(found, key=lambda one: -one.count)
+
+    def _failure(self, indices: list[int]) -> Failure:
+        places = np.unravel_index(indices, self.sweep.shape)
+        ranges = {
+            axis.name: (axis.values[int(at.min())], axis.values[int(at.max())])
+            for axis, at in zip(self.axes, places, strict=True)
+        }
+        return Failure(len(indices), ranges, str(self.reasons.flat[indices[0]]))
 
 
 def open_store(folder: Path | str, sweep: Sweep) -> Store:
     """Folder for a sweep: a new one, or the one in which the same sweep was begun.
 
     Raises:
-        AnalysisError: the folder holds another sweep, or can't be written.
+        AnalysisError: the folder holds another sweep, or an unfinished one of another version of
+            the program, or can't be written.
     """
-    store = Store(Path(folder), sweep)
+    store = Store(Path(folder), sweep, digest([]))
     described = store.folder / FILE
     if described.exists():
-        other = load_store(folder).sweep
-        if other != sweep:
+        begun = load_store(folder)
+        if begun.sweep != sweep:
             raise AnalysisError(
-                f"{folder} holds another sweep ({'; '.join(differences(other, sweep))}): "
+                f"{folder} holds another sweep ({'; '.join(differences(begun.sweep, sweep))}): "
                 "choose another folder, or repeat that sweep as it was"
             )
+        if begun.kernel != store.kernel and _begun_alone(begun):
+            return begun
     make_folder(store.folder / "parts")
     with whole(described) as file:
-        file.write(sweep.to_json().encode())
+        file.write(_described(store).encode())
     return store
+
+
+def _begun_alone(store: Store) -> bool:
+    """Whether a sweep of another kernel is complete; False when nothing of it is there.
+
+    Raises:
+        AnalysisError: only a part of it is there.
+    """
+    missing = len(store.missing())
+    if 0 < missing < store.sweep.n_parts:
+        raise AnalysisError(
+            f"{store.folder} was begun by another version of the program, and what is missing "
+            "would not match: choose another folder, or delete this one to run it all again"
+        )
+    return not missing
+
+
+def _described(store: Store) -> str:
+    return json.dumps(json.loads(store.sweep.to_json()) | {"kernel": store.kernel}, indent=1)
 
 
 def load_store(folder: Path | str) -> Store:
     """Folder of a sweep that was begun; AnalysisError when there is none in it."""
     described = Path(folder) / FILE
     try:
-        return Store(Path(folder), sweep_from_json(described.read_text(encoding="utf-8")))
+        text = described.read_text(encoding="utf-8")
+        sweep = sweep_from_json(text)
+        return Store(Path(folder), sweep, str(json.loads(text).get("kernel", "")))
     except OSError as error:
         raise AnalysisError(f"{described}: {error.strerror}: give the folder of a sweep") from None
     except ParameterError as error:
@@ -129,7 +183,7 @@ def load_store(folder: Path | str) -> Store:
 
 
 def load_result(store: Store) -> Result:
-    """All that is in a folder so far; values that were not run are NaN with that reason."""
+    """All that is in a folder so far; values that were not run, or lost, are NaN and told so."""
     sweep = store.sweep
     columns = {name: np.full(sweep.size, np.nan) for name in SCALARS}
     reasons = np.full(sweep.size, NOT_RUN, dtype=object)
@@ -137,8 +191,8 @@ def load_result(store: Store) -> Result:
     if look.mesh:
         columns["points"] = np.full((sweep.size, look.points), np.nan)
     for part in range(sweep.n_parts):
-        if store.has(part):
-            table, rows = store.read_part(part), sweep.part(part)
+        table, rows = store.read_part(part), sweep.part(part)
+        if table is not None:
             for name, column in columns.items():
                 column[rows.start : rows.stop] = table[name]
             reasons[rows.start : rows.stop] = table["reason"]

@@ -78,7 +78,8 @@ def write_maps(folder: Path, result: Result) -> list[Path]:
             "twice"
         )
     if not np.isfinite(result["asymmetry"]).any():
-        raise AnalysisError(f"no value of this map came out: {result.failures()}")
+        told = "; ".join(map(str, result.failures()))
+        raise AnalysisError(f"no value of this map came out: {told}")
     parts = _parts(result)
     written = []
     for name, draw in parts.items():
