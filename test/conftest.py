@@ -10,7 +10,7 @@ from gears import UNEVEN, make
 from hypothesis import settings
 
 from herringbone_sim import core
-from herringbone_sim.core.cache import forget_stale
+from herringbone_sim.core.cache import compiled_from, forget_stale
 from herringbone_sim.core.packed import compiled, make_work
 from herringbone_sim.core.right_hand_side import right_hand_side
 
@@ -19,7 +19,7 @@ settings.load_profile("compiled")
 
 
 # The kernel is compiled into functions of the tests too.
-forget_stale(Path(__file__).parent, Path(core.__file__).parent)
+forget_stale(Path(__file__).parent, *compiled_from(Path(core.__file__).parents[1]))
 
 
 @compiled

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
-from herringbone_sim.core.cache import forget_stale
+from herringbone_sim.core.cache import compiled_from, forget_stale
 
 
 @pytest.fixture
@@ -57,3 +60,41 @@ def test_a_folder_that_cannot_be_written_is_left_alone(package):
     (package / "__pycache__" / "sources.sha256").mkdir()
     forget_stale(package, package)
     assert compiled(package) == 0
+
+
+def test_what_gives_constants_to_compiled_code_counts(tmp_path):
+    for room in ("core", "analysis", "sweeps", "views", "cli"):
+        (tmp_path / room).mkdir()
+    assert [room.name for room in compiled_from(tmp_path)] == ["core", "analysis", "sweeps"]
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_constant_of_another_module_reaches_the_code_compiled_before(tmp_path, elsewhere):
+    """Numba by itself would load what it compiled with the old one."""
+    package = tmp_path / "gear"
+    (package / "core").mkdir(parents=True)
+    (package / "core" / "__init__.py").write_text("")
+    (package / "core" / "constant.py").write_text("ONE = 1\n")
+    (package / "__init__.py").write_text(
+        "from pathlib import Path\n"
+        "from herringbone_sim.core.cache import compiled_from, forget_stale\n"
+        "forget_stale(Path(__file__).parent, *compiled_from(Path(__file__).parent))\n"
+    )
+    (package / "core" / "function.py").write_text(
+        "from numba import njit\nfrom gear.core.constant import ONE\n"
+        "@njit(cache=True)\ndef one():\n    return ONE\nprint(one(), len(one.stats.cache_hits))\n"
+    )
+    paths = [str(tmp_path), str(Path(__file__).parents[1])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    if elsewhere:
+        environment["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+
+    def told():
+        command = [sys.executable, "-c", "import gear.core.function"]
+        return subprocess.check_output(command, env=environment, text=True).split()
+
+    assert told() == ["1", "0"]
+    assert told() == ["1", "1"]
+    (package / "core" / "constant.py").write_text("ONE = 12\n")
+    assert told() == ["12", "0"]

@@ -14,13 +14,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from herringbone_sim.core.cache import forget_stale
+from herringbone_sim.core.cache import compiled_from, forget_stale
 
 Array = NDArray[np.float64]
 
 TWO_PI = 2.0 * np.pi
 
-forget_stale(Path(__file__).parents[1], Path(__file__).parent)
+PACKAGE = Path(__file__).parents[1]
+forget_stale(PACKAGE, *compiled_from(PACKAGE))
 
 # Without Numba's reference counting nothing can be allocated within, and nothing is counted: the
 # counting of a dozen arrays a call cost a third of the time.

@@ -112,8 +112,9 @@ def _read(path: Path) -> Arrays | None:
 
 @functools.cache
 def _sources() -> tuple[str, ...]:
-    """Of the kernel, and of what is told of its runs here."""
-    return tuple(cache.digest(Path(one).parent) for one in (cache.__file__, __file__))
+    """Of the kernel, and of what is told of its runs here and by the analysis."""
+    package = Path(__file__).parents[1]
+    return tuple(cache.digest(package / room) for room in ("core", "analysis", "sweeps"))
 
 
 def _plain(part: Any) -> Any:
