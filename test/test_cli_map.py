@@ -34,6 +34,15 @@ def test_a_map_has_two_axes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert "a map has two axes, got 1" in capsys.readouterr().err
 
 
+def test_a_map_of_one_value_is_refused_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["map", PAPER, "--kind=delta_T-K", "--size=1", *SHORT, "--out", str(tmp_path / "a")]
+    assert main(command) == 2
+    assert "two values or more on each axis, got 1 x 1" in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()
+
+
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory):
     """Periods 2 and 1 of the paper's gear, and heat that leaves no backlash."""

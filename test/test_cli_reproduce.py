@@ -98,5 +98,26 @@ def test_wrong_input_is_told_in_one_line(tmp_path, capsys):
     told = capsys.readouterr().err
     assert "must be one of A, B, C, D, E, got 'X'" in told
     assert "--out" in told
-    with pytest.raises(SystemExit):
-        main(["reproduce", "--out", str(tmp_path), "--values", "-3"])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "--values=-3",
+        "--values=0",
+        "--values=1",
+        "--compared=1",
+        "--compared=-1",
+        "--only=",
+        "--workers=0",
+    ],
+)
+def test_what_makes_no_reproduction_is_told_before_anything_runs(tmp_path, capsys, wrong):
+    assert main(["reproduce", "--out", str(tmp_path / "new"), *QUICK, wrong]) == 2
+    assert capsys.readouterr().err.count("error: ") == 1
+    assert not (tmp_path / "new").exists()
+
+
+def test_two_values_make_a_reproduction(tmp_path):
+    few = ["--only", "A", "--values", "2", "--compared", "2"]
+    assert main(["reproduce", "--out", str(tmp_path), *few]) == 0

@@ -63,11 +63,13 @@ def test_a_grid_needs_no_diagram(tmp_path: Path, capsys: pytest.CaptureFixture[s
     )
 
 
-@pytest.mark.parametrize("wrong", ["--over=K=0:1", "--over=beta_x=0:1:3", "--mesh=sun"])
+@pytest.mark.parametrize(
+    "wrong", ["--over=K=0:1", "--over=beta_x=0:1:3", "--mesh=sun", "--workers=0", "--workers=-2"]
+)
 def test_wrong_input_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: str
 ) -> None:
-    assert main(["sweep", PAPER, "--over=K=0:1:3", wrong, *SHORT, "--out", str(tmp_path)]) == 2
+    assert main(["sweep", PAPER, "--over=K=0:1:3", *SHORT, wrong, "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("error: ") == 1
 
 

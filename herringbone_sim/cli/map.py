@@ -73,12 +73,17 @@ def draw_map(args: argparse.Namespace) -> int:
     """Run, draw and tell; exit code 0.
 
     Raises:
-        ParameterError: not two axes.
+        ParameterError: not two axes of two values or more.
     """
     texts = args.over or [f"{axis}:{args.size}" for axis in KINDS[args.kind]]
     if len(texts) != 2:
         raise ParameterError(f"a map has two axes, got {len(texts)}: give --over twice")
     axes = tuple(axis_from_text(text) for text in texts)
+    if min(map(len, axes)) < 2:
+        sizes = " x ".join(str(len(axis)) for axis in axes)
+        raise ParameterError(
+            f"a map needs two values or more on each axis, got {sizes}: raise --size or give more"
+        )
     look, chunk = observation_from(args, mesh=""), chunk_from(args)
     asked = Sweep(gear_from(args), axes, look, args.start, chunk)
     store = open_store(args.out, asked)

@@ -11,6 +11,7 @@ from tqdm import tqdm
 from herringbone_sim.cli.demo import config
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.scaling import scales
+from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper import reproduction
 from herringbone_sim.paper.motions import recorded
 from herringbone_sim.paper.observe import Observer
@@ -50,10 +51,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")
     add("--only", default="ABCDE", metavar="LETTERS", help="scenarios (default: ABCDE)")
-    add("--values", type=_count, default=400, metavar="N", help="values a sweep (default: 400)")
+    add("--values", type=int, default=400, metavar="N", help="values a sweep (default: 400)")
     add(
         "--compared",
-        type=_count,
+        type=int,
         default=100,
         metavar="N",
         help="values a sweep from other starts and with other steps; 0 leaves them out "
@@ -78,6 +79,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def reproduce(args: argparse.Namespace) -> int:
     """Run it all, write it all, print what was right."""
+    _check(args)
     scenarios = reproduction.chosen(args.only)
     reading = Reading(load_parameters(args.parameters or config("paper.yaml")), args.xi)
     workers = workers_from(args)
@@ -201,8 +203,9 @@ def file_name(figure: str) -> str:
     return f"fig{int(figure.split()[-1]):02d}"
 
 
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 on, got {text}")
-    return value
+def _check(args: argparse.Namespace) -> None:
+    """A sweep has two ends."""
+    if args.values < 2:
+        raise AnalysisError(f"--values must be 2 or more, got {args.values}")
+    if args.compared < 2 and args.compared != 0:
+        raise AnalysisError(f"--compared must be 2 or more, or 0 for none, got {args.compared}")

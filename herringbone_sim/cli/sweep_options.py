@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.cli.parameter_options import parameters_from, settings
+from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import CHUNK, Observation, for_sweeps
@@ -44,7 +45,7 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
         help=f"values computed and stored together (default: {CHUNK}; {CHAIN} where one starts "
         "from the other)",
     )
-    add("--workers", type=int, metavar="N", help="cores of this machine (default: all)")
+    add_workers(parser, default=None)
     add(
         "--scheduler",
         metavar="ADDRESS",
@@ -73,8 +74,9 @@ def observation_from(args: argparse.Namespace, mesh: str) -> Observation:
 
 def run_all(stores: Sequence[Store], args: argparse.Namespace) -> None:
     """Run what is missing; an interruption says how to go on."""
+    workers = workers_from(args)
     try:
-        run_stores(stores, args.workers, args.scheduler)
+        run_stores(stores, workers, args.scheduler)
     except KeyboardInterrupt:
         done = sum(store.sweep.n_parts - len(store.missing()) for store in stores)
         total = sum(store.sweep.n_parts for store in stores)

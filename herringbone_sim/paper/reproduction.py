@@ -11,6 +11,7 @@ import numpy as np
 from herringbone_sim.core.batch import Batch
 from herringbone_sim.core.model import build, initial_state
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper.boundaries import INNER, ROUNDS, Boundary, bisect, locate
 from herringbone_sim.paper.checks import Evidence, Obtained, check
 from herringbone_sim.paper.observe import Observer, Request
@@ -70,7 +71,11 @@ class Compared:
 
 
 def chosen(keys: str) -> tuple[Scenario, ...]:
-    """The scenarios of some letters, in the order of the paper; AnalysisError for a wrong one."""
+    """The scenarios of some letters, in the paper's order; AnalysisError for none or wrong."""
+    if not keys:
+        raise AnalysisError(
+            f"no scenario was chosen: name one or more of {', '.join(s.key for s in SCENARIOS)}"
+        )
     wanted = {scenario(key).key for key in keys}
     return tuple(one for one in SCENARIOS if one.key in wanted)
 
