@@ -22,20 +22,16 @@ Arrays, with n = n_mesh in the order of ``core.layout``:
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
 
-from herringbone_sim.core.cache import forget_stale
 from herringbone_sim.core.packed import TWO_PI
 
 STIFFNESS, DAMPING, PLAY, SHIFT, SHIFT_RATE = range(5)
 PHASE, FREQUENCY, DELTA_T, TORQUE, CONTROL = range(5)
 MEAN_K, OWN_C, OWN_B, MEAN_E, HARMONICS = range(5)
-
-forget_stale(Path(__file__).parent, Path(__file__).parent)
 
 law: Any = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 
