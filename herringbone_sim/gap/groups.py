@@ -1,0 +1,75 @@
+"""Groups of sensors that may err together: a quantity at a locus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import KINDS, PREFIX_UNITS, SIDES, Layout
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Channels of one quantity (or of all) at a locus.
+
+    Attributes:
+        quantity: ``x``, ``v``, ``u`` or ``xvu``.
+        mesh: ``sp``, ``rp`` or ``all`` for x and v; ``s``, ``c``, ``p`` or ``all`` for u.
+        planet: ``1`` ... or ``all``.
+        side: ``L``, ``R`` or ``all``.
+        names: channels concerned.
+        members: (J,) which of the channels x, v, u in the order of the layout.
+    """
+
+    quantity: str
+    mesh: str
+    planet: str
+    side: str
+    names: tuple[str, ...]
+    members: Mask
+
+    @property
+    def unit(self) -> str:
+        return PREFIX_UNITS.get(self.quantity, "-")
+
+
+def groups_of(layout: Layout) -> list[Group]:
+    """All groups of x, v and u, each set of channels once."""
+    names = sensor_names(layout)
+    found: dict[bytes, Group] = {}
+    for quantity, kind, planet, side in product(
+        ("x", "v", "u", "xvu"),
+        ("all", *KINDS, "s", "c", "p"),
+        ("all", *layout.planets),
+        ("all", *SIDES),
+    ):
+        if quantity == "xvu" and (kind, planet, side) != ("all", "all", "all"):
+            continue
+        members = np.array([_inside(n, quantity, kind, planet, side) for n in names])
+        if members.any():
+            chosen = tuple(n for n, m in zip(names, members, strict=True) if m)
+            group = Group(quantity, kind, planet, side, chosen, members)
+            found.setdefault(members.tobytes(), group)
+    return list(found.values())
+
+
+def sensor_names(layout: Layout) -> tuple[str, ...]:
+    """Channels x, v and u in order."""
+    meshes = tuple(f"{q}_{m}" for q in "xv" for m in layout.meshes)
+    return (*meshes, *(f"u_{b}" for b in layout.bodies))
+
+
+def _inside(name: str, quantity: str, kind: str, planet: str, side: str) -> bool:
+    q, body, *where = name.split("_")
+    number = body.lstrip("sprc")
+    return (
+        q in quantity
+        and kind in ("all", body.rstrip("0123456789"))
+        and planet in ("all", number)
+        and side in ("all", *where)
+    )
