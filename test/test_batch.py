@@ -11,8 +11,9 @@ from gears import UNEVEN
 
 from herringbone_sim.core.batch import layout_mirror, run_batch
 from herringbone_sim.core.integrate import Stepper, largest_exponent
-from herringbone_sim.core.model import build
+from herringbone_sim.core.model import build, relative
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.run import LIMIT
 from herringbone_sim.recording.parameter_file import load_parameters
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -130,6 +131,18 @@ def test_a_value_that_diverges_is_nan_with_its_reason_and_alone():
         assert np.isnan(getattr(batch, name)[1]).all()
         assert np.array_equal(getattr(batch, name)[0], getattr(expected, name)[0])
         assert np.array_equal(getattr(batch, name)[2], getattr(expected, name)[0])
+
+
+def test_a_value_diverges_where_the_stepper_says_so():
+    """By its deflections, not by its velocities or by the sums that the coordinates are."""
+    model = paper(delta_T=85.0)
+    starts = np.random.default_rng(2).uniform(-2e6, 2e6, (200, 8))
+    starts = starts[[np.abs(relative(model, y, 0.0)[0]).max() < LIMIT for y in starts]]
+    batch = run_batch([model] * len(starts), starts, transient=0, cycles=1, points=1)
+    stepper = Stepper(model)
+    expected = [stepper.advance(replace(stepper.start(), y=y), 2).diverged for y in starts]
+    assert [reason != "" for reason in batch.reasons] == expected
+    assert 0 < sum(expected) < len(starts)
 
 
 def test_the_papers_method_gives_the_same_orbit():

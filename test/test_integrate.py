@@ -220,3 +220,9 @@ def test_phase_of_a_state(gear):
     state = replace(samples(gear(), 1.25).end)
     assert (state.cycle, state.index) == (1, 4)
     assert state.phase(16) == pytest.approx(0.5 * np.pi)
+
+
+def test_a_block_whose_last_sample_is_out_of_range_has_diverged(gear):
+    stepper = Stepper(gear())
+    start = replace(stepper.start(), y=np.full(8, 1e7))
+    assert stepper.advance(start, 1).diverged

@@ -123,6 +123,7 @@ class Stepper:
             contact,
         )
         end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth)
+        moved = (end.cycle - state.cycle) * p.steps + end.index - state.index
         at = (state.index // stride + np.arange(filled)) % p.samples_per_cycle
         return Block(
             rows=rows[:filled],
@@ -131,7 +132,7 @@ class Stepper:
             section=np.flatnonzero(at == 0),
             contact=contact,
             switches=int(switches),
-            diverged=filled < n_samples or not bool(np.all(np.isfinite(y))),
+            diverged=moved < n_samples * stride or not bool(np.all(np.isfinite(y))),
         )
 
 

@@ -16,6 +16,7 @@ from herringbone_sim.core.lanes.packed import (
     CONTROL_PHASE,
     DONE,
     DRIVE,
+    END,
     LEFT,
     MOVE,
     PHASE,
@@ -24,7 +25,7 @@ from herringbone_sim.core.lanes.packed import (
 )
 from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state
 from herringbone_sim.core.lanes.switching import find_moves, switch_contact, touch
-from herringbone_sim.core.lanes.vector import LANES, bits, choose, load, splat, store
+from herringbone_sim.core.lanes.vector import LANES, bits, choose, load, splat, store, without
 from herringbone_sim.core.packed import TWO_PI, compiled, inlined
 from herringbone_sim.core.run import LIMIT
 
@@ -81,12 +82,15 @@ def normalise(w, lane, growth, last):
 
 @inlined
 def out_of_range(w, lane):
-    """Whether the state of a lane is that of no gear, or none at all."""
+    """Whether the deflections of a lane are those of no gear, or its state is none at all."""
     largest = 0.0
-    for j in range(w.y.shape[1]):
-        size = abs(w.y[0, j, lane])
+    for m in range(w.x.shape[1]):
+        size = abs(w.mesh[END, m, lane])
         if size > largest or np.isnan(size):
             largest = size
+    for j in range(w.y.shape[1]):
+        if not np.isfinite(w.y[0, j, lane]):
+            largest = np.inf
     return not largest < LIMIT
 
 
@@ -187,11 +191,12 @@ def run_lanes(
         count_contact(w)
         switch_contact(w)
         move = load(w.lane, MOVE, 0)
-        whole = move == splat(1.0)
-        arrived = bits(whole)
         done = load(w.lane, DONE, 0)
+        reached = done + move * (1.0 - done)
+        whole = (move == splat(1.0)) | without(reached < splat(1.0))  # rounded: nothing is left
+        arrived = bits(whole)
         switches = load(w.lane, SWITCHES, 0) + 1.0
-        store(w.lane, DONE, 0, choose(whole, splat(0.0), done + move * (1.0 - done)))
+        store(w.lane, DONE, 0, choose(whole, splat(0.0), reached))
         store(w.lane, SWITCHES, 0, choose(whole, splat(0.0), switches))
         for lane in range(LANES):
             if not (arrived >> lane) & 1:
