@@ -1,11 +1,13 @@
 """Parameter files in the form that ROS 2 takes: ``NODE: {ros__parameters: {NAME: VALUE}}``.
 
 Numbers are read as ROS reads them (``1e-4`` is one), an integer where a double is meant is taken.
+Beside the parameters a file may hold ``effects``: a list, or its JSON as a text, which ROS takes.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,11 @@ from herringbone_sim.core.parameters import (
     meaning,
     names,
 )
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import ParameterError
 
+EFFECTS = "effects"
 NODE = "herringbone_sim"
 _FORM = f"write '/**:' or '{NODE}:', under it 'ros__parameters:', under it 'name: value'"
 _OFTEN = 1e-3, 1e6
@@ -45,15 +50,32 @@ _Loader.add_implicit_resolver(
 
 
 def load_parameters(path: Path | str) -> Parameters:
-    """Parameters of a file; those that it leaves out have their defaults.
+    """Parameters of a file without effects; those that it leaves out have their defaults.
 
     Raises:
-        ParameterError: no such file, not of this form, an unknown key, or a set that no gear can
-            have; the message begins with the file.
+        ParameterError: no such file, not of this form, an unknown key, a set that no gear can
+            have, or effects, which whoever asks does not know of; it begins with the file.
+    """
+    parameters, actives = load_gear(path)
+    if actives:
+        raise ParameterError(
+            f"{path}: the gear has effects ({', '.join(one.effect.id for one in actives)}), which "
+            "this command does not simulate: leave them out"
+        )
+    return parameters
+
+
+def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
+    """Parameters and active effects of a file; without ``effects`` there are none.
+
+    Raises:
+        ParameterError: as ``load_parameters``, or an effect that there is not.
     """
     path = Path(path)
     try:
-        return from_mapping(_values(yaml.load(path.read_text(encoding="utf-8"), _Loader)))
+        values = _values(yaml.load(path.read_text(encoding="utf-8"), _Loader))
+        actives = read_effects(values.pop(EFFECTS, None))
+        return from_mapping(values), actives
     except OSError as error:
         raise ParameterError(f"{path}: {error.strerror}: give a parameter file") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -62,16 +84,19 @@ def load_parameters(path: Path | str) -> Parameters:
         raise ParameterError(f"{path}: {error}") from None
 
 
-def save_parameters(path: Path | str, parameters: Parameters, title: str = "") -> None:
+def save_parameters(
+    path: Path | str, parameters: Parameters, title: str = "", actives: Sequence[Active] = ()
+) -> None:
     """Write every parameter with its unit and meaning; OSError where that can't be.
 
     Args:
         title: lines of comment for the head of the file.
+        actives: effects of the gear.
     """
-    Path(path).write_text(parameter_text(parameters, title), encoding="utf-8")
+    Path(path).write_text(parameter_text(parameters, title, actives), encoding="utf-8")
 
 
-def parameter_text(parameters: Parameters, title: str = "") -> str:
+def parameter_text(parameters: Parameters, title: str = "", actives: Sequence[Active] = ()) -> str:
     """Text of a parameter file.
 
     ROS can't type an empty list: an empty ``planet_angle`` is left out, and an empty series of
@@ -79,6 +104,8 @@ def parameter_text(parameters: Parameters, title: str = "") -> str:
     """
     head = [f"# {line}".rstrip() for line in title.splitlines()]
     body = [_line(name, getattr(parameters, name)) for name in names()]
+    if actives:
+        body.append(f"    {EFFECTS}: '{effects_text(actives)}'")
     return "\n".join([*head, "/**:", "  ros__parameters:", *body]) + "\n"
 
 
