@@ -66,10 +66,14 @@ def prepared(
     return prepare_run(CampaignRun(Path(name), point, role), recording, NOMINAL, share)
 
 
-def rig(own: Mapping[str, Any], share: float = 0.01, seed: int = 7) -> PreparedCampaign:
+def rig(
+    own: Mapping[str, Any], share: float = 0.01, seed: int = 7, cycles: int = 40
+) -> PreparedCampaign:
     """Three runs of a rig, the last one held out."""
     runs = tuple(
-        prepared(noisy(sampled(own, point), share, seed + i), point, role, share, f"run_{i:02d}")
+        prepared(
+            noisy(sampled(own, point, cycles), share, seed + i), point, role, share, f"run_{i:02d}"
+        )
         for i, (point, role) in enumerate(zip(POINTS, ROLES, strict=True))
     )
     return PreparedCampaign("planted", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
