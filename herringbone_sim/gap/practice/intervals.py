@@ -1,0 +1,73 @@
+"""Intervals of the figures: Wilson's for shares, bootstrap for the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Z_95 = 1.959963984540054
+REPEATS = 1000
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number with its 95 % interval.
+
+    Attributes:
+        value, low, high: NaN where there is nothing to count.
+        n: cases counted.
+    """
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+NOTHING = Figure(float("nan"), float("nan"), float("nan"), 0)
+
+
+def share(hits: Sequence[bool]) -> Figure:
+    """Share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 209, 1927)."""
+    n = len(hits)
+    if n == 0:
+        return NOTHING
+    p = sum(hits) / n
+    middle = (p + Z_95**2 / (2 * n)) / (1 + Z_95**2 / n)
+    spread = Z_95 * np.sqrt(p * (1 - p) / n + Z_95**2 / (4 * n**2)) / (1 + Z_95**2 / n)
+    return Figure(p, float(max(middle - spread, 0.0)), float(min(middle + spread, 1.0)), n)
+
+
+def bootstrap(rows: Array, statistic: Callable[[Array], float], seed: int = 0) -> Figure:
+    """A statistic of rows (n, ...) with the percentile interval of 1000 resamplings.
+
+    A resampling of which the statistic is NaN (one class alone) is left out.
+    """
+    n = len(rows)
+    if n == 0:
+        return NOTHING
+    rng = np.random.default_rng(seed)
+    drawn = [statistic(rows[rng.integers(0, n, n)]) for _ in range(REPEATS)]
+    kept = [value for value in drawn if np.isfinite(value)]
+    low, high = np.percentile(kept, [2.5, 97.5]) if kept else (float("nan"), float("nan"))
+    return Figure(statistic(rows), float(low), float(high), n)
+
+
+def auroc(rows: Array) -> float:
+    """Chance that a positive scores above a negative, ties half: rows (n, 2) score, positive."""
+    positive, negative = rows[rows[:, 1] > 0.5, 0], rows[rows[:, 1] <= 0.5, 0]
+    if not len(positive) or not len(negative):
+        return float("nan")
+    above = np.sign(positive[:, None] - negative[None, :])
+    return float(np.mean(0.5 + 0.5 * above))
+
+
+def calibration_error(rows: Array, bins: int = 10) -> float:
+    """Expected calibration error: rows (n, 2) probability given, whether right."""
+    where = np.minimum((rows[:, 0] * bins).astype(int), bins - 1)
+    gaps = [abs(np.sum(rows[where == b, 0] - rows[where == b, 1])) for b in range(bins)]
+    return float(np.sum(gaps) / len(rows))

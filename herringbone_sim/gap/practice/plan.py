@@ -1,0 +1,174 @@
+"""Draw a practice campaign: the rig within its tolerance, operating points, and the cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.gap.practice.catalogue import CATALOGUE
+from herringbone_sim.gap.practice.cause import Cause, Kind
+from herringbone_sim.gap.practice.machine import N_COORDINATE, TOLERANCE, TOLERATED, Array
+from herringbone_sim.gap.practice.outside import OUTSIDE
+from herringbone_sim.gap.practice.record import CHANNEL_SETS
+from herringbone_sim.gap.practice.sensors import (
+    OUTSIDE_SENSORS,
+    SENSORS,
+    draw_channel,
+    draw_swap,
+)
+
+KINDS: dict[str, Kind] = {**CATALOGUE, **SENSORS, **OUTSIDE, **OUTSIDE_SENSORS}
+NAMED = (*CATALOGUE, *SENSORS)
+UNNAMED = (*OUTSIDE, *OUTSIDE_SENSORS)
+TRUTHS = {"none": 0.2, "single": 0.4, "pair": 0.2, "unknown": 0.2}
+DETECTABILITIES = (1.0, 3.0, 10.0)
+NOISES_DB = (20.0, 40.0, 60.0)
+
+# Ranges of delta_T [K], K, T_1 [N m] and Omega of the runs of a campaign, as rigs are run.
+VARIED = (
+    ((75, 98), (0, 0), (205, 320), (0.92, 1.06)),
+    ((13, 46), (0, 0), (205, 480), (0.91, 1.12)),
+    ((20, 80), (0, 0), (1640, 2150), (0.3, 0.36)),
+    ((41, 69), (0.2, 0.48), (300, 900), (0.64, 0.9)),
+    ((12, 83), (0.02, 0.13), (930, 1680), (1.06, 1.3)),
+    ((46, 79), (0, 0), (315, 800), (0.75, 0.95)),
+    ((5, 40), (0.01, 0.3), (970, 1830), (0.5, 0.75)),
+    ((62, 92), (0.08, 0.42), (260, 1280), (1.0, 1.24)),
+)
+QUIET = (((10, 90), (0, 0), (1500, 2200), (0.22, 0.38)),) * 8
+FIT_RUNS = 5
+UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that is drawn before anything is solved for.
+
+    Attributes:
+        seed: of everything.
+        d: detectability that is asked for, 0 without effect.
+        snr_dB: RMS of a channel over that of its noise.
+        channels: name of the set of channels.
+        regime: ``varied`` or ``quiet`` operating points.
+        factors: of the rig's constants.
+        points: operating point of each run; the first five are for the fit.
+        phases: mesh phase [rad] of each run's first sample.
+        nudges: (runs, 30) start of each run's transient.
+        causes: at most two.
+    """
+
+    seed: int
+    d: float
+    snr_dB: float
+    channels: str
+    regime: str
+    factors: dict[str, float]
+    points: tuple[dict[str, float], ...]
+    phases: tuple[float, ...]
+    nudges: Array
+    causes: tuple[Cause, ...]
+
+
+def draw_plan(
+    seed: int,
+    truth: str | None = None,
+    d: float | None = None,
+    snr_dB: float = 40.0,
+    channels: str = "full",
+    regime: str = "varied",
+) -> Plan:
+    """Draw a campaign; what is not given is drawn by the shares of ``TRUTHS``.
+
+    Args:
+        truth: none, single, pair, unknown, or the name of a kind of effect.
+        d: detectability; one of 1, 3, 10 if not given.
+        channels: full, no_force or few.
+
+    Raises:
+        ParameterError: no such truth, set of channels or regime.
+    """
+    _check(truth, channels, regime)
+    rng = np.random.default_rng([seed, 0x9A])
+    shares = np.array(list(TRUTHS.values()))
+    drawn, drawn_d = str(rng.choice(list(TRUTHS), p=shares)), float(rng.choice(DETECTABILITIES))
+    tolerance = rng.uniform(1.0 - TOLERANCE, 1.0 + TOLERANCE, len(TOLERATED))
+    points = tuple(_point(rng, ranges) for ranges in (QUIET if regime == "quiet" else VARIED))
+    phases = tuple(float(phase) for phase in rng.uniform(0.0, 2.0 * np.pi, len(points)))
+    nudges = 1e-9 * rng.normal(size=(len(points), 2 * N_COORDINATE))
+    nudges[:, 9:N_COORDINATE] = nudges[:, N_COORDINATE + 9 :] = 0.0
+    causes = _causes(rng, truth or drawn, channels)
+    return Plan(
+        seed=seed,
+        d=(drawn_d if d is None else d) if causes else 0.0,
+        snr_dB=snr_dB,
+        channels=channels,
+        regime=regime,
+        factors=dict(zip(TOLERATED, map(float, tolerance), strict=True)),
+        points=points,
+        phases=phases,
+        nudges=nudges,
+        causes=causes,
+    )
+
+
+def _check(truth: str | None, channels: str, regime: str) -> None:
+    for what, value, known in (
+        ("truth", truth, (*TRUTHS, *KINDS)),
+        ("channels", channels, tuple(CHANNEL_SETS)),
+        ("regime", regime, ("varied", "quiet")),
+    ):
+        if value is not None and value not in known:
+            raise ParameterError(f"{what} must be one of {', '.join(known)}, got {value!r}")
+
+
+def _point(rng: Generator, ranges: Any) -> dict[str, float]:
+    digits = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}
+    return {
+        name: round(float(rng.uniform(*low_high)), digit)
+        for (name, digit), low_high in zip(digits.items(), ranges, strict=True)
+    }
+
+
+def _causes(rng: Generator, truth: str, channels: str) -> tuple[Cause, ...]:
+    if truth == "none":
+        return ()
+    if truth == "single":
+        return (draw_cause(rng, str(rng.choice(NAMED)), channels),)
+    if truth == "unknown":
+        return (draw_cause(rng, str(rng.choice(UNNAMED)), channels),)
+    if truth != "pair":
+        return (draw_cause(rng, truth, channels),)
+    while True:
+        one, other = (str(name) for name in rng.choice(NAMED, 2, replace=False))
+        if not _clash(one, other):
+            return draw_cause(rng, one, channels), draw_cause(rng, other, channels)
+
+
+def _clash(one: str, other: str) -> bool:
+    """Whether two effects want the same place in the machine or in the channels."""
+    return {one, other} == {"tooth_crack", "tooth_spall"} or (one in SENSORS and other in SENSORS)
+
+
+def draw_cause(rng: Generator, name: str, channels: str = "full") -> Cause:
+    """An effect with its locus and shape, its size not solved for."""
+    kind = KINDS[name]
+    among = CHANNEL_SETS[channels]
+    if name == "channel_swap":
+        locus, shape = draw_swap(rng, among)
+    elif name == "clock_drift":
+        locus, shape = (
+            {"mesh": "all", "planet": "all", "side": "all", "channels": ["t"]},
+            {"sign": float(rng.choice([-1.0, 1.0]))},
+        )
+    elif kind.sense == "sensor":
+        locus, shape = draw_channel(rng, among)
+        shape |= {"unit_of_size": UNITS_OF_BIAS[locus["channels"][0][0]]}
+        shape |= {"hertz": float(rng.uniform(900.0, 1900.0))}
+    else:
+        locus, shape = kind.draw(rng)
+    effect = name if name in NAMED else "unknown"
+    return Cause(effect, name, locus, shape, kind.start)

@@ -1,0 +1,243 @@
+"""The practice rig: its own integrator, effects as large as asked, recorded as rigs record."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
+from herringbone_sim.gap.practice.campaign import make_campaign, solve_size, take_run
+from herringbone_sim.gap.practice.cause import at, mesh_mask
+from herringbone_sim.gap.practice.kernel import displaced, flank, spall_shape
+from herringbone_sim.gap.practice.label import read_label, seal
+from herringbone_sim.gap.practice.machine import BODIES, MESHES, NOMINAL, machine
+from herringbone_sim.gap.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, draw_plan
+from herringbone_sim.gap.practice.record import (
+    CHANNEL_SETS,
+    geometry,
+    law_force,
+    own_error_shift,
+    record_motion,
+    with_noise,
+)
+from herringbone_sim.gap.practice.stepper import integrate
+from herringbone_sim.gap.practice.store import write_campaign
+from herringbone_sim.recording.campaign import read_campaign
+from herringbone_sim.recording.reader import read_recording
+
+POINT = {"delta_T": 84.3, "K": 0.14, "T_1": 819.0, "Omega": 1.154}
+
+
+def at_rest(p):
+    """(30,) start with all relative displacements and rates zero at phase 0."""
+    y = np.zeros(30)
+    rate = p.error[0] * p.omega / p.cos_beta
+    y[18:24], y[15:17] = rate, 2.0 * rate
+    return y
+
+
+@pytest.mark.parametrize("Omega", [0.35, 1.154])
+def test_agrees_with_the_simulator_without_effect(Omega):
+    point = {**POINT, "Omega": Omega}
+    p = machine(NOMINAL, point)
+    model = build(Parameters(model="full", samples_per_cycle=24, **point))
+    stepper = Stepper(model)
+    rows = stepper.advance(stepper.start(), 24 * 20).rows
+    _, force, _ = integrate(p, 0.0, at_rest(p), rows[:, 0], 1e-10)
+    expected = rows[:, [model.layout.channels.index(f"F_{m}") for m in MESHES]]
+    scale = np.sqrt(np.mean(expected**2))
+    np.testing.assert_allclose(force, expected, atol=1e-6 * scale)
+
+
+def test_error_falls_with_the_tolerance():
+    p = machine(NOMINAL, POINT)
+    times = np.linspace(0.0, 10 * 2 * np.pi / p.omega, 241)
+    exact = integrate(p, 0.0, at_rest(p), times, 1e-12)[0]
+    off = [
+        np.abs(integrate(p, 0.0, at_rest(p), times, tolerance)[0] - exact).max()
+        for tolerance in (1e-5, 1e-8)
+    ]
+    assert off[1] < 1e-2 * off[0]
+
+
+def test_energy_balance():
+    """Work of T_1, T_2 and K, less what the dampers take, is what is stored; k and e constant."""
+    p = machine(NOMINAL, {**POINT, "K": 0.0})
+    p = p._replace(k_cos=0.0 * p.k_cos, error=0.0 * p.error)
+    y = np.zeros(30)
+    y[15:17], y[18:24] = 4.0, -2.0
+    times = np.linspace(0.0, 2e-3, 20001)
+    states, _, _ = integrate(p, 0.0, y, times, 1e-11)
+    u, rate = states[:, :9], states[:, 15:24]
+    x, v = geometry(u) * p.cos_beta, geometry(rate) * p.cos_beta
+    flanks = x - np.clip(x, -p.half_backlash, p.half_backlash)
+    stored = 0.5 * rate**2 @ p.mass[:9] + 0.5 * flanks**2 @ p.stiffness
+    brought = p.drive * (u[:, 0] + u[:, 1]) - p.brake * u[:, 2]
+    lost = np.concatenate([[0.0], np.cumsum((v[1:] ** 2 + v[:-1] ** 2) @ p.damping)])
+    lost *= 0.5 * (times[1] - times[0])
+    balance = stored - stored[0] - brought + lost
+    assert np.ptp(stored) > 1.0
+    assert np.abs(balance).max() < 1e-4 * stored.max()
+
+
+def test_kernel_shapes_have_the_slopes_they_claim():
+    p = machine(NOMINAL, POINT)
+    event, runout = p.event.copy(), p.runout.copy()
+    event[5, 0], runout[:, 0] = 1e-5, (2e-6, 27.0, 0.3, 0.1, 0.2)
+    p_sin = p.p_sin.copy()
+    p_sin[3, 0] = 1e-6
+    p = p._replace(event=event, runout=runout, p_sin=p_sin, offset=p.offset + 1e-6)
+    for phase in (0.7, 3.0, 5.5):
+        values = [displaced(p, 0, a, np.cos(a), np.sin(a)) for a in (phase - 1e-6, phase + 1e-6)]
+        slope = (values[1][0] - values[0][0]) / 2e-6
+        assert slope == pytest.approx(values[0][1], rel=1e-5)
+    assert max(spall_shape(z, 0.8)[0] for z in np.linspace(0, 1, 999)) == pytest.approx(
+        1, abs=1e-4
+    )
+    assert flank(5.0, 2.0, 0.0) == 3.0
+    assert flank(-5.0, 2.0, 1e-3) == pytest.approx(-3.0, abs=1e-5)
+
+
+def test_forces_of_a_rig_without_effect_obey_its_own_law():
+    plan = draw_plan(3, "none")
+    rig = NOMINAL.scaled(plan.factors)
+    motion, _ = record_motion(machine(rig, plan.points[4]), plan.phases[4], plan.nudges[4])
+    dx, dv = own_error_shift(rig, plan.points[4], motion.phase)
+    law = law_force(rig, plan.points[4], motion.phase, motion.x - dx, motion.v - dv)
+    np.testing.assert_allclose(motion.force, law, atol=1e-6)
+
+
+def test_recorded_channels_are_consistent():
+    """x is geometry of u less the nominal e, dx/dt is v, u has no rigid trend."""
+    point = {**POINT, "K": 0.0}
+    p = machine(NOMINAL.scaled({"e_sp": 1.02, "I_p": 0.99}), point)
+    motion, (before,) = record_motion(p, 1.3, np.zeros(30), (1e-6,))
+    e = NOMINAL.e_sp * np.sin(motion.phase)[:, None]
+    np.testing.assert_allclose(motion.x, geometry(motion.u) * p.cos_beta - e, atol=1e-12)
+    np.testing.assert_allclose(
+        motion.x - before.x, 0.5e-6 * (motion.v + before.v), atol=2e-4 * np.abs(motion.x).max()
+    )
+    step = motion.times[1] - motion.times[0]
+    middle = (motion.x[2:] - motion.x[:-2]) / (2.0 * step)
+    share = np.sqrt(np.mean((middle - motion.v[1:-1]) ** 2) / np.mean(motion.v**2))
+    assert share < 0.15
+    rigid = np.array([2.0, 2.0, *[1.0] * 7]) * p.mass[:9]
+    assert abs(np.polyfit(motion.times, motion.u @ rigid, 1)).max() < 1e-8
+    assert motion.times[0] == 0.0
+    assert motion.phase[0] == pytest.approx(1.3)
+
+
+@pytest.mark.parametrize("share", [0.1, 1e-3])
+def test_noise_has_its_share_and_the_converter_its_steps(share):
+    exact = {"F_sp1_L": 1e4 + 2e4 * np.sin(np.arange(4000.0))}
+    noisy = with_noise(exact, share, np.random.default_rng(1))["F_sp1_L"]
+    sigma = share * np.sqrt(np.mean(exact["F_sp1_L"] ** 2))
+    assert np.std(noisy - exact["F_sp1_L"]) == pytest.approx(sigma, rel=0.05)
+    step = np.diff(np.unique(noisy)).min()
+    assert sigma / 16 < step <= sigma / 8
+    assert np.log2(step) == round(np.log2(step))
+
+
+@pytest.mark.parametrize("name", [*NAMED, *UNNAMED])
+def test_every_effect_is_felt_and_none_at_size_zero(name):
+    plan = draw_plan(5, name, 3.0)
+    rig, cause = NOMINAL.scaled(plan.factors), plan.causes[0]
+    felt = take_run(plan, rig, (cause,), 4)
+    assert felt.found.d[0] > 0.01
+    if KINDS[name].sense == "body":
+        assert felt.found.own_clean < 1e-6
+    untouched = machine(rig, plan.points[4])
+    sensor = KINDS[name].sense == "sensor"
+    changed = [
+        field
+        for field in untouched._fields
+        if not np.array_equal(
+            getattr(untouched, field),
+            getattr(KINDS[name].apply(untouched, cause, plan.points[4]), field),
+        )
+    ]
+    assert bool(changed) is not sensor
+
+
+@pytest.mark.parametrize("name", ["tooth_friction", "sensor_bias"])
+def test_detectability_is_as_asked(name):
+    plan = draw_plan(8, name, 3.0)
+    rig = NOMINAL.scaled(plan.factors)
+    cause, d = solve_size(plan, rig, plan.causes[0])
+    assert d == pytest.approx(3.0, rel=0.1)
+    again = [take_run(plan, rig, (cause,), i).found.d[0] for i in range(5)]
+    assert np.sqrt(np.mean(np.square(again))) == pytest.approx(d)
+
+
+def test_a_size_that_cannot_be_reached_is_told():
+    plan = draw_plan(8, "tooth_crack", 300.0)
+    rig = NOMINAL.scaled(plan.factors)
+    cause, d = solve_size(plan, rig, plan.causes[0])
+    assert cause.size == KINDS["tooth_crack"].cap
+    assert d < 300.0
+
+
+def test_a_seed_makes_the_same_campaign_again():
+    one, other = (make_campaign(draw_plan(104)) for _ in range(2))
+    assert seal(one.label) == seal(other.label)
+    np.testing.assert_array_equal(one.series[3].data, other.series[3].data)
+    assert one.label["truth"] == ["none"]
+
+
+def test_pair_round_trip_and_seal(tmp_path):
+    plan = draw_plan(23, "pair", 3.0, snr_dB=60.0, channels="few")
+    made = make_campaign(plan)
+    sealed = write_campaign(tmp_path / "c", tmp_path / "labels", made)
+    assert sealed == seal(made.label)
+    campaign = read_campaign(tmp_path / "c")
+    assert campaign.noise_share == pytest.approx(1e-3)
+    assert [run.role for run in campaign.runs] == ["fit"] * 5 + ["held_out"] * 3
+    for run, series in zip(campaign.runs, made.series, strict=True):
+        samples = read_recording(run.path).samples
+        assert samples.names == series.names
+        np.testing.assert_array_equal(samples.data, series.data)
+    assert set(CHANNEL_SETS["few"]) <= set(made.series[0].names)
+    file = tmp_path / "labels" / "c.json"
+    assert read_label(file, sealed) == made.label
+    assert len(made.label["truth"]) == 2
+    label = json.loads(file.read_text())
+    file.write_text(json.dumps({**label, "truth": ["none"]}))
+    with pytest.raises(RecordingError, match="changed after"):
+        read_label(file, sealed)
+    assert not list((tmp_path / "c").rglob("*.json"))
+    with pytest.raises(RecordingError, match="apart"):
+        write_campaign(tmp_path / "d", tmp_path / "d" / "labels", made)
+
+
+def test_shares_of_truths_and_tolerance():
+    plans = [draw_plan(seed) for seed in range(400)]
+    kinds = ["none" if not p.causes else ("pair" if len(p.causes) > 1 else "one") for p in plans]
+    unknown = sum(any(c.effect == "unknown" for c in p.causes) for p in plans)
+    for count, wanted in (
+        (kinds.count("none"), TRUTHS["none"]),
+        (kinds.count("pair"), TRUTHS["pair"]),
+        (unknown, TRUTHS["unknown"]),
+    ):
+        assert count / 400 == pytest.approx(wanted, abs=0.06)
+    factors = np.array([list(p.factors.values()) for p in plans])
+    assert 0.98 <= factors.min() < 0.981
+    assert 1.019 < factors.max() <= 1.02
+    assert len(UNNAMED) >= 6
+
+
+def test_masks_and_refusals():
+    assert mesh_mask(at("sp", 2, "R")).sum() == 1.0
+    assert MESHES[int(mesh_mask(at("sp", 2, "R")).argmax())] == "sp2_R"
+    assert mesh_mask(at(planet=3)).sum() == 4.0
+    assert len(BODIES) == 9
+    for wrong in ({"truth": "gremlins"}, {"channels": "most"}, {"regime": "loud"}):
+        with pytest.raises(ParameterError, match="must be one of"):
+            draw_plan(1, **wrong)
+    p = machine(NOMINAL, POINT)
+    with pytest.raises(DivergenceError, match="smaller effect"):
+        integrate(p._replace(drive=1e12), 0.0, np.zeros(30), np.linspace(0.0, 1.0, 50))
