@@ -15,6 +15,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, HerringboneError
 from herringbone_sim.gap.noise import spectral_floor
+from herringbone_sim.gap.screen import Finding, screen
 from herringbone_sim.gap.waves import Waves, waves
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
 from herringbone_sim.recording.reader import Recording, read_recording
@@ -56,7 +57,8 @@ class PreparedRun:
         u: (n, n_bodies) rotation times base radius [m].
         model: nominal model at the operating point: c, b', scales.
         waves: nominal k(t), e(t) and its derivatives at the recorded phase.
-        notes: what the reader and the preparation found odd.
+        recorded_point: (n,) channels K, delta_T and T_1 as recorded, those that are there.
+        findings: channels left out and breaks of the clock; what the reader found odd.
     """
 
     name: str
@@ -70,7 +72,8 @@ class PreparedRun:
     u: Measured
     model: Model
     waves: Waves
-    notes: tuple[str, ...]
+    recorded_point: Mapping[str, Array]
+    findings: tuple[Finding, ...]
 
     def __len__(self) -> int:
         return len(self.times)
@@ -79,6 +82,11 @@ class PreparedRun:
     def step_s(self) -> float:
         """Mean time between samples [s]."""
         return float((self.times[-1] - self.times[0]) / (len(self.times) - 1))
+
+    @property
+    def cycle_s(self) -> float:
+        """Time of a mesh cycle [s]."""
+        return 2.0 * np.pi / self.omega_rad_per_s
 
     @property
     def omega_rad_per_s(self) -> float:
@@ -161,7 +169,7 @@ def prepare_run(
         AnalysisError: no phase, or less than two samples.
         ParameterError: an operating point at which the nominal gear can't exist.
     """
-    series = recording.samples
+    series, findings = screen(run.path.name, recording.samples)
     if "phase" not in series or len(series) < 2:
         raise AnalysisError(
             f"{run.path.name} needs a channel phase and two samples, got {len(series)} samples "
@@ -187,8 +195,13 @@ def prepare_run(
         u=u,
         model=model,
         waves=waves(model, phase, omega),
-        notes=recording.notes,
+        recorded_point={q: series[q].copy() for q in ("K", "delta_T", "T_1") if q in series},
+        findings=(*_noted(run.path.name, recording), *findings),
     )
+
+
+def _noted(name: str, recording: Recording) -> list[Finding]:
+    return [Finding("recording", name, (), None, f"{name}: {note}") for note in recording.notes]
 
 
 def measured(series: TimeSeries, names: tuple[str, ...], noise_share: float | None) -> Measured:
