@@ -23,6 +23,7 @@ VERBS = (
     "show",
     "parameters",
     "gap",
+    "rig",
     "sweep",
     "map",
     "orbits",

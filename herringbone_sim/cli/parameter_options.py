@@ -54,11 +54,12 @@ def _setting(text: str) -> tuple[str, Any]:
         raise ParameterError(f"--set takes NAME=VALUE, got {text!r}: write it like delta_T=20")
     meaning(name)
     if isinstance(getattr(Parameters, name), tuple):
-        return name, [_number(part) for part in value.strip("[]").split(",") if part.strip()]
-    return name, _number(value)
+        return name, [number(part) for part in value.strip("[]").split(",") if part.strip()]
+    return name, number(value)
 
 
-def _number(text: str) -> float | int | str:
+def number(text: str) -> float | int | str:
+    """A text as an integer, a float, or itself."""
     for kind in (int, float):
         try:
             return kind(text)

@@ -1,0 +1,267 @@
+"""Make a rig: a campaign of recordings of a gear within its tolerance, with effects or without.
+
+What comes out is what ``campaign.read_campaign`` reads; what is in it stands in a label apart.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import HEAD, describe
+from herringbone_sim.core.model import Model, build, errors_at
+from herringbone_sim.core.parameters import Parameters, spread
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import distort
+from herringbone_sim.effects.effect import Active, active
+from herringbone_sim.effects.registry import effects
+from herringbone_sim.effects.stepper import simulate
+from herringbone_sim.effects.written import parameter_values
+from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.writer import RunWriter
+
+Array = NDArray[np.float64]
+SCHEMA = "rig/label/1"
+MOST = 2.0  # of what a converter shows, over the largest value
+
+# Ranges of delta_T [K], K, T_1 [N m] and Omega of the runs, in turn: quiet and violent ones.
+POINTS = (
+    ((75.0, 95.0), (0.0, 0.0), (205.0, 320.0), (0.93, 1.05)),
+    ((15.0, 45.0), (0.0, 0.0), (220.0, 480.0), (0.91, 1.12)),
+    ((20.0, 80.0), (0.0, 0.0), (1650.0, 2150.0), (0.33, 0.36)),
+    ((40.0, 70.0), (0.2, 0.35), (300.0, 900.0), (0.65, 0.85)),
+    ((15.0, 80.0), (0.05, 0.15), (930.0, 1650.0), (1.05, 1.3)),
+    ((45.0, 80.0), (0.0, 0.0), (315.0, 800.0), (0.75, 0.95)),
+    ((10.0, 40.0), (0.05, 0.3), (970.0, 1800.0), (0.5, 0.75)),
+    ((60.0, 90.0), (0.1, 0.35), (300.0, 1280.0), (1.0, 1.2)),
+)
+
+
+@dataclass(frozen=True)
+class RigPlan:
+    """How a campaign is made.
+
+    Attributes:
+        nominal: the gear as its data sheet has it, full model.
+        actives: effects that the rig has beside its tolerance.
+        runs, held_out: number of runs, and how many of them, the last ones, are kept out.
+        cycles, transient: mesh cycles recorded, and left out before.
+        noise_share: RMS of the noise as a share of each channel's RMS.
+        bits: of the converter; 0 for none.
+        tolerance: largest share by which a constant is off the data sheet.
+        seed: of tolerance, operating points, starts and noise.
+    """
+
+    nominal: Parameters
+    actives: tuple[Active, ...] = ()
+    runs: int = 8
+    held_out: int = 3
+    cycles: int = 120
+    transient: int = 60
+    noise_share: float = 0.01
+    bits: int = 16
+    tolerance: float = 0.02
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.held_out < self.runs:
+            raise RecordingError(
+                f"a campaign needs runs to fit: held_out below runs, got {self.held_out} of "
+                f"{self.runs}: keep fewer out"
+            )
+
+
+def hidden_effects(seed: int, model: Model) -> tuple[Active, ...]:
+    """Effects drawn by a seed: none in one case of five, two in another, else one."""
+    rng = np.random.default_rng([seed, 1])
+    number = int(rng.choice((0, 1, 2), p=(0.2, 0.6, 0.2)))
+    names = rng.choice(list(effects()), size=number, replace=False)
+    return tuple(_drawn(str(name), model, rng) for name in names)
+
+
+def _drawn(name: str, model: Model, rng: Generator) -> Active:
+    one = effects()[name]
+    if name == "channel_swap":
+        planets = rng.permutation(len(model.layout.planets))[:2]
+        prefix, side = rng.choice(("x", "v", "F")), rng.choice(("L", "R"))
+        swapped = tuple(f"{prefix}_sp{model.layout.planets[i]}_{side}" for i in planets)
+        return active(one, values={"channels": swapped})
+    places = one.candidates(model.layout)
+    members = [o for o in one.options if o.name == "member"]
+    places = tuple(p for p in places if p.mesh != "all") or places if members else places
+    place = places[int(rng.integers(len(places)))]
+    values: dict[str, Any] = {
+        o.name: o.choices[int(rng.integers(len(o.choices)))] for o in one.options if o.choices
+    }
+    if members:
+        values["member"] = rng.choice(("sun" if place.mesh == "sp" else "ring", "planet")).item()
+    for p in one.parameters:
+        if p.neutral is None:
+            values[p.name] = p.start if p.start else float(rng.uniform(max(p.low, -3.0), 3.0))
+            continue
+        neutral = p.neutral if np.isfinite(p.neutral) else 0.0
+        size = (p.start - neutral) * float(rng.uniform(0.7, 2.0))
+        sign = rng.choice((-1.0, 1.0)) if p.low < neutral - abs(size) else 1.0
+        values[p.name] = float(np.clip(neutral + sign * size, p.low, p.high))
+    return active(one, place, values)
+
+
+def make_campaign(folder: Path, plan: RigPlan, name: str) -> dict[str, Any]:
+    """Write runs and ``campaign.yaml``; returns the label, which is written nowhere here.
+
+    Raises:
+        RecordingError: a run exists, or can't be written.
+        DivergenceError: the motion left the range of any gear.
+    """
+    rng = np.random.default_rng([plan.seed, 2])
+    own, factors = within_tolerance(plan.nominal, plan.tolerance, rng)
+    points = [_point(i, rng) for i in range(plan.runs)]
+    entries = []
+    for i, point in enumerate(points):
+        role = "held_out" if i >= plan.runs - plan.held_out else "fit"
+        series = make_run(plan, own, point, rng)
+        _write(folder, f"run_{i:02d}", series, name)
+        entries.append({"path": f"run_{i:02d}", **point, "role": role})
+    noise = {"kind": "white", "rms_share": plan.noise_share}
+    content = {"rig": name, "noise": noise, "runs": entries}
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    (folder / "campaign.yaml").write_text(text, encoding="utf-8")
+    return _label(plan, factors, entries)
+
+
+def within_tolerance(
+    nominal: Parameters, tolerance: float, rng: Generator
+) -> tuple[Parameters, dict[str, float]]:
+    """A gear as it was built, and its factors on the data sheet's constants.
+
+    Stiffness and error of sun and ring meshes apart, inertias, planet mass and damping ratio. The
+    natural frequency that Omega and K refer to stays that of the data sheet.
+    """
+    names = ("k_m_sp", "k_m_rp", "I_s", "I_p", "I_c", "m_p", "I_r", "xi", "e_sp", "e_rp")
+    factors = {name: float(rng.uniform(1.0 - tolerance, 1.0 + tolerance)) for name in names}
+    n = nominal.layout.n_mesh
+    e = np.array(spread(nominal.e_factor, n)) * np.repeat(
+        [factors["e_sp"], factors["e_rp"]], n // 2
+    )
+    changed: dict[str, Any] = {
+        one: getattr(nominal, one) * factors[one] for one in names if not one.startswith("e_")
+    }
+    changed |= {"e_factor": e.tolist(), "omega_n": build(nominal).scales.omega_n}
+    return nominal.changed(changed), factors
+
+
+def make_run(
+    plan: RigPlan, own: Parameters, point: dict[str, float], rng: Generator
+) -> TimeSeries:
+    """Samples of a run as the rig's sensors and converter give them.
+
+    x and v come from encoders, so they hold the nominal e(t); the control is a torque worked out
+    with the nominal inertia of the carrier.
+    """
+    nominal = build(plan.nominal.changed(point))
+    ratio = nominal.scales.M_c / build(own).scales.M_c
+    start = {"initial_noise": 0.05, "seed": int(rng.integers(2**31 - 1))}
+    model = build(own.changed({**point, **start, "K": point["K"] * ratio}))
+    machine = [one for one in plan.actives if one.effect.level != "sensor"]
+    _, settled = simulate(model, machine, plan.transient)
+    series, _ = simulate(model, machine, plan.cycles, settled)
+    shown = _as_encoders(series, model, nominal, point["K"])
+    return _converted(distort(shown, plan.actives), plan, rng)
+
+
+def _as_encoders(series: TimeSeries, own: Model, nominal: Model, K: float) -> TimeSeries:
+    data, names = series.data.copy(), series.names
+    s, n = own.scales, own.layout.n_mesh
+    for row in data:
+        e, rate = errors_at(own, row[1])
+        known, known_rate = errors_at(nominal, row[1])
+        row[5 : 5 + n] += (e - known) * s.b_c
+        row[5 + n : 5 + 2 * n] += (rate - known_rate) * s.velocity_m_per_s
+    data[:, names.index("t")] -= series.times[0]
+    data[:, names.index("K")] = K
+    return TimeSeries(data[:, 0].copy(), data, names)
+
+
+def _converted(series: TimeSeries, plan: RigPlan, rng: Generator) -> TimeSeries:
+    data = series.data.copy()
+    for j, name in enumerate(series.names):
+        if name not in HEAD:
+            clean = data[:, j].copy()
+            rms = float(np.sqrt(np.mean(clean**2)))
+            data[:, j] += plan.noise_share * rms * rng.normal(size=len(clean))
+            if plan.bits:
+                step = 2.0 * MOST * np.abs(clean).max() / 2.0**plan.bits
+                data[:, j] = np.round(data[:, j] / step) * step if step > 0.0 else data[:, j]
+    return TimeSeries(series.times, data, series.names)
+
+
+def _point(i: int, rng: Generator) -> dict[str, float]:
+    hot, control, torque, speed = (rng.uniform(*bounds) for bounds in POINTS[i % len(POINTS)])
+    return {
+        "delta_T": round(float(hot), 1),
+        "K": round(float(control), 2),
+        "T_1": float(round(float(torque))),
+        "Omega": round(float(speed), 3),
+    }
+
+
+def _write(folder: Path, name: str, series: TimeSeries, rig: str) -> None:
+    channels = {"channels": [describe(one) for one in series.names], "source": rig}
+    writer = RunWriter.create(folder, name, f"/{rig}", channels, series.names, 0)
+    writer.write_samples(series.data)
+    writer.close()
+
+
+def _label(
+    plan: RigPlan, factors: dict[str, float], entries: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "seed": plan.seed,
+        "truth": sorted({one.effect.id for one in plan.actives}) or ["none"],
+        "effects": [
+            {
+                "effect": one.effect.id,
+                "locus": vars(one.locus).copy(),
+                "parameters": _with_units(one),
+            }
+            for one in plan.actives
+        ],
+        "noise_share": plan.noise_share,
+        "tolerance": factors,
+        "operating_points": list(entries),
+    }
+
+
+def _with_units(one: Active) -> dict[str, Any]:
+    units = {p.name: p.unit for p in one.effect.parameters}
+    values = parameter_values(one)
+    return {name: {"value": v, "unit": units.get(name, "-")} for name, v in values.items()}
+
+
+def write_label(folder: Path, name: str, label: dict[str, Any]) -> str:
+    """Write ``NAME.json`` to a folder of labels; returns its SHA-256, which seals it.
+
+    Raises:
+        RecordingError: the label exists, or the folder can't be written.
+    """
+    text = json.dumps(label, indent=1, allow_nan=False) + "\n"
+    file = folder / f"{name}.json"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with file.open("x", encoding="utf-8") as out:
+            out.write(text)
+    except OSError as error:
+        raise RecordingError(
+            f"can't write the label {file} ({error.strerror}): choose another --labels or --out"
+        ) from None
+    return hashlib.sha256(text.encode()).hexdigest()
