@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -204,3 +207,31 @@ def test_a_channel_that_is_not_there_is_named(series: TimeSeries) -> None:
     swap = active(effect("channel_swap"), values={"channels": ("F_sp1_L", "F_sp9_L")})
     with pytest.raises(ParameterError, match="F_sp9_L"):
         distort(series, (swap,))
+
+
+def test_the_page_of_the_docs_names_every_effect_and_its_example_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rig: Model, moved: Motion
+) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert all(f"`{name}`" in page for name in CATALOGUE)
+    file = tmp_path / "thermal_damping.py"
+    file.write_text(page.split("```python\n")[2].split("```")[0], encoding="utf-8")
+    monkeypatch.setenv(VARIABLE, str(file))
+    oil = active(effect("thermal_damping"), Locus("sp"), {"rate": -0.004})
+    less = forces(rig, [oil], moved) - forces(rig, [], moved)
+    wanted = -0.004 * 40.0 * rig.damping_n_s_per_m * moved.v
+    np.testing.assert_allclose(less[:, :6], wanted[:, :6], rtol=0, atol=1e-9 * np.abs(less).max())
+    assert not less[:, 6:].any()
+
+
+def test_the_interpreter_reads_what_is_compiled(
+    rig: Model, series: TimeSeries, tmp_path: Path
+) -> None:
+    few = series.rows(0, 40)
+    ones = [at_start(name, rig) for name in ("planet_phase", "runout", "ring_flexibility")]
+    np.savez(tmp_path / "in.npz", data=few.data, compiled=forces(rig, ones, motion(rig, few)))
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parent)}
+    environment["PYTHONPATH"] += os.pathsep + str(Path(__file__).parents[1])
+    code = "import interpreted_effects; interpreted_effects.main()"
+    command = [sys.executable, "-W", "ignore", "-c", code, str(tmp_path / "in.npz")]
+    subprocess.run(command, env=environment, check=True, timeout=100)
