@@ -106,7 +106,7 @@ def test_kernel_shapes_have_the_slopes_they_claim():
 def test_forces_of_a_rig_without_effect_obey_its_own_law():
     plan = draw_plan(3, "none")
     rig = NOMINAL.scaled(plan.factors)
-    motion, _ = record_motion(machine(rig, plan.points[4]), plan.phases[4], plan.nudges[4])
+    motion, _ = record_motion(machine(rig, plan.points[4]), plan.phases[4], plan.starts[4])
     dx, dv = own_error_shift(rig, plan.points[4], motion.phase)
     law = law_force(rig, plan.points[4], motion.phase, motion.x - dx, motion.v - dv)
     np.testing.assert_allclose(motion.force, law, atol=1e-6)
@@ -147,7 +147,7 @@ def test_noise_has_its_share_and_the_converter_its_steps(share):
 def test_every_effect_is_felt_and_none_at_size_zero(name):
     plan = draw_plan(5, name, 3.0)
     rig, cause = NOMINAL.scaled(plan.factors), plan.causes[0]
-    felt = take_run(plan, rig, (cause,), 4)
+    felt = take_run(plan, rig, (cause,), 3)
     assert felt.found.d[0] > 0.01
     if KINDS[name].sense == "body":
         assert felt.found.own_clean < 1e-6
@@ -164,7 +164,7 @@ def test_every_effect_is_felt_and_none_at_size_zero(name):
     assert bool(changed) is not sensor
 
 
-@pytest.mark.parametrize("name", ["tooth_friction", "sensor_bias"])
+@pytest.mark.parametrize("name", ["sensor_bias", "mean_stiffness"])
 def test_detectability_is_as_asked(name):
     plan = draw_plan(8, name, 3.0)
     rig = NOMINAL.scaled(plan.factors)
@@ -190,12 +190,12 @@ def test_a_seed_makes_the_same_campaign_again():
 
 
 def test_pair_round_trip_and_seal(tmp_path):
-    plan = draw_plan(23, "pair", 3.0, snr_dB=60.0, channels="few")
+    plan = draw_plan(23, "pair", 3.0, channels="few")
     made = make_campaign(plan)
     sealed = write_campaign(tmp_path / "c", tmp_path / "labels", made)
     assert sealed == seal(made.label)
     campaign = read_campaign(tmp_path / "c")
-    assert campaign.noise_share == pytest.approx(1e-3)
+    assert campaign.noise_share == pytest.approx(1e-2)
     assert [run.role for run in campaign.runs] == ["fit"] * 5 + ["held_out"] * 3
     for run, series in zip(campaign.runs, made.series, strict=True):
         samples = read_recording(run.path).samples

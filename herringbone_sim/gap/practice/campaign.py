@@ -98,7 +98,7 @@ def take_run(plan: Plan, rig: Constants, causes: tuple[Cause, ...], i: int) -> T
     """Run number i with these effects, measured."""
     p = equipped(machine(rig, plan.points[i], span_of(plan, i)), causes, plan.points[i])
     lags = tuple(c.size for c in causes if c.internal == "sensor_delay")
-    motion, before = record_motion(p, plan.phases[i], plan.nudges[i], lags)
+    motion, before = record_motion(p, plan.phases[i], plan.starts[i], lags)
     exact = channels_of(motion)
     seen: dict[str, Array] = dict(exact)
     for cause in causes:

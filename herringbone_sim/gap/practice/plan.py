@@ -57,7 +57,7 @@ class Plan:
         factors: of the rig's constants.
         points: operating point of each run; the first five are for the fit.
         phases: mesh phase [rad] of each run's first sample.
-        nudges: (runs, 30) start of each run's transient.
+        starts: (runs, 30) state in which each run's transient starts.
         causes: at most two.
     """
 
@@ -69,7 +69,7 @@ class Plan:
     factors: dict[str, float]
     points: tuple[dict[str, float], ...]
     phases: tuple[float, ...]
-    nudges: Array
+    starts: Array
     causes: tuple[Cause, ...]
 
 
@@ -98,8 +98,7 @@ def draw_plan(
     tolerance = rng.uniform(1.0 - TOLERANCE, 1.0 + TOLERANCE, len(TOLERATED))
     points = tuple(_point(rng, ranges) for ranges in (QUIET if regime == "quiet" else VARIED))
     phases = tuple(float(phase) for phase in rng.uniform(0.0, 2.0 * np.pi, len(points)))
-    nudges = 1e-9 * rng.normal(size=(len(points), 2 * N_COORDINATE))
-    nudges[:, 9:N_COORDINATE] = nudges[:, N_COORDINATE + 9 :] = 0.0
+    starts = np.stack([_start(rng) for _ in points])
     causes = _causes(rng, truth or drawn, channels)
     return Plan(
         seed=seed,
@@ -110,7 +109,7 @@ def draw_plan(
         factors=dict(zip(TOLERATED, map(float, tolerance), strict=True)),
         points=points,
         phases=phases,
-        nudges=nudges,
+        starts=starts,
         causes=causes,
     )
 
@@ -131,6 +130,24 @@ def _point(rng: Generator, ranges: Any) -> dict[str, float]:
         name: round(float(rng.uniform(*low_high)), digit)
         for (name, digit), low_high in zip(digits.items(), ranges, strict=True)
     }
+
+
+def _start(rng: Generator) -> Array:
+    """A state (30,), planets in step but for a nanometre: at rest, or its sides set off apart.
+
+    Runs from rest miss the violent motions, left and right apart, that coexist with quiet ones.
+    """
+    start = 1e-9 * rng.normal(size=2 * N_COORDINATE)
+    start[9:N_COORDINATE] = start[N_COORDINATE + 9 :] = 0.0
+    far = 10.0 ** rng.uniform(-2.0, 0.5) * float(rng.random() < 0.6)
+    for side in range(2):
+        sun, planet = far * 5e-5 * rng.normal(size=2)
+        sun_rate, planet_rate = far * 1.5 * rng.normal(size=2)
+        start[side] += sun
+        start[3 + 3 * side : 6 + 3 * side] += planet
+        start[N_COORDINATE + side] += sun_rate
+        start[N_COORDINATE + 3 + 3 * side : N_COORDINATE + 6 + 3 * side] += planet_rate
+    return start
 
 
 def _causes(rng: Generator, truth: str, channels: str) -> tuple[Cause, ...]:

@@ -55,20 +55,20 @@ class Motion:
 
 
 def record_motion(
-    p: Machine, phase0: float, nudge: Array, lags: tuple[float, ...] = ()
+    p: Machine, phase0: float, start: Array, lags: tuple[float, ...] = ()
 ) -> tuple[Motion, tuple[Motion, ...]]:
     """Run past the transient and sample; also what was a lag [s] before each sample.
 
     Args:
         phase0: mesh phase [rad] at the first sample kept.
-        nudge: (30,) start of the transient.
+        start: (30,) state in which the transient starts.
     """
     step = 2.0 * np.pi / SAMPLES_PER_CYCLE / p.omega
     lead = TRANSIENT * SAMPLES_PER_CYCLE * step
     own = lead + step * np.arange(CYCLES * SAMPLES_PER_CYCLE)
     wanted = np.concatenate([own, *(own - lag for lag in lags)])
     times, back = np.unique(np.concatenate([[0.0], wanted]), return_inverse=True)
-    states, force, extra = integrate(p, phase0 - p.omega * lead, nudge, times)
+    states, force, extra = integrate(p, phase0 - p.omega * lead, start, times)
     parts = np.split(back[1:], 1 + len(lags))
     at: Array = np.asarray(own - lead, dtype=np.float64)
     phase: Array = phase0 + p.omega * np.asarray(times - lead, dtype=np.float64)
