@@ -1,0 +1,148 @@
+"""A campaign to its report: gather, decide, verify, and say what can't be decided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.gap.attribute import Evidence, gather
+from herringbone_sim.gap.decide import Verdict, decide
+from herringbone_sim.gap.prepared import PreparedCampaign
+from herringbone_sim.gap.report import report
+from herringbone_sim.gap.verify import Augmented, Gap, chosen_actives, measure
+
+Say = Callable[[str], None]
+
+FAR = 0.3  # a probability from which a rival is worth an experiment
+LEAST = {"delta_T": 3, "T_1": 3, "Omega": 2}
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that is known of a campaign.
+
+    Attributes:
+        evidence: of the fit runs.
+        verdict: with probabilities.
+        gap: of all runs, held-out ones included.
+        control: the same with the runner-up in the place of the verdict; None without one.
+        report: plain data after the contract.
+    """
+
+    evidence: Evidence
+    verdict: Verdict
+    gap: Gap
+    control: Gap | None
+    report: dict[str, Any]
+
+
+def diagnose(campaign: PreparedCampaign, say: Say = lambda text: None) -> Diagnosis:
+    """Diagnose a campaign; held-out runs only measure what the verdict closes.
+
+    Raises:
+        AnalysisError: no run of role ``fit``.
+    """
+    evidence = gather(campaign.of_role("fit"), say)
+    verdict = decide(evidence)
+    say("held-out runs")
+    gap = measure(campaign.runs, evidence.check, verdict.metric, augmented(evidence, verdict))
+    control = None
+    if verdict.runner_up is not None:
+        other = _with(evidence, verdict.runner_up.actives, verdict.runner_up.fit)
+        control = measure(campaign.runs, evidence.check, verdict.metric, other)
+    made = report(
+        campaign.rig,
+        verdict,
+        where(campaign, evidence),
+        gap,
+        undecidable(campaign, evidence, verdict),
+        next_experiment(campaign, verdict),
+    )
+    return Diagnosis(evidence, verdict, gap, control, made)
+
+
+def augmented(evidence: Evidence, verdict: Verdict) -> Augmented:
+    """The nominal model recalibrated, with the effects of the verdict."""
+    fits = [option.fit for option in verdict.chosen if option.fit is not None]
+    return _with(evidence, chosen_actives(verdict), fits[0] if fits else None)
+
+
+def _with(evidence: Evidence, actives: Any, fitted: Any) -> Augmented:
+    law = fitted or evidence.nominal
+    factors = np.ones(6) if law is None else law.factors
+    bodies = [b for b in evidence.bodies if not b.actives or b.actives[0] in actives]
+    inverse = bodies[-1].inverse if bodies else np.ones(3)
+    return Augmented(factors, inverse, tuple(actives))
+
+
+def where(campaign: PreparedCampaign, evidence: Evidence) -> list[tuple[Locus, float]]:
+    """Share of every mesh in the residual above the noise of the recalibrated law."""
+    if evidence.nominal is None:
+        return []
+    above = np.maximum(evidence.nominal.per_mesh - 1.0, 0.0)
+    shares = above / above.sum() if above.sum() > 0.0 else np.full(above.shape, 1 / above.size)
+    layout = evidence.cases[0].run.model.layout
+    places = [
+        Locus(mesh, planet, side)
+        for mesh in ("sp", "rp")
+        for side in ("L", "R")
+        for planet in (layout.planets if layout.numbered else ("all",))
+    ]
+    found = zip(places, (float(s) for s in shares), strict=True)
+    return sorted(found, key=lambda pair: -pair[1])
+
+
+def undecidable(campaign: PreparedCampaign, evidence: Evidence, verdict: Verdict) -> list[str]:
+    """What these data can't tell, in sentences."""
+    said = [f"run {name}: {reason}" for name, reason in campaign.missing]
+    if evidence.nominal is None:
+        said.append(
+            "no mesh has displacement, rate and force: effects in the meshes and on force "
+            "sensors can't be told"
+        )
+    if not evidence.bodies:
+        said.append(
+            "the torque balance needs every force and rate: friction and torque ripple can't "
+            "be told"
+        )
+    points = [run.point for run in campaign.of_role("fit")]
+    for name, least in LEAST.items():
+        different = len({round(float(p[name]), 6) for p in points if name in p})
+        if different < least:
+            said.append(f"{different} values of {name} in the fit runs, {least} or more are asked")
+    if verdict.ambiguous_with:
+        said.append(f"{', '.join(verdict.ambiguous_with)}: alike at these operating points")
+    if not campaign.of_role("held_out"):
+        said.append("no held-out run: how far the gap shrinks is not known")
+    return said
+
+
+def next_experiment(campaign: PreparedCampaign, verdict: Verdict) -> dict[str, Any]:
+    """An operating point that the fit runs lack most, and why it would help."""
+    points = [run.point for run in campaign.of_role("fit")]
+    known = {n: sorted(float(p[n]) for p in points if n in p) for n in LEAST}
+    loads, heats, speeds = known["T_1"], known["delta_T"], known["Omega"]
+    rivals = [n for n, p in verdict.probabilities.items() if p > FAR]
+    why = (
+        f"tells {' from '.join(rivals)}" if len(rivals) > 1 else "widens the range of the fit runs"
+    )
+    return {
+        "delta_T": round(_gap_in(heats), 1),
+        "K": 0.0,
+        "T_1": round(_gap_in(loads), 0),
+        "Omega": round(_gap_in(speeds), 3),
+        "why": f"{why}: a load, temperature and speed between those that lie furthest apart",
+    }
+
+
+def _gap_in(values: list[float]) -> float:
+    """Middle of the widest gap between sorted values; the value if there is but one."""
+    if len(values) < 2:
+        return values[0] if values else float("nan")
+    widths = np.diff(values)
+    i = int(np.argmax(widths))
+    return 0.5 * (values[i] + values[i + 1])

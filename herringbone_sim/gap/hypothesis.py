@@ -1,0 +1,130 @@
+"""Forces that a hypothesis expects: the calibrated gear with effects at the recorded motion.
+
+The laws are those that the simulation runs with. What effects add is taken between the law with
+and without them on fused x and v, and put on the law smoothed over the noise of x, so that errors
+in x do not bend it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.mesh import backlash
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import distort
+from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
+from herringbone_sim.effects.instant import recorded
+from herringbone_sim.gap.fusion import Fused
+from herringbone_sim.gap.prepared import PreparedRun
+from herringbone_sim.gap.recalibrate import Law, force_law
+
+Array = NDArray[np.float64]
+SUBSTEPS = 4
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run with what is known of it before any hypothesis.
+
+    Attributes:
+        run, fused: measured, and its best displacements.
+        now: (n, 5) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
+        usable: (n_mesh,) meshes with x, v and F.
+    """
+
+    run: PreparedRun
+    fused: Fused
+    now: Array
+    usable: NDArray[np.bool_]
+
+
+def case(run: PreparedRun, fused: Fused) -> Case:
+    """A run and its fused motion as a case."""
+    p = run.model.parameters
+    columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
+    now = np.stack([np.broadcast_to(column, run.phase.shape) for column in columns], axis=1)
+    seen = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
+    usable: NDArray[np.bool_] = np.logical_and(seen, np.isfinite(run.F.values).all(axis=0))
+    return Case(run, fused, np.ascontiguousarray(now, dtype=float), usable)
+
+
+def expected(
+    one: Case, factors: Array, actives: Sequence[Active], law: Law | None = None
+) -> Array:
+    """Forces (n, n_mesh) [N] that the rig's sensors would show.
+
+    Args:
+        factors: (6,) of the nominal parameters, see ``recalibrate``.
+        actives: effects in the meshes or on the force sensors; others change nothing here.
+        law: that of the factors, if it is at hand.
+    """
+    law = law or force_law(one.run, one.fused, factors)
+    force = law.modelled_n
+    if any(a.effect.level == "mesh" for a in actives):
+        force = force + added(one, factors, law, actives)[0]
+    if any(a.effect.level == "sensor" for a in actives):
+        names = tuple(f"F_{m}" for m in one.run.model.layout.meshes)
+        shown = distort(TimeSeries(one.run.times, force, names), tuple(actives))
+        force = shown.columns(names)
+    return force
+
+
+def added(one: Case, factors: Array, law: Law, actives: Sequence[Active]) -> tuple[Array, Array]:
+    """What effects add to forces (n, n_mesh) [N] and to torques (n, n_bodies) [N]."""
+    model = one.run.model
+    found = laws(model, actives)
+    gear = calibrated_gear(one, factors)
+    x, v = np.nan_to_num(law.x_m), np.nan_to_num(law.v_m_per_s)
+    force = np.empty_like(x)
+    torque = np.empty((len(x), len(model.layout.bodies)))
+    with pointers_allowed():
+        recorded(
+            found.kernel,
+            found.site,
+            found.theta,
+            gear,
+            one.run.times,
+            one.now,
+            x,
+            v,
+            np.nan_to_num(one.run.F.values),
+            np.zeros(found.n_own),
+            scratch(model, found.n_own),
+            SUBSTEPS,
+            force,
+            torque,
+        )
+    k = one.run.waves.k * np.repeat(factors[:2], x.shape[1] // 2)
+    without = k * backlash(x, gear[2]) + gear[1] * v
+    return force - without, torque
+
+
+def calibrated_gear(one: Case, factors: Array) -> Array:
+    """``effects.gear.gear_table`` with the factors on k, c and e."""
+    table = gear_table(one.run.model)
+    k, c, e = (np.repeat(factors[i : i + 2], table.shape[1] // 2) for i in (0, 2, 4))
+    table[0] *= k
+    table[1] *= c
+    table[3] *= e
+    for row in range(4, len(table)):
+        table[row] *= k if (row - 4) % 4 < 2 else e
+    return table
+
+
+def name_of(actives: Sequence[Active]) -> str:
+    """Effects and places in words."""
+    return " + ".join(
+        f"{a.effect.id}{dict(a.options) or ''} {a.locus.mesh}/{a.locus.planet}/{a.locus.side}"
+        for a in actives
+    )
+
+
+def everywhere(one: Active) -> Locus:
+    """The widest locus that the laws of an effect allow: its response on every mesh at once."""
+    member = one.chosen.get("member")
+    return Locus({"sun": "sp", "ring": "rp"}.get(str(member), "all"))

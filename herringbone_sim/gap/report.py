@@ -1,0 +1,156 @@
+"""``report.json``: the verdict of a campaign as the contract of the gap has it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.decide import Option, Verdict
+from herringbone_sim.gap.verify import Gap
+
+SCHEMA = "herringbone_sim/gap-report/1"
+METRICS = ("force_law", "torque_balance", "consistency")
+KEYS = (
+    "schema",
+    "campaign",
+    "verdict",
+    "effects",
+    "where",
+    "causes",
+    "ambiguous_with",
+    "gap",
+    "attractor",
+    "undecidable",
+    "next_experiment",
+)
+
+
+def report(
+    campaign: str,
+    verdict: Verdict,
+    where: Sequence[tuple[Locus, float]],
+    gap: Gap,
+    undecidable: Sequence[str],
+    next_experiment: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The report as plain data; NaN becomes null."""
+    causes = [
+        _cause(name, chance, verdict.best.get(name))
+        for name, chance in sorted(verdict.probabilities.items(), key=lambda item: -item[1])
+    ]
+    made = {
+        "schema": SCHEMA,
+        "campaign": campaign,
+        "verdict": verdict.verdict,
+        "effects": list(verdict.effects),
+        "where": [{"locus": _locus(locus), "share": share} for locus, share in where],
+        "causes": causes,
+        "ambiguous_with": list(verdict.ambiguous_with),
+        "gap": {
+            "metric": gap.metric,
+            "nominal": gap.over("nominal"),
+            "augmented": gap.over("augmented"),
+            "noise_floor": gap.over("floor"),
+            "closure": gap.closure,
+            "runs": [
+                {
+                    "path": run.name,
+                    "role": run.role,
+                    "nominal": run.nominal,
+                    "augmented": run.augmented,
+                    "noise_floor": run.floor,
+                }
+                for run in gap.runs
+            ],
+        },
+        "attractor": {"nominal": {}, "augmented": {}},
+        "undecidable": list(undecidable),
+        "next_experiment": dict(next_experiment),
+    }
+    clean: dict[str, Any] = _finite(made)
+    return clean
+
+
+def write_report(path: Path, made: Mapping[str, Any]) -> None:
+    """Write a report after a check of it; AnalysisError when it breaks the contract."""
+    wrong = check_report(made)
+    if wrong:
+        raise AnalysisError(f"the report breaks its contract: {'; '.join(wrong)}")
+    path.write_text(json.dumps(made, indent=2) + "\n", encoding="utf-8")
+
+
+def check_report(made: Mapping[str, Any]) -> list[str]:
+    """What a report has wrong by the contract; empty when it is right."""
+    wrong = [f"{key} is missing" for key in KEYS if key not in made]
+    if wrong:
+        return wrong
+    ids = {*known_effects(), "none", "unknown"}
+    causes = made["causes"]
+    chances = [cause["probability"] for cause in causes]
+    rules = {
+        f"schema must be {SCHEMA}": made["schema"] == SCHEMA,
+        "verdict must be an effect, none, unknown or ambiguous": made["verdict"]
+        in {*ids, "ambiguous"},
+        "effects are at most two of the catalogue": len(made["effects"]) <= 2
+        and set(made["effects"]) <= ids - {"none", "unknown"},
+        "none has no effects": made["verdict"] != "none" or not made["effects"],
+        "causes must hold every effect, none and unknown once": sorted(ids)
+        == sorted(cause["effect"] for cause in causes),
+        "probabilities must fall and sum to 1": chances == sorted(chances, reverse=True)
+        and math.isclose(sum(chances), 1.0, abs_tol=1e-6),
+        "ambiguous names two to four": len(made["ambiguous_with"])
+        in ((2, 3, 4) if made["verdict"] == "ambiguous" else (0,)),
+        "the verdict follows the probabilities": made["verdict"]
+        in (causes[0]["effect"], "ambiguous"),
+        f"metric must be one of {METRICS}": made["gap"]["metric"] in METRICS,
+        "a gap has nominal, augmented, noise_floor, closure, runs": {
+            "nominal",
+            "augmented",
+            "noise_floor",
+            "closure",
+            "runs",
+        }
+        <= set(made["gap"]),
+    }
+    return [rule for rule, holds in rules.items() if not holds]
+
+
+def _cause(name: str, chance: float, best: tuple[Option, int] | None) -> dict[str, Any]:
+    if best is None:
+        return {"effect": name, "locus": _locus(Locus()), "probability": chance, "parameters": {}}
+    option, i = best
+    one = option.actives[i]
+    spans = option.intervals[i] if i < len(option.intervals) else ()
+    values: dict[str, Any] = {
+        p.name: {"value": value, "unit": p.unit, "ci90": list(span)}
+        for p, value, span in zip(one.effect.parameters, one.theta, spans, strict=True)
+    }
+    for key, choice in one.options:
+        kept = list(choice) if isinstance(choice, tuple) else choice
+        values[key] = {"value": kept, "unit": "-", "ci90": None}
+    return {
+        "effect": name,
+        "locus": _locus(one.locus),
+        "probability": chance,
+        "parameters": values,
+    }
+
+
+def _locus(locus: Locus) -> dict[str, str]:
+    return {"mesh": locus.mesh, "planet": locus.planet, "side": locus.side}
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(v) for key, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
