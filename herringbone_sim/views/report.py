@@ -61,7 +61,7 @@ def report_html(
         f"<h1>{escape(name)}</h1>",
         f'<p class="lead">{escape("  ·  ".join(facts))}</p>',
         _section("Segments", [_segments(results), _legend(results)]),
-        _section("Figures", [_figure(picture) for picture in pictures]),
+        _section("Figures", [picture_html(picture) for picture in pictures]),
         _section("Contact, share of time", [_contact(results)]),
         _section("Notes", [_notes(notes, results)]),
         f"<footer>Beside this page: {escape(', '.join(files))}.</footer>",
@@ -176,7 +176,8 @@ def _spans(numbers: Sequence[int]) -> str:
     return ", ".join(f"{a}" if a == b else f"{a}–{b}" for a, b in spans)
 
 
-def _figure(picture: Picture) -> str:
+def picture_html(picture: Picture) -> str:
+    """The picture in the page, with its caption."""
     data = base64.b64encode(picture.path.read_bytes()).decode()
     caption = escape(picture.caption)
     image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'

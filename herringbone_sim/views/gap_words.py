@@ -1,0 +1,177 @@
+"""A gap report in words: effects, places, quantities; what is absent is told as not known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from herringbone_sim.effects.registry import effects
+
+Part = Mapping[str, Any]
+NOT_KNOWN = "not known"
+
+PHRASES = {
+    "none": "no gap beyond tolerance and noise",
+    "unknown": "a cause that is not in the catalogue",
+    "mean_stiffness": "mesh stiffness off by a factor",
+    "stiffness_harmonic": "mesh stiffness varies over the mesh cycle in another way",
+    "stagger": "left and right halves mesh out of step",
+    "planet_phase": "one planet meshes out of phase",
+    "tooth_crack": "cracked tooth (softer, in proportion to load)",
+    "tooth_spall": "spalled tooth (a bump or pit, whatever the load)",
+    "runout": "run-out, once a revolution of one gear",
+    "pin_position": "a planet's pin is off its place",
+    "backlash_offset": "more or less backlash than nominal",
+    "thermal_backlash": "backlash changes with temperature at another rate",
+    "thermal_stiffness": "mesh stiffness falls with temperature",
+    "tooth_friction": "sliding friction between the teeth",
+    "contact_nonlinearity": "mesh stiffness grows with load (Hertz)",
+    "damping_law": "mesh damping follows another law",
+    "profile_error": "tooth profile error (transmission error of mesh order)",
+    "ring_flexibility": "the ring gives way on a spring of its own",
+    "bearing_clearance": "clearance in a planet's bearing",
+    "torque_ripple": "the input torque is not constant",
+    "sensor_gain": "a sensor's gain is wrong",
+    "sensor_bias": "a sensor reads with an offset",
+    "sensor_delay": "a sensor reads late",
+    "clock_drift": "the recorder's clock runs fast or slow",
+    "channel_swap": "two channels are swapped",
+}
+METRICS = {
+    "force_law": "residual of the force law in the meshes",
+    "torque_balance": "residual of the bodies' torque balance",
+    "consistency": "contradiction of the channels with each other",
+}
+ROLES = {"fit": "fit", "held_out": "held out"}
+SHOWN = {
+    "m": (1e6, "µm"),
+    "m/K": (1e6, "µm/K"),
+    "s": (1e6, "µs"),
+    "N/m": (1e-6, "N/µm"),
+    "1/K": (1e6, "10⁻⁶/K"),
+    "-": (1.0, ""),
+}
+
+
+def mapping(value: object) -> Part:
+    """The mapping that a report should hold here, empty when it does not."""
+    return value if isinstance(value, Mapping) else {}
+
+
+def sequence(value: object) -> Sequence[Any]:
+    """The list that a report should hold here, empty when it does not."""
+    return value if isinstance(value, Sequence) and not isinstance(value, str) else ()
+
+
+def known(value: object) -> float | None:
+    """A finite number, or None."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def word(value: object, absent: str = NOT_KNOWN) -> str:
+    """A name of a report, or ``absent``."""
+    return str(value) if isinstance(value, str | int) and value != "" else absent
+
+
+def effect_words(effect: object) -> str:
+    """Plain words for an effect id; a user's own effect speaks with its text."""
+    name = word(effect)
+    if name in PHRASES:
+        return PHRASES[name]
+    own = effects().get(name)
+    return own.text if own else name.replace("_", " ")
+
+
+def capital(text: str) -> str:
+    """First letter in upper case, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
+def percent(value: object) -> str:
+    """A share in percent, never rounded to 0 or 100 when it is neither."""
+    share = known(value)
+    if share is None:
+        return NOT_KNOWN
+    if 0 < share < 0.001:
+        return "< 0.1 %"
+    if 0.999 < share < 1:
+        return "> 99.9 %"
+    digits = 0 if 0.0995 < share < 0.995 or share in (0.0, 1.0) or share >= 1 else 1
+    return f"{100 * share:.{digits}f} %"
+
+
+def figure(value: object, digits: int = 3) -> str:
+    """A number in few digits."""
+    number = known(value)
+    return NOT_KNOWN if number is None else f"{number:.{digits}g}"
+
+
+def locus_words(locus: object) -> str:
+    """Where: ``sun mesh of planet 2, left side``."""
+    place = mapping(locus)
+    if not place:
+        return "place " + NOT_KNOWN
+    kind, planet, side = (word(place.get(key), "all") for key in ("mesh", "planet", "side"))
+    if (kind, planet, side) == ("all", "all", "all"):
+        words = "all meshes"
+    else:
+        words = f"{_meshes(kind, planet)}, {_sides(side)}"
+    more = [f"{k} {plain(v)}" for k, v in place.items() if k not in ("mesh", "planet", "side")]
+    return ", ".join([words, *more])
+
+
+def _meshes(kind: str, planet: str) -> str:
+    name = {"sp": "sun mesh", "rp": "ring mesh"}.get(kind)
+    if planet == "all":
+        return f"all {name}es" if name else "all meshes"
+    return f"{name} of planet {planet}" if name else f"sun and ring mesh of planet {planet}"
+
+
+def _sides(side: str) -> str:
+    return {"L": "left side", "R": "right side"}.get(side, "both sides")
+
+
+def plain(value: object) -> str:
+    """Any value of a report as text."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {plain(one)}" for key, one in value.items())
+    if isinstance(value, Sequence):
+        return ", ".join(plain(one) for one in value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return figure(value, 4)
+
+
+def parameter_words(name: str, parameter: object) -> str:
+    """``height 12 µm (11.2 … 12.7)``, in the units of a workshop."""
+    given = mapping(parameter)
+    label = name.replace("_", " ")
+    value = given.get("value") if given else parameter
+    if isinstance(value, str):
+        return f"{label} {value}"
+    number = known(value)
+    if number is None:
+        return f"{label} {plain(value) if sequence(value) else NOT_KNOWN}"
+    unit = word(given.get("unit"), "-")
+    factor, shown = SHOWN.get(unit, (1.0, unit))
+    ends = [known(end) for end in sequence(given.get("ci90"))]
+    low, high = ends if len(ends) == 2 else (None, None)
+    text = f"{label} {figure(factor * number, 4)}" + (f" {shown}" if shown else "")
+    if low is None or high is None:
+        return f"{text} (interval {NOT_KNOWN})"
+    return f"{text} ({figure(factor * low, 4)} … {figure(factor * high, 4)})"
+
+
+def closure_words(closure: object) -> str:
+    """What adding the effect does to the gap on runs that were kept out."""
+    value = known(closure)
+    if value is None:
+        return "how much of the gap closes on held-out runs is not known"
+    if value < 0:
+        return "adding it makes the gap on held-out runs larger, not smaller"
+    return f"adding it closes {percent(min(value, 1.0))} of the gap on held-out runs"
