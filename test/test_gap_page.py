@@ -14,9 +14,19 @@ import pytest
 
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.views.gap_figures import GapArrays
-from herringbone_sim.views.gap_page import gap_page, headline, write_gap_page
+from herringbone_sim.views.gap_page import gap_page, write_gap_page
 from herringbone_sim.views.gap_tables import closure
-from herringbone_sim.views.gap_words import PHRASES, locus_words, parameter_words, percent
+from herringbone_sim.views.gap_verdict import headline
+from herringbone_sim.views.gap_where import bodies
+from herringbone_sim.views.gap_words import (
+    PHRASES,
+    closure_words,
+    figure,
+    locus_words,
+    parameter_words,
+    percent,
+    place_words,
+)
 from herringbone_sim.views.gear_drawing import MESHES, colour, mesh_shares
 
 ALL = {"mesh": "all", "planet": "all", "side": "all"}
@@ -50,9 +60,9 @@ def runs(before: float, after: float) -> list[dict[str, Any]]:
         {
             "path": f"run_{i:02d}",
             "role": "held_out" if i > 5 else "fit",
-            "nominal": before * (1 + 0.3 * i),
+            "nominal": before * (1 + 0.2 * i),
             "augmented": after * (1 + 0.2 * i),
-            "noise_floor": 61.0,
+            "noise_floor": 61.0 * (1 + 0.2 * i),
         }
         for i in range(8)
     ]
@@ -203,6 +213,8 @@ def test_the_mesh_of_the_named_effect_has_a_heavy_rim() -> None:
         r'data-mesh="(\w+)"[^>]*><title>[^<]*</title><circle class="spot heavy"', gap_page(ONE)
     )
     assert rims == ["sp2_L"]
+    pair = re.findall(r'<circle class="spot heavy"', gap_page(REPORTS["pair"]))
+    assert len(pair) == 1  # the other effect is everywhere
 
 
 EVIL = '<script>alert("x")</script>&'
@@ -316,3 +328,27 @@ def test_figures_are_in_the_page(tmp_path: Path) -> None:
     assert page.count("data:image/png;base64,") == 3
     assert len(list((tmp_path / "figures").glob("gap_*.svg"))) == 3
     text_of(page)
+
+
+def test_places_without_a_mesh_are_named() -> None:
+    assert place_words({"effect": "torque_ripple", "locus": ALL}) == "input shaft"
+    assert place_words({"effect": "sensor_gain", "locus": ALL}) == "sensors"
+    sun = {"effect": "runout", "locus": ALL, "parameters": {"member": {"value": "sun"}}}
+    assert place_words(sun) == "sun"
+    assert bodies(sun) == {"sun_L", "sun_R"}
+    left = {"mesh": "all", "planet": "2", "side": "L"}
+    assert bodies({"effect": "pin_position", "locus": left}) == {"planet2_L"}
+    assert bodies({"effect": "mean_stiffness", "locus": left}) == set()
+
+
+def test_what_closes_the_gap_is_named_by_the_verdict() -> None:
+    assert closure_words(0.968, "one") == "adding it closes 97 % of the gap on held-out runs"
+    assert closure_words(0.968, "pair").startswith("adding both closes")
+    assert "recalibrating" in closure_words(0.1, "none")
+    assert closure_words(None, "none") == "there is no gap to close"
+    assert "larger" in closure_words(-0.1, "one")
+
+
+def test_figures_are_short() -> None:
+    told = [figure(value) for value in (1234.4, 98.0, 0.12345, -56789.0, 1.5e9, None)]
+    assert told == ["1234", "98", "0.123", "-56789", "1.5e+09", "not known"]

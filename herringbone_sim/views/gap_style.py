@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 STYLE = """
-body { max-width: 1120px; } h1 { font-size: 27px; line-height: 1.25; max-width: 34ch; }
+body { max-width: 1120px; } h1 { font-size: 27px; line-height: 1.25; max-width: 48ch; }
 .kicker { color: var(--soft); font-size: 13px; margin: 0 0 6px; } code { font-size: .92em; }
 .answers { display: grid; grid-template-columns: repeat(3, 1fr); gap: 14px; margin: 20px 0 8px; }
 .answers div { background: var(--wash); border-radius: 8px; padding: 12px 16px; }
@@ -21,12 +21,13 @@ body { max-width: 1120px; } h1 { font-size: 27px; line-height: 1.25; max-width: 
 .gear g g text.name { font-size: 11px; } .gear g g text.share { font-size: 12px; }
 .gear g g text[fill="#fff"] { fill: #fff; } .gear g g text[fill="#22262c"] { fill: #22262c; }
 .gear g g text.share { font-weight: 700; }
-.cause { display: grid; grid-template-columns: 30ch 1fr 7ch; gap: 3px 16px; align-items: center;
+.cause { display: grid; grid-template-columns: 30ch 1fr 8ch; gap: 3px 16px; align-items: center;
   padding: 7px 0; border-bottom: 1px solid var(--line); }
 .cause.said b { color: #b23d00; } .cause i { font-style: normal; }
 .bar { background: #eef1f4; border-radius: 3px; height: 14px; } .cause > b { font-size: 14px; }
 .bar span { display: block; height: 14px; border-radius: 3px; background: #9aa5b1; }
-.said .bar span { background: #D55E00; } .p { text-align: right; font-weight: 600; }
+.said .bar span { background: #D55E00; } .p { text-align: right; white-space: nowrap;
+  font-weight: 600; }
 .cause small { grid-column: 1 / -1; color: var(--soft); font-size: 13px; }
 .rest { columns: 3; font-size: 13px; color: var(--soft); padding: 10px 0 0; list-style: none; }
 .rest li { display: flex; justify-content: space-between; gap: 12px; break-inside: avoid; }
@@ -43,5 +44,5 @@ td.role { white-space: nowrap; } tr.held td { background: #f4f8fc; } .key { font
 .point { display: flex; gap: 26px; } .point b { display: block; font-size: 19px; }
 .point span { color: var(--soft); font-size: 13px; }
 @media (max-width: 760px) { .answers, .two { grid-template-columns: 1fr; } .rest { columns: 1; }
-  .cause { grid-template-columns: 1fr 7ch; } .cause .bar { grid-row: 2; } }
+  .cause { grid-template-columns: 1fr 8ch; } .cause .bar { grid-row: 2; } }
 """

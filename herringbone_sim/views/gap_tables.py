@@ -8,6 +8,7 @@ from herringbone_sim.views.gap_words import (
     METRICS,
     NOT_KNOWN,
     ROLES,
+    UNITS,
     Part,
     closure_words,
     figure,
@@ -28,19 +29,21 @@ KEY = (
 )
 
 
-def runs_table(gap: Part) -> str:
+def runs_table(gap: Part, verdict: str) -> str:
     """Before, after and floor over all and by run, runs for the fit told from held-out ones."""
     if not gap:
         return f"<p>The size of the gap is {NOT_KNOWN}.</p>"
     metric = word(gap.get("metric"), f"a metric that is {NOT_KNOWN}")
     what = METRICS.get(metric, metric)
-    lead = f"Measured by the {what}; {closure_words(gap.get('closure'))}."
+    lead = f"Measured by the {what}; {closure_words(gap.get('closure'), verdict)}."
     runs = [mapping(run) for run in sequence(gap.get("runs"))]
     runs.sort(key=lambda run: run.get("role") != "held_out")
     rows = "".join(_run(run) for run in runs)
     if not rows:
         return f"<p>{escape(lead)}</p>{_total(gap)}<p>Numbers by run are {NOT_KNOWN}.</p>"
-    titles = ("before", "after", "noise floor", "closure")
+    unit = word(gap.get("unit"), UNITS.get(metric, ""))
+    more = f" [{escape(unit)}]" if unit else ""
+    titles = (f"before{more}", f"after{more}", f"noise floor{more}", "closure")
     header = "<th>run</th><th>role</th><th></th>"
     header += "".join(f'<th class="n">{title}</th>' for title in titles)
     table = f'<div class="scroll"><table><tr>{header}</tr>{rows}</table></div>'

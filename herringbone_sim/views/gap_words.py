@@ -43,6 +43,22 @@ METRICS = {
     "torque_balance": "residual of the bodies' torque balance",
     "consistency": "contradiction of the channels with each other",
 }
+UNITS = {"force_law": "N", "torque_balance": "m/s²", "consistency": "σ"}
+STEPS = {
+    "none": "recalibrating within the tolerance",
+    "unknown": "the best that the catalogue offers",
+    "ambiguous": "adding the likeliest of them",
+    "pair": "adding both",
+}
+SEATS = {
+    "torque_ripple": "input shaft",
+    "ring_flexibility": "ring",
+    "clock_drift": "clock of the recorder",
+    "sensor_gain": "sensors",
+    "sensor_bias": "sensors",
+    "sensor_delay": "sensors",
+    "channel_swap": "recorded channels",
+}
 ROLES = {"fit": "fit", "held_out": "held out"}
 SHOWN = {
     "m": (1e6, "µm"),
@@ -106,7 +122,9 @@ def percent(value: object) -> str:
 def figure(value: object, digits: int = 3) -> str:
     """A number in few digits."""
     number = known(value)
-    return NOT_KNOWN if number is None else f"{number:.{digits}g}"
+    if number is None:
+        return NOT_KNOWN
+    return f"{number:.0f}" if 10**digits <= abs(number) < 1e6 else f"{number:.{digits}g}"
 
 
 def locus_words(locus: object) -> str:
@@ -132,6 +150,25 @@ def _meshes(kind: str, planet: str) -> str:
 
 def _sides(side: str) -> str:
     return {"L": "left side", "R": "right side"}.get(side, "both sides")
+
+
+def place_words(cause: Part) -> str:
+    """Where a cause sits: its member and locus, or the part that has no mesh."""
+    effect, locus = word(cause.get("effect")), cause.get("locus")
+    meshes = locus_words(locus)
+    everywhere = meshes == "all meshes"
+    if effect in SEATS:
+        return SEATS[effect] if everywhere or not mapping(locus) else f"{SEATS[effect]}, {meshes}"
+    part = member(cause)
+    if part:
+        return part if everywhere else f"{meshes}, on the {part}"
+    return meshes
+
+
+def member(cause: Part) -> str:
+    """The gear that carries a cause; empty where none is given."""
+    given = mapping(cause.get("parameters")).get("member", cause.get("member"))
+    return word(mapping(given).get("value", given), "")
 
 
 def plain(value: object) -> str:
@@ -167,11 +204,19 @@ def parameter_words(name: str, parameter: object) -> str:
     return f"{text} ({figure(factor * low, 4)} … {figure(factor * high, 4)})"
 
 
-def closure_words(closure: object) -> str:
-    """What adding the effect does to the gap on runs that were kept out."""
-    value = known(closure)
+def closure_words(closure: object, verdict: str) -> str:
+    """What the verdict does to the gap on runs that were kept out."""
+    value, step = known(closure), STEPS.get(verdict, "adding it")
+    if value is None and verdict == "none":
+        return "there is no gap to close"
     if value is None:
         return "how much of the gap closes on held-out runs is not known"
     if value < 0:
-        return "adding it makes the gap on held-out runs larger, not smaller"
-    return f"adding it closes {percent(min(value, 1.0))} of the gap on held-out runs"
+        return f"{step} makes the gap on held-out runs larger, not smaller"
+    return f"{step} closes {percent(min(value, 1.0))} of the gap on held-out runs"
+
+
+def residual_words(value: object, gap: Part) -> str:
+    """A residual with the unit of the metric."""
+    unit = word(gap.get("unit"), UNITS.get(word(gap.get("metric")), ""))
+    return figure(value) + (f" {unit}" if unit and known(value) is not None else "")

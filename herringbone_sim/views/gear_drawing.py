@@ -60,7 +60,7 @@ def gear_svg(
     Args:
         shares: by mesh name, see ``mesh_shares``.
         marked: meshes with a heavy rim: where the named effect sits.
-        bodies: drawn with a heavy outline: ``sun``, ``ring``, ``carrier``, ``planet1`` ...
+        bodies: drawn with a heavy outline: ``sun_L``, ``ring_R``, ``planet1_L`` ...
     """
     top = max([SATURATED, *(share for share, _ in shares.values() if share is not None)])
     halves = "".join(_half(side, shares, top, marked, bodies) for side in SIDES)
@@ -82,10 +82,10 @@ def _half(
     centres = {planet: _polar(SUN + PLANET, _angle(planet)) for planet in PLANETS}
     parts = [
         f'<text class="half" x="0" y="{-HALF / 2:.0f}">{SIDE_NAMES[side]}</text>',
-        _ring("ring" in bodies),
-        _carrier(centres, "carrier" in bodies),
-        _gear((0.0, 0.0), SUN, 0.0, "sun" in bodies),
-        *(_gear(centres[p], PLANET, _angle(p), f"planet{p}" in bodies) for p in PLANETS),
+        _ring(f"ring_{side}" in bodies),
+        _carrier(centres, f"carrier_{side}" in bodies),
+        _gear((0.0, 0.0), SUN, 0.0, f"sun_{side}" in bodies),
+        *(_gear(centres[p], PLANET, _angle(p), f"planet{p}_{side}" in bodies) for p in PLANETS),
         '<text x="0" y="5">sun</text>',
         f'<text x="0" y="{(RING + 4.5) * SCALE:.1f}">ring</text>',
         *(f'<text x="{cx:.1f}" y="{cy + 5:.1f}">P{p}</text>' for p, (cx, cy) in centres.items()),
@@ -147,7 +147,8 @@ def _spot(
     value, own = share
     x, y = at
     told = NOT_KNOWN if value is None else percent(value) + ("" if own else ", spread evenly")
-    inside = "?" if value is None else percent(value)
+    # Anything longer than four signs leaves the spot.
+    inside = "?" if value is None else "≈ 0" if 0 < value < 0.001 else percent(value)
     classes = ("spot" if value is not None else "spot blank") + _heavy(heavy)
     ink = "#fff" if value is not None and value > 0.6 * top else "#22262c"
     return (
