@@ -17,8 +17,9 @@ from herringbone_sim.gap.attribute import Evidence, gather
 from herringbone_sim.gap.decide import decide
 from herringbone_sim.gap.fit import fit
 from herringbone_sim.gap.fusion import Fused
-from herringbone_sim.gap.hypothesis import Case, case, expected
+from herringbone_sim.gap.hypothesis import Case, added, case, expected, fine_law_with
 from herringbone_sim.gap.prepared import Measured, PreparedRun
+from herringbone_sim.gap.recalibrate import force_law
 from herringbone_sim.gap.report import check_report, report
 from herringbone_sim.gap.sensors import SensorCheck
 from herringbone_sim.gap.shortlist import base, shortlist
@@ -156,3 +157,17 @@ def test_refuses_held_out_runs() -> None:
     cases: list[PreparedRun] = [replace(c.run, role="held_out") for c in made(())]
     with pytest.raises(AnalysisError, match="held_out"):
         gather(cases)
+
+
+def test_effects_between_samples_are_those_at_the_samples() -> None:
+    one = made((PLANTED[2],))[0]
+    run, factors = one.run, np.ones(6)
+    law = fine_law_with(one, factors, (PLANTED[2],))
+    deflection = one.fused.x + run.waves.e
+    rate = one.fused.v + run.waves.e_rate
+    change = law(run.phase, deflection, rate) - fine_law_with(one, factors, ())(
+        run.phase, deflection, rate
+    )
+    at_samples = added(one, factors, force_law(run, one.fused, factors), (PLANTED[2],))[0]
+    assert np.abs(at_samples).max() > 100.0
+    assert change == pytest.approx(at_samples, abs=1e-3)

@@ -24,6 +24,7 @@ from herringbone_sim.gap.prepared import PreparedRun
 from herringbone_sim.gap.recalibrate import recalibrate
 from herringbone_sim.gap.sensors import SensorCheck, drop, find_sensor_errors
 from herringbone_sim.gap.shortlist import Candidate, base, choose, shortlist
+from herringbone_sim.gap.unforced import Unforced, moving, unforced
 from herringbone_sim.gap.waves import waves
 
 Array = NDArray[np.float64]
@@ -31,6 +32,7 @@ Say = Callable[[str], None]
 
 SINGLES = 8
 SECONDS = 4
+SEED = 20  # of the noise that gives the floor of the accelerations
 WORTH_A_SECOND = 0.03  # excess of chi2 that a second effect is looked for in
 
 
@@ -47,8 +49,10 @@ class Evidence:
         pairs: fits of two effects, likewise.
         bodies: balance without effects and with each one on the bodies, with the forces as the
             best fit has them; empty when unknown.
-        balance_excess: chi2 above 1 of the balance with the forces as measured.
+        balance_excess: chi2 above 1 of the balance with the forces as measured, and between
+            samples by the best law of the machine.
         by_force: per name of a fit with a force sensor: the same with its forces corrected.
+        motion: without force sensors, calibration and fits of the accelerations.
     """
 
     check: SensorCheck
@@ -60,6 +64,7 @@ class Evidence:
     bodies: tuple[BodyFit, ...]
     balance_excess: float
     by_force: dict[str, float]
+    motion: Unforced | None = None
 
 
 def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidence:
@@ -79,6 +84,10 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
     say("sensors against each other")
     check = find_sensor_errors(runs)
     cases = tuple(case(run, fuse(run)) for run in (mended(run, check) for run in runs))
+    if not any(c.usable.any() for c in cases) and moving(cases):
+        say("every effect at every place, by accelerations alone")
+        motion = unforced(cases, effects, np.random.default_rng(SEED))
+        return Evidence(check, cases, None, (), (), (), motion.fits, 0.0, {}, motion)
     if not all(c.usable.any() for c in cases):
         return Evidence(check, cases, None, (), (), (), (), 0.0, {})
     say("recalibration")
@@ -93,8 +102,9 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
     measured = 0.0
     if balances_known(cases):
         say("torque balance")
-        measured = _balance_excess(cases, nominal)
         options = (nominal, *fits, *pairs)
+        machines = [f for f in options if all(a.effect.level != "sensor" for a in f.actives)]
+        measured = _balance_excess(cases, min(machines, key=lambda f: f.left_out))
         by_force = {
             name_of(one.actives): _balance_excess(cases, one)
             for one in options
@@ -148,14 +158,14 @@ def _pairs(
 
 
 def _bodies(cases: Sequence[Case], best: Fit, effects: Sequence[Effect]) -> list[BodyFit]:
-    balances = [balance_of(c, best.factors, _true_forces(c, best)) for c in cases]
+    balances = [balance_of(c, best.factors, _true_forces(c, best), best.actives) for c in cases]
     nominal, *rest = body_fits(cases, best.factors, balances, effects)
     return [nominal, *sorted(rest, key=lambda one: one.left_out)]
 
 
 def _balance_excess(cases: Sequence[Case], one: Fit) -> float:
     """How far the balance with the forces as a hypothesis has them is above its floor."""
-    balances = [balance_of(c, one.factors, _true_forces(c, one)) for c in cases]
+    balances = [balance_of(c, one.factors, _true_forces(c, one), one.actives) for c in cases]
     return max(body_fits(cases, one.factors, balances, ())[0].left_out - 1.0, 0.0)
 
 

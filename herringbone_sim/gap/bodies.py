@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active, Effect
-from herringbone_sim.gap.balance import Balance, measured_force, quadrature, torque_balance
+from herringbone_sim.gap.balance import WIDTH, Balance, measured_force, quadrature, torque_balance
 from herringbone_sim.gap.balance import window_of as look_of
 from herringbone_sim.gap.features import Feature, of_level
 from herringbone_sim.gap.geometry import bodies_to_coordinates
-from herringbone_sim.gap.hypothesis import Case, added
-from herringbone_sim.gap.recalibrate import HEAVIEST, Law, fine_law, force_law
+from herringbone_sim.gap.hypothesis import Case, added, fine_law_with
+from herringbone_sim.gap.recalibrate import HEAVIEST, Law, force_law
 
 Array = NDArray[np.float64]
 
@@ -45,10 +45,18 @@ class BodyFit:
     left_out: float
 
 
-def balance_of(one: Case, factors: Array, force_n: Array | None = None) -> Balance:
-    """Torque balance of a run with its measured forces, or others (n, n_mesh) in their place."""
+def balance_of(
+    one: Case,
+    factors: Array,
+    force_n: Array | None = None,
+    actives: Sequence[Active] = (),
+) -> Balance:
+    """Torque balance of a run with its measured forces, or others (n, n_mesh) in their place.
+
+    The law with effects says how forces run between samples.
+    """
     run = one.run if force_n is None else replace(one.run, F=replace(one.run.F, values=force_n))
-    correction = quadrature(run, one.fused, fine_law(run, factors))
+    correction = quadrature(run, one.fused, fine_law_with(one, factors, actives))
     force = measured_force(run, look_of(run), correction)
     return torque_balance(run, one.fused, None, force)
 
@@ -81,11 +89,11 @@ def body_fits(
     return found
 
 
-def response(one: Case, factors: Array, law: Law, probe: Active) -> Array:
+def response(one: Case, factors: Array, law: Law, probe: Active, width: float = WIDTH) -> Array:
     """Accelerations (k, m) of the coordinates by an effect's torques, averaged [m/s^2]."""
     torque = added(one, factors, law, (probe,))[1]
     through = bodies_to_coordinates(one.run.model) / masses(one.run.model)
-    averaged: Array = look_of(one.run).average(torque @ through.T)
+    averaged: Array = look_of(one.run, width).average(torque @ through.T)
     return averaged
 
 

@@ -76,6 +76,9 @@ def _with(evidence: Evidence, actives: Any, fitted: Any) -> Augmented:
     factors = np.ones(6) if law is None else law.factors
     bodies = [b for b in evidence.bodies if not b.actives or b.actives[0] in actives]
     inverse = bodies[-1].inverse if bodies else np.ones(3)
+    if evidence.motion is not None:
+        both = evidence.motion.inverse + inverse - 1.0
+        return Augmented(evidence.motion.factors, both, tuple(actives), True)
     return Augmented(factors, inverse, tuple(actives))
 
 

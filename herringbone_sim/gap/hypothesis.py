@@ -19,9 +19,11 @@ from herringbone_sim.effects.channels import distort
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.instant import recorded
+from herringbone_sim.gap.balance import FineLaw
 from herringbone_sim.gap.fusion import Fused
 from herringbone_sim.gap.prepared import PreparedRun
-from herringbone_sim.gap.recalibrate import Law, force_law
+from herringbone_sim.gap.recalibrate import Law, fine_law, force_law
+from herringbone_sim.gap.waves import waves
 
 Array = NDArray[np.float64]
 SUBSTEPS = 4
@@ -76,31 +78,82 @@ def expected(
 
 def added(one: Case, factors: Array, law: Law, actives: Sequence[Active]) -> tuple[Array, Array]:
     """What effects add to forces (n, n_mesh) [N] and to torques (n, n_bodies) [N]."""
+    moved = _Motion(
+        one.run.times,
+        one.now,
+        np.nan_to_num(law.x_m),
+        np.nan_to_num(law.v_m_per_s),
+        np.nan_to_num(one.run.F.values),
+    )
+    return _added(one, factors, moved, actives)
+
+
+def fine_law_with(one: Case, factors: Array, actives: Sequence[Active]) -> FineLaw:
+    """The calibrated law with effects between samples, as ``balance.quadrature`` takes it."""
+    plain = fine_law(one.run, factors)
+    machine = tuple(a for a in actives if a.effect.level == "mesh")
+    if not machine:
+        return plain
+
+    def law(phase: Array, deflection: Array, rate: Array) -> Array:
+        at = np.linspace(0.0, len(one.run) - 1.0, len(phase))
+        index = np.arange(len(one.run))
+        now = one.now[np.minimum(np.rint(at).astype(int), len(one.run) - 1)].copy()
+        now[:, 0] = phase
+        w = waves(one.run.model, phase, one.run.omega_rad_per_s)
+        e = np.repeat(factors[4:6], deflection.shape[1] // 2)
+        measured = np.stack([np.interp(at, index, f) for f in one.run.F.values.T], axis=1)
+        moved = _Motion(
+            np.interp(at, index, one.run.times),
+            now,
+            deflection - e * w.e,
+            rate - e * w.e_rate,
+            np.nan_to_num(measured),
+        )
+        return plain(phase, deflection, rate) + _added(one, factors, moved, machine)[0]
+
+    return law
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Times (n,), now (n, 5), x and v (n, n_mesh) relative to the own e(t), forces."""
+
+    times: Array
+    now: Array
+    x: Array
+    v: Array
+    force: Array
+
+
+def _added(
+    one: Case, factors: Array, moved: _Motion, actives: Sequence[Active]
+) -> tuple[Array, Array]:
     model = one.run.model
     found = laws(model, actives)
     gear = calibrated_gear(one, factors)
-    x, v = np.nan_to_num(law.x_m), np.nan_to_num(law.v_m_per_s)
-    force = np.empty_like(x)
-    torque = np.empty((len(x), len(model.layout.bodies)))
+    force = np.empty_like(moved.x)
+    torque = np.empty((len(moved.x), len(model.layout.bodies)))
     with pointers_allowed():
         recorded(
             found.kernel,
             found.site,
             found.theta,
             gear,
-            one.run.times,
-            one.now,
-            x,
-            v,
-            np.nan_to_num(one.run.F.values),
+            moved.times,
+            moved.now,
+            moved.x,
+            moved.v,
+            moved.force,
             np.zeros(found.n_own),
             scratch(model, found.n_own),
             SUBSTEPS,
             force,
             torque,
         )
-    k = one.run.waves.k * np.repeat(factors[:2], x.shape[1] // 2)
-    without = k * backlash(x, gear[2]) + gear[1] * v
+    nominal = waves(model, moved.now[:, 0], one.run.omega_rad_per_s).k
+    k = nominal * np.repeat(factors[:2], moved.x.shape[1] // 2)
+    without = k * backlash(moved.x, gear[2]) + gear[1] * moved.v
     return force - without, torque
 
 

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.gap.attribute import mended
+from herringbone_sim.gap.attribute import SEED, mended
+from herringbone_sim.gap.balance import inertia_parts, window_of
 from herringbone_sim.gap.bodies import balance_of, response
 from herringbone_sim.gap.consistency import consistency
 from herringbone_sim.gap.decide import Verdict
 from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.hypothesis import Case, case, expected
+from herringbone_sim.gap.hypothesis import Case, added, case, expected
+from herringbone_sim.gap.motion import WIDTH, fused_noise, motion_balance
 from herringbone_sim.gap.prepared import PreparedRun
 from herringbone_sim.gap.recalibrate import force_law
 from herringbone_sim.gap.sensors import SensorCheck
@@ -60,11 +62,12 @@ class Gap:
 
 @dataclass(frozen=True)
 class Augmented:
-    """What a verdict changes: calibration of law and balance, effects."""
+    """What a verdict changes: calibration of law and balance, effects; ``motion``: no forces."""
 
     factors: Array
     inverse: Array
     actives: tuple[Active, ...]
+    motion: bool = False
 
 
 def measure(runs: Sequence[PreparedRun], check: SensorCheck, metric: str, model: Augmented) -> Gap:
@@ -72,6 +75,8 @@ def measure(runs: Sequence[PreparedRun], check: SensorCheck, metric: str, model:
     if metric == "consistency":
         return Gap(metric, tuple(_consistent(run, check) for run in runs))
     cases = [(run, case(m, fuse(m))) for run in runs for m in (mended(run, check),)]
+    if model.motion:
+        return Gap(metric, tuple(_moved(run, c, model) for run, c in cases))
     one = _balance if metric == "torque_balance" else _law
     return Gap(metric, tuple(one(run, c, model) for run, c in cases))
 
@@ -98,13 +103,30 @@ def _balance(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     sensors = tuple(a for a in model.actives if a.effect.level == "sensor")
     error = expected(c, model.factors, sensors) - expected(c, model.factors, ())
     before = balance_of(c, model.factors)
-    balance = balance_of(c, model.factors, c.run.F.values - error)
+    balance = balance_of(c, model.factors, c.run.F.values - error, model.actives)
     after = balance.measured - np.tensordot(model.inverse, balance.parts, axes=1)
     law = force_law(c.run, c.fused, model.factors)
     for one in model.actives:
         if one.effect.level == "body":
             after = after - response(c, model.factors, law, one)
     return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(before.sigma))
+
+
+def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+    """Accelerations against the law's forces, for want of measured ones."""
+    noise = fused_noise(c.run, np.random.default_rng(SEED))
+    before = motion_balance(c.run, c.fused, noise, np.ones(6), np.ones(3))
+    balance = motion_balance(c.run, c.fused, noise, model.factors, model.inverse)
+    after = balance.residual
+    law = force_law(c.run, c.fused, model.factors)
+    through = np.tensordot(model.inverse, inertia_parts(c.run.model), axes=1)
+    for one in model.actives:
+        if one.effect.level == "body":
+            after = after - response(c, model.factors, law, one, WIDTH)
+        elif one.effect.level == "mesh":
+            more = added(c, model.factors, law, (one,))[0]
+            after = after - window_of(c.run, WIDTH).average(more) @ through.T
+    return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(balance.sigma))
 
 
 def _consistent(run: PreparedRun, check: SensorCheck) -> RunGap:
