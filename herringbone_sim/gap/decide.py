@@ -26,7 +26,9 @@ SHARE = 0.01
 EXCESS = {"force_law": 0.1, "torque_balance": 0.4}
 FLOOR = 0.02  # excess below which two hypotheses can't be told apart
 LEFT = 0.5  # part of the excess left at which known and unknown are equally likely
-SECOND = 0.35  # of the excess that a second effect must take away
+# Of the excess left that a second effect must take away, and no less than SHARE of all chi2:
+# less may be the shape of the first one.
+SECOND = 0.35
 SAME = 0.98  # |cos| of the changes of two hypotheses that are one class
 ALIKE = 1.5  # ratio of excess within which the members of a class are not told apart
 ORDER = ("consistency", "force_law", "torque_balance")
@@ -226,7 +228,7 @@ def _law(evidence: Evidence) -> Stage | None:
     pairs = [
         o
         for o in (_option(evidence, one) for one in evidence.pairs)
-        if o.excess < (1.0 - SECOND) * least
+        if o.excess < (1.0 - SECOND) * least and least - o.excess > SHARE * (1.0 + excess)
     ]
     options = tuple(sorted((*singles, *pairs), key=lambda o: o.excess))
     return Stage("force_law", excess, options)

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 FINALISTS = 8
 ROUNDS = 3
+STRIDE = 3
 
 
 @dataclass(frozen=True)
@@ -110,9 +111,9 @@ def _run(c: Case, factors: Array, inverse: Array, rng: np.random.Generator) -> _
         for kind in range(2):
             part = np.zeros_like(column)
             part[:, kind * half : (kind + 1) * half] = column[:, kind * half : (kind + 1) * half]
-            columns.append((look.average(part) @ A.T / balance.sigma).ravel())
-    columns += [(part / balance.sigma).ravel() for part in balance.parts]
-    left = (balance.residual / balance.sigma).ravel()
+            columns.append(_thinned(look.average(part) @ A.T, balance))
+    columns += [_thinned(part, balance) for part in balance.parts]
+    left = _thinned(balance.residual, balance)
     return _Run(c, law, balance, left, np.stack(columns), A)
 
 
@@ -122,8 +123,13 @@ def _averaged(r: _Run, factors: Array, probe: Active) -> Array:
 
 
 def _whitened(r: _Run, average: Array) -> Array:
-    column: Array = (average @ r.through.T / r.balance.sigma).ravel()
-    return column
+    return _thinned(average @ r.through.T, r.balance)
+
+
+def _thinned(values: Array, balance: Balance) -> Array:
+    """Values (k, m) over their floor, every third: the window has made neighbours alike."""
+    thinned: Array = (values / balance.sigma)[::STRIDE].ravel()
+    return thinned
 
 
 def _fitted(
@@ -137,7 +143,7 @@ def _fitted(
         squares.append(float(r.residual @ r.residual))
     A, b = np.stack(grams), np.stack(rights)
     count = sum(r.residual.size for r in runs)
-    overlap = runs[0].balance.overlap
+    overlap = runs[0].balance.overlap / STRIDE
     beta, sigma = _solve(A.sum(0), b.sum(0), overlap)
     out = sum(squares)
     for i in range(len(runs)):
@@ -205,7 +211,7 @@ def _change(runs: Sequence[_Run], columns: Sequence[Sequence[Array]]) -> Array:
     J = [np.vstack([r.tolerance, *own]) for r, own in zip(runs, columns, strict=True)]
     A = np.sum([j @ j.T for j in J], axis=0)
     b = np.sum([j @ r.residual for j, r in zip(J, runs, strict=True)], axis=0)
-    return _solve(A, b, runs[0].balance.overlap)[0][9:]
+    return _solve(A, b, runs[0].balance.overlap / STRIDE)[0][9:]
 
 
 def _finite(effect: Effect) -> Array:
@@ -217,7 +223,7 @@ def _body(runs: Sequence[_Run], factors: Array, feature: Feature) -> BodyFit:
     """An effect on the bodies, by its torques averaged over the narrow window."""
     columns = [
         [
-            (response(r.case, factors, r.law, p, WIDTH) / step / r.balance.sigma).ravel()
+            _thinned(response(r.case, factors, r.law, p, WIDTH) / step, r.balance)
             for p, step in feature.probes
         ]
         for r in runs
