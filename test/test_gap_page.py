@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from herringbone_sim.effects.registry import effects
+from herringbone_sim.views.gap_arrays import BINS, mean_over_phase
 from herringbone_sim.views.gap_figures import GapArrays
 from herringbone_sim.views.gap_page import gap_page, write_gap_page
 from herringbone_sim.views.gap_tables import closure
@@ -313,6 +314,14 @@ def test_words() -> None:
 
 def test_an_effect_of_the_users_own_is_readable() -> None:
     assert headline({"verdict": "loose_key", "effects": ["loose_key"]}) == "Loose key"
+
+
+def test_residual_over_the_phase_is_the_planted_one() -> None:
+    phase = np.linspace(3.0, 900.0, 40000)
+    planted = np.cos(phase)[:, None] * np.arange(12.0) + 5.0
+    centres = (np.arange(BINS) + 0.5) * 2 * np.pi / BINS
+    expected = np.cos(centres)[:, None] * np.arange(12.0) + 5.0
+    np.testing.assert_allclose(mean_over_phase(phase, planted), expected, atol=0.05)
 
 
 def test_figures_are_in_the_page(tmp_path: Path) -> None:

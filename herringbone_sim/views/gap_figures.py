@@ -48,12 +48,22 @@ def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
     with matplotlib.rc_context(STYLE):
         if arrays.phase is not None and arrays.residual_n is not None:
             figure = residual_figure(arrays.phase, arrays.residual_n)
-            drawn.append(("gap_residual", figure, "Residual of the force over the mesh phase"))
+            drawn.append(
+                (
+                    "gap_residual",
+                    figure,
+                    "Mean residual of the force over the mesh phase, fit runs",
+                )
+            )
         if arrays.shares:
             figure = shares_figure(arrays.shares)
-            drawn.append(("gap_shares", figure, "Share of the residual by other factors"))
+            drawn.append(
+                ("gap_shares", figure, "Share of the residual by operating point, fit runs")
+            )
         if arrays.contact is not None:
-            drawn.append(("gap_contact", contact_figure(arrays.contact), "Contact, share of time"))
+            drawn.append(
+                ("gap_contact", contact_figure(arrays.contact), "Contact of the flanks, fit runs")
+            )
         make_folder(folder / "figures")
         return [
             Picture(save(figure, folder / "figures", name)[0], caption)

@@ -10,6 +10,7 @@ from herringbone_sim.effects.registry import effects
 
 Part = Mapping[str, Any]
 NOT_KNOWN = "not known"
+LISTED = 12
 
 PHRASES = {
     "none": "no gap beyond tolerance and noise",
@@ -46,7 +47,7 @@ METRICS = {
 UNITS = {"force_law": "N", "torque_balance": "m/s²", "consistency": "σ"}
 STEPS = {
     "none": "recalibrating within the tolerance",
-    "unknown": "the best that the catalogue offers",
+    "unknown": "what can be explained",
     "ambiguous": "adding the likeliest of them",
     "pair": "adding both",
 }
@@ -178,7 +179,9 @@ def plain(value: object) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {plain(one)}" for key, one in value.items())
     if isinstance(value, Sequence):
-        return ", ".join(plain(one) for one in value)
+        rest = len(value) - LISTED
+        more = [f"and {rest} more"] if rest > 0 else []
+        return ", ".join([*(plain(one) for one in value[:LISTED]), *more])
     if isinstance(value, bool):
         return "yes" if value else "no"
     return figure(value, 4)
