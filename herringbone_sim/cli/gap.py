@@ -18,13 +18,15 @@ from herringbone_sim.recording.campaign import Campaign, CampaignRun, read_campa
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.gap_arrays import gap_arrays
+from herringbone_sim.views.gap_page import write_gap_page
 
 DESCRIPTION = """\
 Compare a campaign (a folder of runs with campaign.yaml) with the nominal model: first mesh by
 mesh the residual F - (k(t) f(x) + c v) of every run, then which effect explains it, with what
 probability and size, and how far the gap shrinks on runs of role held_out, which no choice and
-no fit has seen. No trajectory is computed, so chaos does not matter. Writes residual.csv and
-report.json.
+no fit has seen. No trajectory is computed, so chaos does not matter. Writes residual.csv,
+report.json, and report.html: where, which, how much, what is open, what to measure next.
 """
 
 
@@ -45,7 +47,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def gap(args: argparse.Namespace) -> int:
-    """Print a line a run and the verdict; write ``residual.csv`` and ``report.json``."""
+    """Print a line a run and the verdict; write the residuals, the report and its page."""
     campaign = read_campaign(args.campaign)
     nominal = load_parameters(args.nominal).changed({"model": "full"})
     make_folder(args.out)
@@ -57,8 +59,9 @@ def gap(args: argparse.Namespace) -> int:
 
     found = diagnose(prepare(args.campaign, nominal), say)
     write_report(args.out / "report.json", found.report)
+    page = write_gap_page(found.report, args.out, gap_arrays(found.evidence))
     print(summary(found))
-    print(f"written: {args.out / 'residual.csv'}, {args.out / 'report.json'}")
+    print(f"written: {args.out / 'residual.csv'}, {args.out / 'report.json'}, {page}")
     return 0
 
 
