@@ -307,6 +307,8 @@ def test_words() -> None:
     assert parameter_words("height", height) == "height 12 µm (11.2 … 12.7)"
     stiffness = {"value": 2.5e9, "unit": "N/m", "ci90": [2e9, 3e9]}
     assert parameter_words("stiffness", stiffness) == "stiffness 2500 N/µm (2000 … 3000)"
+    narrow = {"value": 0.196084, "unit": "rad", "ci90": [0.196051, 0.196118]}
+    assert parameter_words("phase", narrow) == "phase 0.196084 rad (0.196051 … 0.196118)"
     assert parameter_words("member", {"value": "sun", "unit": "-"}) == "member sun"
     told = [percent(share) for share in (0.0, 0.0004, 0.0123, 0.61, 0.9993, 1.0, None)]
     assert told == ["0 %", "< 0.1 %", "1.2 %", "61 %", "> 99.9 %", "100 %", "not known"]

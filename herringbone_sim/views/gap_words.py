@@ -201,10 +201,18 @@ def parameter_words(name: str, parameter: object) -> str:
     factor, shown = SHOWN.get(unit, (1.0, unit))
     ends = [known(end) for end in sequence(given.get("ci90"))]
     low, high = ends if len(ends) == 2 else (None, None)
-    text = f"{label} {figure(factor * number, 4)}" + (f" {shown}" if shown else "")
+    digits = _digits(number, low, high)
+    text = f"{label} {figure(factor * number, digits)}" + (f" {shown}" if shown else "")
     if low is None or high is None:
         return f"{text} (interval {NOT_KNOWN})"
-    return f"{text} ({figure(factor * low, 4)} … {figure(factor * high, 4)})"
+    return f"{text} ({figure(factor * low, digits)} … {figure(factor * high, digits)})"
+
+
+def _digits(value: float, low: float | None, high: float | None) -> int:
+    """Digits that show two of the width of an interval, four at least."""
+    if low is None or high is None or high <= low or value == 0:
+        return 4
+    return min(max(math.ceil(math.log10(abs(value) / (high - low))) + 2, 4), 9)
 
 
 def closure_words(closure: object, verdict: str) -> str:
