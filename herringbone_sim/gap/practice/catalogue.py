@@ -67,7 +67,7 @@ def _event(p: Machine, c: Cause, row: int) -> Machine:
     return p._replace(event=event)
 
 
-def _draw_event(rng: Generator) -> Drawn:
+def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
     member = str(rng.choice(list(EVENT_CYCLES)))
     mesh = {"sun": "sp", "ring": "rp"}.get(member) or str(rng.choice(["sp", "rp"]))
     passes = member != "planet" and rng.random() < 0.7
@@ -88,7 +88,7 @@ def _tell_event(c: Cause, name: str, unit: str) -> Told:
     return told | ({"order": (EVENT_CYCLES[member], "-")} if name == "depth" else {})
 
 
-def _draw_runout(rng: Generator) -> Drawn:
+def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
     member = str(rng.choice(list(EVENT_CYCLES)))
     shape = {"member": member, "phase": _angle(rng), "second": 0.12, "turn": _angle(rng)}
     side = str(rng.choice(["L", "R", "all"]))
@@ -165,7 +165,7 @@ def _ripple(p: Machine, c: Cause, _: Point) -> Machine:
     return p._replace(ripple=np.array([c.size, s["order"], s["phase"], 0.12]))
 
 
-def _ripple_draw(rng: Generator) -> Drawn:
+def _ripple_draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
     return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": _angle(rng)}
 
 
@@ -182,14 +182,14 @@ def _tell_waves(unit: str) -> Any:
 
 
 def _draw_waves(least: int) -> Any:
-    return lambda rng: (
+    return lambda rng, _: (
         anywhere(rng),
         {"order": int(rng.integers(least, 5)), "angle": _angle(rng)},
     )
 
 
 def _signed(locus: Any) -> Any:
-    return lambda rng: (locus(rng), {"sign": sign(rng)})
+    return lambda rng, _: (locus(rng), {"sign": sign(rng)})
 
 
 def _one_planet(rng: Generator) -> dict[str, Any]:
@@ -258,7 +258,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         1e-3,
         1e-2,
-        lambda rng: (by_kind(rng), {}),
+        lambda rng, _: (by_kind(rng), {}),
         _thermal_stiffness,
         _told("rate", "1/K"),
     ),
@@ -266,7 +266,7 @@ CATALOGUE: dict[str, Kind] = {
         "body",
         0.05,
         0.4,
-        lambda rng: (by_kind(rng), {"pitch": _angle(rng) * 0.1}),
+        lambda rng, _: (by_kind(rng), {"pitch": _angle(rng) * 0.1}),
         _friction,
         _told("mu", "-"),
     ),
@@ -274,7 +274,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         0.03,
         0.5,
-        lambda rng: (by_kind(rng), {}),
+        lambda rng, _: (by_kind(rng), {}),
         _hertz,
         lambda c: {"exponent": (1.0 + c.size, "-")},
     ),
@@ -282,7 +282,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         0.3,
         1.0,
-        lambda rng: (by_kind(rng), {"by_load": float(rng.choice([0.15, 0.85]))}),
+        lambda rng, _: (by_kind(rng), {"by_load": float(rng.choice([0.15, 0.85]))}),
         _damping,
         _told("share", "-"),
     ),
@@ -291,7 +291,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         1e-11,
         2e-9,
-        lambda rng: (at("rp"), {"ratio": float(rng.uniform(0.03, 0.1))}),
+        lambda rng, _: (at("rp"), {"ratio": float(rng.uniform(0.03, 0.1))}),
         _ring,
         lambda c: {"stiffness": (1.0 / c.size, "N/m"), "damping": (c.shape["ratio"], "-")},
     ),
@@ -299,7 +299,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         2e-6,
         5e-5,
-        lambda rng: (_one_planet(rng), {}),
+        lambda rng, _: (_one_planet(rng), {}),
         _bearing,
         _told("clearance", "m"),
         least=1e-6,

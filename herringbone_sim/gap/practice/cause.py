@@ -54,7 +54,7 @@ class Kind:
         sense: where it shows: ``law``, ``body`` or ``sensor``.
         start, cap: size that is tried first, and the largest one.
         least: the smallest one that makes sense.
-        draw: locus and shape.
+        draw: locus and shape, among the channels that there are.
         apply: the machine with the effect (none for sensors).
         tell: parameters of the catalogue: name to (value, unit).
     """
@@ -62,7 +62,7 @@ class Kind:
     sense: str
     start: float
     cap: float
-    draw: Callable[[Generator], tuple[dict[str, Any], dict[str, Any]]]
+    draw: Callable[[Generator, tuple[str, ...]], tuple[dict[str, Any], dict[str, Any]]]
     apply: Callable[[Machine, Cause, Point], Machine]
     tell: Callable[[Cause], dict[str, tuple[Any, str]]]
     least: float = 0.0

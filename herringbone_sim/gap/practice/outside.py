@@ -51,27 +51,27 @@ def _size(unit: str) -> Any:
     return lambda c: {"size": (c.size, unit)}
 
 
-def _drift_draw(rng: Generator) -> tuple[dict[str, Any], dict[str, Any]]:
+def _drift_draw(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
     return anywhere(rng), {"sign": float(rng.choice([-1.0, 1.0]))}
 
 
 OUTSIDE: dict[str, Kind] = {
     "phase_by_load": Kind(
-        "law", 0.1, 1.2, lambda rng: (by_kind(rng), {}), _phase_by_load, _size("rad")
+        "law", 0.1, 1.2, lambda rng, _: (by_kind(rng), {}), _phase_by_load, _size("rad")
     ),
     "half_order_stiffness": Kind(
-        "law", 0.05, 0.5, lambda rng: (anywhere(rng), {}), _half_order, _size("-")
+        "law", 0.05, 0.5, lambda rng, _: (anywhere(rng), {}), _half_order, _size("-")
     ),
     "drifting_stiffness": Kind("law", 0.1, 0.6, _drift_draw, _drift, _size("-")),
-    "side_coupling": Kind("law", 0.05, 0.5, lambda rng: (by_kind(rng), {}), _cross, _size("-")),
+    "side_coupling": Kind("law", 0.05, 0.5, lambda rng, _: (by_kind(rng), {}), _cross, _size("-")),
     "carrier_flexibility": Kind(
-        "law", 1e-12, 5e-10, lambda rng: (at(side="R"), {}), _plate, _size("m/N")
+        "law", 1e-12, 5e-10, lambda rng, _: (at(side="R"), {}), _plate, _size("m/N")
     ),
     "output_stick_slip": Kind(
         "body",
         1e3,
         3e4,
-        lambda rng: (dict(ALL), {"speed": float(rng.uniform(0.02, 0.1))}),
+        lambda rng, _: (dict(ALL), {"speed": float(rng.uniform(0.02, 0.1))}),
         _stick_slip,
         _size("N"),
     ),
@@ -79,7 +79,7 @@ OUTSIDE: dict[str, Kind] = {
         "body",
         2e3,
         1e5,
-        lambda rng: (
+        lambda rng, _: (
             dict(ALL),
             {"cycles": float(rng.uniform(6.0, 16.0)), "width": float(rng.uniform(0.5, 2.0))},
         ),
@@ -87,6 +87,6 @@ OUTSIDE: dict[str, Kind] = {
         _size("N"),
     ),
     "gyroscopic_coupling": Kind(
-        "body", 1e3, 2e4, lambda rng: (at("sp", 1, "L"), {}), _gyro, _size("N s/m")
+        "body", 1e3, 2e4, lambda rng, _: (at("sp", 1, "L"), {}), _gyro, _size("N s/m")
     ),
 }

@@ -14,12 +14,7 @@ from herringbone_sim.gap.practice.cause import Cause, Kind
 from herringbone_sim.gap.practice.machine import N_COORDINATE, TOLERANCE, TOLERATED, Array
 from herringbone_sim.gap.practice.outside import OUTSIDE
 from herringbone_sim.gap.practice.record import CHANNEL_SETS
-from herringbone_sim.gap.practice.sensors import (
-    OUTSIDE_SENSORS,
-    SENSORS,
-    draw_channel,
-    draw_swap,
-)
+from herringbone_sim.gap.practice.sensors import OUTSIDE_SENSORS, SENSORS
 
 KINDS: dict[str, Kind] = {**CATALOGUE, **SENSORS, **OUTSIDE, **OUTSIDE_SENSORS}
 NAMED = (*CATALOGUE, *SENSORS)
@@ -41,7 +36,6 @@ VARIED = (
 )
 QUIET = (((10, 90), (0, 0), (1500, 2200), (0.22, 0.38)),) * 8
 FIT_RUNS = 5
-UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4}
 
 
 @dataclass(frozen=True)
@@ -173,19 +167,6 @@ def _clash(one: str, other: str) -> bool:
 def draw_cause(rng: Generator, name: str, channels: str = "full") -> Cause:
     """An effect with its locus and shape, its size not solved for."""
     kind = KINDS[name]
-    among = CHANNEL_SETS[channels]
-    if name == "channel_swap":
-        locus, shape = draw_swap(rng, among)
-    elif name == "clock_drift":
-        locus, shape = (
-            {"mesh": "all", "planet": "all", "side": "all", "channels": ["t"]},
-            {"sign": float(rng.choice([-1.0, 1.0]))},
-        )
-    elif kind.sense == "sensor":
-        locus, shape = draw_channel(rng, among)
-        shape |= {"unit_of_size": UNITS_OF_BIAS[locus["channels"][0][0]]}
-        shape |= {"hertz": float(rng.uniform(900.0, 1900.0))}
-    else:
-        locus, shape = kind.draw(rng)
+    locus, shape = kind.draw(rng, CHANNEL_SETS[channels])
     effect = name if name in NAMED else "unknown"
     return Cause(effect, name, locus, shape, kind.start)

@@ -13,6 +13,7 @@ from herringbone_sim.gap.practice.machine import BODIES, MESHES, Array, Machine
 from herringbone_sim.gap.practice.record import Motion, channels_of
 
 Channels = dict[str, Array]
+UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4}
 
 
 def _untouched(p: Machine, _c: Cause, _point: Point) -> Machine:
@@ -29,8 +30,15 @@ def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
 
 
 def draw_channel(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """One of the channels there are, and the sign of its fault."""
-    return channel_locus((str(rng.choice(list(among))),)), {"sign": sign(rng)}
+    """One of the channels there are, and sign, unit and frequency of its fault."""
+    name = str(rng.choice(list(among)))
+    shape = {"sign": sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
+    return channel_locus((name,)), shape | {"hertz": float(rng.uniform(900.0, 1900.0))}
+
+
+def draw_clock(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The clock, slow or fast."""
+    return at() | {"channels": ["t"]}, {"sign": float(rng.choice([-1.0, 1.0]))}
 
 
 def draw_swap(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -84,12 +92,8 @@ def _missing_codes(values: Array, size: float) -> Array:
     return shown
 
 
-def _no_draw(rng: Generator) -> tuple[dict[str, Any], dict[str, Any]]:
-    raise NotImplementedError
-
-
-def _sensor(start: float, cap: float, tell: Any) -> Kind:
-    return Kind("sensor", start, cap, _no_draw, _untouched, tell)
+def _sensor(start: float, cap: float, tell: Any, draw: Any = draw_channel) -> Kind:
+    return Kind("sensor", start, cap, draw, _untouched, tell)
 
 
 def _tell_bias(c: Cause) -> dict[str, tuple[Any, str]]:
@@ -101,8 +105,8 @@ SENSORS: dict[str, Kind] = {
     "sensor_gain": _sensor(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
     "sensor_bias": _sensor(0.02, 2.0, _tell_bias),
     "sensor_delay": _sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
-    "clock_drift": _sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}),
-    "channel_swap": _sensor(1.0, 1.0, lambda c: {}),
+    "clock_drift": _sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}, draw_clock),
+    "channel_swap": _sensor(1.0, 1.0, lambda c: {}, draw_swap),
 }
 OUTSIDE_SENSORS: dict[str, Kind] = {
     "missing_codes": _sensor(0.05, 1.5, lambda c: {"size": (c.size, "-")}),
