@@ -6,17 +6,8 @@ holds the nominal e(t), so the difference of e shows as a displacement.
 
 from __future__ import annotations
 
+from herringbone_sim.effects.catalogue.stagger import excite
 from herringbone_sim.effects.effect import Effect, Parameter
-from herringbone_sim.effects.law import law, shift_phase
-
-
-@law
-def excite(theta, site, gear, now, own, law):
-    """k and e of the meshes ahead by the angle."""
-    for m in range(law.shape[1]):
-        if site[0, m] != 0.0:
-            shift_phase(gear, now, m, theta[0], law)
-
 
 EFFECT = Effect(
     id="planet_phase",
