@@ -42,7 +42,7 @@ Start with `demo`, which does it all once; every verb has its own --help.
 
 
 def parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
-    """The command line; a verb's module is in ``herringbone_sim.cli``."""
+    """The command line; a verb's module is in ``herringbone_sim.cli``, its words joined by _."""
     result = argparse.ArgumentParser(
         prog="python -m herringbone_sim",
         description=DESCRIPTION,
@@ -51,13 +51,16 @@ def parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
     result.add_argument("--version", action="version", version=VERSION)
     subparsers = result.add_subparsers(title="verbs", required=True, metavar="VERB")
     for verb in verbs:
-        importlib.import_module(f"herringbone_sim.cli.{verb}").add_parser(subparsers)
+        module = importlib.import_module(f"herringbone_sim.cli.{verb.replace(' ', '_')}")
+        module.add_parser(subparsers)
     return result
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code of the verb: 2 with one clear line when the input is wrong."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if " ".join(arguments[:2]) in VERBS:
+        arguments[:2] = [" ".join(arguments[:2])]
     asked = arguments[:1]
     if not asked:
         parser().print_help()
