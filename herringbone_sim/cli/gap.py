@@ -114,5 +114,8 @@ def summary(found: Diagnosis) -> str:
     )
     if found.control is not None:
         lines.append(f"  runner-up as a control: closure {found.control.closure:.1%}")
-    lines += [f"can't tell: {text}" for text in found.report["undecidable"]]
+    wrong = [finding["text"] for finding in found.report["findings"]]
+    lines += [f"wrong with the recording: {text}" for text in wrong]
+    open_ = [text for text in found.report["undecidable"] if text not in wrong]
+    lines += [f"can't tell: {text}" for text in open_]
     return "\n".join(lines)

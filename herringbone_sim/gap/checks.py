@@ -157,29 +157,22 @@ def _without(run: PreparedRun, q: str, off: NDArray[np.bool_]) -> PreparedRun:
 
 def _campaign(campaign: PreparedCampaign, common: float) -> list[Finding]:
     found = []
-
-    def say(what: str, text: str, fatal: bool = False) -> None:
-        found.append(Finding(what, "", (), None, text, fatal))
-
     if abs(common - 1.0) > SPEED_TOLERANCE:
-        say(
-            "nominal",
+        text = (
             f"all runs turn at {common:.4f} of the nominal Omega omega_n: the nominal file is not "
-            "that of this rig (k_m_sp, I_s, I_p or the teeth); name the right one",
+            "that of this rig (k_m_sp, I_s, I_p or the teeth); name the right one"
         )
+        found.append(Finding("nominal", "", (), None, text))
     fit, held_out = campaign.of_role("fit"), campaign.of_role("held_out")
     if not fit:
-        say("no_fit", "no run has the role fit: nothing can be learnt from this campaign", True)
+        text = "no run has the role fit: nothing can be learnt from this campaign"
+        found.append(Finding("no_fit", "", (), None, text, fatal=True))
     if not held_out:
-        say("no_held_out", "no run is held out: whether the gap shrinks on new data is not known")
-    if len(campaign.runs) == 1:
-        say("one_run", "there is one run: effects of load, heat and speed can't be told apart")
-    for factor, effect in (("T_1", "load"), ("delta_T", "heat"), ("Omega", "speed")):
-        if len(campaign.runs) > 1 and len({run.point[factor] for run in fit}) == 1:
-            say(
-                "one_level",
-                f"all fit runs have the same {factor}: effects of {effect} can't be told apart",
-            )
+        text = "no run is held out: whether the gap shrinks on new data is not known"
+        found.append(Finding("no_held_out", "", (), None, text, limit=True))
+    if len(fit) == 1:
+        text = "there is one run to fit: effects of load, heat and speed can't be told apart"
+        found.append(Finding("one_run", fit[0].name, (), None, text, limit=True))
     return found + _scope(fit)
 
 
@@ -195,4 +188,4 @@ def _scope(runs: Sequence[PreparedRun]) -> list[Finding]:
         limits.append("rates are not all there: damping rests on differences of displacements")
     if runs and not all(run.x.there.any() and run.u.there.any() for run in runs):
         limits.append("x and u don't check each other: sensor errors can't be told from motion")
-    return [Finding("scope", "", (), None, text) for text in limits]
+    return [Finding("scope", "", (), None, text, limit=True) for text in limits]

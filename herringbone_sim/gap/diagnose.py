@@ -10,9 +10,11 @@ import numpy as np
 
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.attribute import Evidence, gather
+from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.decide import Verdict, decide
 from herringbone_sim.gap.prepared import PreparedCampaign
 from herringbone_sim.gap.report import report
+from herringbone_sim.gap.screen import Finding
 from herringbone_sim.gap.verify import Augmented, Gap, chosen_actives, measure
 
 Say = Callable[[str], None]
@@ -31,6 +33,7 @@ class Diagnosis:
         gap: of all runs, held-out ones included.
         control: the same with the runner-up in the place of the verdict; None without one.
         report: plain data after the contract.
+        findings: what is wrong with the recording, and what it leaves open.
     """
 
     evidence: Evidence
@@ -38,6 +41,7 @@ class Diagnosis:
     gap: Gap
     control: Gap | None
     report: dict[str, Any]
+    findings: tuple[Finding, ...] = ()
 
 
 def diagnose(campaign: PreparedCampaign, say: Say = lambda text: None) -> Diagnosis:
@@ -46,6 +50,9 @@ def diagnose(campaign: PreparedCampaign, say: Say = lambda text: None) -> Diagno
     Raises:
         AnalysisError: no run of role ``fit``.
     """
+    campaign, findings = check(campaign)
+    for finding in findings:
+        say(finding.text)
     evidence = gather(campaign.of_role("fit"), say)
     verdict = decide(evidence)
     say("held-out runs")
@@ -59,10 +66,11 @@ def diagnose(campaign: PreparedCampaign, say: Say = lambda text: None) -> Diagno
         verdict,
         where(campaign, evidence),
         gap,
-        undecidable(campaign, evidence, verdict),
+        [*(f.text for f in findings), *undecidable(campaign, evidence, verdict)],
         next_experiment(campaign, verdict),
+        [f for f in findings if not f.limit],
     )
-    return Diagnosis(evidence, verdict, gap, control, made)
+    return Diagnosis(evidence, verdict, gap, control, made, findings)
 
 
 def augmented(evidence: Evidence, verdict: Verdict) -> Augmented:
@@ -101,7 +109,7 @@ def where(campaign: PreparedCampaign, evidence: Evidence) -> list[tuple[Locus, f
 
 def undecidable(campaign: PreparedCampaign, evidence: Evidence, verdict: Verdict) -> list[str]:
     """What these data can't tell, in sentences."""
-    said = [f"run {name}: {reason}" for name, reason in campaign.missing]
+    said = []
     if evidence.nominal is None:
         said.append(
             "no mesh has displacement, rate and force: effects in the meshes and on force "
@@ -119,8 +127,6 @@ def undecidable(campaign: PreparedCampaign, evidence: Evidence, verdict: Verdict
             said.append(f"{different} values of {name} in the fit runs, {least} or more are asked")
     if verdict.ambiguous_with:
         said.append(f"{', '.join(verdict.ambiguous_with)}: alike at these operating points")
-    if not campaign.of_role("held_out"):
-        said.append("no held-out run: how far the gap shrinks is not known")
     return said
 
 

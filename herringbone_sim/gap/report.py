@@ -12,6 +12,7 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.decide import Option, Verdict
+from herringbone_sim.gap.screen import Finding
 from herringbone_sim.gap.verify import Gap
 
 SCHEMA = "herringbone_sim/gap-report/1"
@@ -38,6 +39,7 @@ def report(
     gap: Gap,
     undecidable: Sequence[str],
     next_experiment: Mapping[str, Any],
+    findings: Sequence[Finding] = (),
 ) -> dict[str, Any]:
     """The report as plain data; NaN becomes null."""
     causes = [
@@ -72,6 +74,7 @@ def report(
         "attractor": {"nominal": {}, "augmented": {}},
         "undecidable": list(undecidable),
         "next_experiment": dict(next_experiment),
+        "findings": [_finding(one) for one in findings],
     }
     clean: dict[str, Any] = _finite(made)
     return clean
@@ -139,6 +142,16 @@ def _cause(name: str, chance: float, best: tuple[Option, int] | None) -> dict[st
         "locus": _locus(one.locus),
         "probability": chance,
         "parameters": values,
+    }
+
+
+def _finding(one: Finding) -> dict[str, Any]:
+    return {
+        "what": one.what,
+        "run": one.run,
+        "channels": list(one.channels),
+        "time_s": one.time_s,
+        "text": one.text,
     }
 
 

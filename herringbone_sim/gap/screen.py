@@ -30,6 +30,7 @@ class Finding:
         time_s: where it begins [s]; None when it holds throughout.
         text: what is wrong, the value got, and what can still be said.
         fatal: whether nothing can be said of the run.
+        limit: whether nothing is wrong, but something can't be told for want of data.
     """
 
     what: str
@@ -38,6 +39,7 @@ class Finding:
     time_s: float | None
     text: str
     fatal: bool = False
+    limit: bool = False
 
 
 def screen(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding, ...]]:

@@ -51,6 +51,7 @@ def gap_page(report: Part, pictures: Sequence[Picture] = ()) -> str:
         f'<p class="kicker">Gap diagnosis &nbsp;·&nbsp; {escape(name)}</p>',
         f"<h1>{escape(headline(report))}</h1>",
         answers(report),
+        _optional("What is wrong with the recording", _findings(report)),
         f"<h2>Where</h2>{where_section(report)}",
         f"<h2>Which</h2>{_which(report)}",
         f"<h2>How much</h2>{runs_table(mapping(report.get('gap')), kind(report))}",
@@ -102,10 +103,20 @@ def _cause(cause: Part, said: bool) -> str:
     )
 
 
+def _faults(report: Part) -> list[str]:
+    return [words.plain(mapping(one).get("text")) for one in sequence(report.get("findings"))]
+
+
+def _findings(report: Part) -> str:
+    listed = "".join(f"<li>{escape(text)}</li>" for text in _faults(report))
+    return f"<ul>{listed}</ul>" if listed else ""
+
+
 def _undecidable(report: Part) -> str:
     if report.get("undecidable") is None:
         return f"<p>Whether these data leave anything open is {NOT_KNOWN}.</p>"
     items = [words.plain(one) for one in sequence(report.get("undecidable"))]
+    items = [item for item in items if item not in _faults(report)]
     others = sequence(report.get("ambiguous_with"))
     if others and report.get("verdict") != "ambiguous":
         told = "; ".join(words.effect_words(one) for one in others)
