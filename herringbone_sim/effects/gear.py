@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active, Effect
+from herringbone_sim.effects.law import no_excite, no_react
 
 Array = NDArray[np.float64]
 _ROW, _ROWS = float64[::1], float64[:, ::1]
@@ -27,19 +28,19 @@ SLOTS = 4
 _NOTHING = Active(Effect("nothing", "fills a slot", "mesh", ()), ())
 
 
-class _Pointer(types.WrapperAddressProtocol):  # type: ignore[misc]
-    """A compiled law as a pointer, so that one kernel runs whatever laws it is handed."""
+class _Pointer:
+    """A compiled law as a pointer, so that one kernel runs whatever laws it is handed.
+
+    Its type is worked out once: Numba asks for it at every call.
+    """
 
     def __init__(self, function: Any, signature: Any) -> None:
         function.compile(signature)
         self._address = _get_wrapper_address(function, signature)
-        self._signature = signature
+        self._numba_type_ = types.FunctionType(signature)
 
     def __wrapper_address__(self) -> int:
         return int(self._address)
-
-    def signature(self) -> Any:
-        return self._signature
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class Laws:
         site: (rows, n_mesh) of each.
         first: (n + 1,) where the own states of each begin.
         n_active: effects, without the padding.
+        acts: (n, 2) whether each excites, and reacts: a call of a law that does nothing costs.
     """
 
     excite: tuple[Any, ...]
@@ -61,11 +63,12 @@ class Laws:
     site: tuple[Array, ...]
     first: NDArray[np.int64]
     n_active: int
+    acts: NDArray[np.bool_]
 
     @property
     def kernel(self) -> Kernel:
         """All but parameters and sites, as compiled code takes it."""
-        return Kernel(self.excite, self.react, self.drive, self.first, self.n_active)
+        return Kernel(self.excite, self.react, self.drive, self.first, self.n_active, self.acts)
 
     @property
     def n_own(self) -> int:
@@ -91,6 +94,9 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
         site=tuple(_site(model, one) for one in chosen),
         first=np.cumsum([0, *own]),
         n_active=used,
+        acts=np.array(
+            [(one.effect.excite is not no_excite, one.effect.react is not no_react) for one in chosen]
+        ),
     )
 
 
@@ -137,6 +143,7 @@ class Kernel(NamedTuple):
     drive: tuple[Any, ...]
     first: NDArray[np.int64]
     n_active: int
+    acts: NDArray[np.bool_]
 
 
 class Scratch(NamedTuple):

@@ -119,8 +119,7 @@ def _split(values: Array, actives: Sequence[Active]) -> tuple[Active, ...]:
 def _whitened(c: Case, values: Array, actives: Sequence[Active]) -> Array:
     """Residual (n, n_mesh) over the floor of the nominal law, 0 on meshes without data."""
     force = expected(c, values[:6], _split(values, actives))
-    sigma = force_law(c.run, c.fused, np.ones(6)).sigma_n
-    left: Array = (c.run.F.values - force) / sigma
+    left: Array = (c.run.F.values - force) / c.floor
     used: Array = np.where(c.usable, np.nan_to_num(left), 0.0)
     return used
 
@@ -133,7 +132,6 @@ def _cost(cases: Sequence[Case], values: Array, actives: Sequence[Active]) -> fl
 def _linear(c: Case, values: Array, actives: Sequence[Active]) -> _Linear:
     chosen = _split(values, actives)
     law = force_law(c.run, c.fused, values[:6])
-    sigma = force_law(c.run, c.fused, np.ones(6)).sigma_n
     here = expected(c, values[:6], chosen, law)
     n = here.shape[1]
     columns = np.zeros((*here.shape, len(values)))
@@ -151,8 +149,8 @@ def _linear(c: Case, values: Array, actives: Sequence[Active]) -> _Linear:
             changed = (*chosen[:i], one.with_theta(theta), *chosen[i + 1 :])
             columns[:, :, first] = (expected(c, values[:6], changed, law) - here) / h
             first += 1
-    white = np.where(c.usable[None, :, None], np.nan_to_num(columns / sigma[:, :, None]), 0.0)
-    left = np.where(c.usable, np.nan_to_num((c.run.F.values - here) / sigma), 0.0)
+    white = np.where(c.usable[None, :, None], np.nan_to_num(columns / c.floor[:, :, None]), 0.0)
+    left = np.where(c.usable, np.nan_to_num((c.run.F.values - here) / c.floor), 0.0)
     return _Linear(left, white)
 
 

@@ -37,12 +37,14 @@ class Case:
         run, fused: measured, and its best displacements.
         now: (n, 5) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
         usable: (n_mesh,) meshes with x, v and F.
+        floor: (n, n_mesh) noise of the force residual under the nominal law [N].
     """
 
     run: PreparedRun
     fused: Fused
     now: Array
     usable: NDArray[np.bool_]
+    floor: Array
 
 
 def case(run: PreparedRun, fused: Fused) -> Case:
@@ -52,7 +54,8 @@ def case(run: PreparedRun, fused: Fused) -> Case:
     now = np.stack([np.broadcast_to(column, run.phase.shape) for column in columns], axis=1)
     seen = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
     usable: NDArray[np.bool_] = np.logical_and(seen, np.isfinite(run.F.values).all(axis=0))
-    return Case(run, fused, np.ascontiguousarray(now, dtype=float), usable)
+    floor = force_law(run, fused, np.ones(6)).sigma_n
+    return Case(run, fused, np.ascontiguousarray(now, dtype=float), usable, floor)
 
 
 def expected(
@@ -84,6 +87,7 @@ def added(one: Case, factors: Array, law: Law, actives: Sequence[Active]) -> tup
         np.nan_to_num(law.x_m),
         np.nan_to_num(law.v_m_per_s),
         np.nan_to_num(one.run.F.values),
+        one.run.waves.k,
     )
     return _added(one, factors, moved, actives)
 
@@ -109,6 +113,7 @@ def fine_law_with(one: Case, factors: Array, actives: Sequence[Active]) -> FineL
             deflection - e * w.e,
             rate - e * w.e_rate,
             np.nan_to_num(measured),
+            w.k,
         )
         return plain(phase, deflection, rate) + _added(one, factors, moved, machine)[0]
 
@@ -117,13 +122,14 @@ def fine_law_with(one: Case, factors: Array, actives: Sequence[Active]) -> FineL
 
 @dataclass(frozen=True)
 class _Motion:
-    """Times (n,), now (n, 5), x and v (n, n_mesh) relative to the own e(t), forces."""
+    """Times (n,), now (n, 5), x and v (n, n_mesh) relative to the own e(t), forces, nominal k."""
 
     times: Array
     now: Array
     x: Array
     v: Array
     force: Array
+    k: Array
 
 
 def _added(
@@ -151,8 +157,7 @@ def _added(
             force,
             torque,
         )
-    nominal = waves(model, moved.now[:, 0], one.run.omega_rad_per_s).k
-    k = nominal * np.repeat(factors[:2], moved.x.shape[1] // 2)
+    k = moved.k * np.repeat(factors[:2], moved.x.shape[1] // 2)
     without = k * backlash(moved.x, gear[2]) + gear[1] * moved.v
     return force - without, torque
 
