@@ -90,11 +90,12 @@ def test_a_wrong_unit(
     columns = [j for j, n in enumerate(series.names) if n.startswith(f"{prefix}_")]
     data[:, columns] *= factor
     bad = TimeSeries(series.times, data, series.names)
-    kept, findings = with_first(prepared(bad, POINTS[0]), others)
+    kept, findings = with_first(prepared(bad, POINTS[0], name="run_00"), others)
     units = [f for f in findings if f.what == "unit"]
     assert {c[0] for f in units for c in f.channels} == {prefix}
-    assert not getattr(kept.runs[0], prefix).there.any()
-    assert kept.runs[1].x.complete
+    assert {len(f.channels) for f in units} == {12}
+    for run in kept.runs:
+        assert getattr(run, prefix).there.all() == (run.name != "run_00")
 
 
 def test_a_clock_that_jumps(series: TimeSeries, others: tuple[PreparedRun, ...]) -> None:

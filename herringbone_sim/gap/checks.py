@@ -4,20 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.mesh import backlash
-from herringbone_sim.gap.geometry import bodies_to_coordinates, coordinates_to_meshes
-from herringbone_sim.gap.prepared import Measured, PreparedCampaign, PreparedRun
+from herringbone_sim.gap.fusion import Fused, fuse
+from herringbone_sim.gap.misfit import (
+    common_ratio,
+    missed_shares,
+    other_geometry,
+    other_laws,
+    other_nominal,
+    other_speed,
+    speed_ratio,
+)
+from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.screen import Finding
+from herringbone_sim.gap.units import clock_unit, without, wrong_units
 
 Array = NDArray[np.float64]
 
-UNIT_STEPS = {3: "thousand", -3: "thousandth", 6: "million", -6: "millionth"}
-SPEED_TOLERANCE = 2e-3
-TORQUE_TOLERANCE = 0.5
+FEWEST_CYCLES = 8.0
+SHORT = 0.5  # of the usual number of mesh cycles
+TORQUE_TOLERANCE = 0.7
+FORCED, MOVING, FEW = 2, 1, 0  # what a run can tell: forces on some mesh, all motions, less
 
 
 def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, ...]]:
@@ -26,19 +37,25 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
     Channels in a wrong unit are left out of their run, runs of another gear out of the campaign.
     Sensor errors proper (``sensors``) come after.
     """
-    findings = [*_missing(campaign)]
-    kept = []
-    ratios = [_speed_ratio(run) for run in campaign.runs]
-    common = float(np.median(ratios))
-    for run, ratio in zip(campaign.runs, ratios, strict=True):
-        other = _other_gear(run, ratio, common)
-        findings += [*run.findings, *([other] if other else []), *_point(run)]
-        if other is None:
-            run, units = _units(run)
-            findings += units
-            kept.append(run)
-    findings += _campaign(replace(campaign, runs=tuple(kept)), common)
-    return replace(campaign, runs=tuple(kept)), tuple(findings)
+    findings = [*_missing(campaign), *(f for run in campaign.runs for f in run.findings)]
+    runs, common = _same_clock(campaign.runs, findings)
+    runs = _kept(runs, [*_too_short(runs), *_copies(runs)], findings)
+    sound = []
+    for run in runs:
+        findings += _point(run)
+        run, units = wrong_units(run)
+        findings += units
+        sound.append(run)
+    runs = _kept(sound, other_geometry(sound), findings)
+    fused = {run.name: fuse(run) for run in runs}
+    shares = {r.name: _known_shares(r, fused[r.name]) for r in runs if r.F.there.any()}
+    shares = {name: share for name, share in shares.items() if share.size}
+    runs = _kept(runs, other_laws([r for r in runs if r.name in shares], shares), findings)
+    nominal = other_nominal(common, [shares[r.name] for r in runs if r.name in shares])
+    findings += [nominal] if nominal else []
+    runs = _alike(runs, fused, findings)
+    campaign = replace(campaign, runs=tuple(runs))
+    return campaign, (*findings, *_campaign(campaign))
 
 
 def _missing(campaign: PreparedCampaign) -> list[Finding]:
@@ -48,28 +65,65 @@ def _missing(campaign: PreparedCampaign) -> list[Finding]:
     ]
 
 
-def _speed_ratio(run: PreparedRun) -> float:
-    p, s = run.model.parameters, run.model.scales
-    return run.omega_rad_per_s / (p.Omega * s.omega_n)
+def _kept(
+    runs: Sequence[PreparedRun], found: Sequence[Finding], findings: list[Finding]
+) -> list[PreparedRun]:
+    """Runs that no finding rules out; the findings are noted."""
+    findings += found
+    out = {finding.run for finding in found if finding.fatal}
+    return [run for run in runs if run.name not in out]
 
 
-def _other_gear(run: PreparedRun, ratio: float, common: float) -> Finding | None:
-    if abs(ratio / common - 1.0) < SPEED_TOLERANCE:
-        return None
-    text = (
-        f"the mesh of {run.name} turns at {run.omega_rad_per_s:.6g} rad/s, {ratio:.4f} of the "
-        f"nominal Omega omega_n, the other runs at {common:.4f} of it: a run of another gear, or "
-        "another Omega than campaign.yaml has; it is left out"
-    )
-    return Finding("other_gear", run.name, ("phase",), None, text, fatal=True)
+def _same_clock(
+    runs: Sequence[PreparedRun], findings: list[Finding]
+) -> tuple[list[PreparedRun], float]:
+    """Runs with the mesh frequency of most, and what that is of the nominal one."""
+    ratios = {run.name: speed_ratio(run) for run in runs}
+    units = [clock_unit(run, ratios[run.name]) for run in runs]
+    runs = _kept(runs, [unit for unit in units if unit], findings)
+    if not runs:
+        return [], 1.0
+    common = common_ratio([ratios[run.name] for run in runs])
+    others = [other_speed(run, ratios[run.name], common) for run in runs]
+    return _kept(runs, [other for other in others if other], findings), common
+
+
+def _too_short(runs: Sequence[PreparedRun]) -> list[Finding]:
+    cycles = [float((run.phase[-1] - run.phase[0]) / (2.0 * np.pi)) for run in runs]
+    found = []
+    for run, own in zip(runs, cycles, strict=True):
+        usual, out = float(np.median(cycles)), own < FEWEST_CYCLES
+        if not out and own >= SHORT * usual:
+            continue
+        end = float(run.times[-1])
+        text = f"{run.name} ends at {end:.6g} s after {own:.1f} mesh cycles" + (
+            f", {FEWEST_CYCLES:g} are needed: it is left out"
+            if out
+            else f", the usual run has {usual:.1f}: it is used as far as it goes"
+        )
+        found.append(Finding("short", run.name, ("t",), end, text, fatal=out))
+    return found
+
+
+def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
+    found = []
+    for one, other in combinations(runs, 2):
+        same = len(one) == len(other) and all(
+            np.array_equal(getattr(one, q).values, getattr(other, q).values, equal_nan=True)
+            for q in "xvFu"
+        )
+        if same:
+            text = f"{other.name} holds the same samples as {one.name}: it is left out"
+            found.append(Finding("copy", other.name, (), float(other.times[0]), text, fatal=True))
+    return found
 
 
 def _point(run: PreparedRun) -> list[Finding]:
-    """The operating point of campaign.yaml against the recorded one."""
+    """The operating point of campaign.yaml against the recorded one and the forces."""
     found = []
     for name, values in run.recorded_point.items():
         told = run.point[name]
-        away = np.abs(values - told) > 1e-3 * max(abs(told), 1.0)
+        away = ~(np.abs(values - told) <= 1e-3 * max(abs(told), 1.0))
         if away.any():
             at = int(away.argmax())
             text = (
@@ -77,92 +131,71 @@ def _point(run: PreparedRun) -> list[Finding]:
                 f"campaign.yaml has {told:.6g}: that of campaign.yaml is used; mend the wrong one"
             )
             found.append(Finding("point", run.name, (name,), float(run.times[at]), text))
-    if run.F.complete:
-        found += _torque(run)
-    return found
+    return found + _torque(run)
 
 
 def _torque(run: PreparedRun) -> list[Finding]:
     p, s = run.model.parameters, run.model.scales
     half = run.F.there.size // 2
+    if not run.F.there[:half].all():
+        return []
     expected = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
-    mean = float(run.F.values[:, :half].mean())
-    spread = float(run.F.values[:, :half].std()) / np.sqrt(run.times[-1] / run.cycle_s)
+    sun = run.F.values[:, :half]
+    mean = float(np.median(sun.mean(axis=0)))
+    spread = float(sun.std()) / np.sqrt(max(len(run) * run.step_s / run.cycle_s, 1.0))
     if abs(mean - expected) < TORQUE_TOLERANCE * abs(expected) + spread:
         return []
     text = (
         f"the sun meshes of {run.name} carry {mean:.5g} N in the mean, T_1 = {p.T_1:g} N m asks "
-        f"for {expected:.5g} N: another torque, another gear, or forces in another unit"
+        f"for {expected:.5g} N: another torque or unit of T_1, another gear, or forces with an "
+        "offset or in another unit"
     )
-    return [Finding("torque", run.name, (), None, text)]
+    channels = ("T_1", *(f"F_{mesh}" for mesh in run.model.layout.meshes[:half]))
+    return [Finding("torque", run.name, channels, float(run.times[0]), text)]
 
 
-def _units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
-    """Quantities that are a thousand times off, by the others; the channels are left out."""
-    D, B = coordinates_to_meshes(run.model.layout), bodies_to_coordinates(run.model)
-    names = run.model.layout.meshes
-    x, v = run.x.values.std(axis=0), run.v.values.std(axis=0) / run.omega_rad_per_s
-    sizes = {"x": x, "v": v}
-    if run.u.complete:
-        sizes["u"] = (run.u.values @ (D @ B).T - run.waves.e).std(axis=0)
-    if run.F.there.any():
-        nominal = run.waves.k * backlash(run.x.values, run.model.half_backlash_m)
-        bent = run.F.values.std(axis=0) / np.maximum(nominal.std(axis=0), 1e-300)
-        sizes["F"] = np.where(nominal.std(axis=0) > 0.0, bent, np.nan) * x
-    known = np.concatenate([s[np.isfinite(s)] for s in sizes.values()])
-    if known.size == 0:
-        return run, []
-    usual = float(np.median(known))
+def _known_shares(run: PreparedRun, fused: Fused) -> Array:
+    share = missed_shares(run, fused)
+    return share[np.isfinite(share)]
+
+
+def _alike(
+    runs: Sequence[PreparedRun], fused: dict[str, Fused], findings: list[Finding]
+) -> list[PreparedRun]:
+    """Fit runs that tell as much as most of them do; the evidence is of one kind only."""
+    fit = [run for run in runs if run.role == "fit"]
+    tells = {run.name: _tells(run, fused[run.name]) for run in fit}
+    if len(set(tells.values())) < 2:
+        return list(runs)
+    level = next(
+        level
+        for level in (FORCED, MOVING, FEW)
+        if 2 * sum(t >= level for t in tells.values()) >= len(fit)
+    )
+    words = {FORCED: "forces with the motion of their meshes", MOVING: "the motion of all meshes"}
+    found, kept = [], []
+    for run in runs:
+        if run.role == "fit" and tells[run.name] < level:
+            text = f"{run.name} lacks {words[level]}, which most runs have: it is left out"
+            found.append(Finding("channels", run.name, (), None, text, fatal=True))
+        elif run.role == "fit" and tells[run.name] == FORCED > level:
+            names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+            text = f"most runs lack forces: those of {run.name} are not used"
+            found.append(Finding("channels", run.name, names, None, text))
+            run = without(run, "F", np.ones_like(run.F.there))
+        kept.append(run)
+    return _kept(kept, found, findings)
+
+
+def _tells(run: PreparedRun, fused: Fused) -> int:
+    seen = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
+    if (seen & run.F.there).any():
+        return FORCED
+    return MOVING if seen.all() else FEW
+
+
+def _campaign(campaign: PreparedCampaign) -> list[Finding]:
     found = []
-    for q, size in sizes.items():
-        power = np.round(np.log10(size / usual) / 3.0) * 3.0
-        off = np.isfinite(power) & (power != 0.0)
-        if not off.any():
-            continue
-        if q == "F" and np.array_equal(off, _off(sizes["x"], usual)):
-            continue
-        factor = UNIT_STEPS.get(int(np.median(power[off])), "power of ten")
-        wrong = _channels(run, q, names, off)
-        text = (
-            f"{wrong[0]}{' and others' if len(wrong) > 1 else ''} of {run.name} read about a "
-            f"{factor} times what the other channels say: another unit than SI; left out of this "
-            "run, not rescaled"
-        )
-        found.append(Finding("unit", run.name, wrong, None, text))
-        run = _without(run, q, np.ones_like(run.u.there) if q == "u" else off)
-    return run, found
-
-
-def _off(size: Array, usual: float) -> NDArray[np.bool_]:
-    power = np.round(np.log10(size / usual) / 3.0)
-    off: NDArray[np.bool_] = np.isfinite(power) & (power != 0.0)
-    return off
-
-
-def _channels(
-    run: PreparedRun, q: str, names: Sequence[str], off: NDArray[np.bool_]
-) -> tuple[str, ...]:
-    if q == "u":
-        return tuple(f"u_{b}" for b in run.model.layout.bodies)
-    return tuple(f"{q}_{n}" for n, o in zip(names, off, strict=True) if o)
-
-
-def _without(run: PreparedRun, q: str, off: NDArray[np.bool_]) -> PreparedRun:
-    old: Measured = getattr(run, q)
-    values = np.where(off, np.nan, old.values)
-    fewer = Measured(values, old.there & ~off, np.where(off, np.nan, old.sigma))
-    parts = {"x": run.x, "v": run.v, "F": run.F, "u": run.u, q: fewer}
-    return replace(run, x=parts["x"], v=parts["v"], F=parts["F"], u=parts["u"])
-
-
-def _campaign(campaign: PreparedCampaign, common: float) -> list[Finding]:
-    found = []
-    if abs(common - 1.0) > SPEED_TOLERANCE:
-        text = (
-            f"all runs turn at {common:.4f} of the nominal Omega omega_n: the nominal file is not "
-            "that of this rig (k_m_sp, I_s, I_p or the teeth); name the right one"
-        )
-        found.append(Finding("nominal", "", (), None, text))
     fit, held_out = campaign.of_role("fit"), campaign.of_role("held_out")
     if not fit:
         text = "no run has the role fit: nothing can be learnt from this campaign"
@@ -171,7 +204,10 @@ def _campaign(campaign: PreparedCampaign, common: float) -> list[Finding]:
         text = "no run is held out: whether the gap shrinks on new data is not known"
         found.append(Finding("no_held_out", "", (), None, text, limit=True))
     if len(fit) == 1:
-        text = "there is one run to fit: effects of load, heat and speed can't be told apart"
+        text = (
+            f"{fit[0].name} is the only run to fit: thirds of it take the place of runs left out, "
+            "and effects of load, heat and speed can't be told from constant ones"
+        )
         found.append(Finding("one_run", fit[0].name, (), None, text, limit=True))
     return found + _scope(fit)
 
@@ -179,10 +215,19 @@ def _campaign(campaign: PreparedCampaign, common: float) -> list[Finding]:
 def _scope(runs: Sequence[PreparedRun]) -> list[Finding]:
     """What can't be decided with the quantities that are there."""
     limits = []
-    if runs and not all(run.F.complete for run in runs):
+    if runs and not any(run.F.there.any() for run in runs):
         limits.append(
-            "mesh forces are not all there: law and balance show only together, by accelerations; "
+            "there are no mesh forces: law and balance show only together, by accelerations; "
             "errors of force sensors can't be seen, nor a single mesh on its own"
+        )
+    elif runs and not all(run.F.complete for run in runs):
+        names = runs[0].model.layout.meshes
+        absent = [
+            n for n, *on in zip(names, *(r.F.there for r in runs), strict=True) if not all(on)
+        ]
+        limits.append(
+            f"forces of {', '.join(absent)} are not there in every run: less can be told of these "
+            "meshes"
         )
     if runs and not all(run.v.complete for run in runs):
         limits.append("rates are not all there: damping rests on differences of displacements")

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from herringbone_sim.effects.effect import Locus
+from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribute import Evidence, gather
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.decide import Verdict, decide
+from herringbone_sim.gap.fusion import fuse
+from herringbone_sim.gap.hypothesis import case
+from herringbone_sim.gap.parts import to_leave_out
 from herringbone_sim.gap.prepared import PreparedCampaign
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.screen import Finding
+from herringbone_sim.gap.sensors import SensorCheck
 from herringbone_sim.gap.verify import Augmented, Gap, chosen_actives, measure
 
 Say = Callable[[str], None]
@@ -53,7 +58,7 @@ def diagnose(campaign: PreparedCampaign, say: Say = lambda text: None) -> Diagno
     campaign, findings = check(campaign)
     for finding in findings:
         say(finding.text)
-    evidence = gather(campaign.of_role("fit"), say)
+    evidence = evidence_of(campaign, findings, say)
     verdict = decide(evidence)
     say("held-out runs")
     gap = measure(campaign.runs, evidence.check, verdict.metric, augmented(evidence, verdict))
@@ -66,11 +71,33 @@ def diagnose(campaign: PreparedCampaign, say: Say = lambda text: None) -> Diagno
         verdict,
         where(campaign, evidence),
         gap,
-        [*(f.text for f in findings), *undecidable(campaign, evidence, verdict)],
+        [*(f.text for f in findings), *undecidable(campaign, evidence, verdict, findings)],
         next_experiment(campaign, verdict),
         [f for f in findings if not f.limit],
     )
     return Diagnosis(evidence, verdict, gap, control, made, findings)
+
+
+def evidence_of(campaign: PreparedCampaign, findings: Sequence[Finding], say: Say) -> Evidence:
+    """Evidence of the fit runs; that of sensors and effects is not asked of another rig's nominal.
+
+    Raises:
+        AnalysisError: no fit run is left.
+    """
+    fit = campaign.of_role("fit")
+    if not fit:
+        told = "; ".join(f.text for f in findings if f.fatal)
+        raise AnalysisError(f"no run of role fit is left to learn from: {told}")
+    if not mismatched(findings):
+        return gather(to_leave_out(fit), say)
+    cases = tuple(case(run, fuse(run)) for run in fit)
+    nothing = SensorCheck(float("nan"), float("nan"), ())
+    return Evidence(nothing, cases, None, (), (), (), (), 0.0, {})
+
+
+def mismatched(findings: Sequence[Finding]) -> bool:
+    """Whether the nominal file is that of another rig."""
+    return any(finding.what == "nominal" for finding in findings)
 
 
 def augmented(evidence: Evidence, verdict: Verdict) -> Augmented:
@@ -107,8 +134,15 @@ def where(campaign: PreparedCampaign, evidence: Evidence) -> list[tuple[Locus, f
     return sorted(found, key=lambda pair: -pair[1])
 
 
-def undecidable(campaign: PreparedCampaign, evidence: Evidence, verdict: Verdict) -> list[str]:
+def undecidable(
+    campaign: PreparedCampaign,
+    evidence: Evidence,
+    verdict: Verdict,
+    findings: Sequence[Finding] = (),
+) -> list[str]:
     """What these data can't tell, in sentences."""
+    if mismatched(findings):
+        return []
     said = []
     if evidence.nominal is None:
         said.append(

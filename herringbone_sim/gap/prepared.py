@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.layout import KINDS, SIDES, Layout
+from herringbone_sim.core.layout import KINDS, PREFIX_UNITS, SIDES, Layout
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, HerringboneError
+from herringbone_sim.gap.breaks import longest_part
 from herringbone_sim.gap.noise import spectral_floor
 from herringbone_sim.gap.screen import Finding, screen
 from herringbone_sim.gap.waves import Waves, waves
@@ -51,7 +52,7 @@ class PreparedRun:
     Attributes:
         name, role: folder name; ``fit`` or ``held_out``.
         point: operating point delta_T [K], K, T_1 [N m], Omega.
-        times: (n,) [s].
+        times: (n,) [s] from the first sample of the recording on, which may have been cut off.
         phase: (n,) mesh phase [rad], unwrapped.
         x, v, F: (n, n_mesh) displacement [m], rate [m/s], force [N], in the order of the layout.
         u: (n, n_bodies) rotation times base radius [m].
@@ -146,7 +147,7 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
     """
     campaign = read_campaign(folder)
     full = nominal.changed({"model": "full"})
-    runs, missing = [], []
+    runs, missing = [], list(campaign.faults)
     for run in campaign.runs:
         try:
             recording = read_recording(run.path, cut_at_jump=True)
@@ -154,7 +155,8 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
         except HerringboneError as error:
             missing.append((run.path.name, str(error)))
     if not runs:
-        raise AnalysisError(f"no run of {folder} can be read: {missing[0][1]}")
+        told = "; ".join(f"{name}: {reason}" for name, reason in missing)
+        raise AnalysisError(f"no run of {folder} can be read: {told}")
     return PreparedCampaign(
         campaign.rig, full, tuple(runs), mesh_table(full.layout), tuple(missing)
     )
@@ -169,10 +171,12 @@ def prepare_run(
         AnalysisError: no phase, or less than two samples.
         ParameterError: an operating point at which the nominal gear can't exist.
     """
-    series, findings = screen(run.path.name, recording.samples)
+    name, whole = run.path.name, recording.samples
+    part, broken = longest_part(name, whole)
+    series, findings = screen(name, part, declared_units(recording))
     if "phase" not in series or len(series) < 2:
         raise AnalysisError(
-            f"{run.path.name} needs a channel phase and two samples, got {len(series)} samples "
+            f"{name} needs a channel phase and two samples, got {len(series)} samples "
             f"of {', '.join(series.names)}: record the mesh phase with the run"
         )
     model = build(nominal.changed(run.point))
@@ -184,10 +188,10 @@ def prepare_run(
     )
     u = measured(series, tuple(f"u_{body}" for body in layout.bodies), noise_share)
     return PreparedRun(
-        name=run.path.name,
+        name=name,
         role=run.role,
         point=run.point,
-        times=series.times - series.times[0],
+        times=series.times - whole.times[0],
         phase=phase,
         x=x,
         v=v,
@@ -196,19 +200,55 @@ def prepare_run(
         model=model,
         waves=waves(model, phase, omega),
         recorded_point={q: series[q].copy() for q in ("K", "delta_T", "T_1") if q in series},
-        findings=(*_noted(run.path.name, recording), *findings),
+        findings=(*_noted(name, recording), *broken, *_foreign(name, series, layout), *findings),
     )
 
 
+def declared_units(recording: Recording) -> dict[str, str]:
+    """Unit of each channel as the ``channels`` topic has it; empty where it says nothing."""
+    told = recording.channels.get("channels")
+    entries = told if isinstance(told, list) else []
+    return {
+        str(entry["name"]): str(entry["unit"])
+        for entry in entries
+        if isinstance(entry, dict) and "name" in entry and entry.get("unit")
+    }
+
+
 def _noted(name: str, recording: Recording) -> list[Finding]:
-    return [Finding("recording", name, (), None, f"{name}: {note}") for note in recording.notes]
+    times = recording.samples.times
+    found = []
+    for note in recording.notes:
+        jumped = recording.jump_s is not None and note is recording.notes[-1]
+        what, channels = ("clock", ("t",)) if jumped else ("recording", ())
+        at = recording.jump_s if jumped else None
+        found.append(Finding(what, name, channels, at, f"{name}: {note}"))
+    if not recording.complete:
+        text = f"{name} was cut off at {times[-1]:.6g} s: it is used as far as it goes"
+        found.append(Finding("cut_off", name, ("t",), float(times[-1]), text))
+    return found
+
+
+def _foreign(name: str, series: TimeSeries, layout: Layout) -> list[Finding]:
+    """Channels of meshes and bodies that the nominal gear does not have."""
+    known = {*layout.channels, *(f"u_{body}" for body in layout.bodies)}
+    others = tuple(n for n in series.names if n.split("_")[0] in PREFIX_UNITS and n not in known)
+    if not others:
+        return []
+    text = (
+        f"{', '.join(others[:3])}{', ...' if len(others) > 3 else ''} of {name} belong to no mesh "
+        f"or body of the nominal gear, which has {len(layout.planets)} planets: the nominal file, "
+        "or the recording, is that of another gear or of the reduced model; they are not used"
+    )
+    return [Finding("foreign", name, others, None, text)]
 
 
 def measured(series: TimeSeries, names: tuple[str, ...], noise_share: float | None) -> Measured:
     """Channels of a series, NaN where there is none, and the noise on each.
 
     Args:
-        noise_share: of each channel's RMS, mean included; None: taken from the spectrum.
+        noise_share: of each channel's RMS, mean included; None: taken from the spectrum. The
+            resolution of the converter is on top of it.
     """
     values = np.full((len(series), len(names)), np.nan)
     there = np.array([name in series for name in names])
@@ -217,7 +257,19 @@ def measured(series: TimeSeries, names: tuple[str, ...], noise_share: float | No
     if noise_share is None:
         return Measured(values, there, spectral_floor(values))
     power = np.mean(values**2, axis=0) / (1.0 + noise_share**2)
-    return Measured(values, there, noise_share * np.sqrt(power))
+    sigma = np.sqrt(noise_share**2 * power + resolution(values) ** 2 / 12.0)
+    return Measured(values, there, sigma)
+
+
+def resolution(values: Array) -> Array:
+    """Step (k,) of the converter of channels (n, k): the least difference between two values.
+
+    Without a converter it is next to nothing.
+    """
+    steps = np.diff(np.sort(values, axis=0), axis=0)
+    least = 1e-9 * np.ptp(values, axis=0)
+    step: Array = np.where(steps > least, steps, np.inf).min(axis=0, initial=np.inf)
+    return np.where(np.isfinite(step), step, 0.0)
 
 
 def mesh_table(layout: Layout) -> MeshTable:

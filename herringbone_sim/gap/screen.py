@@ -6,17 +6,18 @@ left out of its run; nothing is filled in.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.core.layout import PREFIX_UNITS
 from herringbone_sim.core.timeseries import TimeSeries
 
-Array = NDArray[np.float64]
-
 HEAD = ("t", "phase", "K", "delta_T", "T_1")
-AT_LIMIT = 5  # samples in a row at the largest or smallest value: noise never repeats one
+AT_LIMIT = 8  # samples at the largest or smallest value from which it may be a limit
+CROWDED = 6.0  # times more samples there than at any of the values next to it
+NEAR = 20  # values that are next to it
 
 
 @dataclass(frozen=True)
@@ -42,20 +43,40 @@ class Finding:
     limit: bool = False
 
 
-def screen(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding, ...]]:
-    """A run without the channels that can't be used, and why each was left out."""
-    found, bad = [], set()
+def screen(
+    name: str, series: TimeSeries, units: Mapping[str, str] | None = None
+) -> tuple[TimeSeries, tuple[Finding, ...]]:
+    """A run without the channels that can't be used, and why each was left out.
+
+    Args:
+        name: of the run.
+        series: as recorded.
+        units: of channels, as the recorder declares them.
+    """
+    found = []
     for channel in series.names:
         if channel in HEAD:
             continue
         finding = _nan(name, series, channel) or _still(name, series, channel)
+        finding = finding or _declared(name, channel, (units or {}).get(channel))
         finding = finding or _saturated(name, series, channel)
         if finding is not None:
             found.append(finding)
-            bad.add(channel)
+    bad = {channel for finding in found for channel in finding.channels}
     keep = tuple(n for n in series.names if n not in bad)
     clean = TimeSeries(series.times, series.columns(keep), keep) if bad else series
-    return clean, (*_clock(name, series), *found)
+    return clean, tuple(found)
+
+
+def _declared(name: str, channel: str, unit: str | None) -> Finding | None:
+    expected = PREFIX_UNITS.get(channel.split("_")[0])
+    if unit is None or expected is None or unit == expected:
+        return None
+    text = (
+        f"{channel} of {name} is declared in {unit!r}, a recording holds {expected}: another unit "
+        "than SI; the channel is left out of this run, not rescaled"
+    )
+    return Finding("unit", name, (channel,), None, text)
 
 
 def _nan(name: str, series: TimeSeries, channel: str) -> Finding | None:
@@ -72,7 +93,7 @@ def _nan(name: str, series: TimeSeries, channel: str) -> Finding | None:
 
 def _still(name: str, series: TimeSeries, channel: str) -> Finding | None:
     values = series[channel]
-    if np.ptp(values) > 0.0 or len(values) < AT_LIMIT:
+    if np.ptp(values) > 0.0 or len(values) < 3:
         return None
     text = (
         f"{channel} of {name} stands at {values[0]:.6g} throughout: a sensor that is off or not "
@@ -82,44 +103,23 @@ def _still(name: str, series: TimeSeries, channel: str) -> Finding | None:
 
 
 def _saturated(name: str, series: TimeSeries, channel: str) -> Finding | None:
+    """A limit is a last value that is met far more often than all those next to it.
+
+    Noise, a resolution of the converter and a motion that repeats itself crowd the values next to
+    an extreme as well.
+    """
     values = series[channel]
-    for limit in (values.max(), values.min()):
-        flat = np.concatenate([[0], values == limit, [0]]).astype(int)
-        starts, ends = np.flatnonzero(np.diff(flat) == 1), np.flatnonzero(np.diff(flat) == -1)
-        length = ends - starts
-        if length.size and length.max() >= AT_LIMIT:
-            first = float(series.times[starts[int((length >= AT_LIMIT).argmax())]])
+    levels, counts = np.unique(values, return_counts=True)
+    for limit, count, beside in (
+        (levels[-1], counts[-1], counts[-1 - NEAR : -1]),
+        (levels[0], counts[0], counts[1 : 1 + NEAR]),
+    ):
+        if count >= AT_LIMIT and len(beside) and count > CROWDED * beside.max():
+            first = float(series.times[int((values == limit).argmax())])
             text = (
-                f"{channel} of {name} is cut at {limit:.6g}: {int(flat.sum())} samples stand "
-                f"there, first at {first:.6g} s: widen the range of the sensor; the channel is "
-                "left out of this run"
+                f"{channel} of {name} is cut at {limit:.6g}: {int(count)} samples stand there, "
+                f"first at {first:.6g} s: widen the range of the sensor; the channel is left out "
+                "of this run"
             )
             return Finding("saturated", name, (channel,), first, text)
     return None
-
-
-def _clock(name: str, series: TimeSeries) -> list[Finding]:
-    found = []
-    if len(series) > 2:
-        steps = np.diff(series.times)
-        odd = np.abs(steps / np.median(steps) - 1.0) > 0.5
-        if odd.any():
-            at = int(odd.argmax())
-            text = (
-                f"the clock of {name} jumps by {steps[at]:.6g} s at {series.times[at]:.6g} s, "
-                f"a step is {np.median(steps):.6g} s: samples are missing; what needs the time "
-                "between samples is wrong there, the force law is not"
-            )
-            found.append(Finding("clock", name, ("t",), float(series.times[at]), text))
-    if "phase" in series and len(series) > 2:
-        turn = np.diff(series["phase"])
-        slips = ~(np.abs(turn / np.median(turn) - 1.0) < 0.5)
-        if slips.any():
-            at = int(slips.argmax())
-            text = (
-                f"the mesh phase of {name} goes on by {turn[at]:.6g} rad at "
-                f"{series.times[at]:.6g} s, a step is {np.median(turn):.6g} rad: k(t) and e(t) "
-                "are not known across it"
-            )
-            found.append(Finding("phase", name, ("phase",), float(series.times[at]), text))
-    return found

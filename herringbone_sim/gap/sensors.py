@@ -77,7 +77,7 @@ def find_sensor_errors(runs: Sequence[PreparedRun], most: int = 3) -> SensorChec
     """The sensor errors of some runs.
 
     Args:
-        runs: fit runs of one rig, with the same channels.
+        runs: fit runs of one rig; a group of channels is judged by the runs that have all of it.
         most: errors looked for.
     """
     first = now = consistency(runs)
@@ -96,7 +96,7 @@ def find_sensor_errors(runs: Sequence[PreparedRun], most: int = 3) -> SensorChec
 
 
 def _largest(runs: Sequence[PreparedRun], found: Consistency) -> SensorFinding | None:
-    patterns, groups = _patterns(runs[0])
+    patterns, groups = _patterns(runs)
     normal = np.einsum("pi,ij,pj->p", patterns, found.normal, patterns)
     theta = patterns @ found.right / np.where(normal > 0.0, normal, np.inf)
     fall = theta**2 * normal
@@ -115,8 +115,8 @@ def _largest(runs: Sequence[PreparedRun], found: Consistency) -> SensorFinding |
         for i in alike
         if i % len(KINDS) == best % len(KINDS) and i // len(KINDS) != best // len(KINDS)
     )
-    cases = [_case(run, group) for run in runs]
-    if all(case is not None for case in cases):
+    cases = [_case(run, group) for run in runs if _has(run, group)]
+    if cases and all(case is not None for case in cases):
         finding = _fitted([case for case in cases if case is not None], group)
     else:
         value = theta[best] / (1.0 - theta[best]) if kind == "sensor_gain" else theta[best]
@@ -132,10 +132,15 @@ def _finding(kind: str, group: Group, value: float, sigma: float) -> SensorFindi
     return SensorFinding(kind, group, float(value) * size, float(sigma) * size, unit, 0.0, ())
 
 
-def _patterns(run: PreparedRun) -> tuple[Array, list[Group]]:
-    """Patterns (p, 4 J), kinds fastest, of the groups whose channels are all there."""
+def _has(run: PreparedRun, group: Group) -> bool:
     there = np.concatenate([run.x.there, run.v.there, run.u.there])
-    groups = [g for g in groups_of(run.model.layout) if not (g.members & ~there).any()]
+    return not bool((group.members & ~there).any())
+
+
+def _patterns(runs: Sequence[PreparedRun]) -> tuple[Array, list[Group]]:
+    """Patterns (p, 4 J), kinds fastest, of the groups whose channels are all there in a run."""
+    every = groups_of(runs[0].model.layout)
+    groups = [g for g in every if any(_has(run, g) for run in runs)]
     rows = [np.kron(group.members, np.eye(len(KINDS))) for group in groups]
     return np.concatenate([np.asarray(row).reshape(len(KINDS), -1) for row in rows]), groups
 

@@ -47,8 +47,12 @@ class Gap:
     runs: tuple[RunGap, ...]
 
     def over(self, what: str, role: str = "held_out") -> float:
-        """RMS over the runs of a role of ``nominal``, ``augmented`` or ``floor``."""
+        """RMS over the runs of a role of ``nominal``, ``augmented`` or ``floor``.
+
+        Runs whose channels can't give it are left out.
+        """
         values = [getattr(run, what) for run in self.runs if run.role == role]
+        values = [value for value in values if np.isfinite(value)]
         return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
 
     @property

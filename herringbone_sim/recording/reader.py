@@ -28,6 +28,8 @@ class Recording:
         changes: parameter changes in the order of the file.
         complete: whether the file was finished.
         notes: a sentence on everything odd.
+        jump_s: last time before the first that does not increase [s], told in the last note; None
+            where time increases.
     """
 
     path: Path
@@ -37,6 +39,7 @@ class Recording:
     changes: tuple[ParameterChange, ...]
     complete: bool
     notes: tuple[str, ...]
+    jump_s: float | None = None
 
 
 def first_jump(times: Array) -> int | None:
@@ -46,12 +49,20 @@ def first_jump(times: Array) -> int | None:
     return int(np.argmax(late)) + 1 if late.any() else None
 
 
+def longest_stretch(times: Array) -> slice:
+    """Samples of the longest stretch over which time (n,) increases."""
+    breaks = np.flatnonzero(~(np.diff(times) > 0)) + 1
+    edges = np.concatenate([[0], breaks, [len(times)]])
+    at = int(np.diff(edges).argmax())
+    return slice(int(edges[at]), int(edges[at + 1]))
+
+
 def read_recording(path: Path | str, cut_at_jump: bool = False) -> Recording:
     """Read a run folder or a .mcap file, written by this package or by a rig.
 
     Args:
         path: run folder or .mcap file.
-        cut_at_jump: keep only the samples before the first at which time does not increase.
+        cut_at_jump: keep the longest stretch over which time increases.
 
     Raises:
         RecordingError: nothing there, no samples, channels that change or belong to two nodes,
@@ -65,14 +76,20 @@ def read_recording(path: Path | str, cut_at_jump: bool = False) -> Recording:
         raise RecordingError(
             f"time must increase strictly, {raw.path} has {after!r} s after "
             f"{before!r} s at sample {jump}: mend the clock of the recorder, or read "
-            "with cut_at_jump=True what lies before"
+            "with cut_at_jump=True the longest stretch without a jump"
         )
     if jump is not None:
+        kept = longest_stretch(times)
+        rest = len(times) - (kept.stop - kept.start)
+        where = "from there on" if kept.start == 0 else f"outside of {kept.start}:{kept.stop}"
         raw.notes.append(
-            f"time goes from {before!r} s to {after!r} s at sample {jump}: "
-            f"{len(rows) - jump} samples from there on are left out"
+            f"time goes from {before!r} s to {after!r} s at sample {jump}: {rest} samples "
+            f"{where} are left out"
         )
-        times, rows = times[:jump], rows[:jump]
+        times, rows = times[kept], rows[kept]
     samples = TimeSeries(times, rows, raw.names)
     notes = tuple(raw.notes)
-    return Recording(raw.path, raw.name, samples, raw.channels, raw.changes, raw.complete, notes)
+    at = None if jump is None else before
+    return Recording(
+        raw.path, raw.name, samples, raw.channels, raw.changes, raw.complete, notes, at
+    )
