@@ -23,6 +23,7 @@ VERBS = (
     "show",
     "parameters",
     "gap",
+    "gap live",
     "rig",
     "sweep",
     "map",

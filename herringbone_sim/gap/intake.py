@@ -1,0 +1,108 @@
+"""The newest unbroken stretch of a stream of samples."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import RecordingError
+
+Array = NDArray[np.float64]
+
+MOST, LEAST = 2048, 64
+HELD = {"delta_T": 1.0, "K": 0.01, "T_1": 0.01}  # [K], -, share: less is drift, not a change
+TURN = 0.05  # share by which the mesh frequency may wander in a stretch
+
+
+class Intake:
+    """Takes blocks as they come and hands out what lies behind the last break.
+
+    A break is a lost block, a clock that goes back, other channels, or a change of the operating
+    point: nothing is ever computed across one.
+
+    Args:
+        most, least: samples of a stretch.
+
+    Attributes:
+        names: channels of the newest block.
+        received, lost, restarts: samples that came, samples missing between blocks, times at
+            which the clock went back or the channels changed.
+        t_s: time of the newest sample, NaN before the first.
+    """
+
+    def __init__(self, most: int = MOST, least: int = LEAST) -> None:
+        self.most, self.least = most, least
+        self.names: tuple[str, ...] = ()
+        self.received = self.lost = self.restarts = 0
+        self.t_s = float("nan")
+        self._blocks: deque[Array] = deque()
+        self._step = float("nan")
+
+    def put(self, names: tuple[str, ...], rows: Array) -> None:
+        """Take a block (n, c).
+
+        Raises:
+            RecordingError: no ``t`` among the channels, or a time that is no number.
+        """
+        if "t" not in names:
+            raise RecordingError(f"a block of samples needs a channel t, got {', '.join(names)}")
+        if not len(rows):
+            return
+        times = rows[:, names.index("t")]
+        if not np.isfinite(times).all():
+            raise RecordingError("a block holds a time t that is no number: mend the rig's clock")
+        self.received += len(rows)
+        if names != self.names:
+            self.restarts += bool(self.names)
+            self.names, self.t_s = names, float("nan")
+            self._blocks.clear()
+        first = self._after_breaks(times)
+        self._blocks.append(rows[first:])
+        self.t_s = float(times[-1])
+        while sum(map(len, self._blocks)) - len(self._blocks[0]) >= self.most:
+            self._blocks.popleft()
+
+    def take(self) -> TimeSeries | None:
+        """The newest samples since the last call; None as long as they are too few."""
+        if not self._blocks:
+            return None
+        rows = np.vstack(self._blocks)[-self.most :]
+        rows = rows[_last_change(self.names, rows) :]
+        if len(rows) < self.least:
+            return None
+        self._blocks.clear()
+        return TimeSeries(rows[:, self.names.index("t")].copy(), rows, self.names)
+
+    def _after_breaks(self, times: Array) -> int:
+        """Index of the first sample of the block behind its last break; counts what is lost."""
+        steps = np.diff(times, prepend=self.t_s)
+        forward = steps[steps > 0.0]
+        if len(forward) >= 3:
+            self._step = float(np.median(forward))
+        back = steps <= 0.0
+        late = steps > 1.5 * self._step
+        self.restarts += int(back.sum())
+        self.lost += int(np.sum(np.round(steps[late] / self._step) - 1.0))
+        broken = np.flatnonzero(back | late)
+        if not len(broken):
+            return 0
+        self._blocks.clear()
+        return int(broken[-1])
+
+
+def _last_change(names: tuple[str, ...], rows: Array) -> int:
+    """Index of the first row (n, c) at the operating point of the last one."""
+    other = np.zeros(len(rows), dtype=bool)
+    for name, least in HELD.items():
+        if name in names:
+            values = rows[:, names.index(name)]
+            limit = least * abs(values[-1]) if name == "T_1" else least
+            other |= np.abs(values - values[-1]) > limit
+    if "phase" in names and len(rows) > 16:
+        turn = np.diff(rows[:, names.index("phase")]) / np.diff(rows[:, names.index("t")])
+        last = float(np.median(turn[-16:]))
+        other[:-1] |= np.abs(turn - last) > TURN * abs(last)
+    return int(np.flatnonzero(other)[-1]) + 1 if other.any() else 0

@@ -1,0 +1,189 @@
+"""``gap live``: listens to a rig and a simulator, shows and publishes residual and place."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.gap.listening import Comparison, Ear, Picture
+from herringbone_sim.recording.messages import JointState as Values
+from herringbone_sim.recording.messages import encode_joint_state
+from herringbone_sim.recording.writer import stamp_ns
+from herringbone_sim.ros.streams import LATCHED, STREAM
+from herringbone_sim.views.live_text import data
+
+NAME = "gap"
+DEPTH = 200
+SAMPLES = "std_msgs/msg/Float64MultiArray"
+REST = 2.0  # a look is followed by a pause of so many times what it took
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is compared, and how often.
+
+    Attributes:
+        rig, simulator: prefixes of the topics ``samples`` and ``channels``.
+        nominal: the rig as its data sheet has it.
+        noise_share: RMS of the rig's noise as a share of each channel's RMS; None when unknown.
+        every_s: wall time between looks [s], at least.
+        for_s: ends after this wall time [s]; infinite by default.
+    """
+
+    rig: str
+    simulator: str
+    nominal: Parameters
+    noise_share: float | None = None
+    every_s: float = 1.0
+    for_s: float = float("inf")
+
+
+class GapNode(Node):  # type: ignore[misc]
+    """Feeds two ears from topics and publishes what is found: ``~/residual``, ``~/difference``,
+    ``~/place``.
+
+    Raises:
+        ParameterError: a prefix that ROS does not take as a name.
+    """
+
+    def __init__(self, plan: Plan, **options: Any) -> None:
+        super().__init__(NAME, **options)
+        rig, simulator = (Ear(f"{one.rstrip('/')}/samples") for one in (plan.rig, plan.simulator))
+        self.comparison = Comparison(rig, simulator, plan.nominal, plan.noise_share)
+        self._listeners = [_Listener(self, ear) for ear in (rig, simulator)]
+        self._residual = self.create_publisher(JointState, "~/residual", STREAM)
+        self._difference = self.create_publisher(JointState, "~/difference", STREAM)
+        self._place = self.create_publisher(String, "~/place", STREAM)
+
+    def look(self) -> Picture:
+        """What is known now; published too."""
+        for listener in self._listeners:
+            listener.follow()
+        picture = self.comparison.look()
+        self._publish(picture)
+        return picture
+
+    def others(self) -> tuple[str, ...]:
+        """Topics of samples that there are, whoever sends them."""
+        found = self.get_topic_names_and_types()
+        return tuple(n for n, kinds in found if n.endswith("/samples") and SAMPLES in kinds)
+
+    def _publish(self, picture: Picture) -> None:
+        found = picture.residual
+        if found is not None and picture.rig.fresh:
+            values = Values(
+                stamp_ns(found.t_s), found.places, found.shares, found.chi, found.rms_of_place
+            )
+            self._residual.publish(encode_joint_state(values))
+        a, b = picture.rig_motion, picture.simulator_motion
+        if picture.comparable and a is not None and b is not None:
+            apart = a.contact_shares - b.contact_shares
+            rows = np.stack([apart[:, 2], apart[:, 0], a.force_rms_n - b.force_rms_n])
+            there = np.flatnonzero(np.all(np.isfinite(rows), axis=0))
+            names = tuple(a.meshes[j] for j in there)
+            position, velocity, effort = rows[:, there]
+            values = Values(stamp_ns(picture.rig.t_s), names, position, velocity, effort)
+            self._difference.publish(encode_joint_state(values))
+        self._place.publish(String(data=json.dumps(data(picture))))
+
+
+class _Listener:
+    """Subscriptions of one ear, as reliable as the publisher."""
+
+    def __init__(self, node: Node, ear: Ear) -> None:
+        self._node, self._ear = node, ear
+        self._reliable = True
+        try:
+            self._samples = self._subscribe()
+            topic = f"{ear.topic.removesuffix('samples')}channels"
+            node.create_subscription(String, topic, lambda m: ear.channels(m.data), LATCHED)
+        except InvalidTopicNameException as error:
+            raise ParameterError(f"{ear.topic} is no name of a topic: {error}") from error
+
+    def follow(self) -> None:
+        """Take what a best-effort publisher sends: a reliable subscriber gets nothing of it."""
+        known = self._node.get_publishers_info_by_topic(self._ear.topic)
+        reliable = all(
+            one.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT for one in known
+        )
+        if known and reliable != self._reliable:
+            self._reliable = reliable
+            self._node.destroy_subscription(self._samples)
+            self._samples = self._subscribe()
+
+    def _subscribe(self) -> Any:
+        kind = ReliabilityPolicy.RELIABLE if self._reliable else ReliabilityPolicy.BEST_EFFORT
+        qos = QoSProfile(reliability=kind, history=HistoryPolicy.KEEP_LAST, depth=DEPTH)
+        return self._node.create_subscription(
+            Float64MultiArray, self._ear.topic, self._ear.samples, qos, raw=True
+        )
+
+
+def listen(plan: Plan, show: Callable[[Picture, tuple[str, ...]], None]) -> int:
+    """Look again and again until SIGINT, SIGTERM or the end of the time; 0.
+
+    Args:
+        show: handed every picture, and the topics of samples that there are.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = GapNode(plan, context=context)
+        try:
+            _look_on(node, plan, stop, show)
+        finally:
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown(context=context)
+    return 0
+
+
+def _look_on(
+    node: GapNode,
+    plan: Plan,
+    stop: threading.Event,
+    show: Callable[[Picture, tuple[str, ...]], None],
+) -> None:
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    thread = threading.Thread(target=_spin, args=(executor,), name="listener", daemon=True)
+    thread.start()
+    end = time.monotonic() + plan.for_s
+    pause = plan.every_s
+    try:
+        while not stop.wait(min(pause, max(end - time.monotonic(), 0.0))):
+            began = time.monotonic()
+            show(node.look(), node.others())
+            pause = max(plan.every_s, REST * (time.monotonic() - began))
+            if time.monotonic() >= end:
+                return
+    finally:
+        executor.shutdown(timeout_sec=5.0)
+        thread.join(5.0)
+
+
+def _spin(executor: SingleThreadedExecutor) -> None:
+    with suppress(ExternalShutdownException):
+        executor.spin()

@@ -1,0 +1,259 @@
+"""The live gap without ROS: breaks in a stream, planted causes found, what is missing said."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from gap_support import NOMINAL, POINTS, noisy, sampled
+
+from herringbone_sim.cli.rerun_option import parse_where
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
+from herringbone_sim.gap.intake import Intake
+from herringbone_sim.gap.listening import Comparison, Ear
+from herringbone_sim.gap.live import residual
+from herringbone_sim.recording.messages import encode_samples
+from herringbone_sim.views.live_text import bar, data, line, table
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+STIFF = {"k_m_sp": 1.1 * NOMINAL.k_m_sp}
+ODD = {"k_factor": [1.0, 1.2, *[1.0] * 10]}
+
+
+@pytest.fixture(scope="module")
+def stiff() -> TimeSeries:
+    return noisy(sampled(STIFF, POINTS[0], 85), 0.01, 3)
+
+
+@pytest.fixture(scope="module")
+def healthy() -> TimeSeries:
+    return noisy(sampled({"e_factor": [1.015] * 12}, POINTS[0], 85), 0.01, 4)
+
+
+def only(series: TimeSeries, *prefixes: str) -> TimeSeries:
+    names = tuple(n for n in series.names if n.startswith(("t", "phase", "delta", "K", *prefixes)))
+    return TimeSeries(series.times, series.columns(names), names)
+
+
+def test_a_rig_inside_its_tolerance_shows_no_gap_after_recalibration(healthy: TimeSeries) -> None:
+    found = residual(healthy, NOMINAL, 0.01)
+    assert found.rms("nominal") > 1.3 * found.rms("floor")
+    assert 0.8 < found.total_chi < 1.15
+    assert not found.shares.any()
+
+
+def test_a_stiffness_off_by_a_tenth_is_placed_on_the_sun(stiff: TimeSeries) -> None:
+    found = residual(stiff, NOMINAL, 0.01)
+    assert found.metric == "force_law"
+    assert found.shares_by("kind")["sp"] > 0.97
+    assert found.chi[:6].min() > 1.5
+    assert found.chi[6:].max() < 1.15
+    assert found.point["Omega"] == pytest.approx(POINTS[0]["Omega"], rel=1e-6)
+
+
+def test_one_odd_mesh_is_named() -> None:
+    found = residual(noisy(sampled(ODD, POINTS[0], 85), 0.01, 5), NOMINAL, 0.01)
+    assert found.places[int(found.shares.argmax())] == "sp2_L"
+    assert found.shares.max() > 0.8
+    assert found.shares_by("planet")["2"] > 0.8
+    assert found.shares_by("side")["L"] > 0.8
+
+
+def test_without_forces_the_accelerations_tell_the_body(stiff: TimeSeries) -> None:
+    found = residual(only(stiff, "x_", "v_", "u_"), NOMINAL, 0.01)
+    assert found.metric == "torque_balance"
+    assert found.shares[:2].sum() > 0.9
+    assert found.places[:2] == ("q_L", "q_R")
+    assert "no forces" in found.remarks[-1]
+
+
+def test_too_few_channels_have_no_residual_and_say_what_is_needed(stiff: TimeSeries) -> None:
+    with pytest.raises(AnalysisError, match="needs x"):
+        residual(only(stiff, "u_s", "u_c"), NOMINAL, 0.01)
+
+
+def test_meshes_that_are_not_seen_are_named(stiff: TimeSeries) -> None:
+    keep = tuple(n for n in stiff.names if n != "F_rp3_R")
+    found = residual(TimeSeries(stiff.times, stiff.columns(keep), keep), NOMINAL, 0.01)
+    assert len(found.places) == 11
+    assert "rp3_R" in found.remarks[-1]
+
+
+def test_an_operating_point_that_is_not_recorded_is_taken_from_where_it_is_said(
+    stiff: TimeSeries,
+) -> None:
+    keep = tuple(n for n in stiff.names if n != "delta_T")
+    bare = TimeSeries(stiff.times, stiff.columns(keep), keep)
+    told = residual(bare, NOMINAL, 0.01, {"delta_T": POINTS[0]["delta_T"]})
+    assert told.point["delta_T"] == POINTS[0]["delta_T"]
+    assert "channels" in told.remarks[0]
+    assert residual(bare, NOMINAL, 0.01).point["delta_T"] == NOMINAL.delta_T
+
+
+def rows(n: int, start: float = 0.0, **values: float) -> np.ndarray:
+    t = start + np.arange(n) * 1e-5
+    columns = [t, 2e4 * t, np.full(n, values.get("delta_T", 20.0)), np.sin(1e3 * t)]
+    return np.column_stack(columns)
+
+
+NAMES = ("t", "phase", "delta_T", "x_sp1_L")
+
+
+def test_a_lost_block_is_counted_and_never_computed_across() -> None:
+    intake = Intake(least=10)
+    intake.put(NAMES, rows(100))
+    intake.put(NAMES, rows(50, 150e-5))
+    taken = intake.take()
+    assert intake.lost == 50
+    assert taken is not None
+    assert len(taken) == 50
+    assert taken.times[0] == pytest.approx(150e-5)
+    assert intake.take() is None
+
+
+@pytest.mark.parametrize("size", [1, 2, 7])
+def test_small_blocks_without_a_break_are_one_stretch(size: int) -> None:
+    intake, whole = Intake(least=10), rows(98)
+    for first in range(0, 98, size):
+        intake.put(NAMES, whole[first : first + size])
+    taken = intake.take()
+    assert taken is not None
+    assert (len(taken), intake.lost, intake.restarts) == (98, 0, 0)
+
+
+def test_a_clock_that_goes_back_and_other_channels_start_anew() -> None:
+    intake = Intake(least=10)
+    intake.put(NAMES, rows(100, 1.0))
+    intake.put(NAMES, rows(40))
+    assert intake.restarts == 1
+    intake.put(NAMES[:3], rows(30, 5.0)[:, :3])
+    assert (intake.restarts, intake.lost) == (2, 0)
+    taken = intake.take()
+    assert taken is not None
+    assert taken.names == NAMES[:3]
+    assert len(taken) == 30
+
+
+def test_a_change_of_temperature_cuts_the_stretch_and_drift_does_not() -> None:
+    intake = Intake(least=10)
+    intake.put(NAMES, rows(100, delta_T=20.0))
+    intake.put(NAMES, rows(60, 100e-5, delta_T=20.1))
+    intake.put(NAMES, rows(40, 160e-5, delta_T=60.0))
+    taken = intake.take()
+    assert taken is not None
+    assert len(taken) == 40
+
+
+def test_the_newest_samples_are_kept_and_no_more() -> None:
+    intake = Intake(most=200, least=10)
+    whole = rows(1000)
+    for first in range(0, 1000, 50):
+        intake.put(NAMES, whole[first : first + 50])
+    taken = intake.take()
+    assert taken is not None
+    assert taken.times[-1] == whole[-1, 0]
+    assert len(taken) == 200
+
+
+def test_blocks_without_time_are_refused() -> None:
+    with pytest.raises(RecordingError, match="channel t"):
+        Intake().put(NAMES[1:], rows(5)[:, 1:])
+    broken = rows(5)
+    broken[2, 0] = np.nan
+    with pytest.raises(RecordingError, match="no number"):
+        Intake().put(NAMES, broken)
+
+
+class Bench:
+    """Two ears and a clock."""
+
+    def __init__(self, nominal: Parameters = NOMINAL, noise: float | None = 0.01) -> None:
+        self.now = 0.0
+        self.rig, self.sim = (Ear(f"/{n}/samples", lambda: self.now) for n in ("rig", "sim"))
+        self.comparison = Comparison(self.rig, self.sim, nominal, noise)
+
+    def send(self, ear: Ear, series: TimeSeries) -> None:
+        for first in range(0, len(series), 150):
+            ear.samples(encode_samples(series.names, series.data[first : first + 150]))
+
+
+def test_rig_and_simulator_of_different_rates_are_compared_by_statistics(
+    stiff: TimeSeries,
+) -> None:
+    bench = Bench()
+    bench.send(bench.rig, stiff)
+    slow = sampled({}, POINTS[0], 85)
+    bench.send(bench.sim, TimeSeries(slow.times[::2], slow.data[::2], slow.names))
+    picture = bench.comparison.look()
+    assert picture.comparable
+    content = json.loads(json.dumps(data(picture), allow_nan=False))
+    assert content["gap"] is True
+    one = content["statistics"]["sp1_L"]
+    shares = [one[f"{state}_rig"] for state in ("contact", "separated", "back_contact")]
+    assert sum(shares) == pytest.approx(1.0)
+    assert one["force_rms_simulator"] > 0.0
+    assert "sp1_L" in table(picture)
+    assert "a gap" in line(picture)
+
+
+def test_late_stale_and_broken_streams_are_said(stiff: TimeSeries) -> None:
+    bench = Bench()
+    assert "nothing on /rig/samples yet" in line(bench.comparison.look())
+    bench.send(bench.rig, stiff)
+    first = bench.comparison.look()
+    assert first.residual is not None
+    bench.rig.samples(b"\x00\x01\x00\x00garbage")
+    assert bench.comparison.look().rig.refused == 1
+    bench.now = 10.0
+    stale = bench.comparison.look()
+    assert not stale.rig.fresh
+    assert "old" in line(stale)
+    assert any(text.startswith("/rig/samples: ") for text in stale.remarks)
+
+
+def test_another_operating_point_is_not_compared_and_starts_a_new_sum(stiff: TimeSeries) -> None:
+    bench = Bench()
+    bench.send(bench.rig, stiff)
+    bench.send(bench.sim, sampled({}, POINTS[1], 40))
+    picture = bench.comparison.look()
+    assert not picture.comparable
+    assert any("another operating point" in text for text in picture.remarks)
+    bench.send(bench.rig, noisy(sampled(STIFF, POINTS[1], 60), 0.01, 9))
+    assert bench.comparison.look().stretches == 1
+
+
+def test_noise_of_a_simulator_that_plays_the_rig_is_none() -> None:
+    bench = Bench(noise=None)
+    bench.rig.channels(json.dumps({"source": "simulator", "parameters": {}}))
+    bench.rig.channels("no JSON")
+    assert bench.rig.simulated
+    bench.send(bench.rig, sampled(STIFF, POINTS[2], 40))
+    found = bench.comparison.look().residual
+    assert found is not None
+    assert found.shares_by("kind")["sp"] > 0.97
+
+
+def test_a_bar_is_as_long_as_its_share() -> None:
+    assert bar(1.0, 4) == "████"
+    assert bar(0.5, 4) == "██  "
+    assert bar(0.0, 4) == "    "
+
+
+def test_where_to_mirror_is_read_or_refused(tmp_path: object) -> None:
+    from pathlib import Path
+
+    file = Path("gap.rrd")
+    assert parse_where("", file) is None
+    where = parse_where("connect=box:9876", file)
+    assert where is not None
+    assert (where.mode, where.address) == ("connect", "box:9876")
+    saved, other = parse_where("save", file), parse_where("save=a.rrd", file)
+    assert saved is not None
+    assert other is not None
+    assert (saved.path, other.path) == (file, Path("a.rrd"))
+    for wrong in ("spawn=1", "somewhere"):
+        with pytest.raises(ParameterError, match="spawn"):
+            parse_where(wrong, file)
