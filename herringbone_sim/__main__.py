@@ -23,6 +23,7 @@ VERBS = (
     "show",
     "parameters",
     "gap",
+    "gap bench",
     "gap live",
     "rig",
     "sweep",

@@ -154,7 +154,7 @@ def test_figures_over_cases_and_strata():
     assert values["Brier score"] == pytest.approx((0 + 0.72 + 0 + 0 + 2 + 0.18) / 6)
     assert values["AUROC unknown against known"] == 1.0
     assert values["confident wrong names on unknown"] == 0.0
-    assert values["calibration error"] == pytest.approx((0.6 + 1.0 + 0.3) / 8)
+    assert values["calibration error"] == pytest.approx((0.6 + 2.0 + 0.3) / 8)
     assert values["closure, median"] == pytest.approx(0.8)
     assert figure(rows, "right effect first", "d: 10").result.value == 0.5
     assert figure(rows, "right effect first", "truth: none").result.n == 0

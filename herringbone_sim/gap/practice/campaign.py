@@ -62,14 +62,39 @@ class Take:
     found: RunMeasure
 
 
+Solved = tuple[tuple[Cause, float], ...]
+
+
 def make_campaign(plan: Plan) -> PracticeCampaign:
-    """Run a plan. Takes a second without effect, up to about four with two.
+    """Solve for the sizes and run a plan: a second or two without effect, up to five with two.
 
     Raises:
         DivergenceError: a rig whose motion leaves the range of any gear even so.
     """
+    return run_plan(plan, solve_plan(plan))
+
+
+def solve_plan(plan: Plan) -> Solved:
+    """Causes at the sizes that give the plan's detectability, and what each then has."""
     rig = NOMINAL.scaled(plan.factors)
-    solved = tuple(solve_size(plan, rig, cause) for cause in plan.causes)
+    return tuple(solve_size(plan, rig, cause) for cause in plan.causes)
+
+
+def solved_as(plan: Plan, label: Mapping[str, Any]) -> Solved:
+    """What ``solve_plan`` gave when a label of this plan was made, without solving again."""
+    return tuple(
+        (cause.sized(float(told["size"])), float(told["d"]))
+        for cause, told in zip(plan.causes, label["effects"], strict=True)
+    )
+
+
+def run_plan(plan: Plan, solved: Solved) -> PracticeCampaign:
+    """Run a plan whose sizes are known; the same to the bit each time on one machine.
+
+    Raises:
+        DivergenceError: a rig whose motion leaves the range of any gear.
+    """
+    rig = NOMINAL.scaled(plan.factors)
     causes = tuple(cause for cause, _ in solved)
     takes = [take_run(plan, rig, causes, i) for i in range(len(plan.points))]
     names = CHANNEL_SETS[plan.channels]

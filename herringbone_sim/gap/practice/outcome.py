@@ -63,6 +63,12 @@ class Outcome:
         error: of the size, relative; None likewise.
         covered: whether each 90 % interval holds the truth.
         closure: on held-out runs, None when the report has none.
+        said: what the report names: its effects, or its verdict.
+        sure: probability of what is said; ``held``, whether all of it is there.
+        internal: names of the causes in the tables of this package.
+        reached: least detectability of the causes, infinite without any.
+        name: of the campaign.
+        failed: why the diagnosis ended without a report.
     """
 
     truth: tuple[str, ...]
@@ -83,9 +89,16 @@ class Outcome:
     error: float | None
     covered: tuple[bool, ...]
     closure: float | None
+    said: tuple[str, ...]
+    sure: float
+    held: bool
+    internal: tuple[str, ...]
+    reached: float
+    name: str = ""
+    failed: str = ""
 
 
-def outcome(label: Json, report: Json) -> Outcome:
+def outcome(label: Json, report: Json, name: str = "") -> Outcome:
     """Score a report.
 
     Raises:
@@ -101,6 +114,7 @@ def outcome(label: Json, report: Json) -> Outcome:
     right = order[0] in truth
     cause = _right_cause(label, report, truth)
     names = verdict not in VERDICTS
+    said = tuple(report.get("effects") or ()) or (order[0],)
     return Outcome(
         truth=truth,
         kind=kind,
@@ -120,6 +134,13 @@ def outcome(label: Json, report: Json) -> Outcome:
         error=_size_error(*cause) if cause and right else None,
         covered=_covered(*cause) if cause and right else (),
         closure=_closure(report),
+        said=said,
+        sure=min(sum(p.get(one, 0.0) for one in said), 1.0),
+        held=set(said) <= set(truth),
+        internal=tuple(str(one.get("internal", one["effect"])) for one in label["effects"]),
+        reached=min((float(one.get("d", math.inf)) for one in label["effects"]), default=math.inf),
+        name=name,
+        failed=str(report.get("failure", "")),
     )
 
 

@@ -88,7 +88,7 @@ def _brier(cases: Outcomes) -> Figure:
 
 
 def _calibration(cases: Outcomes) -> Figure:
-    rows = [(case.p_first, float(case.right)) for case in cases]
+    rows = [(case.sure, float(case.held)) for case in cases]
     return bootstrap(np.array(rows).reshape(-1, 2), calibration_error)
 
 
@@ -116,8 +116,8 @@ def _coverage(cases: Outcomes) -> Figure:
 
 
 def _closures(cases: Outcomes) -> np.ndarray[Any, np.dtype[np.float64]]:
-    known = of_kind(cases, "single", "pair")
-    return np.array([case.closure for case in known if case.closure is not None])
+    """Of rigs with a known effect; a report without one closes nothing."""
+    return np.array([case.closure or 0.0 for case in of_kind(cases, "single", "pair")])
 
 
 def _mean(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
@@ -154,6 +154,8 @@ QUESTIONS = (
 def score(cases: Outcomes) -> tuple[Row, ...]:
     """All figures over all cases, then over each stratum, with 95 % intervals.
 
+    Calibration is that of what a report says, all of which must be there.
+
     Raises:
         AnalysisError: no cases.
     """
@@ -186,7 +188,7 @@ def read_cases(reports: Path, labels: Path, seals: dict[str, str]) -> tuple[Outc
         label = read_label(labels / f"{name}.json", sealed)
         file = reports / name / "report.json"
         try:
-            cases.append(outcome(label, json.loads(file.read_text(encoding="utf-8"))))
+            cases.append(outcome(label, json.loads(file.read_text(encoding="utf-8")), name))
         except (OSError, ValueError) as error:
             raise AnalysisError(f"{file}: {error}: write a report for each label") from error
     return tuple(cases)

@@ -1,0 +1,109 @@
+"""``gap bench``: how often the diagnosis is right, on rigs whose effect is withheld."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from herringbone_sim.cli.workers import add_workers, workers_from
+from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.gap.practice.bench import check_seeds, read_json, run_bench
+from herringbone_sim.gap.practice.score import write_table
+from herringbone_sim.gap.practice.seeds import parse_seeds
+from herringbone_sim.gap.practice.table import (
+    bench_rows,
+    read_bench,
+    table_markdown,
+    write_cases,
+)
+from herringbone_sim.gap.practice.trial import Setting, plan_of
+
+DESCRIPTION = """\
+Make rigs with none, one, two or foreign effects, seal their labels (the hash is told before any
+diagnosis runs), diagnose them, and write how often what was said is true: table.md, table.csv,
+cases.csv, with 95 % intervals, targets, strata and baselines. Rigs come from a generator of its
+own, with another integrator and other shapes of the effects than the diagnosis has.
+
+  python -m herringbone_sim gap bench --seeds 5000:5200 --out bench
+  python -m herringbone_sim gap bench --seeds 6000:6100 --snr 20,40,60 --d 1,3,10 --out wide
+  python -m herringbone_sim gap bench --table bench
+
+A bench that was stopped goes on when it is asked for again.
+"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``gap bench``."""
+    parser = subparsers.add_parser(
+        "gap bench",
+        help="tell how often the diagnosis is right, on rigs whose effect is withheld",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--seeds", metavar="A:B", help="one campaign each; ranges without their end, or lists")
+    add("--out", type=Path, metavar="DIR", help="folder to write, or to go on in")
+    add("--table", type=Path, metavar="DIR", help="tell again what is finished in a folder")
+    add("--snr", default="40", metavar="DB", help="noise, a list to draw from [%(default)s]")
+    add("--channels", default="full", metavar="SETS", help="full, no_force, few [%(default)s]")
+    add("--d", default="3,10", metavar="D", help="detectabilities to draw from [%(default)s]")
+    add("--regime", default="varied", metavar="R", help="varied, quiet [%(default)s]")
+    add("--truth", help="none, single, pair, unknown or an effect (default: by their shares)")
+    add("--again", action="store_true", help="diagnose again what other sources diagnosed")
+    add(
+        "--calibration-family",
+        action="store_true",
+        help="allow seeds that the thresholds were frozen on; the table is marked",
+    )
+    add_workers(parser)
+    add("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, as tcp://HOST:8786")
+    parser.set_defaults(func=bench)
+
+
+def bench(args: argparse.Namespace) -> int:
+    """Run what is missing, then print and write the table."""
+    if args.table is None:
+        if args.seeds is None or args.out is None:
+            raise AnalysisError("a bench needs --seeds and --out, a stored one --table: give them")
+        seeds = parse_seeds(args.seeds)
+        setting = setting_from(args)
+        plan_of(setting, seeds[0])
+        seen = check_seeds(seeds, args.calibration_family)
+        run_bench(
+            args.out,
+            seeds,
+            setting,
+            seen,
+            workers_from(args),
+            args.scheduler,
+            args.again,
+            lambda text: print(text, flush=True),
+        )
+    tell(args.table or args.out, args.calibration_family)
+    return 0
+
+
+def tell(folder: Path, calibration_family: bool) -> None:
+    """Print the table of a folder and write it beside the reports."""
+    note = read_json(folder / "bench.json")
+    allowed = calibration_family or bool(note.get("calibration_family"))
+    seen = check_seeds(note.get("seeds", ()), allowed)
+    found = read_bench(folder)
+    text = table_markdown(found, seen)
+    (folder / "table.md").write_text(text, encoding="utf-8")
+    write_table(bench_rows(found), folder / "table.csv")
+    write_cases(found.cases, folder / "cases.csv")
+    print(text)
+    print(f"written: {folder / 'table.md'}, {folder / 'table.csv'}, {folder / 'cases.csv'}")
+
+
+def setting_from(args: argparse.Namespace) -> Setting:
+    """What campaigns are drawn from; ParameterError when a number can't be read."""
+    try:
+        snr, d = (tuple(float(v) for v in text.split(",")) for text in (args.snr, args.d))
+    except ValueError as error:
+        raise ParameterError(f"--snr and --d are lists of numbers: {error}") from None
+    channels, regime = (
+        tuple(v.strip() for v in text.split(",")) for text in (args.channels, args.regime)
+    )
+    return Setting(snr, channels, d, regime, args.truth)

@@ -1,0 +1,272 @@
+"""The table of a bench: figures and targets beside the baselines, by strata, with reasons."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.practice.bench import Seen, finished, read_json, read_seals
+from herringbone_sim.gap.practice.intervals import Figure
+from herringbone_sim.gap.practice.label import read_label
+from herringbone_sim.gap.practice.outcome import Outcome, outcome
+from herringbone_sim.gap.practice.reasons import by_cause, reasons
+from herringbone_sim.gap.practice.score import (
+    QUESTIONS,
+    STRATA,
+    Outcomes,
+    Question,
+    Row,
+    target,
+)
+
+REACHED = 2.75  # of d = 3: sizes are solved for to some percent
+AIM = "40 dB, all channels, d >= 3"
+AT_ONE = "40 dB, all channels, d = 1"
+FIRST_AT_ONE = 0.75
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Outcomes of a bench.
+
+    Attributes:
+        note: what ``bench.json`` holds.
+        cases: of the diagnosis; ``rivals``: of each baseline.
+        sealed: number of labels.
+        sources: of the diagnosis, how many reports each gave.
+        seconds: that a diagnosis took.
+        left_out: seeds without a campaign.
+    """
+
+    note: Mapping[str, Any]
+    cases: tuple[Outcome, ...]
+    rivals: Mapping[str, tuple[Outcome, ...]]
+    sealed: int
+    sources: Mapping[str, int]
+    seconds: tuple[float, ...]
+    left_out: int
+
+
+def read_bench(folder: Path) -> Bench:
+    """All that is finished in a folder, each label held against its seal.
+
+    Raises:
+        AnalysisError: nothing finished there, or a report that breaks the schema.
+        RecordingError: a label that was changed.
+    """
+    done = finished(folder)
+    if not done:
+        raise AnalysisError(f"{folder} must hold finished campaigns of a bench, got none")
+    cases, notes = [], []
+    others: dict[str, list[Outcome]] = {}
+    for name, sealed in done.items():
+        label = read_label(folder / "labels" / f"{name}.json", sealed)
+        place = folder / "reports" / name
+        try:
+            cases.append(outcome(label, read_json(place / "report.json"), name))
+            for rival, report in read_json(place / "baselines.json").items():
+                others.setdefault(rival, []).append(outcome(label, report, name))
+        except (KeyError, AnalysisError) as error:
+            raise AnalysisError(f"{place}: {error}: diagnose it again") from None
+        notes.append(read_json(place / "case.json"))
+    return Bench(
+        note=read_json(folder / "bench.json"),
+        cases=tuple(cases),
+        rivals={name: tuple(them) for name, them in others.items()},
+        sealed=len(read_seals(folder)),
+        sources=Counter(str(note.get("sources")) for note in notes),
+        seconds=tuple(float(note["seconds"]) for note in notes if "seconds" in note),
+        left_out=len(read_json(folder / "left_out.json")),
+    )
+
+
+def aimed(cases: Outcomes) -> list[Outcome]:
+    """Cases that the targets are for: ``AIM``, empty rigs included."""
+    return [case for case in cases if _usual(case) and case.reached >= REACHED]
+
+
+def at_one(cases: Outcomes) -> list[Outcome]:
+    """Cases of known effects at d = 1."""
+    return [case for case in cases if _usual(case) and case.strata["d"] == "1"]
+
+
+def _usual(case: Outcome) -> bool:
+    return case.strata["noise"] == "40 dB" and case.strata["channels"] == "full"
+
+
+def rows_of(cases: Outcomes, stratum: str, questions: Sequence[Question] = QUESTIONS) -> list[Row]:
+    """Every figure of a stratum."""
+    return [Row(q.name, stratum, q.ask(cases), q.least, q.most) for q in questions]
+
+
+def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
+    """Name and cases of each stratum."""
+    return [
+        (f"{name}: {value}", [case for case in cases if case.strata[name] == value])
+        for name in STRATA
+        for value in sorted({case.strata[name] for case in cases})
+    ]
+
+
+def bench_rows(bench: Bench) -> list[Row]:
+    """All figures, of the diagnosis and of the baselines, as they go to the CSV file."""
+    first = replace(QUESTIONS[1], least=FIRST_AT_ONE)
+    rows = rows_of(aimed(bench.cases), AIM)
+    rows += rows_of(at_one(bench.cases), AT_ONE, [first])
+    for name, cases in bench.rivals.items():
+        rows += _untargeted(rows_of(aimed(cases), f"{AIM}; {name}"))
+    for name, inside in [("all", list(bench.cases)), *strata(bench.cases)]:
+        rows += _untargeted(rows_of(inside, name))
+    return rows
+
+
+def _untargeted(rows: Sequence[Row]) -> list[Row]:
+    return [replace(row, least=-np.inf, most=np.inf) for row in rows]
+
+
+def table_markdown(bench: Bench, seen: Seen | None = None) -> str:
+    """The table as Markdown."""
+    cases = bench.cases
+    parts = [_head(bench, seen), _aim_part(bench), _one_part(cases)]
+    parts += [_why_part(aimed(cases)), _strata_part(cases), _cause_part(cases)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _head(bench: Bench, seen: Seen | None) -> str:
+    note = bench.note
+    frozen = note.get("calibration") or {}
+    known = f"{frozen['file']} {frozen['sha256'][:16]}" if frozen else "no file of thresholds"
+    failed = sum(bool(case.failed) for case in bench.cases)
+    marked = note.get("calibration_family") or bool(seen and seen.seeds)
+    seeds = "SEEN WHILE CALIBRATING" if marked else "not seen while calibrating"
+    lines = [
+        "# Withheld effects",
+        "",
+        f"- {len(bench.cases)} campaigns diagnosed of {bench.sealed} sealed; {failed} diagnoses "
+        f"failed (counted as wrong); {bench.left_out} seeds gave no rig",
+        f"- seeds: {seeds}; {known}",
+        f"- drawn from: {_setting(note.get('setting', {}))}",
+    ]
+    if bench.seconds:
+        middle, most = np.median(bench.seconds), max(bench.seconds)
+        lines.append(f"- a diagnosis took {middle:.0f} s in the median, {most:.0f} s at most")
+    if len(bench.sources) > 1:
+        counts = ", ".join(f"{name}: {n}" for name, n in bench.sources.items())
+        lines.append(f"- MIXED: reports of different sources of the diagnosis ({counts})")
+    return "\n".join(lines)
+
+
+def _setting(setting: Mapping[str, Any]) -> str:
+    return "; ".join(
+        f"{name} {', '.join(map(str, value)) if isinstance(value, list) else value or 'by shares'}"
+        for name, value in setting.items()
+    )
+
+
+def _aim_part(bench: Bench) -> str:
+    names = list(bench.rivals)
+    inside = aimed(bench.cases)
+    others = {name: rows_of(aimed(cases), AIM) for name, cases in bench.rivals.items()}
+    head = ["figure", "value", "95 %", "n", "target", "", *names]
+    lines = [
+        [*_told(row), *(_value(others[name][i].result) for name in names)]
+        for i, row in enumerate(rows_of(inside, AIM))
+    ]
+    return f"## {AIM} ({len(inside)} campaigns)\n\n" + _markdown(head, lines)
+
+
+def _one_part(cases: Outcomes) -> str:
+    inside = at_one(cases)
+    if not inside:
+        return ""
+    question = replace(QUESTIONS[1], least=FIRST_AT_ONE)
+    lines = [_told(row) for row in rows_of(inside, AT_ONE, [question])]
+    return f"## {AT_ONE} ({len(inside)} campaigns)\n\n" + _markdown(
+        ["figure", "value", "95 %", "n", "target", ""], lines
+    )
+
+
+def _told(row: Row) -> list[str]:
+    mark = {True: "met", False: "MISSED", None: ""}[row.met]
+    r = row.result
+    span = f"{r.low:.3f} .. {r.high:.3f}" if np.isfinite([r.low, r.high]).all() else ""
+    return [row.figure, _value(r), span, str(r.n), target(row), mark]
+
+
+def _value(figure: Figure) -> str:
+    return f"{figure.value:.3f}" if np.isfinite(figure.value) else "-"
+
+
+def _why_part(cases: Outcomes) -> str:
+    """For each missed target the strata that miss it, and what goes wrong there."""
+    found = []
+    for question, row in zip(QUESTIONS, rows_of(cases, AIM), strict=True):
+        if row.met is not False:
+            continue
+        where = []
+        for name, inside in strata(cases):
+            one = rows_of(inside, name, [question])[0]
+            if one.met is False and len(inside) < len(cases):
+                where.append(f"{name} ({one.result.value:.3f}, n = {one.result.n})")
+        found.append(f"- {question.name}: {_value(row.result)}, target {target(row)}")
+        found.append(f"  - missed in: {'; '.join(where) or 'no single stratum'}")
+        found += [f"  - {text}" for text in reasons(question.name, cases)]
+    return "## Why targets are missed\n\n" + "\n".join(found) if found else ""
+
+
+def _strata_part(cases: Outcomes) -> str:
+    parts = []
+    for name in STRATA:
+        values = sorted({case.strata[name] for case in cases})
+        columns = [
+            rows_of([case for case in cases if case.strata[name] == value], value)
+            for value in values
+        ]
+        lines = [
+            [question.name, *(f"{_value(c[i].result)} ({c[i].result.n})" for c in columns)]
+            for i, question in enumerate(QUESTIONS)
+        ]
+        title = f"## All campaigns by {name}: value (n)\n\n"
+        parts.append(title + _markdown(["figure", *values], lines))
+    return "\n\n".join(parts)
+
+
+def _cause_part(cases: Outcomes) -> str:
+    head = ["cause", "n", "right first", "in class", "locus", "error", "closure", "else named"]
+    return "## All campaigns by cause\n\n" + _markdown(head, by_cause(cases))
+
+
+def _markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table whose columns line up when printed as they stand."""
+    rows = [list(head), *(list(line) for line in lines)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    texts = [
+        "| " + " | ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) + " |"
+        for row in rows
+    ]
+    texts.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
+    return "\n".join(texts)
+
+
+def write_cases(cases: Outcomes, file: Path) -> None:
+    """One row a campaign, as CSV."""
+    with file.open("w", newline="", encoding="utf-8") as handle:
+        table = csv.writer(handle)
+        rows = [_case_row(case) for case in cases]
+        table.writerow(rows[0])
+        table.writerows(row.values() for row in rows)
+
+
+def _case_row(case: Outcome) -> dict[str, Any]:
+    texts = {name: " + ".join(getattr(case, name)) for name in ("truth", "internal", "said")}
+    rest = {name: value for name, value in vars(case).items() if name not in ("strata", *texts)}
+    given = {name: value for name, value in case.strata.items() if name != "truth"}
+    covered = " ".join("yes" if held else "no" for held in case.covered)
+    return {"name": case.name, **texts, **given, **rest, "covered": covered}
