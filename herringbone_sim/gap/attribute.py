@@ -33,6 +33,7 @@ Say = Callable[[str], None]
 SINGLES = 8
 SECONDS = 4
 SEED = 20  # of the noise that gives the floor of the accelerations
+FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
 WORTH_A_SECOND = 0.03  # excess of chi2 that a second effect is looked for in
 
 
@@ -100,18 +101,19 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
     bodies: tuple[BodyFit, ...] = ()
     by_force: dict[str, float] = {}
     measured = 0.0
-    if balances_known(cases):
+    whole = tuple(c for c in cases if balances_known((c,)))
+    if len(whole) >= FEWEST_WHOLE:
         say("torque balance")
         options = (nominal, *fits, *pairs)
         machines = [f for f in options if all(a.effect.level != "sensor" for a in f.actives)]
-        measured = _balance_excess(cases, min(machines, key=lambda f: f.left_out))
+        measured = _balance_excess(whole, min(machines, key=lambda f: f.left_out))
         by_force = {
-            name_of(one.actives): _balance_excess(cases, one)
+            name_of(one.actives): _balance_excess(whole, one)
             for one in options
             if any(a.effect.level == "sensor" for a in one.actives)
         }
         best = min(options, key=lambda f: f.left_out + by_force.get(name_of(f.actives), measured))
-        bodies = tuple(_bodies(cases, best, effects))
+        bodies = tuple(_bodies(whole, best, effects))
     return Evidence(check, cases, nominal, candidates, fits, pairs, bodies, measured, by_force)
 
 
