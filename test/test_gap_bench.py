@@ -23,18 +23,18 @@ from herringbone_sim.gap.hypothesis import case
 from herringbone_sim.gap.practice import bench, trial
 from herringbone_sim.gap.practice.arrays import as_prepared
 from herringbone_sim.gap.practice.bench import check_seeds, name_of, read_seals, run_bench
-from herringbone_sim.gap.practice.campaign import make_campaign
+from herringbone_sim.gap.practice.campaign import make_campaign, run_plan
 from herringbone_sim.gap.practice.evidence import evidence_of, evidence_record
 from herringbone_sim.gap.practice.label import label_text, seal
 from herringbone_sim.gap.practice.outcome import outcome
 from herringbone_sim.gap.practice.plan import draw_plan
 from herringbone_sim.gap.practice.rivals import recalibration_alone, sparse_regression
 from herringbone_sim.gap.practice.seeds import parse_seeds
+from herringbone_sim.gap.practice.stored import read_bench, stored_evidence
 from herringbone_sim.gap.practice.table import (
     AIM,
     aimed,
     bench_rows,
-    read_bench,
     table_markdown,
     write_cases,
 )
@@ -80,7 +80,8 @@ def test_seeds_of_the_thresholds_are_refused(tmp_path):
 
 def test_a_campaign_is_made_again_from_its_label_and_no_other():
     setting = Setting(truth="mean_stiffness", d=(3.0,))
-    text, _ = trial.truth_of(8, setting)
+    plan = plan_of(setting, 8)
+    text = label_text(run_plan(plan, ((plan.causes[0].sized(0.07), 3.1),)).label)
     label = json.loads(text)
     made = remade(8, setting, label, seal(label))
     assert label_text(made.label) == text
@@ -238,7 +239,7 @@ def a_fit(name, locus, gain):
     return Fit((one,), np.ones(6), np.array([0.1]), 1.5, 1.6, three, three, np.array(gain))
 
 
-def test_evidence_comes_back_from_plain_data():
+def test_evidence_comes_back_from_plain_data(tmp_path):
     rng = np.random.default_rng(0)
     fits = [a_fit("mean_stiffness", Locus("sp"), rng.normal(size=500)) for _ in range(3)]
     pair = a_fit("stagger", Locus(side="L"), rng.normal(size=500))
@@ -246,7 +247,10 @@ def test_evidence_comes_back_from_plain_data():
     whole = Evidence(check, (), fits[0], (), tuple(fits[:2]), (pair,), (), 0.5, {"a": 1.0}, None)
     text = json.dumps(evidence_record(whole))
     assert len(text) < 10_000
-    back = evidence_of(json.loads(text))
+    stored(tmp_path, [(a_label("stagger"), a_report("none", {"none": 1.0}))] * 2)
+    (tmp_path / "reports" / name_of(1) / "evidence.json").write_text(text)
+    [(name, label, back)] = stored_evidence(tmp_path)
+    assert (name, label["truth"]) == (name_of(1), ["stagger"])
     assert back.fits[1].actives == fits[1].actives
     assert back.by_force == {"a": 1.0}
     assert np.isnan(back.check.after)

@@ -10,12 +10,8 @@ from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.gap.practice.bench import check_seeds, read_json, run_bench
 from herringbone_sim.gap.practice.score import write_table
 from herringbone_sim.gap.practice.seeds import parse_seeds
-from herringbone_sim.gap.practice.table import (
-    bench_rows,
-    read_bench,
-    table_markdown,
-    write_cases,
-)
+from herringbone_sim.gap.practice.stored import read_bench
+from herringbone_sim.gap.practice.table import bench_rows, table_markdown, write_cases
 from herringbone_sim.gap.practice.trial import Setting, plan_of
 
 DESCRIPTION = """\

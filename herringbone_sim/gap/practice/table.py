@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import csv
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.practice.bench import Seen, finished, read_json, read_seals
+from herringbone_sim.gap.practice.bench import Seen
 from herringbone_sim.gap.practice.intervals import Figure
-from herringbone_sim.gap.practice.label import read_label
-from herringbone_sim.gap.practice.outcome import Outcome, outcome
+from herringbone_sim.gap.practice.outcome import Outcome
 from herringbone_sim.gap.practice.reasons import by_cause, reasons
 from herringbone_sim.gap.practice.score import (
     QUESTIONS,
@@ -25,66 +22,12 @@ from herringbone_sim.gap.practice.score import (
     Row,
     target,
 )
+from herringbone_sim.gap.practice.stored import Bench
 
 REACHED = 2.75  # of d = 3: sizes are solved for to some percent
 AIM = "40 dB, all channels, d >= 3"
 AT_ONE = "40 dB, all channels, d = 1"
 FIRST_AT_ONE = 0.75
-
-
-@dataclass(frozen=True)
-class Bench:
-    """Outcomes of a bench.
-
-    Attributes:
-        note: what ``bench.json`` holds.
-        cases: of the diagnosis; ``rivals``: of each baseline.
-        sealed: number of labels.
-        sources: of the diagnosis, how many reports each gave.
-        seconds: that a diagnosis took.
-        left_out: seeds without a campaign.
-    """
-
-    note: Mapping[str, Any]
-    cases: tuple[Outcome, ...]
-    rivals: Mapping[str, tuple[Outcome, ...]]
-    sealed: int
-    sources: Mapping[str, int]
-    seconds: tuple[float, ...]
-    left_out: int
-
-
-def read_bench(folder: Path) -> Bench:
-    """All that is finished in a folder, each label held against its seal.
-
-    Raises:
-        AnalysisError: nothing finished there, or a report that breaks the schema.
-        RecordingError: a label that was changed.
-    """
-    done = finished(folder)
-    if not done:
-        raise AnalysisError(f"{folder} must hold finished campaigns of a bench, got none")
-    cases, notes = [], []
-    others: dict[str, list[Outcome]] = {}
-    for name, sealed in done.items():
-        label = read_label(folder / "labels" / f"{name}.json", sealed)
-        place = folder / "reports" / name
-        try:
-            cases.append(outcome(label, read_json(place / "report.json"), name))
-            for rival, report in read_json(place / "baselines.json").items():
-                others.setdefault(rival, []).append(outcome(label, report, name))
-        except (KeyError, AnalysisError) as error:
-            raise AnalysisError(f"{place}: {error}: diagnose it again") from None
-        notes.append(read_json(place / "case.json"))
-    return Bench(
-        note=read_json(folder / "bench.json"),
-        cases=tuple(cases),
-        rivals={name: tuple(them) for name, them in others.items()},
-        sealed=len(read_seals(folder)),
-        sources=Counter(str(note.get("sources")) for note in notes),
-        seconds=tuple(float(note["seconds"]) for note in notes if "seconds" in note),
-        left_out=len(read_json(folder / "left_out.json")),
-    )
 
 
 def aimed(cases: Outcomes) -> list[Outcome]:
