@@ -14,8 +14,18 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun, mesh_table, prepare
+from herringbone_sim.gap.misfit import other_laws
+from herringbone_sim.gap.parts import to_leave_out
+from herringbone_sim.gap.prepared import (
+    PreparedCampaign,
+    PreparedRun,
+    mesh_table,
+    prepare,
+    prepare_run,
+)
 from herringbone_sim.gap.screen import Finding
+from herringbone_sim.recording.campaign import CampaignRun
+from herringbone_sim.recording.reader import Recording
 from herringbone_sim.recording.writer import RunWriter
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -98,13 +108,145 @@ def test_a_wrong_unit(
         assert getattr(run, prefix).there.all() == (run.name != "run_00")
 
 
-def test_a_clock_that_jumps(series: TimeSeries, others: tuple[PreparedRun, ...]) -> None:
+def test_a_clock_that_jumps_leaves_the_longer_part(
+    series: TimeSeries, others: tuple[PreparedRun, ...]
+) -> None:
     data = series.data.copy()
     data[300:, 0] += 0.01
     bad = TimeSeries(data[:, 0].copy(), data, series.names)
-    _, findings = with_first(prepared(bad, POINTS[0]), others)
-    clock = next(f for f in findings if f.what == "clock")
-    assert clock.time_s == series.times[299]
+    kept, (clock,) = with_first(prepared(bad, POINTS[0]), others)
+    assert (clock.what, clock.channels, clock.time_s) == ("clock", ("t",), series.times[299])
+    np.testing.assert_allclose(kept.runs[0].times, bad.times[300:] - bad.times[0])
+    np.testing.assert_array_equal(kept.runs[0].F.values[:, 0], bad["F_sp1_L"][300:])
+
+
+def test_a_dropout_of_the_recorder_does_not_cost_the_channels(
+    series: TimeSeries, others: tuple[PreparedRun, ...]
+) -> None:
+    data = series.data.copy()
+    data[700:720, 1:] = np.nan
+    bad = TimeSeries(data[:, 0].copy(), data, series.names)
+    kept, (hole,) = with_first(prepared(bad, POINTS[0]), others)
+    assert (hole.what, hole.time_s) == ("dropout", series.times[700])
+    assert len(kept.runs[0]) == 700
+    assert kept.runs[0].F.complete
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "words"),
+    [("t", 1e3, "milliseconds"), ("phase", 180.0 / np.pi, "degrees")],
+)
+def test_a_clock_in_another_unit(
+    series: TimeSeries,
+    others: tuple[PreparedRun, ...],
+    channel: str,
+    factor: float,
+    words: str,
+) -> None:
+    data = series.data.copy()
+    data[:, series.names.index(channel)] *= factor
+    bad = TimeSeries(data[:, 0].copy(), data, series.names)
+    kept, findings = with_first(prepared(bad, POINTS[0], name="odd"), others)
+    (unit,) = [f for f in findings if f.what == "unit"]
+    assert (unit.run, unit.channels, words in unit.text) == ("odd", (channel,), True)
+    assert [run.name for run in kept.runs] == ["run_01", "run_02"]
+
+
+def test_a_unit_that_the_recorder_declares(series: TimeSeries) -> None:
+    told = {"channels": [{"name": "x_sp1_L", "unit": "mm"}, {"name": "x_sp2_L", "unit": "m"}]}
+    recording = Recording(Path("run"), "run", series, told, (), True, ())
+    run = prepare_run(CampaignRun(Path("run"), POINTS[0], "fit"), recording, NOMINAL, 0.01)
+    (finding,) = run.findings
+    assert (finding.what, finding.channels) == ("unit", ("x_sp1_L",))
+    assert not run.x.there[0]
+
+
+def test_channels_of_another_gear(series: TimeSeries) -> None:
+    names = tuple(n.replace("sp3", "sp4") for n in series.names)
+    run = prepared(TimeSeries(series.times, series.data, names), POINTS[0])
+    (finding,) = run.findings
+    assert finding.what == "foreign"
+    assert set(finding.channels) == {f"{q}_sp4_{side}" for q in "xvF" for side in "LR"}
+
+
+@pytest.mark.parametrize("bits", [16, 9, 7])
+def test_a_coarse_converter_is_noise_and_not_saturation(
+    series: TimeSeries, others: tuple[PreparedRun, ...], bits: int
+) -> None:
+    data = series.data.copy()
+    steps = 2.0 * np.abs(data[:, 5:]).max(axis=0) / 2.0**bits
+    data[:, 5:] = np.round(data[:, 5:] / steps) * steps
+    run = prepared(TimeSeries(series.times, data, series.names), POINTS[0])
+    assert with_first(run, others)[1] == []
+    mesh = np.hypot(others[0].x.sigma[0], steps[0] / np.sqrt(12.0))
+    np.testing.assert_allclose(run.x.sigma[0], mesh, rtol=0.02)
+
+
+def test_a_run_whose_geometry_is_another(others: tuple[PreparedRun, ...]) -> None:
+    x = others[0].x
+    bad = replace(others[0], x=replace(x, values=x.values + 0.5 * others[0].waves.e))
+    kept, (finding, *_) = with_first(bad, others)
+    assert (finding.what, finding.run) == ("other_gear", "run_00")
+    assert len(kept.runs) == 2
+
+
+@pytest.mark.parametrize("error", ["gain", "bias", "delay", "drift", "swap"])
+def test_errors_of_sensors_are_left_to_the_step_that_names_them(
+    others: tuple[PreparedRun, ...], error: str
+) -> None:
+    def erring(run: PreparedRun) -> PreparedRun:
+        values = run.x.values.copy()
+        late = 1e-4 * run.times if error == "drift" else 0.3 * run.step_s
+        wrong = {
+            "gain": 1.3 * values,
+            "bias": values + 3e-5,
+            "swap": values[:, [3, 1, 2, 0, *range(4, 12)]],
+        }.get(error, values - np.reshape(late, (-1, 1)) * run.v.values)
+        return replace(run, x=replace(run.x, values=wrong))
+
+    runs = tuple(erring(run) for run in others)
+    kept, findings = with_first(runs[0], runs)
+    assert findings == []
+    assert all(run.x.complete for run in kept.runs)
+
+
+def test_a_law_that_one_run_breaks_on_every_mesh(others: tuple[PreparedRun, ...]) -> None:
+    middle = {"delta_T": 60.0, "K": 0.0, "T_1": 1000.0, "Omega": 0.5}
+    hot = {**middle, "delta_T": 99.0}
+    shares = {run.name: np.full(12, 0.02) for run in others}
+    for point, out in ((middle, True), (hot, False)):
+        odd = replace(others[0], name="odd", point=point)
+        fit = [replace(run, role="fit") for run in others]
+        (finding,) = other_laws([*fit, odd], {**shares, "odd": np.full(12, 0.9)})
+        assert (finding.run, finding.fatal) == ("odd", out)
+    held = replace(others[0], name="odd", point=middle, role="held_out")
+    (finding,) = other_laws([*fit, held], {**shares, "odd": np.full(12, 0.9)})
+    assert not finding.fatal
+
+
+def test_the_same_recording_twice(others: tuple[PreparedRun, ...]) -> None:
+    runs = (*others, replace(others[0], name="again", role="held_out"))
+    campaign = PreparedCampaign("mine", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    kept, (finding,) = check(campaign)
+    assert (finding.what, finding.run) == ("copy", "again")
+    assert len(kept.runs) == 3
+
+
+def test_one_run_is_taken_in_parts(others: tuple[PreparedRun, ...]) -> None:
+    assert to_leave_out(others) == others
+    parts = to_leave_out(others[:1])
+    assert len(parts) == 3
+    np.testing.assert_array_equal(np.concatenate([p.F.values for p in parts]), others[0].F.values)
+    np.testing.assert_array_equal(np.concatenate([p.waves.k for p in parts]), others[0].waves.k)
+
+
+def test_a_run_that_is_too_short(series: TimeSeries, others: tuple[PreparedRun, ...]) -> None:
+    for cycles, out in ((5, True), (12, False)):
+        short = TimeSeries(series.times[: 24 * cycles], series.data[: 24 * cycles], series.names)
+        kept, (finding, *_) = with_first(prepared(short, POINTS[0], name="run_00"), others)
+        assert (finding.what, finding.fatal) == ("short", out)
+        assert finding.time_s == pytest.approx(short.times[-1] - short.times[0])
+        assert len(kept.runs) == (2 if out else 3)
 
 
 def test_a_run_of_another_gear_is_left_out(others: tuple[PreparedRun, ...]) -> None:
@@ -134,6 +276,9 @@ def test_one_run_none_held_out_and_a_nominal_of_another_rig(
     moved = tuple(_with_nominal(run, stiffer.k_m_sp) for run in others)
     wrong = PreparedCampaign("mine", stiffer, moved, mesh_table(NOMINAL.layout), ())
     assert "nominal" in {f.what for f in check(wrong)[1]}
+    hard = tuple(replace(run, waves=replace(run.waves, k=3.0 * run.waves.k)) for run in others)
+    found = check(PreparedCampaign("mine", NOMINAL, hard, mesh_table(NOMINAL.layout), ()))[1]
+    assert [f.what for f in found] == ["nominal"]
 
 
 def _with_nominal(run: PreparedRun, k_m_sp: float) -> PreparedRun:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import time
 from pathlib import Path
 
+from herringbone_sim.cli.gap_rerun import mirror_gap
+from herringbone_sim.cli.rerun_option import add_rerun_option, parse_where
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
@@ -43,11 +46,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--nominal", type=Path, required=True, metavar="FILE", help="parameters of the rig"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    add_rerun_option(parser, "save", "DIR/gap.rrd")
     parser.set_defaults(func=gap)
 
 
 def gap(args: argparse.Namespace) -> int:
     """Print a line a run and the verdict; write the residuals, the report and its page."""
+    where = parse_where(args.rerun, args.out / "gap.rrd")
     campaign = read_campaign(args.campaign)
     nominal = load_parameters(args.nominal).changed({"model": "full"})
     make_folder(args.out)
@@ -57,11 +62,14 @@ def gap(args: argparse.Namespace) -> int:
     def say(text: str) -> None:
         print(f"{time.monotonic() - start:6.1f} s  {text}", flush=True)
 
-    found = diagnose(prepare(args.campaign, nominal), say)
+    prepared = prepare(args.campaign, nominal)
+    found = diagnose(prepared, say)
     write_report(args.out / "report.json", found.report)
     page = write_gap_page(found.report, args.out, gap_arrays(found.evidence))
     print(summary(found))
     print(f"written: {args.out / 'residual.csv'}, {args.out / 'report.json'}, {page}")
+    if where is not None:
+        print(mirror_gap(where, prepared, found))
     return 0
 
 
@@ -108,11 +116,13 @@ def summary(found: Diagnosis) -> str:
         )
         place = "/".join(cause["locus"].values())
         lines.append(f"  {cause['probability']:7.2%}  {cause['effect']:22s} {place:10s} {values}")
-    lines.append(
-        f"{gap.metric} on held-out runs: nominal {gap.over('nominal'):.4g}, augmented "
-        f"{gap.over('augmented'):.4g}, floor {gap.over('floor'):.4g}, closure {gap.closure:.1%}"
-    )
-    if found.control is not None:
+    if math.isfinite(gap.over("nominal")):
+        lines.append(
+            f"{gap.metric} on held-out runs: nominal {gap.over('nominal'):.4g}, augmented "
+            f"{gap.over('augmented'):.4g}, floor {gap.over('floor'):.4g}, closure "
+            f"{gap.closure:.1%}"
+        )
+    if found.control is not None and math.isfinite(found.control.closure):
         lines.append(f"  runner-up as a control: closure {found.control.closure:.1%}")
     wrong = [finding["text"] for finding in found.report["findings"]]
     lines += [f"wrong with the recording: {text}" for text in wrong]

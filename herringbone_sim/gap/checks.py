@@ -38,13 +38,14 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
     Sensor errors proper (``sensors``) come after.
     """
     findings = [*_missing(campaign), *(f for run in campaign.runs for f in run.findings)]
-    runs, common = _same_clock(campaign.runs, findings)
-    runs = _kept(runs, [*_too_short(runs), *_copies(runs)], findings)
+    runs = _kept(campaign.runs, _copies(campaign.runs), findings)
+    runs, common = _same_clock(runs, findings)
+    runs = _kept(runs, _too_short(runs), findings)
     sound = []
     for run in runs:
         findings += _point(run)
         run, units = wrong_units(run)
-        findings += units
+        findings += [*units, *_torque(run)]
         sound.append(run)
     runs = _kept(sound, other_geometry(sound), findings)
     fused = {run.name: fuse(run) for run in runs}
@@ -119,7 +120,7 @@ def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
 
 
 def _point(run: PreparedRun) -> list[Finding]:
-    """The operating point of campaign.yaml against the recorded one and the forces."""
+    """The operating point of campaign.yaml against the recorded one."""
     found = []
     for name, values in run.recorded_point.items():
         told = run.point[name]
@@ -131,7 +132,7 @@ def _point(run: PreparedRun) -> list[Finding]:
                 f"campaign.yaml has {told:.6g}: that of campaign.yaml is used; mend the wrong one"
             )
             found.append(Finding("point", run.name, (name,), float(run.times[at]), text))
-    return found + _torque(run)
+    return found
 
 
 def _torque(run: PreparedRun) -> list[Finding]:

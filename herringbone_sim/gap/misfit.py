@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 SPEED = 2e-3  # share by which a mesh frequency may be off that of the other runs
 GEOMETRY = 0.2  # by which the scale of u or of e(t) may differ from the other runs
 LEAST = 0.5  # share of the square of u, and of its slope, that must be motion
-ALIKE = 0.8  # square of the correlation of u and e(t) from which they can't be told apart
+ALIKE = 0.9  # square of the correlation of u and e(t) from which they can't be told apart
 MISSED = 0.5  # share of the force that the nominal law misses from which it is another law
 FOUND = 0.1  # and below which the other runs follow it
 

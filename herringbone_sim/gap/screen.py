@@ -7,7 +7,7 @@ left out of its run; nothing is filled in.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 
 HEAD = ("t", "phase", "K", "delta_T", "T_1")
 AT_LIMIT = 8  # samples at the largest or smallest value from which it may be a limit
-CROWDED = 6.0  # times more samples there than at any of the values next to it
+CROWDED = 4.0  # times more samples there than at any of the values next to it
 NEAR = 20  # values that are next to it
 
 
@@ -58,17 +58,31 @@ def screen(
         if channel in HEAD:
             continue
         finding = _nan(name, series, channel) or _still(name, series, channel)
-        finding = finding or _declared(name, channel, (units or {}).get(channel))
+        finding = finding or _declared(name, series, channel, (units or {}).get(channel))
         finding = finding or _saturated(name, series, channel)
         if finding is not None:
             found.append(finding)
     bad = {channel for finding in found for channel in finding.channels}
     keep = tuple(n for n in series.names if n not in bad)
     clean = TimeSeries(series.times, series.columns(keep), keep) if bad else series
-    return clean, tuple(found)
+    return clean, tuple(_together(found))
 
 
-def _declared(name: str, channel: str, unit: str | None) -> Finding | None:
+def _together(found: list[Finding]) -> list[Finding]:
+    """One finding for all channels of a run that have the same fault, told of the first."""
+    kinds: dict[str, list[Finding]] = {}
+    for finding in found:
+        kinds.setdefault(finding.what, []).append(finding)
+    merged = []
+    for same in kinds.values():
+        first = min(same, key=lambda one: one.time_s or 0.0)
+        rest = [channel for one in same if one is not first for channel in one.channels]
+        text = f"{first.text}; so it is with {', '.join(rest)}" if rest else first.text
+        merged.append(replace(first, channels=(*first.channels, *rest), text=text))
+    return merged
+
+
+def _declared(name: str, series: TimeSeries, channel: str, unit: str | None) -> Finding | None:
     expected = PREFIX_UNITS.get(channel.split("_")[0])
     if unit is None or expected is None or unit == expected:
         return None
@@ -76,7 +90,7 @@ def _declared(name: str, channel: str, unit: str | None) -> Finding | None:
         f"{channel} of {name} is declared in {unit!r}, a recording holds {expected}: another unit "
         "than SI; the channel is left out of this run, not rescaled"
     )
-    return Finding("unit", name, (channel,), None, text)
+    return Finding("unit", name, (channel,), float(series.times[0]), text)
 
 
 def _nan(name: str, series: TimeSeries, channel: str) -> Finding | None:
@@ -99,7 +113,7 @@ def _still(name: str, series: TimeSeries, channel: str) -> Finding | None:
         f"{channel} of {name} stands at {values[0]:.6g} throughout: a sensor that is off or not "
         "connected; the channel is left out of this run"
     )
-    return Finding("still", name, (channel,), None, text)
+    return Finding("still", name, (channel,), float(series.times[0]), text)
 
 
 def _saturated(name: str, series: TimeSeries, channel: str) -> Finding | None:

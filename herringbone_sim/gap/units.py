@@ -59,9 +59,9 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
         text = (
             f"{wrong[0]}{others} of {run.name} read about {factor} "
             f"{'times ' if 'of' not in factor else ''}what the other channels say: another unit "
-            "than SI; left out of this run, not rescaled"
+            "than SI, throughout; left out of this run, not rescaled"
         )
-        found.append(Finding("unit", run.name, wrong, None, text))
+        found.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
         run = without(run, q, np.ones_like(run.u.there) if q == "u" else off)
     return run, found
 

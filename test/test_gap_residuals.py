@@ -1,0 +1,93 @@
+"""Recalibration and residuals with forces and without, on rigs within and beyond tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_support import rig
+from numpy.typing import NDArray
+
+from herringbone_sim.gap.balance import Balance, measured_force, quadrature, torque_balance
+from herringbone_sim.gap.balance import window_of as look_of
+from herringbone_sim.gap.fusion import fuse
+from herringbone_sim.gap.motion import fused_noise, motion_balance, recalibrate_motion
+from herringbone_sim.gap.prepared import Measured, PreparedCampaign
+from herringbone_sim.gap.recalibrate import (
+    Calibration,
+    Inertias,
+    fine_law,
+    force_law,
+    recalibrate,
+    recalibrate_inertias,
+)
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+OWN = {"k_m_sp": 1.5e9 * 1.012, "e_factor": [0.983] * 6 + [1.011] * 6, "I_p": 0.007 * 1.015}
+
+
+def without_forces(campaign: PreparedCampaign) -> PreparedCampaign:
+    runs = tuple(
+        replace(
+            run,
+            F=Measured(
+                np.full_like(run.F.values, np.nan),
+                np.zeros_like(run.F.there),
+                np.full_like(run.F.sigma, np.nan),
+            ),
+        )
+        for run in campaign.runs
+    )
+    return replace(campaign, runs=runs)
+
+
+def by_motion(campaign: PreparedCampaign) -> tuple[Calibration, Inertias, list[Balance]]:
+    rng = np.random.default_rng(0)
+    fused = [fuse(run) for run in campaign.runs]
+    calibration, inertias = recalibrate_motion(campaign.runs, fused, rng)
+    balances = [
+        motion_balance(run, f, fused_noise(run, rng), calibration.factors, inertias.inverse)
+        for run, f in zip(campaign.runs, fused, strict=True)
+    ]
+    return calibration, inertias, balances
+
+
+def test_a_rig_within_tolerance_is_at_the_noise_floor() -> None:
+    runs = rig(OWN).runs
+    fused = [fuse(run) for run in runs]
+    factors: NDArray[np.float64] = recalibrate(runs, fused).factors
+    balances = []
+    for run, f in zip(runs, fused, strict=True):
+        extra = quadrature(run, f, fine_law(run, factors))
+        force = measured_force(run, look_of(run), extra)
+        balances.append(torque_balance(run, f, force=force))
+        np.testing.assert_allclose(force_law(run, f, factors).chi2, 1.0, atol=0.4)
+    inverse = recalibrate_inertias(runs, balances).inverse
+    for balance in balances:
+        np.testing.assert_allclose(replace(balance, factors=inverse).chi2, 1.0, atol=0.6)
+
+
+def test_motion_alone_gives_the_drift_and_the_floor() -> None:
+    calibration, inertias, balances = by_motion(without_forces(rig(OWN, cycles=80)))
+    factors = calibration.factors
+    np.testing.assert_allclose(factors[4:], [0.983, 1.011], atol=1.5e-3)
+    np.testing.assert_allclose(factors[:2], [1.012, 1.0], atol=6e-3)
+    np.testing.assert_allclose(inertias.factors[1], 1.015, atol=6e-3)
+    chi2 = np.array([balance.chi2 for balance in balances])
+    assert np.median(chi2) == pytest.approx(1.0, abs=0.3)
+
+
+def test_motion_alone_shows_a_gap() -> None:
+    balances = by_motion(without_forces(rig({"k_factor": [1.0] * 6 + [1.15] * 6})))[2]
+    planets = [balance.chi2[2:].mean() for balance in balances]
+    assert max(planets) > 5.0
+
+
+def test_few_channels_end_in_nan() -> None:
+    campaign = rig({})
+    bare = Measured(np.full((960, 12), np.nan), np.zeros(12, dtype=bool), np.full(12, np.nan))
+    runs = tuple(replace(run, x=bare, v=bare, F=bare) for run in campaign.runs)
+    calibration, _, balances = by_motion(replace(campaign, runs=runs))
+    assert all(np.isnan(balance.chi2).all() for balance in balances)
+    np.testing.assert_array_equal(calibration.factors, 1.0)
