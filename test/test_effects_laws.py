@@ -187,14 +187,14 @@ def contact_nonlinearity(rig: Model, moved: Motion) -> tuple[Any, Array]:
 def damping_law_contact(rig: Model, moved: Motion) -> tuple[Any, Array]:
     out = f(moved.x, rig.half_backlash_m) == 0.0
     lost = np.where(out, 0.4, 0.0) * rig.damping_n_s_per_m * moved.v
-    one = active(effect("damping_law"), values={"share": 0.4, "law": "contact"})
+    one = active(effect("damping_law"), values={"share": 0.4, "power": 0.0})
     return one, law(rig, moved) - lost
 
 
 def damping_law_load(rig: Model, moved: Motion) -> tuple[Any, Array]:
     gap = np.abs(f(moved.x, rig.half_backlash_m)) / 1e-5
     more = 0.4 * (gap - 1.0) * rig.damping_n_s_per_m * moved.v
-    one = active(effect("damping_law"), values={"share": 0.4, "law": "load"})
+    one = active(effect("damping_law"), values={"share": 0.4, "power": 1.0, "depth": 1e-5})
     return one, law(rig, moved) + more
 
 

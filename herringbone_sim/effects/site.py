@@ -11,6 +11,10 @@ from herringbone_sim.effects.effect import Option, Options
 from herringbone_sim.errors import ParameterError
 
 Array = NDArray[np.float64]
+ANYWHERE = (
+    *(("all", "all", "all"), ("*", "all", "all"), ("all", "*", "all"), ("all", "all", "*")),
+    *(("*", "*", "all"), ("*", "all", "*"), ("all", "*", "*"), ("*", "*", "*")),
+)
 MEMBER = Option("member", "the gear that carries it", "sun", ("sun", "planet", "ring"))
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from herringbone_sim.effects.effect import Effect, Parameter
 from herringbone_sim.effects.law import PLAY, law
+from herringbone_sim.effects.site import ANYWHERE
 
 
 @law
@@ -22,6 +23,6 @@ EFFECT = Effect(
     text="half-backlash b' of some meshes not nominal (wear, thickness)",
     level="mesh",
     parameters=(Parameter("offset", "m", "more half-backlash", -6e-5, 2e-4, 5e-6),),
-    loci=(("all", "all", "all"), ("*", "all", "all"), ("*", "*", "*")),
+    loci=ANYWHERE,
     excite=excite,
 )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from herringbone_sim.effects.effect import Effect, Parameter
 from herringbone_sim.effects.law import STIFFNESS, law
+from herringbone_sim.effects.site import ANYWHERE
 
 
 @law
@@ -22,6 +23,6 @@ EFFECT = Effect(
     text="mesh stiffness off by a factor",
     level="mesh",
     parameters=(Parameter("factor", "-", "k over its own value", 0.3, 3.0, 1.1, neutral=1.0),),
-    loci=(("*", "all", "all"), ("*", "*", "*")),
+    loci=ANYWHERE,
     excite=excite,
 )

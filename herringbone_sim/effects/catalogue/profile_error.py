@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import FREQUENCY, PHASE, SHIFT, SHIFT_RATE, law
+from herringbone_sim.effects.site import ANYWHERE
 
 ORDER = 1
 
@@ -42,7 +43,7 @@ EFFECT = Effect(
         Parameter("sin", "m", "sine amplitude of d", -1e-4, 1e-4, 3e-6),
     ),
     options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
-    loci=(("all", "all", "all"), ("*", "all", "all"), ("*", "*", "*")),
+    loci=ANYWHERE,
     place=place,
     excite=excite,
 )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import CHANNELS, replaced
 from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.site import ANYWHERE
 
 
 def distort(
@@ -26,6 +27,6 @@ EFFECT = Effect(
     level="sensor",
     parameters=(Parameter("gain", "-", "shown over true", 0.2, 5.0, 1.1, neutral=1.0),),
     options=(CHANNELS,),
-    loci=(("*", "*", "*"), ("*", "all", "all")),
+    loci=ANYWHERE,
     distort=distort,
 )

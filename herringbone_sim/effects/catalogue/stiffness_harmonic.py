@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import MEAN_K, PHASE, STIFFNESS, law
+from herringbone_sim.effects.site import ANYWHERE
 
 ORDER = 1
 
@@ -39,7 +40,7 @@ EFFECT = Effect(
         Parameter("sin", "-", "sine amplitude as a share of the mean", -0.5, 0.5, 0.05),
     ),
     options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
-    loci=(("all", "all", "all"), ("*", "all", "all"), ("*", "*", "*")),
+    loci=ANYWHERE,
     place=place,
     excite=excite,
 )
