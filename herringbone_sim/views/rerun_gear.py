@@ -11,7 +11,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from herringbone_sim.core.layout import KINDS, SIDES
-from herringbone_sim.views.gear_drawing import PLANET, PLANETS, RING, SATURATED, SUN, colour
+from herringbone_sim.views.gear_drawing import PLANET, PLANETS, RING, SATURATED, SUN
 from herringbone_sim.views.palette import FRAME, WORDS, Colour
 from herringbone_sim.views.rerun_frame import strips, words
 
@@ -20,7 +20,7 @@ APART = 2.0 * REACH + 14.0
 SPOT = 9.0
 WIDTH, HEIGHT = APART + 2.0 * REACH, 2.0 * REACH
 UNKNOWN: Colour = (70, 74, 84)
-NONE: Colour = (52, 46, 40)
+NONE, FULL = np.array([58, 50, 44]), np.array([255, 140, 30])
 SIDE_NAMES = {"L": "left half", "R": "right half"}
 
 
@@ -44,7 +44,7 @@ def send_shares(recording: Any, path: str, shares: Mapping[str, float | None]) -
     at = np.concatenate([_spots(mesh) for mesh in shares]).astype(np.float32)
     each = [share for mesh, share in shares.items() for _ in _spots(mesh)]
     texts = [
-        f"{mesh} {'?' if share is None else f'{share:.0%}'}"
+        f"{mesh.partition('_')[0]} {'?' if share is None else f'{share:.0%}'}"
         for mesh, share in shares.items()
         for _ in _spots(mesh)
     ]
@@ -57,10 +57,8 @@ def send_shares(recording: Any, path: str, shares: Mapping[str, float | None]) -
 def _shade(share: float | None, top: float) -> Colour:
     if share is None:
         return UNKNOWN
-    if share <= 0.0:
-        return NONE
-    code = colour(share, top).removeprefix("#")
-    red, green, blue = (int(code[i : i + 2], 16) for i in (0, 2, 4))
+    mixed = NONE + min(max(share / top, 0.0), 1.0) * (FULL - NONE)
+    red, green, blue = (round(float(part)) for part in mixed)
     return red, green, blue
 
 

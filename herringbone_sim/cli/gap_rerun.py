@@ -1,0 +1,33 @@
+"""The mirror of a diagnosis, as ``gap --rerun`` asks for it."""
+
+from __future__ import annotations
+
+from herringbone_sim.cli.rerun_option import Where
+from herringbone_sim.cli.show import wait_for_interrupt
+from herringbone_sim.errors import HerringboneError
+from herringbone_sim.gap.diagnose import Diagnosis
+from herringbone_sim.gap.prepared import PreparedCampaign
+
+MEMORY = "1GB"
+CLOSE_S = 60.0
+
+
+def mirror_gap(where: Where, campaign: PreparedCampaign, found: Diagnosis) -> str:
+    """Mirror a diagnosis; what became of it, in a line.
+
+    A viewer that fails is said and never costs the report.
+    """
+    try:
+        from herringbone_sim.views.gap_mirror import mirror
+        from herringbone_sim.views.rerun_sink import open_sink
+
+        sink = open_sink(where.mode, where.address, where.path, MEMORY)
+        try:
+            mirror(campaign, found, sink)
+            if where.mode == "serve":
+                wait_for_interrupt(sink.address)
+        finally:
+            sink.close(CLOSE_S)
+    except (HerringboneError, ModuleNotFoundError, RuntimeError) as error:
+        return f"not mirrored: {error}"
+    return f"mirrored to {sink.address}"

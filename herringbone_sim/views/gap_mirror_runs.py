@@ -1,0 +1,174 @@
+"""What the mirror of a diagnosis shows of each run: measured, nominal, augmented."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.parameters import spread
+from herringbone_sim.core.timeseries import Array
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.stepper import simulate, stepper
+from herringbone_sim.errors import HerringboneError
+from herringbone_sim.gap.attribute import mended
+from herringbone_sim.gap.checks import check
+from herringbone_sim.gap.diagnose import Diagnosis, augmented
+from herringbone_sim.gap.fusion import fuse
+from herringbone_sim.gap.hypothesis import Case, case, expected
+from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.recalibrate import force_law
+from herringbone_sim.gap.verify import Augmented
+
+COLUMNS = ("measured", "nominal", "augmented")
+TRANSIENT, CYCLES = 150, 40  # mesh cycles that settle, and that are shown
+
+
+@dataclass(frozen=True)
+class RunView:
+    """A run as three columns; arrays of the last cycles, NaN where a channel can't give them.
+
+    Attributes:
+        run: name, role, operating point.
+        meshes: n names.
+        times: (k,) [s].
+        force: by column (k, n) [N]: measured, and the two laws at the measured motion.
+        planes: by column (j, n, 2) displacement [m] and rate [m/s]: measured, and what each model
+            does on its own from the start of the run on; a column without a motion is left out.
+        energy: by column but the first (n,) mean square of its residual over the floor, over all
+            samples of the run; NaN where unknown.
+        notes: what is missing.
+    """
+
+    run: PreparedRun
+    meshes: tuple[str, ...]
+    times: Array
+    force: dict[str, Array]
+    planes: dict[str, Array]
+    energy: dict[str, Array]
+    notes: tuple[str, ...]
+
+
+def run_views(campaign: PreparedCampaign, found: Diagnosis) -> list[RunView]:
+    """Every run of a campaign that the diagnosis could use, in the campaign's order."""
+    model = augmented(found.evidence, found.verdict)
+    known = {one.run.name: one for one in found.evidence.cases}
+    views = []
+    for run in check(campaign)[0].runs:
+        one = known.get(run.name)
+        if one is None:
+            whole = mended(run, found.evidence.check)
+            one = case(whole, fuse(whole))
+        views.append(run_view(one, model))
+    return views
+
+
+def run_view(one: Case, model: Augmented) -> RunView:
+    """One run against the nominal and the augmented model."""
+    run = one.run
+    law = force_law(run, one.fused, np.ones(6))
+    after = expected(one, model.factors, model.actives)
+    last = _last_cycles(run)
+    forces = (run.F.values, law.modelled_n, after)
+    residuals = {"nominal": law.residual_n, "augmented": run.F.values - after}
+    planes, notes = _planes(one, model, last)
+    return RunView(
+        run=run,
+        meshes=run.model.layout.meshes,
+        times=run.times[last:],
+        force={name: f[last:] for name, f in zip(COLUMNS, forces, strict=True)},
+        planes=planes,
+        energy={n: np.mean((r / law.sigma_n) ** 2, axis=0) for n, r in residuals.items()},
+        notes=notes,
+    )
+
+
+def own_gear(run: PreparedRun, model: Augmented) -> Model:
+    """The gear at the operating point of a run with the calibration of an augmented model.
+
+    The damping of both kinds of meshes follows one damping ratio, their mean.
+    """
+    p, factors = run.model.parameters, model.factors
+    k, c, e = factors[0:2], factors[2:4], factors[4:6]
+    n = run.model.layout.n_mesh
+    changed = {
+        "k_m_sp": p.k_m_sp * float(k[0]),
+        "k_m_rp": p.k_m_rp * float(k[1]),
+        "xi": p.xi * float(np.mean(c / np.sqrt(k))),
+        "e_factor": (np.array(spread(p.e_factor, n)) * np.repeat(e, n // 2)).tolist(),
+        "omega_n": run.model.scales.omega_n,
+    }
+    return build(p.changed(changed))
+
+
+def shares(views: Sequence[RunView]) -> dict[str, dict[str, float | None]]:
+    """By column, share of every mesh in the residual above the floor before; None if unknown.
+
+    Both columns are shares of the nominal residual, so the second adds up to what is left.
+    """
+    found: dict[str, dict[str, float | None]] = {}
+    above = {
+        name: np.maximum(np.mean([view.energy[name] for view in views], axis=0) - 1.0, 0.0)
+        for name in COLUMNS[1:]
+    }
+    total = max(float(np.nansum(above["nominal"])), 1e-300)
+    for name, energy in above.items():
+        found[name] = {
+            mesh: float(value) / total if np.isfinite(value) else None
+            for mesh, value in zip(views[0].meshes, energy, strict=True)
+        }
+    return found
+
+
+def _last_cycles(run: PreparedRun) -> int:
+    return int(np.searchsorted(run.phase, run.phase[-1] - 2.0 * np.pi * CYCLES))
+
+
+def _turns(run: PreparedRun) -> Array:
+    """Distance (n,) of every sample from phase 0, in mesh cycles."""
+    turns = run.phase / (2.0 * np.pi)
+    return np.asarray(turns - np.round(turns), dtype=np.float64)
+
+
+def _planes(one: Case, model: Augmented, last: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+    planes, notes = {}, []
+    seen = np.isfinite(one.fused.x).any() and np.isfinite(one.fused.v).any()
+    if seen:
+        planes["measured"] = np.stack([one.fused.x[last:], one.fused.v[last:]], axis=2)
+    else:
+        notes.append("no displacement and rate of a mesh: no measured phase portrait")
+    gears = {
+        "nominal": (one.run.model, ()),
+        "augmented": (own_gear(one.run, model), model.actives),
+    }
+    for name, (gear, actives) in gears.items():
+        try:
+            planes[name] = _motion(gear, actives, one)
+        except HerringboneError as error:
+            notes.append(f"no motion of the {name} model: {error}")
+    return planes, tuple(notes)
+
+
+def _motion(gear: Model, actives: Sequence[Active], one: Case) -> Array:
+    """Displacement and rate (k, n, 2) of the cycles that end with the run.
+
+    It starts where the run does, so that of motions that exist beside one another it is the rig's;
+    where the run's start is not known, from the model's own.
+    """
+    machine = tuple(a for a in actives if a.effect.level != "sensor")
+    start, before = stepper(gear, machine).start(), TRANSIENT
+    at = int(np.argmin(np.abs(_turns(one.run)[: 2 * gear.parameters.samples_per_cycle])))
+    measured = np.concatenate([one.fused.z[at], one.fused.z_rate[at]])
+    if np.isfinite(measured).all():
+        s = gear.scales
+        unit = np.repeat([s.b_c, s.velocity_m_per_s], len(measured) // 2)
+        y = np.concatenate([measured / unit, start.y[len(measured) :]])
+        start = replace(start, y=y, cycle=round(float(one.run.phase[at]) / (2.0 * np.pi)))
+        cycles = float(one.run.phase[-1] - one.run.phase[at]) / (2.0 * np.pi)
+        before = max(round(cycles) - CYCLES, 1)
+    _, settled = simulate(gear, machine, before, start)
+    series, _ = simulate(gear, machine, CYCLES, settled)
+    x, v = (series.columns(tuple(f"{q}_{m}" for m in gear.layout.meshes)) for q in "xv")
+    return np.stack([x, v], axis=2)

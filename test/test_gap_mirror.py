@@ -1,0 +1,109 @@
+"""A diagnosis in the viewer: what stands in the three columns, and that the file is one."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gap_support import NOMINAL, rig
+
+from herringbone_sim.cli.gap_rerun import mirror_gap
+from herringbone_sim.cli.rerun_option import Where
+from herringbone_sim.effects.effect import Locus, active
+from herringbone_sim.effects.registry import effects
+from herringbone_sim.gap.attribute import Evidence
+from herringbone_sim.gap.decide import Option, Verdict
+from herringbone_sim.gap.diagnose import Diagnosis
+from herringbone_sim.gap.fit import fit
+from herringbone_sim.gap.fusion import fuse
+from herringbone_sim.gap.hypothesis import case
+from herringbone_sim.gap.prepared import PreparedCampaign
+from herringbone_sim.gap.sensors import SensorCheck
+from herringbone_sim.gap.verify import Gap, RunGap
+from herringbone_sim.views.gap_mirror_runs import run_views, shares
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+importlib.import_module("rerun")
+
+
+@pytest.fixture(scope="module")
+def campaign() -> PreparedCampaign:
+    return rig({"k_m_sp": 1.1 * NOMINAL.k_m_sp}, cycles=60)
+
+
+@pytest.fixture(scope="module")
+def found(campaign: PreparedCampaign) -> Diagnosis:
+    """A verdict with the planted cause, put together by hand."""
+    stiff = active(effects()["mean_stiffness"], Locus("sp"), {"factor": 1.1})
+    cases = tuple(case(run, fuse(run)) for run in campaign.of_role("fit"))
+    option = Option("force_law", (stiff,), 0.0, fit(cases, np.ones(6), (stiff,), 1))
+    evidence = Evidence(
+        SensorCheck(1.0, 1.0, ()), cases, fit(cases, np.ones(6), (), 1), (), (), (), (), 0.0, {}
+    )
+    name = "mean_stiffness"
+    verdict = Verdict(name, (name,), {name: 1.0}, {}, (), "force_law", (option,))
+    gap = Gap("force_law", tuple(RunGap(r.name, r.role, 3.0, 1.1, 1.0) for r in campaign.runs))
+    place = {"mesh": "sp", "planet": "all", "side": "all"}
+    cause = {"effect": name, "locus": place, "probability": 1.0, "parameters": {}}
+    return Diagnosis(evidence, verdict, gap, None, {"causes": [cause]})
+
+
+def test_columns_hold_what_their_names_say(campaign: PreparedCampaign, found: Diagnosis) -> None:
+    views = run_views(campaign, found)
+    assert [view.run.role for view in views] == ["fit", "fit", "held_out"]
+    for view in views:
+        before, after = view.energy["nominal"], view.energy["augmented"]
+        assert before[:6].min() > 1.5 * after[:6].max()
+        assert after.max() < 1.3
+        np.testing.assert_array_equal(
+            view.force["measured"], view.run.F.values[-len(view.times) :]
+        )
+        assert set(view.planes) == {"measured", "nominal", "augmented"}
+        assert view.notes == ()
+
+
+def test_the_augmented_model_moves_as_the_rig_does_where_it_is_periodic(
+    campaign: PreparedCampaign, found: Diagnosis
+) -> None:
+    for view in (run_views(campaign, found)[i] for i in (0, 2)):
+        sizes = {name: np.std(plane[:, :, 0], axis=0) for name, plane in view.planes.items()}
+        off = {name: np.mean(np.abs(s / sizes["measured"] - 1.0)) for name, s in sizes.items()}
+        assert off["augmented"] < 0.02
+        assert off["augmented"] < 0.5 * off["nominal"]
+
+
+def test_shares_are_of_the_nominal_residual(campaign: PreparedCampaign, found: Diagnosis) -> None:
+    of = shares(run_views(campaign, found))
+    assert sum(share or 0.0 for share in of["nominal"].values()) == pytest.approx(1.0)
+    assert sum(of["nominal"][f"sp{i}_{s}"] or 0.0 for i in (1, 2, 3) for s in "LR") > 0.95
+    assert sum(share or 0.0 for share in of["augmented"].values()) < 0.1
+
+
+def test_the_file_is_one_that_the_viewer_takes(
+    campaign: PreparedCampaign, found: Diagnosis, tmp_path: Path
+) -> None:
+    from herringbone_sim.views.rerun_sink import rerun_binary
+
+    path = tmp_path / "out" / "gap.rrd"
+    assert mirror_gap(Where("save", "", path), campaign, found) == f"mirrored to {path}"
+    done = subprocess.run(
+        [rerun_binary(), "rrd", "print", str(path)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    for entity in (
+        "/verdict",
+        "/gear/nominal/spots",
+        "/gear/augmented/spots",
+        "/run_00/force/measured/sp",
+        "/run_02/residual/augmented/rp",
+        "/run_01/plane/augmented/sp",
+    ):
+        assert entity in done.stdout
+
+
+def test_a_viewer_that_is_not_there_is_said(campaign: PreparedCampaign, found: Diagnosis) -> None:
+    said = mirror_gap(Where("connect", "127.0.0.1:9", Path("gap.rrd")), campaign, found)
+    assert said.startswith("not mirrored: no viewer answers at 127.0.0.1:9")
