@@ -8,11 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.core.integrate import State, Stepper, change
+from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import from_mapping, live_names
+from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.core.timeseries import Array
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.sensors import Clock, Sensors
+from herringbone_sim.effects.stepper import change, stepper
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values
 from herringbone_sim.recording.reader import Recording
 
 CHUNK = 65536
@@ -61,8 +66,15 @@ def verify(recording: Recording) -> Verdict:
 
 def repeat(recording: Recording) -> Iterator[tuple[Array, int]]:
     """Blocks of the repeated run, and how many changes were applied at the start of each."""
-    state, parameters = _start(recording)
+    state, parameters, actives, clock = _start(recording)
     model = build(parameters)
+    machine = stepper(model, actives)
+    if len(state.y) != len(machine.start().y):
+        raise RecordingError(
+            f"{recording.name} holds a state of {len(state.y)} numbers, its gear has "
+            f"{len(machine.start().y)}: an effect of this name is another one here"
+        )
+    sensors = Sensors(machine, actives, clock)
     if model.layout.channels != recording.samples.names:
         raise RecordingError(
             f"{recording.name} has channels that its model {parameters.model} does not have: "
@@ -72,22 +84,26 @@ def repeat(recording: Recording) -> Iterator[tuple[Array, int]]:
     ends = [*[at for at, _ in cuts[1:]], len(recording.samples)]
     made = 0
     for (at, values), end in zip(cuts, ends, strict=True):
-        new = build(model.parameters.changed(values))
-        state = change(model, new, state)
-        model, stepper = new, Stepper(new)
+        if values:
+            of_model = {name: value for name, value in values.items() if name != EFFECTS}
+            chosen = read_effects(values[EFFECTS]) if EFFECTS in values else actives
+            new = stepper(build(machine.model.parameters.changed(of_model)), chosen)
+            state = change(machine, new, state)
+            sensors, machine, actives = sensors.followed(new, chosen, state.t), new, chosen
         made += 1 if values else 0
         while at < end:
-            block = stepper.advance(state, min(CHUNK, end - at))
-            yield block.rows, made
+            block = machine.advance(state, min(CHUNK, end - at))
+            yield sensors.show(block).rows, made
             if block.diverged:
                 return
             at, state, made = at + len(block.rows), block.end, 0
 
 
-def _start(recording: Recording) -> tuple[State, Any]:
+def _start(recording: Recording) -> tuple[State, Parameters, tuple[Active, ...], Clock]:
     content = recording.channels
     try:
-        parameters = from_mapping(content["parameters"])
+        parameters, actives = gear_of_values(content["parameters"])
+        clock = Clock(**content.get("clock", {}))
         stored = content["state"]
         y = np.array(stored["y"], dtype=float)
         state = State(
@@ -98,7 +114,7 @@ def _start(recording: Recording) -> tuple[State, Any]:
             f"{recording.name} does not say its parameters and initial state ({error}): only a "
             "run of this simulator can be repeated"
         ) from error
-    return state, parameters
+    return state, parameters, actives, clock
 
 
 def _cuts(recording: Recording) -> list[tuple[int, dict[str, Any]]]:
@@ -106,7 +122,7 @@ def _cuts(recording: Recording) -> list[tuple[int, dict[str, Any]]]:
     times = recording.samples.times
     cuts: list[tuple[int, dict[str, Any]]] = [(0, {})]
     for made in recording.changes:
-        values = {k: v for k, v in made.values.items() if k in live_names()}
+        values = {k: v for k, v in made.values.items() if k in (*live_names(), EFFECTS)}
         at = int(np.searchsorted(times, made.t_s - 1e-9))
         if at < cuts[-1][0]:
             raise RecordingError(

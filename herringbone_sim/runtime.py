@@ -11,16 +11,20 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
-from concurrent.futures import Future
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from herringbone_sim.core.integrate import Block, State, Stepper, change, warm_up
+from herringbone_sim.core.integrate import Block, State, warm_up
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.parameters import live_names
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.sensors import Clock, Sensors
+from herringbone_sim.effects.stepper import EffectStepper, Machine, change, compiled, stepper
+from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import HerringboneError, ParameterError
 
 BLOCK_WALL_S = 0.02
@@ -35,7 +39,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Change:
-    """An accepted change of parameters and the simulation time [s] at which it took effect."""
+    """An accepted change of parameters and the time [s] of the sample at which it took effect."""
 
     t_s: float
     values: Mapping[str, Any]
@@ -46,16 +50,29 @@ class Delivery:
     """A block with all that a sink needs beside it.
 
     Attributes:
-        block: samples and the states around them.
+        block: samples as the sensors show them, and the states around them.
         model: the model that made it.
         changes: what changed at the first sample of the block.
         restarted: whether the run was reset right before this block.
+        actives: effects that the gear and its sensors have.
+        clock: that of the sensors.
     """
 
     block: Block
     model: Model
     changes: tuple[Change, ...]
     restarted: bool
+    actives: tuple[Active, ...] = ()
+    clock: Clock = field(default_factory=Clock)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """A machine that was submitted, and what of it is new."""
+
+    machine: Machine
+    actives: tuple[Active, ...]
+    values: Mapping[str, Any]
 
 
 @dataclass
@@ -115,6 +132,7 @@ class Loop:
     Args:
         model: what to run.
         deliver: called in the loop's thread with every ``Delivery``; must not block for long.
+        actives: effects of the gear and of its sensors.
         real_time_factor: simulation over wall time, 0 as fast as possible.
         paused: start paused.
         clock, sleep: wall clock [s] and wait; handed in for tests.
@@ -126,6 +144,7 @@ class Loop:
         model: Model,
         deliver: Callable[[Delivery], None],
         *,
+        actives: Sequence[Active] = (),
         real_time_factor: float = 1.0,
         paused: bool = False,
         clock: Callable[[], float] = time.monotonic,
@@ -143,20 +162,27 @@ class Loop:
         self._factor = real_time_factor
         self._paused = paused
         self._steps_left = 0
-        self._pending: list[tuple[Model, Mapping[str, Any]]] = []
+        self._pending: list[_Wanted] = []
+        self._last = tuple(actives)
+        self._preparing = 0
+        self._preparer = ThreadPoolExecutor(1, "effects")
         self._calls: deque[Callable[[], None]] = deque()
         self._untold: tuple[bool, tuple[Change, ...]] = (False, ())
-        self._begin(model)
+        self._begin(stepper(model, actives), tuple(actives))
         self._anchor: tuple[float, float] | None = None
         self._rate = 0.0
         self._ready = False
         self._diverged = False
         self._thread = threading.Thread(target=self._run, name="integrator", daemon=True)
 
-    def _begin(self, model: Model) -> None:
-        self._model = model
-        self._stepper = Stepper(model)
-        self._state = self._stepper.start(tangents=1)
+    def _begin(self, machine: Machine, actives: tuple[Active, ...]) -> None:
+        self._stepper, self._actives = machine, actives
+        self._sensors = Sensors(machine, actives)
+        self._state = machine.start(tangents=1)
+
+    @property
+    def _model(self) -> Model:
+        return self._stepper.model
 
     @property
     def paused(self) -> bool:
@@ -166,6 +192,16 @@ class Loop:
     def model(self) -> Model:
         """The model in force."""
         return self._model
+
+    @property
+    def actives(self) -> tuple[Active, ...]:
+        """Effects in force."""
+        return self._actives
+
+    @property
+    def clock(self) -> Clock:
+        """How the clock of the sensors stands."""
+        return self._sensors.clock
 
     @property
     def state(self) -> State:
@@ -183,16 +219,49 @@ class Loop:
     def close(self) -> None:
         """End the thread; the last block has been delivered when this returns."""
         self._stop.set()
+        self._preparer.shutdown(wait=False)
         with self._lock:
             self._lock.notify_all()
         compiling = self._thread.is_alive() and not self._ready
         if self._thread.is_alive() and not compiling:
             self._thread.join()
 
-    def submit(self, model: Model, values: Mapping[str, Any]) -> None:
-        """Go on with another model (same layout) from the next sample on; the last one wins."""
+    def submit(
+        self, model: Model, values: Mapping[str, Any], actives: Sequence[Active] | None = None
+    ) -> None:
+        """Go on with another model (same layout) from the next sample on; the last one wins.
+
+        Args:
+            model: to go on with.
+            values: what is told of the change.
+            actives: effects from then on; None leaves them. The first ones of a process load
+                their kernel, or on a new machine compile it; the change acts when that is done.
+
+        Raises:
+            ParameterError: effects that the gear can't have.
+        """
         with self._lock:
-            self._pending.append((model, values))
+            self._last = chosen = self._last if actives is None else tuple(actives)
+            machine = stepper(model, chosen)
+            Sensors(machine, chosen)
+            wanted = _Wanted(machine, chosen, values)
+            later = self._preparing or (isinstance(machine, EffectStepper) and not compiled())
+            self._preparing += bool(later)
+            if not later:
+                self._pending.append(wanted)
+                self._lock.notify_all()
+        if later:
+            self._preparer.submit(self._prepare, wanted)
+
+    def _prepare(self, wanted: _Wanted) -> None:
+        try:
+            wanted.machine.advance(wanted.machine.start(tangents=1), 1)
+        except Exception as error:
+            self._fail(f"the effects can't be compiled: {type(error).__name__}: {error}")
+            raise
+        with self._lock:
+            self._preparing -= 1
+            self._pending.append(wanted)
             self._lock.notify_all()
 
     @property
@@ -262,13 +331,14 @@ class Loop:
 
     def reset(self) -> None:
         """Back to the initial state at t = 0; a paused loop stays paused. For use in ``call``."""
-        self._begin(self._model)
+        self._begin(self._stepper, self._actives)
         self._anchor = None
         self._untold = (True, ())
 
     def _run(self) -> None:
         try:
             warm_up(self._model)
+            self._stepper.advance(self._stepper.start(tangents=1), 1)
             with self._lock:
                 self._ready = True
             while not self._stop.is_set():
@@ -295,7 +365,9 @@ class Loop:
         self._keep_pace(block, factor)
         restarted, changes = self._untold
         self._untold = (False, ())
-        self._deliver(Delivery(block, self._model, changes, restarted))
+        clock, shown = self.clock, self._sensors.show(block)
+        made = Delivery(shown, self._model, changes, restarted, self._actives, clock)
+        self._deliver(made)
         with self._lock:
             self._account(block)
 
@@ -306,20 +378,19 @@ class Loop:
         rounding the direction in which left and right part, and would never find it again.
         """
         while self._pending:
-            model, values = self._pending[0]
-            if self._off_grid(model):
+            wanted = self._pending[0]
+            if self._off_grid(wanted.machine.model):
                 return
             self._pending.pop(0)
-            old, new = self._model.parameters, model.parameters
+            old, new = self._model.parameters, wanted.machine.model.parameters
             left = self._steps_left * new.samples_per_cycle / old.samples_per_cycle
             self._steps_left = math.ceil(left)
-            self._stepper = Stepper(model)
-            fresh = self._stepper.start(tangents=1)
-            moved = change(self._model, model, self._state)
-            self._state = replace(moved, tangents=fresh.tangents, growth=fresh.growth)
-            self._model = model
+            self._state = change(self._stepper, wanted.machine, self._state)
+            shown = self._sensors.shown_s(self._state.t)
+            self._stepper, self._actives = wanted.machine, wanted.actives
+            self._sensors = self._sensors.followed(wanted.machine, wanted.actives, self._state.t)
             self._anchor = None
-            made = Change(self._state.t, dict(values))
+            made = Change(shown, dict(wanted.values))
             self._untold = (self._untold[0], (*self._untold[1], made))
 
     def _off_grid(self, model: Model) -> bool:
@@ -372,5 +443,6 @@ class Loop:
             live = ", ".join(f"{name}={getattr(p, name)!r}" for name in live_names())
             self._fail(
                 f"the motion diverged at t = {block.rows[-1, 0]:.9g} s: paused; reset after "
-                f"changing parameters ({live}, method={p.method}, steps={p.steps})"
+                f"changing parameters ({live}, method={p.method}, steps={p.steps}"
+                f"{', effects ' + effects_text(self._actives) if self._actives else ''})"
             )

@@ -44,6 +44,14 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     assert load_gear(file) == (Parameters(), ())
 
 
+def test_a_text_says_the_same_as_the_list() -> None:
+    text = "tooth_crack@sp/1/L:depth=0.3,member=sun; backlash_offset:offset=1e-5;"
+    assert read_effects(text) == (CRACK, WORN)
+    assert read_effects("") == ()
+    swap = read_effects("channel_swap:channels=F_sp1_L+F_sp2_L")
+    assert swap[0].chosen["channels"] == ("F_sp1_L", "F_sp2_L")
+
+
 @pytest.mark.parametrize("name", sorted(effects()))
 def test_every_effect_goes_there_and_back(name: str) -> None:
     one = active(effect(name), Locus("sp", "2", "R"))
@@ -61,8 +69,12 @@ def test_a_command_that_knows_no_effects_refuses_them(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "rule"),
     [
-        ("{", "must be JSON"),
-        ({"effect": "runout"}, "must be a list"),
+        ("runout:amplitude", "NAME=VALUE"),
+        ("runout@rp//L", "NAME=VALUE"),
+        ("runout:amplitude=1e-5,amplitude=2e-5", "stands twice"),
+        ("runout:amplitude=much", "must be a number"),
+        ("squeak", "no effect 'squeak'"),
+        ({"effect": "runout"}, "must be a text or a list"),
         (["runout"], "must be a mapping"),
         ([{"effect": "squeak"}], "no effect 'squeak'"),
         ([{"effect": "runout", "size": 1.0}], "has no size"),

@@ -9,9 +9,9 @@ from herringbone_sim.cli.parameter_options import add_parameter_options
 from herringbone_sim.cli.sweep_options import (
     add_sweep_options,
     chunk_from,
-    gear_from,
     observation_from,
     run_all,
+    swept_gear,
     tell,
 )
 from herringbone_sim.errors import ParameterError
@@ -85,7 +85,8 @@ def draw_map(args: argparse.Namespace) -> int:
             f"a map needs two values or more on each axis, got {sizes}: raise --size or give more"
         )
     look, chunk = observation_from(args, mesh=""), chunk_from(args)
-    asked = Sweep(gear_from(args), axes, look, args.start, chunk)
+    base, effects = swept_gear(args)
+    asked = Sweep(base, axes, look, args.start, chunk, effects)
     store = open_store(args.out, asked)
     run_all([store], args)
     result = load_result(store)

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.core.parameters import Parameters, meaning
+from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.recording.parameter_file import load_gear, load_parameters
 
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +38,16 @@ def parameters_from(args: argparse.Namespace) -> Parameters:
     """
     base = load_parameters(args.parameters) if args.parameters else Parameters()
     return base.changed(settings(args.set))
+
+
+def gear_from(args: argparse.Namespace) -> tuple[Parameters, tuple[Active, ...]]:
+    """Parameters as ``parameters_from``, and the effects that the file holds.
+
+    Raises:
+        ParameterError: as there, or an effect that there is not.
+    """
+    base, actives = load_gear(args.parameters) if args.parameters else (Parameters(), ())
+    return base.changed(settings(args.set)), actives
 
 
 def settings(texts: Sequence[str]) -> dict[str, Any]:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from herringbone_sim.cli.parameter_options import number
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.effects.effect import Active, Locus, active
-from herringbone_sim.effects.registry import effect, effects
+from herringbone_sim.effects.registry import effects
+from herringbone_sim.effects.written import parse_effect
 from herringbone_sim.errors import ParameterError, RecordingError
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.recording.rig import RigPlan, hidden_effects, make_campaign, write_label
@@ -113,24 +111,3 @@ def show_effects(_: argparse.Namespace) -> int:
             choices = ", ".join(str(choice) for choice in o.choices)
             print(f"    {o.name}: {o.text}{f' ({choices})' if choices else ''}")
     return 0
-
-
-def parse_effect(text: str) -> Active:
-    """Effect of a text ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``.
-
-    Raises:
-        ParameterError: another form, or an effect, place or value that there is not.
-    """
-    head, _, tail = text.partition(":")
-    name, _, place = head.partition("@")
-    parts = [part.strip() for part in place.split("/")] if place else []
-    pairs = [part.partition("=") for part in tail.split(",") if part.strip()]
-    if len(parts) > 3 or not all(equals for _, equals, _ in pairs):
-        raise ParameterError(
-            f"an effect is ID@MESH/PLANET/SIDE:NAME=VALUE,..., got {text!r}: write it like "
-            "tooth_crack@sp/1/L:depth=0.3,member=sun"
-        )
-    values: dict[str, Any] = {key.strip(): number(value) for key, _, value in pairs}
-    if "channels" in values:
-        values["channels"] = tuple(str(values["channels"]).split("+"))
-    return active(effect(name.strip()), Locus(*parts), values)

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import tempfile
+from pathlib import Path
+
+from herringbone_sim.recording.parameter_file import ros_text
 
 DESCRIPTION = """\
 Start the simulator node. All after --ros-args goes to ROS 2, for example
 
+  python -m herringbone_sim run --parameters config/paper.yaml
   python -m herringbone_sim run --ros-args --params-file config/paper.yaml -p record:=true
+  python -m herringbone_sim run --ros-args -p "effects:='tooth_crack@sp:depth=0.3,member=sun'"
 
 The parameters, with unit, meaning and range: python -m herringbone_sim parameters
 """
@@ -20,6 +26,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="start the simulator node (needs ROS 2, also from PyPI)",
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="parameter file, also with effects as a list; what follows --ros-args wins",
     )
     parser.set_defaults(func=run, rest=[])
 
@@ -34,4 +46,10 @@ def run(args: argparse.Namespace) -> int:
             "pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
         )
         return 2
-    return main(["herringbone_sim", *args.rest])
+    if args.parameters is None:
+        return main(["herringbone_sim", *args.rest])
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "parameters.yaml"
+        file.write_text(ros_text(args.parameters), encoding="utf-8")
+        of_file = ["--ros-args", "--params-file", str(file), "--"]
+        return main(["herringbone_sim", *of_file, *args.rest])

@@ -10,9 +10,9 @@ from herringbone_sim.cli.parameter_options import add_parameter_options
 from herringbone_sim.cli.sweep_options import (
     add_sweep_options,
     chunk_from,
-    gear_from,
     observation_from,
     run_all,
+    swept_gear,
     tell,
 )
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of
@@ -80,11 +80,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def sweep(args: argparse.Namespace) -> int:
     """Run, draw and tell; exit code 0."""
-    base = gear_from(args)
+    base, effects = swept_gear(args)
     axes = tuple(axis_from_text(text) for text in args.over)
     look = observation_from(args, args.mesh or base.layout.meshes[0])
     stores = [
-        open_store(args.out / way, Sweep(base, axes, look, way, chunk_from(args, way)))
+        open_store(args.out / way, Sweep(base, axes, look, way, chunk_from(args, way), effects))
         for way in WAYS[args.start]
     ]
     run_all(stores, args)

@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from herringbone_sim.cli.parameter_options import parameters_from, settings
+from herringbone_sim.cli.parameter_options import gear_from, settings
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.written import effects_text
 from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import CHUNK, Observation, for_sweeps
 from herringbone_sim.sweeps.store import Result, Store
@@ -60,9 +61,10 @@ def chunk_from(args: argparse.Namespace, start: str = "fixed") -> int:
     return CHUNK if start == "fixed" else CHAIN
 
 
-def gear_from(args: argparse.Namespace) -> Parameters:
-    """The gear asked for, with the steps of a sweep where the user set no others."""
-    return for_sweeps(parameters_from(args), settings(args.set))
+def swept_gear(args: argparse.Namespace) -> tuple[Parameters, str]:
+    """The gear asked for, with the steps of a sweep where the user set no others; its effects."""
+    base, actives = gear_from(args)
+    return for_sweeps(base, settings(args.set)), effects_text(actives)
 
 
 def observation_from(args: argparse.Namespace, mesh: str) -> Observation:
@@ -88,6 +90,8 @@ def run_all(stores: Sequence[Store], args: argparse.Namespace) -> None:
 
 def tell(result: Result) -> None:
     """Print the shares of the periods, and how often which reason to fail was met."""
+    if result.sweep.effects:
+        print(f"with effects: {result.sweep.effects}")
     period = result["period"]
     values, counts = np.unique(period[np.isfinite(period)], return_counts=True)
     pairs = zip(values, counts / period.size, strict=True)

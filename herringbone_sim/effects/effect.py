@@ -117,6 +117,7 @@ class Effect:
         states: (model) -> number of states of its own.
         acts: names of the laws it has among excite, react, drive.
         distort: of a sensor effect: (theta, series, channels) -> series.
+        reach: of a sensor effect: (theta) -> time [s] before or after a sample that it looks at.
     """
 
     id: str
@@ -131,6 +132,7 @@ class Effect:
     drive: Any = no_drive
     states: Callable[[Model], int] = field(default=lambda model: 0)
     distort: Distort | None = None
+    reach: Callable[[tuple[float, ...]], float] = field(default=lambda theta: 0.0)
 
     def __post_init__(self) -> None:
         if self.level not in LEVELS:

@@ -95,9 +95,16 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
         first=np.cumsum([0, *own]),
         n_active=used,
         acts=np.array(
-            [(one.effect.excite is not no_excite, one.effect.react is not no_react) for one in chosen]
+            [
+                (one.effect.excite is not no_excite, one.effect.react is not no_react)
+                for one in chosen
+            ]
         ),
     )
+
+
+def _acts(one: Effect) -> tuple[bool, bool]:
+    return one.excite is not no_excite, one.react is not no_react
 
 
 def _site(model: Model, one: Active) -> Array:

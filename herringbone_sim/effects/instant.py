@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from herringbone_sim.core.packed import inlined
 from herringbone_sim.effects.law import (
     DAMPING,
+    HARMONICS,
+    MEAN_K,
     OWN_B,
     OWN_C,
     PHASE,
@@ -13,11 +18,10 @@ from herringbone_sim.effects.law import (
     STIFFNESS,
     law,
     play,
-    stiffness_at,
 )
 
 
-@law
+@inlined
 def instant(e, site, theta, gear, now, own, x, v, w):
     """Forces and torques of one instant, in ``w.force`` and ``w.torque``; also in ``w.law``.
 
@@ -25,14 +29,20 @@ def instant(e, site, theta, gear, now, own, x, v, w):
     the effects' displacements, which are added to give ``w.x`` and ``w.v``.
     """
     for m in range(x.size):
-        w.law[STIFFNESS, m] = stiffness_at(gear, m, now[PHASE])
+        w.law[STIFFNESS, m] = gear[MEAN_K, m]
         w.law[DAMPING, m] = gear[OWN_C, m]
         w.law[PLAY, m] = gear[OWN_B, m]
         w.law[SHIFT, m] = 0.0
         w.law[SHIFT_RATE, m] = 0.0
+    for j in range((gear.shape[0] - HARMONICS) // 4):
+        cos, sin = np.cos((j + 1) * now[PHASE]), np.sin((j + 1) * now[PHASE])
+        row = HARMONICS + 4 * j
+        for m in range(x.size):
+            w.law[STIFFNESS, m] += gear[row, m] * cos + gear[row + 1, m] * sin
     for i in range(e.n_active):
-        mine = own[e.first[i] : e.first[i + 1]]
-        e.excite[i](theta[i], site[i], gear, now, mine, w.law)
+        if e.acts[i, 0]:
+            mine = own[e.first[i] : e.first[i + 1]]
+            e.excite[i](theta[i], site[i], gear, now, mine, w.law)
     for m in range(x.size):
         w.x[m] = x[m] + w.law[SHIFT, m]
         w.v[m] = v[m] + w.law[SHIFT_RATE, m]
@@ -40,11 +50,12 @@ def instant(e, site, theta, gear, now, own, x, v, w):
         w.force[m] = w.law[STIFFNESS, m] * f + w.law[DAMPING, m] * w.v[m]
     w.torque[:] = 0.0
     for i in range(e.n_active):
-        mine = own[e.first[i] : e.first[i + 1]]
-        e.react[i](theta[i], site[i], gear, now, mine, w.x, w.v, w.law, w.force, w.torque)
+        if e.acts[i, 1]:
+            mine = own[e.first[i] : e.first[i + 1]]
+            e.react[i](theta[i], site[i], gear, now, mine, w.x, w.v, w.law, w.force, w.torque)
 
 
-@law
+@inlined
 def own_slopes(e, site, theta, gear, now, own, force, slope):
     """Rates (s,) of the effects' own states under mesh forces (n,)."""
     for i in range(e.n_active):

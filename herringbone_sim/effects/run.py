@@ -1,19 +1,18 @@
-"""The compiled run of a gear with effects: Runge-Kutta of order 4 over a grid of mesh phases."""
+"""A gear with effects as compiled code: its slope, and a step of Runge-Kutta of order 4."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.packed import TWO_PI, inlined
 from herringbone_sim.core.right_hand_side import accelerate, control_angle, deflections
-from herringbone_sim.core.run import LIMIT
 from herringbone_sim.effects.instant import instant, own_slopes
-from herringbone_sim.effects.law import PHASE, PLAY, error_at, error_slope_at, law
+from herringbone_sim.effects.law import HARMONICS, MEAN_E, PHASE, law
 
 LENGTH, RATE, FORCE, TILT, FREQUENCY_N = range(5)
 
 
-@law
+@inlined
 def at_instant(e, site, theta, gear, p, si, now, y, w, g):
     """Deflections, rates, forces and torques of a state, left in ``g`` and ``w``, SI units.
 
@@ -26,12 +25,18 @@ def at_instant(e, site, theta, gear, p, si, now, y, w, g):
     deflections(p, y[m : 2 * m], g.v)
     omega = p.Omega * si[FREQUENCY_N]
     for j in range(n):
-        g.x[j] = g.x[j] * si[LENGTH] - error_at(gear, j, now[PHASE])
-        g.v[j] = g.v[j] * si[RATE] - omega * error_slope_at(gear, j, now[PHASE])
+        g.x[j] = g.x[j] * si[LENGTH] - gear[MEAN_E, j]
+        g.v[j] *= si[RATE]
+    for j in range((gear.shape[0] - HARMONICS) // 4):
+        cos, sin = np.cos((j + 1) * now[PHASE]), np.sin((j + 1) * now[PHASE])
+        row = HARMONICS + 4 * j + 2
+        for i in range(n):
+            g.x[i] -= gear[row, i] * cos + gear[row + 1, i] * sin
+            g.v[i] -= omega * (j + 1) * (gear[row + 1, i] * cos - gear[row, i] * sin)
     instant(e, site, theta, gear, now, y[2 * m :], g.x, g.v, w)
 
 
-@law
+@inlined
 def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
     """dy/dtau: Eqs. (18), (22) with the effects' forces and torques, then their own states."""
     now[PHASE] = TWO_PI * cycle + phase
@@ -39,7 +44,7 @@ def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
     n = w.force.size
     half = n // 2
     m = 2 + half
-    control = p.K * np.cos(control_angle(p, phase, cycle))
+    control = p.K * np.cos(control_angle(p, phase, cycle)) if p.K != 0.0 else 0.0
     carrier = w.torque[2] * p.inv_M_c
     unit = si[LENGTH] / (si[TILT] * si[FORCE] * g.projection)
     for k in range(m):
@@ -59,10 +64,13 @@ def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
         dy[k] /= si[FREQUENCY_N]
 
 
-@law
-def rk4(e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g):
-    """Advance y by h in dimensionless time, in place."""
-    for stage in range(4):
+@inlined
+def stages(first, e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g):
+    """Advance y by h in dimensionless time, in place.
+
+    The slopes of the stages before ``first`` (0 or 1) are in ``g.rate`` already.
+    """
+    for stage in range(first, 4):
         part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
         for k in range(y.size):
             g.stage[k] = y[k] + (part * h * g.rate[stage - 1, k] if stage > 0 else 0.0)
@@ -74,80 +82,6 @@ def rk4(e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g):
 
 
 @law
-def write_row(p, si, carrier, t, now, y, w, g, row):
-    """One sample: head, x, v, F of the meshes, u of the bodies; returns the largest |x| / b_c."""
-    n = w.force.size
-    m = carrier.size
-    row[0] = t
-    row[1] = now[0]
-    row[2] = now[4]
-    row[3] = now[2]
-    row[4] = now[3]
-    largest = 0.0
-    for j in range(n):
-        row[5 + j] = g.x[j]
-        row[5 + n + j] = g.v[j]
-        row[5 + 2 * n + j] = w.force[j]
-        size = abs(w.x[j]) / si[LENGTH]
-        if size > largest or np.isnan(size):
-            largest = size
-    u_c = 0.0
-    for k in range(m):
-        u_c += carrier[k] * y[k]
-    first = 5 + 3 * n
-    for side in range(2):
-        row[first + side] = y[side] * si[TILT] + 2.0 * u_c
-    row[first + 2] = u_c
-    for k in range(2, m):
-        row[first + 1 + k] = y[k] * si[TILT] + u_c
-    return largest
-
-
-@law
-def run(
-    e,
-    site,
-    theta,
-    gear,
-    p,
-    si,
-    carrier,
-    now,
-    y,
-    place,
-    t,
-    steps,
-    stride,
-    parts,
-    w,
-    g,
-    rows,
-    contact,
-):
-    """Fill rows with samples ``stride`` steps apart, each of ``parts`` steps of the method.
-
-    ``place`` is (cycle, index) and moves on; returns (time, rows filled). The run stops after the
-    row that is out of range. ``contact (n, 3)`` counts samples in back contact, separated, in
-    drive contact.
-    """
-    h = TWO_PI / (p.Omega * steps) / parts
-    for i in range(rows.shape[0]):
-        now[PHASE] = TWO_PI * place[0] + TWO_PI * place[1] / steps
-        at_instant(e, site, theta, gear, p, si, now, y, w, g)
-        largest = write_row(p, si, carrier, t, now, y, w, g, rows[i])
-        for j in range(contact.shape[0]):
-            b = w.law[PLAY, j]
-            contact[j, 1 + (w.x[j] > b) - (w.x[j] < -b)] += 1
-        if not largest < LIMIT:
-            return t, i + 1
-        for _ in range(stride):
-            phase = TWO_PI * place[1] / steps
-            for part in range(parts):
-                at = phase + part * h * p.Omega
-                rk4(e, site, theta, gear, p, si, now, place[0], at, h, y, w, g)
-            t += h * parts / si[FREQUENCY_N]
-            place[1] += 1
-            if place[1] == steps:
-                place[1] = 0
-                place[0] += 1
-    return t, rows.shape[0]
+def rk4(e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g):
+    """Advance y by h in dimensionless time, in place."""
+    stages(0, e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g)

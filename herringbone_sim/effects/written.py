@@ -1,8 +1,13 @@
-"""Effects as they are written down: ``{effect, locus, parameters}`` in a file, JSON in a text."""
+"""Effects as they are written down: ``{effect, locus, parameters}`` in a list, or a line of text.
+
+The text is ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``, several joined by ``;``. What is left out of
+the place is all, what is left out of the values has its start value; several channels of a sensor
+stand as ``channels=F_sp1_L+F_sp2_L``. Command line, parameter files, the node and recordings all
+take it.
+"""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,29 +16,59 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import ParameterError
 
 FORM = (
-    "write a list of {effect: ID, locus: {mesh: .., planet: .., side: ..}, parameters: {..}}, "
-    "or the same as a JSON text"
+    "write it like 'tooth_crack@sp/1/L:depth=0.3,member=sun; runout@rp:amplitude=2e-5', or as a "
+    "list of {effect: ID, locus: {mesh: .., planet: .., side: ..}, parameters: {..}}"
 )
 
 
 def read_effects(content: Any) -> tuple[Active, ...]:
-    """Active effects of a list of mappings, or of a JSON text of one; nothing is no effect.
+    """Active effects of a text, or of a list of mappings; nothing is no effect.
 
     Raises:
         ParameterError: another form, or an effect, a locus or a value that there is not.
     """
-    if isinstance(content, str):
-        try:
-            content = json.loads(content) if content.strip() else []
-        except json.JSONDecodeError as error:
-            raise ParameterError(
-                f"effects must be JSON, got {content!r} ({error}): {FORM}"
-            ) from None
     if content is None:
         return ()
+    if isinstance(content, str):
+        return tuple(parse_effect(part) for part in content.split(";") if part.strip())
     if not isinstance(content, list):
-        raise ParameterError(f"effects must be a list, got {content!r}: {FORM}")
+        raise ParameterError(f"effects must be a text or a list, got {content!r}: {FORM}")
     return tuple(_read(entry) for entry in content)
+
+
+def parse_effect(text: str) -> Active:
+    """Effect of a text ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``.
+
+    Raises:
+        ParameterError: another form, or an effect, place or value that there is not.
+    """
+    head, _, tail = text.partition(":")
+    name, _, place = head.partition("@")
+    parts = [part.strip() for part in place.split("/")] if place else []
+    pairs = [part.partition("=") for part in tail.split(",") if part.strip()]
+    if len(parts) > 3 or not all(parts) or not all(equals for _, equals, _ in pairs):
+        raise ParameterError(
+            f"an effect is ID@MESH/PLANET/SIDE:NAME=VALUE,..., got {text.strip()!r}: {FORM}"
+        )
+    one = effect(name.strip())
+    lists = {o.name for o in one.options if isinstance(o.start, tuple)}
+    texts = {o.name for o in one.options if isinstance(o.start, str)}
+    values: dict[str, Any] = {}
+    for key, _, value in ((k.strip(), e, v.strip()) for k, e, v in pairs):
+        if key in values:
+            raise ParameterError(f"{key} of {one.id} stands twice: leave one out")
+        whole = value if key in texts else _number(value)
+        values[key] = tuple(value.split("+")) if key in lists else whole
+    return active(one, Locus(*parts), values)
+
+
+def _number(text: str) -> float | int | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
 
 
 def _read(entry: Any) -> Active:
@@ -72,5 +107,17 @@ def parameter_values(one: Active) -> dict[str, Any]:
 
 
 def effects_text(actives: Sequence[Active]) -> str:
-    """JSON of active effects in one line: the form that ROS takes as a text."""
-    return json.dumps(write_effects(actives)) if actives else ""
+    """Active effects in one line of text: the inverse of ``read_effects`` too."""
+    return "; ".join(_text(one) for one in actives)
+
+
+def _text(one: Active) -> str:
+    place = "/".join((one.locus.mesh, one.locus.planet, one.locus.side))
+    pairs = [f"{name}={_plain(value)}" for name, value in parameter_values(one).items()]
+    return f"{one.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, list):
+        return "+".join(map(str, value))
+    return repr(float(value)) if isinstance(value, float) else str(value)

@@ -1,13 +1,13 @@
 """Parameter files in the form that ROS 2 takes: ``NODE: {ros__parameters: {NAME: VALUE}}``.
 
 Numbers are read as ROS reads them (``1e-4`` is one), an integer where a double is meant is taken.
-Beside the parameters a file may hold ``effects``: a list, or its JSON as a text, which ROS takes.
+Beside the parameters a file may hold ``effects``: as a text, which ROS takes, or as a list.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from herringbone_sim.core.parameters import (
     from_mapping,
     meaning,
     names,
+    to_mapping,
 )
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text, read_effects
@@ -60,7 +61,8 @@ def load_parameters(path: Path | str) -> Parameters:
     if actives:
         raise ParameterError(
             f"{path}: the gear has effects ({', '.join(one.effect.id for one in actives)}), which "
-            "this command does not simulate: leave them out"
+            "this command can't do, for want of tangents and of halves that are alike: leave them "
+            "out, or take run, sweep, map or exponents, which do them"
         )
     return parameters
 
@@ -73,15 +75,50 @@ def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
     """
     path = Path(path)
     try:
-        values = _values(yaml.load(path.read_text(encoding="utf-8"), _Loader))
-        actives = read_effects(values.pop(EFFECTS, None))
-        return from_mapping(values), actives
+        return gear_of_values(_values(yaml.load(path.read_text(encoding="utf-8"), _Loader)))
     except OSError as error:
         raise ParameterError(f"{path}: {error.strerror}: give a parameter file") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path}: no YAML: {error}: {_FORM}") from None
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
+
+
+def gear_of_values(values: Mapping[str, Any]) -> tuple[Parameters, tuple[Active, ...]]:
+    """Parameters and active effects of values by name, as files and recordings hold them.
+
+    Raises:
+        ParameterError: an unknown name, a set that no gear can have, or no such effect.
+    """
+    of_model = {name: value for name, value in values.items() if name != EFFECTS}
+    return from_mapping(of_model), read_effects(values.get(EFFECTS))
+
+
+def values_of_gear(parameters: Parameters, actives: Sequence[Active] = ()) -> dict[str, Any]:
+    """Values by name for JSON, the inverse of ``gear_of_values``; no effects, no such name."""
+    effects = {EFFECTS: effects_text(actives)} if actives else {}
+    return to_mapping(parameters) | effects
+
+
+def ros_text(path: Path | str) -> str:
+    """A parameter file, of the gear or of the node too, as ROS takes it: effects as a text.
+
+    Raises:
+        ParameterError: no such file, or not of this form.
+    """
+    path = Path(path)
+    try:
+        values = _values(yaml.load(path.read_text(encoding="utf-8"), _Loader))
+        if EFFECTS in values:
+            values[EFFECTS] = effects_text(read_effects(values[EFFECTS]))
+    except OSError as error:
+        raise ParameterError(f"{path}: {error.strerror}: give a parameter file") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ParameterError(f"{path}: no YAML: {error}: {_FORM}") from None
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+    kept = {name: value for name, value in values.items() if value != []}
+    return yaml.safe_dump({"/**": {"ros__parameters": kept}}, sort_keys=False)
 
 
 def save_parameters(

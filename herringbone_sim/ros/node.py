@@ -24,7 +24,10 @@ from herringbone_sim.analysis.monitor import Regime
 from herringbone_sim.core import parameters as core
 from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import Model, build
+from herringbone_sim.effects.sensors import check_effects
+from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import HerringboneError, ParameterError, RecordingError
+from herringbone_sim.recording.parameter_file import EFFECTS
 from herringbone_sim.ros import parameters as ros_parameters
 from herringbone_sim.ros.mirror import Mirror
 from herringbone_sim.ros.recorder import Recorder
@@ -48,6 +51,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
         ros_parameters.declare(self)
         self.add_pre_set_parameters_callback(self._convert)
         self._target = ros_parameters.read_model(self)
+        actives = ros_parameters.read_actives(self)
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._rejected, self._last_rejected, self._fault = 0, "", ""
         model = build(self._target)
@@ -61,6 +65,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
         self.loop = Loop(
             model,
             self._deliver,
+            actives=actives,
             real_time_factor=factor,
             paused=self._get("start_paused"),
             fail=self._failed,
@@ -165,15 +170,18 @@ class SimulatorNode(Node):  # type: ignore[misc]
                 ros_parameters.check(name, value)
         of_model = {k: v for k, v in values.items() if k in core.live_names()}
         factor = values.get("real_time_factor", self._get("real_time_factor"))
-        check_pace(build(self._target.changed(of_model)), factor)
+        model = build(self._target.changed(of_model))
+        check_pace(model, factor)
+        check_effects(model, read_effects(values.get(EFFECTS, self._get(EFFECTS))))
 
     def _act(self, parameters: Sequence[Parameter]) -> None:
         values = ros_parameters.plain(parameters)
         of_model = {k: v for k, v in values.items() if k in core.live_names()}
-        recorded = of_model | {k: v for k, v in values.items() if k in PACE}
+        recorded = of_model | {k: v for k, v in values.items() if k in (*PACE, EFFECTS)}
         if recorded:
             self._target = self._target.changed(of_model)
-            self.loop.submit(build(self._target), recorded)
+            actives = read_effects(values[EFFECTS]) if EFFECTS in values else None
+            self.loop.submit(build(self._target), recorded, actives)
         if "real_time_factor" in values:
             self.loop.set_factor(values["real_time_factor"])
         if "publish_rate" in values:
@@ -245,7 +253,8 @@ class SimulatorNode(Node):  # type: ignore[misc]
             folder = Path(self._get("record_dir")).expanduser()
         except RuntimeError as error:
             raise RecordingError(f"record_dir {self._get('record_dir')!r}: {error}") from error
-        return self.recorder.start(folder, name or self._next_name(), model, state)
+        now = self.loop.actives, self.loop.clock
+        return self.recorder.start(folder, name or self._next_name(), model, state, *now)
 
     def _next_name(self) -> str:
         given = str(self._get("record_name"))
@@ -268,6 +277,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
         values = {
             "t": f"{self.loop.t_s:.9g}",
             "paused": str(self.loop.paused).lower(),
+            "effects": effects_text(self.loop.actives),
             "real_time_factor": repr(wanted),
             "real_time_factor_reached": f"{0.0 if self.loop.paused else reached:.4f}",
             "overruns": str(self.loop.pace.overruns),

@@ -17,9 +17,21 @@ from rclpy.parameter import Parameter
 
 from herringbone_sim.core import parameters as core
 from herringbone_sim.core.parameters import Meaning, Parameters
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import ParameterError
+from herringbone_sim.recording.parameter_file import EFFECTS
 
 OF_NODE: Mapping[str, tuple[Any, Meaning]] = {
+    EFFECTS: (
+        "",
+        Meaning(
+            "-",
+            "effects that the nominal model leaves out, as tooth_crack@sp/1/L:depth=0.3; several "
+            "joined by ';'; empty: none",
+            live=True,
+        ),
+    ),
     "real_time_factor": (
         1.0,
         Meaning("-", "simulation over wall time; 0: as fast as possible", 0.0, 1e3, live=True),
@@ -150,6 +162,10 @@ def check(name: str, value: Any) -> None:
         return
     default, about = OF_NODE[name]
     if isinstance(default, str):
+        if not isinstance(value, str):
+            raise ParameterError(f"{name} must be a text, got {value!r}: put it in quotes")
+        if name == EFFECTS:
+            read_effects(value)
         if about.choices and value not in about.choices:
             raise ParameterError(
                 f"{name} must be one of {', '.join(about.choices)}, got {value!r}"
@@ -170,6 +186,11 @@ def check(name: str, value: Any) -> None:
 def read_model(node: Node) -> Parameters:
     """The model's parameters as declared; ParameterError as when built."""
     return core.from_mapping({name: node.get_parameter(name).value for name in core.names()})
+
+
+def read_actives(node: Node) -> tuple[Active, ...]:
+    """The effects as declared; ParameterError when there are none such."""
+    return read_effects(node.get_parameter(EFFECTS).value)
 
 
 def plain(parameters: Iterable[Parameter]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any
@@ -12,8 +12,10 @@ from typing import Any
 from herringbone_sim.core.integrate import State
 from herringbone_sim.core.layout import describe
 from herringbone_sim.core.model import Model
-from herringbone_sim.core.parameters import to_mapping
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.sensors import Clock
 from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.parameter_file import values_of_gear
 from herringbone_sim.recording.writer import RunWriter
 from herringbone_sim.runtime import Delivery
 from herringbone_sim.version import VERSION
@@ -22,8 +24,16 @@ QUEUE_BLOCKS = 256
 FLUSH_S = 0.25
 
 
-def channels_content(model: Model, state: State) -> dict[str, Any]:
-    """Content of the ``channels`` topic: all that a run can be repeated from."""
+def channels_content(
+    model: Model, state: State, actives: Sequence[Active] = (), clock: Clock | None = None
+) -> dict[str, Any]:
+    """Content of the ``channels`` topic: all that a run can be repeated from.
+
+    Args:
+        state: at the first sample.
+        actives: effects of the gear and its sensors; they stand with the parameters.
+        clock: how that of the sensors stands.
+    """
     p = model.parameters
     return {
         "schema": "herringbone_sim/channels/1",
@@ -31,7 +41,7 @@ def channels_content(model: Model, state: State) -> dict[str, Any]:
         "source": "simulator",
         "model": p.model,
         "channels": [describe(name) for name in model.layout.channels],
-        "parameters": to_mapping(p),
+        "parameters": values_of_gear(p, actives),
         "omega_n": model.scales.omega_n,
         "half_backlash": {
             kind: float(model.half_backlash_m[i * model.layout.n_mesh // 2])
@@ -45,6 +55,7 @@ def channels_content(model: Model, state: State) -> dict[str, Any]:
             "index": state.index,
             "t": state.t,
         },
+        "clock": vars(clock or Clock()).copy(),
     }
 
 
@@ -83,7 +94,15 @@ class Recorder:
         """Samples written to the run so far."""
         return self._writer.samples_written if self._writer else 0
 
-    def start(self, record_dir: Path, name: str, model: Model, state: State) -> Path:
+    def start(
+        self,
+        record_dir: Path,
+        name: str,
+        model: Model,
+        state: State,
+        actives: Sequence[Active] = (),
+        clock: Clock | None = None,
+    ) -> Path:
         """Open a run that begins with the sample at ``state``; returns its absolute path.
 
         Raises:
@@ -97,7 +116,7 @@ class Recorder:
             record_dir,
             name,
             self._node_name,
-            channels_content(model, state),
+            channels_content(model, state, actives, clock),
             model.layout.channels,
             time.time_ns() - round(state.t * 1e9),
         )

@@ -19,6 +19,7 @@ from std_msgs.msg import Float64MultiArray, String
 
 from herringbone_sim.analysis.monitor import Regime, RegimeMonitor
 from herringbone_sim.core.model import Model
+from herringbone_sim.effects.written import effects_text
 from herringbone_sim.recording.messages import JointState as StateSample
 from herringbone_sim.recording.messages import encode_joint_state, encode_samples
 from herringbone_sim.recording.writer import split_rows, stamp_ns
@@ -133,7 +134,9 @@ class Streams:
 
     def announce(self, delivery: Delivery) -> None:
         """Publish ``~/channels``: names, units, parameters in force, what changed and when."""
-        content = channels_content(delivery.model, delivery.block.start)
+        content = channels_content(
+            delivery.model, delivery.block.start, delivery.actives, delivery.clock
+        )
         content["changes"] = [{"t": c.t_s, "values": dict(c.values)} for c in delivery.changes]
         self._channels.publish(String(data=json.dumps(content)))
 
@@ -209,6 +212,7 @@ def regime_status(regime: Regime, model: Model, delivery: Delivery) -> Diagnosti
         "K": repr(p.K),
         "delta_T": repr(p.delta_T),
         "xi": repr(p.xi),
+        "effects": effects_text(delivery.actives),
     }
     for mesh, (back, apart, drive) in zip(model.layout.meshes, regime.contact, strict=False):
         values[f"contact_{mesh}"] = f"{drive:.4f}"

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.integrate import State, Stepper, change
-from herringbone_sim.core.model import Model, build, carry_over, initial_state
+from herringbone_sim.core.model import Model, build, carry_over
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
 from herringbone_sim.sweeps.observe import (
@@ -139,7 +140,9 @@ def _starts(job: Job, row: range) -> Array | None:
     for i, (index, new) in enumerate(zip(row, models, strict=True)):
         if new is not None and not np.isnan(job.before[i]).any():
             old = build(job.sweep.parameters_at(_neighbour(job.sweep, index)))
-            starts[i] = carry_over(old, new, job.before[i], 0.0)
+            m = new.layout.n_state
+            starts[i] = job.before[i]
+            starts[i, :m] = carry_over(old, new, job.before[i, :m], 0.0)
     return starts
 
 
@@ -159,12 +162,13 @@ def _ramp_one(
     look = sweep.observation
     try:
         path = _path(sweep, index, start is None)
-        states, model = ramp(path, start, look.transient + (place + 1) * look.cycles - len(path))
+        cycle = look.transient + (place + 1) * look.cycles - len(path)
+        states, model = ramp(path, start, cycle, sweep.actives)
     except ParameterError as error:
         return str(error)
     if states is None:
         return "diverged"
-    seen = states[None, -1 - sweep.observation.points : -1]
+    seen = states[None, -1 - look.points : -1, : model.layout.n_state]
     table["end"][i] = states[-1]
     table["asymmetry"][i] = asymmetries(seen)[0]
     if "points" in table:
@@ -184,7 +188,10 @@ def _path(sweep: Sweep, index: int, anew: bool) -> list[Parameters]:
 
 
 def ramp(
-    path: list[Parameters], start: Array | None = None, cycle: int = 0
+    path: list[Parameters],
+    start: Array | None = None,
+    cycle: int = 0,
+    actives: Sequence[Active] = (),
 ) -> tuple[Array | None, Model]:
     """Drive one gear through a path of parameters, a mesh cycle each, as the node does.
 
@@ -192,25 +199,24 @@ def ramp(
         path: n parameter sets that differ in live parameters.
         start: (n_state,) state at phase 0 with the first of them; by default its initial state.
         cycle: mesh cycles that the control has run before.
+        actives: effects of the gear; their own states stand behind the others.
 
     Returns:
         (n + 1, n_state) states at the start of every cycle and at the end, None when the motion
         diverged; and the last model.
     """
-    model = build(path[0])
-    y = initial_state(model) if start is None else start
-    layout = model.layout
-    state = State(y.copy(), cycle, 0, 0.0, np.zeros((0, layout.n_state)), np.zeros(0))
+    machine = stepper(build(path[0]), actives)
+    state = replace(machine.start(), cycle=cycle)
+    if start is not None:
+        state = replace(state, y=start.copy())
     states = [state.y]
-    stepper = Stepper(model)
     for parameters in path:
-        if parameters is not model.parameters:
-            new = build(parameters)
-            state, model = change(model, new, state), new
-            stepper = Stepper(model)
-        block = stepper.advance(state, parameters.samples_per_cycle)
+        if parameters is not machine.model.parameters:
+            new = stepper(build(parameters), actives)
+            state, machine = change(machine, new, state), new
+        block = machine.advance(state, parameters.samples_per_cycle)
         if block.diverged:
-            return None, model
+            return None, machine.model
         state = block.end
         states.append(state.y)
-    return np.array(states), model
+    return np.array(states), machine.model

@@ -102,7 +102,8 @@ def _tasks(entries: Sequence[Entry]) -> Iterator[Task]:
     for store, job in entries:
         sweep = store.sweep
         if sweep.chained and not sweep.ramped and sweep.width < LANES:
-            kind = (sweep.base.layout, sweep.base.order, sweep.base.method, sweep.observation)
+            base = sweep.base
+            kind = (base.layout, base.order, base.method, sweep.observation, sweep.effects)
             alike.setdefault(kind, []).append((store, job))
         else:
             yield ((store, job),)

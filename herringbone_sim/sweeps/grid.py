@@ -11,7 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, from_mapping, meaning, to_mapping
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.gear import laws
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import ParameterError
 
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
@@ -88,9 +92,11 @@ class Sweep:
             each starts where the one before on the first axis ended; ``ramp_up``, ``ramp_down``:
             the parameter of the first axis moves every mesh cycle, and nothing starts anew.
         chunk: values computed, stored and lost together.
+        effects: that the gear has, as a text (``effects.written``); empty for none.
 
     Raises:
-        ParameterError: no such start, an axis twice, or a mesh that the gear does not have.
+        ParameterError: no such start, an axis twice, a mesh or an effect that the gear does not
+            have.
     """
 
     base: Parameters
@@ -98,6 +104,7 @@ class Sweep:
     observation: Observation = field(default_factory=Observation)
     start: str = "fixed"
     chunk: int = CHUNK
+    effects: str = ""
 
     def __post_init__(self) -> None:
         names, mesh = self.names, self.observation.mesh
@@ -110,6 +117,19 @@ class Sweep:
         if mesh and mesh not in self.base.layout.meshes:
             meshes = ", ".join(self.base.layout.meshes)
             raise ParameterError(f"mesh must be one of {meshes}, got {mesh!r}")
+        if self.effects:
+            laws(build(self.base), self.actives)
+
+    @property
+    def actives(self) -> tuple[Active, ...]:
+        """Effects that act on the machine; those of sensors change no motion."""
+        return tuple(one for one in read_effects(self.effects) if one.effect.level != "sensor")
+
+    @property
+    def n_state(self) -> int:
+        """States that a value starts from and ends in, own states of effects included."""
+        own = laws(build(self.base), self.actives).n_own if self.effects else 0
+        return self.base.layout.n_state + own
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -187,6 +207,7 @@ def sweep_from_json(text: str) -> Sweep:
     """
     try:
         found = json.loads(text)
+        found = {"effects": ""} | found
         known: dict[str, Any] = {item.name: found[item.name] for item in fields(Sweep)}
         known["base"] = from_mapping(found["base"])
         known["axes"] = tuple(Axis(a["name"], tuple(a["values"])) for a in found["axes"])
@@ -238,7 +259,8 @@ def differences(one: Sweep, other: Sweep) -> list[str]:
 
 def _flat(sweep: Sweep) -> dict[str, Any]:
     base = to_mapping(sweep.base) | asdict(sweep.observation)
-    return base | {"axes": sweep.axes, "start": sweep.start, "chunk": sweep.chunk}
+    more = {name: getattr(sweep, name) for name in ("axes", "start", "chunk", "effects")}
+    return base | more
 
 
 def _short(value: Any) -> str:

@@ -114,7 +114,9 @@ def _read(path: Path) -> Arrays | None:
 def _sources() -> tuple[str, ...]:
     """Of the kernel, and of what is told of its runs here and by the analysis."""
     package = Path(__file__).parents[1]
-    return tuple(cache.digest(package / room) for room in ("core", "analysis", "sweeps"))
+    return tuple(
+        cache.digest(package / room) for room in ("core", "analysis", "effects", "sweeps")
+    )
 
 
 def _plain(part: Any) -> Any:

@@ -13,7 +13,8 @@ The columns of a table, n rows:
     sun_back, sun_separated, sun_drive, ring_...    shares of the time, mean of the meshes
     contact_loss        0 never, 1 on one side, 2 on both flanks of some mesh
     points              (n, points) section displacements of one mesh, b_c, where wanted
-    end                 (n, n_state) last states, where the next value starts from them
+    end                 (n, n_state) last states, own ones of effects too, where the next value
+                        starts from them
     reason              why a value failed, or empty
 
 A failed value is NaN in all but its index, its axes and its reason.
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.batch import Batch, at_cycle, run_batch
 from herringbone_sim.core.model import Model, build, initial_state, relative
+from herringbone_sim.effects.batch import run_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
 from herringbone_sim.sweeps.periods import find_periods
@@ -72,16 +74,22 @@ class Asked:
 def observe(asked: Sequence[Asked]) -> list[Table]:
     """A table for each of what is asked, all in one batch.
 
-    The sweeps are alike in what they observe and in the layout and order of their gears.
+    The sweeps are alike in what they observe, in effects, and in layout and order of their gears.
     """
     tables = [empty_table(one.sweep, one.indices) for one in asked]
-    found = [build_all(one.sweep, one.indices, one.cycle) for one in asked]
+    actives = asked[0].sweep.actives
+    found = [build_all(one.sweep, one.indices, 0 if actives else one.cycle) for one in asked]
     models = [[model for model in built if model is not None] for built, _ in found]
     whole = [model for chosen in models for model in chosen]
     look = asked[0].sweep.observation
     starts = [_starts(one, built) for one, (built, _) in zip(asked, found, strict=True)]
     length = (look.transient, look.cycles, look.points, look.exponents)
-    batch = run_batch(whole, np.concatenate(starts), *length) if whole else None
+    batch = None
+    if whole and actives:
+        before = np.repeat([one.cycle for one in asked], [len(chosen) for chosen in models])
+        batch = run_effects(whole, actives, np.concatenate(starts), before, *length)
+    elif whole:
+        batch = run_batch(whole, np.concatenate(starts), *length)
     first = 0
     for one, table, (built, reasons), chosen in zip(asked, tables, found, models, strict=True):
         rows = [i for i, model in enumerate(built) if model is not None]
@@ -105,7 +113,7 @@ def empty_table(sweep: Sweep, indices: Sequence[int]) -> Table:
     if sweep.observation.mesh:
         table["points"] = np.full((n, sweep.observation.points), np.nan)
     if sweep.chained:
-        table["end"] = np.full((n, sweep.base.layout.n_state), np.nan)
+        table["end"] = np.full((n, sweep.n_state), np.nan)
     return table
 
 
@@ -158,8 +166,11 @@ def contact_loss(contact: Array) -> Array:
 def _starts(one: Asked, built: Sequence[Model | None]) -> Array:
     """Start states (k, n_state) of those values that could be built."""
     rows = [i for i, model in enumerate(built) if model is not None]
-    own = np.array([initial_state(model) for model in built if model is not None])
-    own = own.reshape(len(rows), one.sweep.base.layout.n_state)
+    own = np.zeros((len(rows), one.sweep.n_state))
+    for i, row in enumerate(rows):
+        model = built[row]
+        if model is not None:
+            own[i, : model.layout.n_state] = initial_state(model)
     if one.starts is None:
         return own
     given = one.starts[rows]

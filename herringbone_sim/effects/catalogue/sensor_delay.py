@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import CHANNELS, between, replaced
 from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.site import ANYWHERE
 
 
 def distort(
@@ -28,6 +29,7 @@ EFFECT = Effect(
     level="sensor",
     parameters=(Parameter("delay", "s", "how late", -1e-3, 1e-3, 2e-6),),
     options=(CHANNELS,),
-    loci=(("*", "*", "*"), ("*", "all", "all")),
+    loci=ANYWHERE,
     distort=distort,
+    reach=lambda theta: abs(theta[0]),
 )

@@ -1,0 +1,147 @@
+"""What the sensors show of a run that goes on block by block: sensor effects, live.
+
+They distort what is published and recorded, never the machine. A clock that drifts goes on from
+where it stands when the drift begins, so time never jumps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.integrate import Block, State
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import channels_of, distort
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.gear import laws
+from herringbone_sim.effects.stepper import Machine
+from herringbone_sim.errors import ParameterError
+
+Array = NDArray[np.float64]
+BESIDE = 4  # samples on each side that an interpolation between two of them looks at
+KEPT = 256  # samples kept for a sensor that looks back from its first one
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Shown time [s] at a time [s] of the machine; from there on the clock runs at its rate."""
+
+    t_s: float = 0.0
+    shown_s: float = 0.0
+
+
+class Sensors:
+    """The sensors of a run.
+
+    Args:
+        machine: what runs.
+        actives: effects of the gear; all but those of sensors are passed over.
+        clock: how the clock stands as they begin.
+        before: samples (m, n_channels) of the machine before that, as far as they are known.
+
+    Raises:
+        ParameterError: channels that the gear doesn't have.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        actives: Sequence[Active],
+        clock: Clock | None = None,
+        before: Array | None = None,
+    ) -> None:
+        names = machine.model.layout.channels
+        self.clock = clock or Clock()
+        self._machine = machine
+        self._actives = tuple(one for one in actives if one.effect.level == "sensor")
+        self._reach_s = max((one.effect.reach(one.theta) for one in self._actives), default=0.0)
+        self.before = np.empty((0, len(names))) if before is None else before
+        check_sensors(machine.model.layout, self._actives)
+
+    def followed(self, machine: Machine, actives: Sequence[Active], t_s: float) -> Sensors:
+        """The sensors that go on from these at a time [s] of the machine."""
+        mine = tuple(one for one in actives if one.effect.level == "sensor")
+        clock = self.clock if mine == self._actives else Clock(t_s, self.shown_s(t_s))
+        return Sensors(machine, mine, clock, self.before)
+
+    def shown_s(self, t_s: float) -> float:
+        """What the clock shows at a time [s] of the machine."""
+        probe = _some_samples(self._machine.model.layout, t_s)
+        return float(self._distorted(probe.data)[0, 0]) if self._actives else t_s + self._drift
+
+    @property
+    def _drift(self) -> float:
+        return self.clock.shown_s - self.clock.t_s
+
+    def show(self, block: Block) -> Block:
+        """The block with its rows as the sensors show them."""
+        if not self._actives and not self._drift:
+            self.before = block.rows[-KEPT:]
+            return block
+        count = self._count(block)
+        ahead = np.empty((0, block.rows.shape[1]))
+        if count and not block.diverged:
+            ahead = self._machine.advance(_alone(block.end), count).rows
+        rows = np.concatenate([self.before[-count:] if count else ahead, block.rows, ahead])
+        first = min(count, len(self.before))
+        self.before = np.concatenate([self.before, block.rows])[-max(count, KEPT) :]
+        if len(rows) < 2:
+            return block
+        return replace(block, rows=self._distorted(rows)[first : first + len(block.rows)])
+
+    def _count(self, block: Block) -> int:
+        """Samples before and after a block that its distortion looks at."""
+        if not self._reach_s:
+            return 0
+        p, s = self._machine.model.parameters, self._machine.model.scales
+        apart = 2.0 * math.pi / (p.Omega * s.omega_n * p.samples_per_cycle)
+        return math.ceil(self._reach_s / apart) + BESIDE
+
+    def _distorted(self, rows: Array) -> Array:
+        names = self._machine.model.layout.channels
+        since = rows.copy()
+        since[:, 0] -= self.clock.t_s
+        shown = distort(TimeSeries(since[:, 0].copy(), since, names), self._actives)
+        data: Array = shown.data.copy()
+        if np.array_equal(data[:, 0], since[:, 0]):
+            data[:, 0] = rows[:, 0] + self._drift  # to the bit where there is none
+        else:
+            data[:, 0] += self.clock.shown_s
+        return data
+
+
+def check_effects(model: Model, actives: Sequence[Active]) -> None:
+    """ParameterError for effects with places, members or channels that the gear doesn't have."""
+    laws(model, actives)
+    check_sensors(model.layout, actives)
+
+
+def check_sensors(layout: Layout, actives: Sequence[Active]) -> None:
+    """ParameterError for a sensor effect that concerns channels that the gear doesn't have."""
+    for one in actives:
+        if one.effect.level != "sensor":
+            continue
+        one.locus.mask(layout)
+        channels = channels_of(_some_samples(layout), one)
+        if one.effect.options and not channels:
+            raise ParameterError(f"{one.effect.id} concerns no channel: name some, as channels=F")
+        if one.effect.distort is not None:
+            one.effect.distort(np.array(one.theta), _some_samples(layout), channels)
+
+
+def _some_samples(layout: Layout, t_s: float = 0.0) -> TimeSeries:
+    data = np.zeros((8, len(layout.channels)))
+    data[:, 0] = t_s + np.arange(8.0)
+    return TimeSeries(data[:, 0].copy(), data, layout.channels)
+
+
+def _alone(state: State) -> State:
+    """The state without tangents."""
+    n = state.y.size
+    return replace(state, tangents=np.zeros((0, n)), growth=np.zeros(0))
