@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -242,9 +245,7 @@ def test_a_bar_is_as_long_as_its_share() -> None:
     assert bar(0.0, 4) == "    "
 
 
-def test_where_to_mirror_is_read_or_refused(tmp_path: object) -> None:
-    from pathlib import Path
-
+def test_where_to_mirror_is_read_or_refused() -> None:
     file = Path("gap.rrd")
     assert parse_where("", file) is None
     where = parse_where("connect=box:9876", file)
@@ -257,3 +258,40 @@ def test_where_to_mirror_is_read_or_refused(tmp_path: object) -> None:
     for wrong in ("spawn=1", "somewhere"):
         with pytest.raises(ParameterError, match="spawn"):
             parse_where(wrong, file)
+
+
+def test_pictures_go_to_a_file_and_a_missing_viewer_is_said_once(
+    stiff: TimeSeries, tmp_path: Path
+) -> None:
+    importlib.import_module("rerun")
+    from herringbone_sim.views.live_mirror import LiveMirror
+    from herringbone_sim.views.rerun_sink import rerun_binary
+
+    bench, file = Bench(), tmp_path / "live.rrd"
+    mirror = LiveMirror("save", "", file)
+    mirror.show(bench.comparison.look())
+    bench.send(bench.rig, stiff)
+    bench.send(bench.sim, sampled({}, POINTS[0], 40))
+    mirror.show(bench.comparison.look())
+    assert mirror.close() == f"mirrored to {file}"
+    command = [rerun_binary(), "rrd", "print", str(file)]
+    said = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+    for entity in ("/text", "/gear/spots", "/floors/rp", "/force/sp/rig", "/force/sp/sim"):
+        assert entity in said
+    gone = LiveMirror("connect", "127.0.0.1:9", file)
+    gone.show(bench.comparison.look())
+    assert gone.close().startswith("mirror failed: no viewer answers")
+
+
+def test_without_forces_the_viewer_gets_the_bodies(stiff: TimeSeries, tmp_path: Path) -> None:
+    importlib.import_module("rerun")
+    from herringbone_sim.views.live_mirror import LiveMirror
+
+    bench = Bench()
+    bench.send(bench.rig, only(stiff, "x_", "v_", "u_"))
+    mirror = LiveMirror("save", "", tmp_path / "live.rrd")
+    picture = bench.comparison.look()
+    mirror.show(picture)
+    assert mirror.state == "running"
+    assert mirror.close().startswith("mirrored")
+    assert "accelerations" in table(picture)

@@ -59,10 +59,12 @@ def verdict_text(found: Diagnosis) -> str:
     for cause in found.report["causes"][:5]:
         place = "/".join(cause["locus"].values()) if cause.get("locus") else ""
         lines.append(f"| {cause['effect']} | {place} | {cause['probability']:.1%} |")
-    lines += ["", f"Gap by {gap.metric}, RMS (closure on held-out runs {gap.closure:.1%}):", ""]
+    closure = f"{gap.closure:.1%}" if np.isfinite(gap.closure) else "not known"
+    lines += ["", f"Gap by {gap.metric}, RMS (closure on held-out runs: {closure}):", ""]
     lines += ["| run | role | nominal | augmented | floor |", "| --- | --- | --- | --- | --- |"]
     for run in gap.runs:
-        values = " | ".join(f"{v:.4g}" for v in (run.nominal, run.augmented, run.floor))
+        numbers = (run.nominal, run.augmented, run.floor)
+        values = " | ".join(f"{v:.4g}" if np.isfinite(v) else "not known" for v in numbers)
         lines.append(f"| {run.name} | {run.role} | {values} |")
     return "\n".join(lines)
 
