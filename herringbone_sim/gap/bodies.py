@@ -89,6 +89,12 @@ def body_fits(
     return found
 
 
+def peak(balances: Sequence[Balance], nominal: BodyFit) -> float:
+    """Largest residual over its floor: a short event that a mean over all samples hides."""
+    left = [b.measured - np.tensordot(nominal.inverse, b.parts, axes=1) for b in balances]
+    return max(float(np.abs(r / b.sigma).max()) for r, b in zip(left, balances, strict=True))
+
+
 def response(one: Case, factors: Array, law: Law, probe: Active, width: float = WIDTH) -> Array:
     """Accelerations (k, m) of the coordinates by an effect's torques, averaged [m/s^2]."""
     torque = added(one, factors, law, (probe,))[1]

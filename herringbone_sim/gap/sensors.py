@@ -23,9 +23,11 @@ from herringbone_sim.gap.prepared import Measured, PreparedRun
 from herringbone_sim.gap.swaps import find_swap
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 UNITS = {"sensor_gain": "-", "sensor_delay": "s", "clock_drift": "ppm"}
 SIGNIFICANT = 6.0  # sigma, of the best of some four hundred patterns
+SHARE = 0.002  # of all squares, likewise: violent motion between samples is not followed exactly
 PART = 0.1  # of the inconsistency that an error must explain: the integral of v is not exact
 
 
@@ -99,11 +101,12 @@ def _largest(runs: Sequence[PreparedRun], found: Consistency) -> SensorFinding |
     patterns, groups = _patterns(runs)
     normal = np.einsum("pi,ij,pj->p", patterns, found.normal, patterns)
     theta = patterns @ found.right / np.where(normal > 0.0, normal, np.inf)
-    fall = theta**2 * normal
+    fall = np.where(_possible(groups), theta**2 * normal, 0.0)
     swap, swap_fall = find_swap(runs)
     top = float(fall.max())
     beyond_chance = found.energy - found.count - 3.0 * np.sqrt(2.0 * found.count)
-    if max(top, swap_fall) < max(SIGNIFICANT**2, PART * beyond_chance):
+    least = max(SIGNIFICANT**2, PART * beyond_chance, SHARE * found.energy)
+    if max(top, swap_fall) < least:
         return None
     if swap is not None and swap_fall > top:
         return SensorFinding("channel_swap", swap, 1.0, 0.0, "-", 0.0, ())
@@ -124,6 +127,14 @@ def _largest(runs: Sequence[PreparedRun], found: Consistency) -> SensorFinding |
         sigma = float(np.sqrt(max(found.chi2, 1.0) / normal[best]))
         finding = _finding(kind, group, value * scale, sigma * scale)
     return replace(finding, alike=others)
+
+
+def _possible(groups: Sequence[Group]) -> Mask:
+    """Which patterns (p,) can be told: of all channels at once, a clock alone shows."""
+    every = np.array([group.quantity == "xvu" for group in groups])
+    clock = np.array([kind == "clock_drift" for kind in KINDS])
+    possible: Mask = (~every[:, None] | clock[None, :]).ravel()
+    return possible
 
 
 def _finding(kind: str, group: Group, value: float, sigma: float) -> SensorFinding:

@@ -93,6 +93,7 @@ def choose(candidates: Sequence[Candidate], most: int, per_effect: int = 2) -> l
 def _regress(start: Base, regressors: Sequence[Feature]) -> list[Candidate]:
     grams, rights, at = _products(start, regressors)
     layout = start.cases[0].run.model.layout
+    alone = _calibration_alone(grams, rights, start.factors)
     found = []
     for feature, columns in zip(regressors, at, strict=True):
         for locus in feature.start.effect.candidates(layout):
@@ -100,7 +101,9 @@ def _regress(start: Base, regressors: Sequence[Feature]) -> list[Candidate]:
             if not np.array_equal(inside, locus.mask(layout)):
                 continue
             whole = feature.kind == "whole"
-            fall, coefficients = _left_out(grams, rights, columns, inside, start.factors, whole)
+            A, b = _system(grams, rights, columns, inside)
+            fall, coefficients = _left_out(A, b, start.factors, whole)
+            fall -= alone
             theta = feature.theta(coefficients)
             one = replace(feature.start.with_theta(theta), locus=locus)
             found.append(Candidate(one, fall))
@@ -145,28 +148,27 @@ def calibration_columns(c: Case, law: Law, factors: Array) -> list[Array]:
     ]
 
 
-def _left_out(
-    grams: Array,
-    rights: Array,
-    columns: list[int],
-    mask: Array,
-    factors: Array,
-    whole: bool,
-) -> tuple[float, Array]:
+def _left_out(A: Array, b: Array, factors: Array, whole: bool) -> tuple[float, Array]:
     """Fall of the squares of runs left out, and the coefficients from all runs.
 
     A whole response is not scaled: another size of it has another shape.
     """
-    A, b = _system(grams, rights, columns, mask)
+    every, right = A.sum(0), b.sum(0)
     fall = 0.0
     for run in range(len(A)):
-        rest = np.arange(len(A)) != run
-        beta = _solve(A[rest].sum(0), b[rest].sum(0), factors) if rest.any() else 0.0 * b[run]
+        beta = np.zeros(len(right))
+        if len(A) > 1:
+            beta = _solve(every - A[run], right - b[run], factors)
         if whole:
             beta[6:] = 1.0
-        null = _solve(A[rest].sum(0)[:6, :6], b[rest].sum(0)[:6], factors)
-        fall += _fall(A[run], b[run], beta) - _fall(A[run][:6, :6], b[run][:6], null)
-    return fall, _solve(A.sum(0), b.sum(0), factors)[6:]
+        fall += _fall(A[run], b[run], beta)
+    return fall, _solve(every, right, factors)[6:]
+
+
+def _calibration_alone(grams: Array, rights: Array, factors: Array) -> float:
+    """Fall of the squares of runs left out by the calibration without any effect."""
+    A, b = _system(grams, rights, [], np.ones(grams.shape[1]))
+    return _left_out(A, b, factors, False)[0]
 
 
 def _system(grams: Array, rights: Array, columns: list[int], mask: Array) -> tuple[Array, Array]:
@@ -198,7 +200,7 @@ def _solve(A: Array, b: Array, factors: Array) -> Array:
     ridge = 1e-9 * np.eye(len(b))
     beta: Array = scale * np.linalg.solve(whole + ridge, scale * right)
     held = np.clip(factors + beta[:6], 1.0 - BOUNDS, 1.0 + BOUNDS) - factors
-    if np.allclose(held, beta[:6]) or len(b) == 6:
+    if len(b) == 6 or np.abs(held - beta[:6]).max() < 1e-9:
         return np.concatenate([held, beta[6:]])
     rest = A[6:, 6:] + 1e-9 * np.diag(np.diag(A)[6:] + 1e-300)
     return np.concatenate([held, np.linalg.solve(rest, b[6:] - A[6:, :6] @ held)])
