@@ -14,16 +14,14 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import HerringboneError, RecordingError
 from herringbone_sim.gap.intake import Intake
-from herringbone_sim.gap.live import (
-    NOISELESS,
+from herringbone_sim.gap.live import NOISELESS, motion_of, residual
+from herringbone_sim.gap.stretch import (
     Motion,
     Residual,
     alike,
     belongs,
     join,
     join_motions,
-    motion_of,
-    residual,
 )
 from herringbone_sim.recording.cdr import Buffer
 from herringbone_sim.recording.messages import decode_samples

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from herringbone_sim.gap.listening import Heard, Picture
-from herringbone_sim.gap.live import QUIET, Motion, Residual
+from herringbone_sim.gap.stretch import QUIET, Motion, Residual
 
 SCHEMA = "herringbone_sim/gap-live/1"
 BAR = 20
