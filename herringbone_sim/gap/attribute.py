@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from herringbone_sim.effects.effect import Effect
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.bodies import BodyFit, balance_of, balances_known, body_fits
+from herringbone_sim.gap.bodies import BodyFit, balance_of, balances_known, body_fits, peak
+from herringbone_sim.gap.channel_sets import FEW, channel_set
+from herringbone_sim.gap.few import few
 from herringbone_sim.gap.fit import Fit, fit
 from herringbone_sim.gap.fusion import fuse
 from herringbone_sim.gap.hypothesis import Case, case, expected, name_of
@@ -53,6 +55,7 @@ class Evidence:
         balance_excess: chi2 above 1 of the balance with the forces as measured, and between
             samples by the best law of the machine.
         by_force: per name of a fit with a force sensor: the same with its forces corrected.
+        balance_peak: largest residual of the balance without effects, over its floor; 0 unknown.
         motion: without force sensors, calibration and fits of the accelerations.
     """
 
@@ -66,6 +69,7 @@ class Evidence:
     balance_excess: float
     by_force: dict[str, float]
     motion: Unforced | None = None
+    balance_peak: float = 0.0
 
 
 def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidence:
@@ -90,7 +94,11 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
         motion = unforced(cases, effects, np.random.default_rng(SEED))
         return Evidence(check, cases, None, (), (), (), motion.fits, 0.0, {}, motion)
     if not all(c.usable.any() for c in cases):
-        return Evidence(check, cases, None, (), (), (), (), 0.0, {})
+        if channel_set(cases) != FEW:
+            return Evidence(check, cases, None, (), (), (), (), 0.0, {})
+        say("every effect by a filter of the few channels")
+        seen = few(cases, effects)
+        return Evidence(check, cases, None, (), (), (), seen.fits, 0.0, {}, seen)
     say("recalibration")
     start = recalibrate([c.run for c in cases], [c.fused for c in cases]).factors
     nominal = fit(cases, start, ())
@@ -100,7 +108,7 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
     pairs = _pairs(cases, nominal, fits, effects, say)
     bodies: tuple[BodyFit, ...] = ()
     by_force: dict[str, float] = {}
-    measured = 0.0
+    measured, highest = 0.0, 0.0
     whole = tuple(c for c in cases if balances_known((c,)))
     if len(whole) >= FEWEST_WHOLE:
         say("torque balance")
@@ -113,8 +121,19 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
             if any(a.effect.level == "sensor" for a in one.actives)
         }
         best = min(options, key=lambda f: f.left_out + by_force.get(name_of(f.actives), measured))
-        bodies = tuple(_bodies(whole, best, effects))
-    return Evidence(check, cases, nominal, candidates, fits, pairs, bodies, measured, by_force)
+        bodies, highest = _bodies(whole, best, effects)
+    return Evidence(
+        check,
+        cases,
+        nominal,
+        candidates,
+        fits,
+        pairs,
+        bodies,
+        measured,
+        by_force,
+        balance_peak=highest,
+    )
 
 
 def mended(run: PreparedRun, check: SensorCheck) -> PreparedRun:
@@ -159,10 +178,14 @@ def _pairs(
     return tuple(sorted(found, key=lambda f: f.left_out))
 
 
-def _bodies(cases: Sequence[Case], best: Fit, effects: Sequence[Effect]) -> list[BodyFit]:
+def _bodies(
+    cases: Sequence[Case], best: Fit, effects: Sequence[Effect]
+) -> tuple[tuple[BodyFit, ...], float]:
+    """Fits of the balance, the nominal one first, and its largest residual."""
     balances = [balance_of(c, best.factors, _true_forces(c, best), best.actives) for c in cases]
     nominal, *rest = body_fits(cases, best.factors, balances, effects)
-    return [nominal, *sorted(rest, key=lambda one: one.left_out)]
+    ranked = sorted(rest, key=lambda one: one.left_out)
+    return (nominal, *ranked), peak(balances, nominal)
 
 
 def _balance_excess(cases: Sequence[Case], one: Fit) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribute import Evidence, gather
+from herringbone_sim.gap.channel_sets import cannot_tell
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.decide import Verdict, decide
 from herringbone_sim.gap.fusion import fuse
@@ -143,17 +144,7 @@ def undecidable(
     """What these data can't tell, in sentences."""
     if mismatched(findings):
         return []
-    said = []
-    if evidence.nominal is None:
-        said.append(
-            "no mesh has displacement, rate and force: effects in the meshes and on force "
-            "sensors can't be told"
-        )
-    if not evidence.bodies:
-        said.append(
-            "the torque balance needs every force and rate: friction and torque ripple can't "
-            "be told"
-        )
+    said = cannot_tell(evidence.cases)
     points = [run.point for run in campaign.of_role("fit")]
     for name, least in LEAST.items():
         different = len({round(float(p[name]), 6) for p in points if name in p})

@@ -38,11 +38,15 @@ class Unforced:
     Attributes:
         factors, inverse: (6,) and (3,) calibration of law and inertias.
         fits: the nominal balance first, then effects by what they leave of runs left out.
+        filtered: whether they are fits of the innovations of a filter, for want of channels.
+        unseen: ids of effects that these channels don't see.
     """
 
     factors: Array
     inverse: Array
     fits: tuple[BodyFit, ...]
+    filtered: bool = False
+    unseen: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

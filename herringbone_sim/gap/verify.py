@@ -14,6 +14,7 @@ from herringbone_sim.gap.balance import inertia_parts, window_of
 from herringbone_sim.gap.bodies import balance_of, response
 from herringbone_sim.gap.consistency import consistency
 from herringbone_sim.gap.decide import Verdict
+from herringbone_sim.gap.few_runs import gap_of
 from herringbone_sim.gap.fusion import fuse
 from herringbone_sim.gap.hypothesis import Case, added, case, expected
 from herringbone_sim.gap.motion import WIDTH, fused_noise, motion_balance
@@ -117,7 +118,10 @@ def _balance(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
 
 
 def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
-    """Accelerations against the law's forces, for want of measured ones."""
+    """Accelerations against the law's forces, or a filter's innovations where v is not there."""
+    if not (np.isfinite(c.fused.x).all() and np.isfinite(c.fused.v).all()):
+        found = gap_of(c.run, model.factors, model.inverse, model.actives)
+        return RunGap(run.name, run.role, *found)
     noise = fused_noise(c.run, np.random.default_rng(SEED))
     before = motion_balance(c.run, c.fused, noise, np.ones(6), np.ones(3))
     balance = motion_balance(c.run, c.fused, noise, model.factors, model.inverse)
