@@ -16,7 +16,12 @@ Change = tuple[float, Mapping[str, float]]
 Rows = NDArray[np.intp]
 
 COLUMNS = ("K", "delta_T", "T_1")
-EVENTS = ("xi", "control_phase", *COLUMNS)  # changes of anything else are no change of the gear
+EVENTS = (
+    "xi",
+    "control_phase",
+    "effects",
+    *COLUMNS,
+)  # changes of anything else are no change of the gear
 FREQUENCY = "mesh_frequency_hz"
 MIN_RAMP = 8
 MIN_DWELL_CYCLES = 8.0
@@ -62,11 +67,11 @@ def cut(
     """Segments of constant parameters, in order, without overlap.
 
     Cuts are the changes of the channels K, delta_T and T_1, of the mesh frequency, the given
-    changes of xi and control_phase (and of K, delta_T, T_1 where they are no channel), and gaps
-    in the phase. More than 8 successive changes of one parameter in one direction are a ramp: with
-    dwells of at least 8 cycles each dwell is a segment, else the ramp is cut into bins of about
-    40 cycles. A channel that changes to and fro more than once a cycle is a measurement, not a
-    setting: it cuts nothing and gives its mean.
+    changes of xi, control_phase and the number of the effects (and of K, delta_T, T_1 where they
+    are no channel), and gaps in the phase. More than 8 successive changes of one parameter in one
+    direction are a ramp: with dwells of at least 8 cycles each dwell is a segment, else the ramp
+    is cut into bins of about 40 cycles. A channel that changes to and fro more than once a cycle
+    is a measurement, not a setting: it cuts nothing and gives its mean.
 
     Args:
         series: the run.

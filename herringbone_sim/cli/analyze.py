@@ -15,9 +15,9 @@ from herringbone_sim.analysis.bifurcation import bifurcation_diagram
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
 from herringbone_sim.cli.gear import gear_of
-from herringbone_sim.core.parameters import to_mapping
+from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
 from herringbone_sim.views.figures import Scale
 from herringbone_sim.views.output import write_diagram, write_run
@@ -54,6 +54,7 @@ class Analysed:
     Attributes:
         name: of the run; also of its folder when there are several.
         folder: that everything was written to.
+        effects: a line each on the sets of effects that it had, none where it had none.
         results: one a segment.
         scale: units of the axes.
         mesh: that the figures show.
@@ -64,6 +65,7 @@ class Analysed:
     results: list[SegmentResult]
     scale: Scale
     mesh: str
+    effects: list[str]
 
 
 def add_parser(subparsers: Any) -> None:
@@ -136,33 +138,61 @@ def _analyse(path: Path, name: str, folder: Path, args: argparse.Namespace) -> A
     if args.mesh_frequency is not None and "phase" not in series:
         series = with_phase(series, args.mesh_frequency)
     parameters = _parameters(recording, args.parameters)
-    gear = gear_of(parameters, with_model=not args.no_model)
+    texts = _effects(recording, parameters)
+    sets = [read_effects(text) for text in texts]
+    gear = gear_of(parameters, with_model=not args.no_model, sets=sets)
     options = Options(
         transient_cycles=args.transient, noise_share=args.noise, max_period=args.max_period
     )
-    changes = [(change.t_s, _numbers(change)) for change in recording.changes]
+    changes = [(change.t_s, _numbers(change, texts)) for change in recording.changes]
     results = analyze_series(series, changes, options, gear, _progress(name))
     mesh = _mesh(args.mesh, results)
     scale = Scale(gear.b_c_m, gear.omega_n)
-    write_run(folder, name, _facts(recording, results), results, mesh, scale, recording.notes)
+    write_run(
+        folder,
+        name,
+        [*_facts(recording, results), *_named(texts)],
+        results,
+        mesh,
+        scale,
+        recording.notes,
+    )
     # Sections are enough from here on: samples of many runs would fill the memory.
     slim = [replace(result, motion=result.motion.rows(0, 2)) for result in results]
-    return Analysed(name, folder, slim, scale, mesh)
+    return Analysed(name, folder, slim, scale, mesh, _named(texts))
 
 
 def _parameters(recording: Recording, path: Path | None) -> Mapping[str, Any]:
     if path:
-        return to_mapping(load_parameters(path))
+        return values_of_gear(*load_gear(path))
     recorded = recording.channels.get("parameters", {})
     return recorded if isinstance(recorded, dict) else {}
 
 
-def _numbers(change: ParameterChange) -> Mapping[str, float]:
-    return {
+def _effects(recording: Recording, parameters: Mapping[str, Any]) -> list[str]:
+    """Effects as texts: those from the start, then every other set that was switched to."""
+    later = [str(one.values[EFFECTS]) for one in recording.changes if EFFECTS in one.values]
+    written = (effects_text(read_effects(one)) for one in (parameters.get(EFFECTS), *later))
+    return list(dict.fromkeys(written))
+
+
+def _named(texts: Sequence[str]) -> list[str]:
+    if texts == [""]:
+        return []
+    return [f"effects {number}: {text or 'none'}" for number, text in enumerate(texts)]
+
+
+def _numbers(change: ParameterChange, texts: Sequence[str]) -> Mapping[str, float]:
+    """Values that are numbers; of effects, which of the texts they are."""
+    numbers = {
         name: float(value)
         for name, value in change.values.items()
         if isinstance(value, (int, float)) and not isinstance(value, bool)
     }
+    if EFFECTS in change.values:
+        written = effects_text(read_effects(change.values[EFFECTS]))
+        numbers[EFFECTS] = float(texts.index(written))
+    return numbers
 
 
 def _mesh(asked: str | None, results: Sequence[SegmentResult]) -> str:
@@ -210,7 +240,9 @@ def _summary(one: Analysed) -> str:
     ]
     if len(lines) > MAX_LINES:
         lines[MAX_LINES // 2 : -MAX_LINES // 2] = [f"... {len(lines) - MAX_LINES} more"]
-    return "\n".join([one.name, *lines, f"written: {one.folder / 'report.html'}", ""])
+    return "\n".join(
+        [one.name, *one.effects, *lines, f"written: {one.folder / 'report.html'}", ""]
+    )
 
 
 def _summary_row(result: SegmentResult, point: Sequence[str]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,21 +12,30 @@ import numpy as np
 from herringbone_sim.analysis.pipeline import Gear
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.core.batch import BATCHES
 from herringbone_sim.core.integrate import Stepper, largest_exponent
 from herringbone_sim.core.model import Model, build, state
+from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.parameters import Parameters, ParameterWarning, from_mapping, names
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.stepper import EffectStepper, stepper
 from herringbone_sim.errors import DivergenceError, ParameterError
+from herringbone_sim.recording.parameter_file import EFFECTS
 
 LEAST_CYCLES, MOST_CYCLES, ALIGNING_CYCLES = 100, 600, 20
 FROM_POINT = ("K", "delta_T", "T_1", "xi", "control_phase")
 
 
-def gear_of(parameters: Mapping[str, Any], with_model: bool) -> Gear:
+Sets = Sequence[tuple[Active, ...]]
+
+
+def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),)) -> Gear:
     """Gear of a parameter set; an empty set is an unknown gear.
 
     Args:
         parameters: by name; names that the model does not know are left out.
         with_model: whether to work out the model's own exponent too.
+        sets: of effects that the gear had in turn; ``effects`` of a point is the number of one.
 
     Raises:
         ParameterError: a set that no gear can have.
@@ -42,9 +51,10 @@ def gear_of(parameters: Mapping[str, Any], with_model: bool) -> Gear:
     return Gear(
         b_c_m=model.scales.b_c,
         omega_n=model.scales.omega_n,
-        base={name: float(getattr(p, name)) for name in FROM_POINT},
+        base={name: float(getattr(p, name)) for name in FROM_POINT}
+        | ({EFFECTS: 0.0} if any(sets) else {}),
         half_backlash_m=lambda point: _half_backlash(p, point),
-        model_exponent=(lambda point, section: _exponent(p, point, section))
+        model_exponent=(lambda point, section: _exponent(p, sets, point, section))
         if with_model
         else None,
     )
@@ -66,7 +76,9 @@ def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float
     return {"sp": float(half[0]), "rp": float(half[len(half) // 2])}
 
 
-def _exponent(p: Parameters, point: Mapping[str, float], section: Section) -> tuple[float, float]:
+def _exponent(
+    p: Parameters, sets: Sets, point: Mapping[str, float], section: Section
+) -> tuple[float, float]:
     """Largest exponent per tau and its error over the recorded stretch; NaN when it fails.
 
     From the first recorded state, over as many cycles: of several motions at one operating point
@@ -74,11 +86,31 @@ def _exponent(p: Parameters, point: Mapping[str, float], section: Section) -> tu
     """
     try:
         model = model_at(p, point)
-        start = replace(Stepper(model).start(), y=_recorded_state(model, section))
+        y = _recorded_state(model, section)
         cycles = int(np.clip(len(section) - ALIGNING_CYCLES, LEAST_CYCLES, MOST_CYCLES))
+        machine = stepper(model, sets[int(point.get(EFFECTS, 0.0))])
+        if isinstance(machine, EffectStepper):
+            return _growth(machine, y, int(section.cycles[0]), cycles)
+        start = replace(machine.start(), y=y)
         return largest_exponent(model, cycles, ALIGNING_CYCLES, start)
     except (ParameterError, DivergenceError):
         return float("nan"), float("nan")
+
+
+def _growth(machine: EffectStepper, y: Any, cycle: int, cycles: int) -> tuple[float, float]:
+    """As ``core.integrate.largest_exponent``; own states of effects begin at rest."""
+    n = machine.model.parameters.samples_per_cycle
+    state = machine.start(tangents=1)
+    state = replace(state, y=np.concatenate([y, state.y[len(y) :]]), cycle=cycle)
+    growth = []
+    for length in [ALIGNING_CYCLES] + [cycles // BATCHES] * BATCHES:
+        block = machine.advance(state, length * n)
+        if block.diverged:
+            return float("nan"), float("nan")
+        growth.append(float(block.end.growth[0] - state.growth[0]))
+        state = block.end
+    batches = np.array(growth[1:]) * machine.model.packed.Omega / TWO_PI / (cycles // BATCHES)
+    return float(batches.mean()), float(batches.std(ddof=1) / np.sqrt(BATCHES))
 
 
 def _recorded_state(model: Model, section: Section) -> Any:

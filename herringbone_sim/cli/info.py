@@ -79,6 +79,11 @@ def _overview(info: RunInfo) -> list[tuple[str, str]]:
     return [
         ("run", f"{info.name} ({info.path})"),
         ("recorded by", origin or "unknown"),
+        *(
+            [("effects", str(info.parameters["effects"]))]
+            if info.parameters.get("effects")
+            else []
+        ),
         ("file", "finished" if info.complete else "cut off: 'recover' rebuilds its index"),
         ("duration", span),
         ("samples", f"{info.n_samples} ({_counted(info)})"),

@@ -62,7 +62,7 @@ def load_parameters(path: Path | str) -> Parameters:
         raise ParameterError(
             f"{path}: the gear has effects ({', '.join(one.effect.id for one in actives)}), which "
             "this command can't do, for want of tangents and of halves that are alike: leave them "
-            "out, or take run, sweep, map or exponents, which do them"
+            "out, or take run, sweep or map, which do them (sweep tells the largest exponent)"
         )
     return parameters
 

@@ -16,10 +16,11 @@ from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.analysis.sections import stroboscopic_section
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import half_backlashes
-from herringbone_sim.core.parameters import Parameters, from_mapping, live_names
+from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.core.timeseries import Array, TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values
 from herringbone_sim.recording.reader import Recording
 from herringbone_sim.views.mirror_block import MirrorBlock, Scale
 
@@ -168,7 +169,8 @@ def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, lis
     held = recording.channels.get("parameters")
     try:
         if isinstance(held, dict) and held:
-            return quiet_gear(held), []
+            named = [f"effects: {held[EFFECTS]}"] if held.get(EFFECTS) else []
+            return quiet_gear(held), named
     except ParameterError as error:
         return None, [f"parameters that can't be read, so no scale and no backlash: {error}"]
     if nominal:
@@ -180,7 +182,7 @@ def quiet_gear(values: Mapping[str, object]) -> Parameters:
     """Parameters without the warnings that whoever recorded them has had."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return from_mapping(values)
+        return gear_of_values(values)[0]
 
 
 def with_heat(gear: Parameters | None, parameters: Mapping[str, float]) -> Parameters | None:

@@ -1,0 +1,100 @@
+"""Recordings of gears with effects: repeated, described and analysed as what they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from herringbone_sim.__main__ import main
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.sensors import Sensors
+from herringbone_sim.effects.stepper import change, stepper
+from herringbone_sim.effects.written import effects_text, read_effects
+from herringbone_sim.recording.parameter_file import load_gear, ros_text, values_of_gear
+from herringbone_sim.recording.reader import read_recording
+from herringbone_sim.recording.writer import RunWriter
+from herringbone_sim.replay import verify
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+SOFT = "mean_stiffness@sp:factor=0.8"
+LATE = f"{SOFT}; sensor_delay@sp:delay=2.5e-5; clock_drift:ppm=200"
+
+
+def write(folder: Path, first: str, then: str, cycles: int = 80) -> Path:
+    """A run whose effects change half-way, in blocks of odd sizes."""
+    p, actives = Parameters(delta_T=85.0, xi=0.2), read_effects(first)
+    machine = stepper(build(p), actives)
+    state, sensors = machine.start(), Sensors(machine, actives)
+    stored = {"y": state.y.tolist(), "cycle": 0, "index": 0, "t": 0.0}
+    channels = {"parameters": values_of_gear(p, actives), "state": stored}
+    channels |= {"source": "simulator", "omega_n": machine.model.scales.omega_n}
+    names = machine.model.layout.channels
+    writer = RunWriter.create(folder, "run", "/sim", channels, names, 0)
+    for text in (first, then):
+        if text == then:
+            actives = read_effects(then)
+            new = stepper(machine.model, actives)
+            state = change(machine, new, state)
+            writer.write_parameter_event(sensors.shown_s(state.t), "/sim", {"effects": then})
+            sensors, machine = sensors.followed(new, actives, state.t), new
+        left = cycles * 16
+        while left:
+            block = machine.advance(state, min(left, 37))
+            writer.write_samples(sensors.show(block).rows)
+            state, left = block.end, left - len(block.rows)
+    writer.close()
+    return writer.path
+
+
+@pytest.mark.parametrize(("first", "then"), [("", SOFT), (SOFT, ""), (LATE, SOFT), ("", LATE)])
+def test_a_run_is_repeated_to_the_bit(tmp_path: Path, first: str, then: str) -> None:
+    run = read_recording(write(tmp_path, first, then, 20))
+    verdict = verify(run)
+    assert verdict.identical, verdict
+    assert verdict.changes == 1
+
+
+def test_a_delay_shows_the_past_without_a_seam(tmp_path: Path) -> None:
+    run = read_recording(write(tmp_path, "", "sensor_delay@sp:delay=2.5e-5,channels=F", 20))
+    true = read_recording(write(tmp_path / "true", "", "sensor_gain:gain=1.0", 20))
+    t, at = true.samples.times, 20 * 16
+    late = np.interp(t - 2.5e-5, t, true.samples["F_sp_L"])
+    size = np.abs(late).max()
+    np.testing.assert_allclose(run.samples["F_sp_L"][at:], late[at:], atol=0.03 * size)
+    assert np.abs(run.samples["F_sp_L"] - true.samples["F_sp_L"])[at:].max() > 0.1 * size
+    np.testing.assert_array_equal(run.samples["F_rp_L"], true.samples["F_rp_L"])
+
+
+def test_info_and_analyze_tell_the_effects(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path, SOFT, "")
+    assert main(["info", str(path)]) == 0
+    assert effects_text(read_effects(SOFT)) in capsys.readouterr().out
+    assert main(["analyze", str(path), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert f"effects 0: {effects_text(read_effects(SOFT))}" in said
+    assert "effects 1: none" in said
+    assert "mean_stiffness" in (tmp_path / "out" / "report.html").read_text()
+    rows = [line.split() for line in said.splitlines() if line.strip()[:2] in ("1 ", "2 ")]
+    assert [row[-3] for row in rows] == ["P1", "P1"]
+    with_effect, without = (float(row[-1]) for row in rows)
+    assert max(with_effect, without) < 0.0
+    assert with_effect != without
+
+
+def test_a_file_with_a_list_becomes_one_that_ros_takes(tmp_path: Path) -> None:
+    file = tmp_path / "gear.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    K: 1e-4\n    record: true\n    planet_angle: []\n"
+        "    effects: [{effect: mean_stiffness, locus: {mesh: sp}, parameters: {factor: 0.8}}]\n"
+    )
+    text = ros_text(file)
+    values = yaml.safe_load(text)["/**"]["ros__parameters"]
+    assert values == {"K": 1e-4, "record": True, "effects": effects_text(read_effects(SOFT))}
+    file.write_text(text.replace("    record: true\n", ""))
+    assert load_gear(file)[1] == read_effects(SOFT)
