@@ -15,13 +15,14 @@ from herringbone_sim.cli.rerun_option import Where
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.attribute import Evidence
-from herringbone_sim.gap.decide import Option, Verdict
+from herringbone_sim.gap.decide import Verdict
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.fit import fit
 from herringbone_sim.gap.fusion import fuse
 from herringbone_sim.gap.hypothesis import case
 from herringbone_sim.gap.prepared import PreparedCampaign
 from herringbone_sim.gap.sensors import SensorCheck
+from herringbone_sim.gap.stages import Option
 from herringbone_sim.gap.verify import Gap, RunGap
 from herringbone_sim.views.gap_mirror_runs import run_views, shares
 

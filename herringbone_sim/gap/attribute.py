@@ -8,7 +8,7 @@ Held-out runs are refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.bodies import BodyFit, balance_of, balances_known, body_fits, peak
 from herringbone_sim.gap.channel_sets import FEW, channel_set
+from herringbone_sim.gap.clock import set_right
 from herringbone_sim.gap.few import few
 from herringbone_sim.gap.fit import Fit, fit
 from herringbone_sim.gap.fusion import fuse
@@ -27,7 +28,6 @@ from herringbone_sim.gap.recalibrate import recalibrate
 from herringbone_sim.gap.sensors import SensorCheck, drop, find_sensor_errors
 from herringbone_sim.gap.shortlist import Candidate, base, choose, shortlist
 from herringbone_sim.gap.unforced import Unforced, moving, unforced
-from herringbone_sim.gap.waves import waves
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -140,9 +140,7 @@ def mended(run: PreparedRun, check: SensorCheck) -> PreparedRun:
     """A run without the channels found wrong, or with its clock put right."""
     for finding in check.findings:
         if finding.effect == "clock_drift" and finding.group.quantity == "xvu":
-            times = run.times / (1.0 + 1e-6 * finding.value)
-            omega = float((run.phase[-1] - run.phase[0]) / (times[-1] - times[0]))
-            run = replace(run, times=times, waves=waves(run.model, run.phase, omega))
+            run = set_right(run, finding.value)
         else:
             run = drop(run, finding.group.names)
     return run

@@ -11,8 +11,9 @@ from typing import Any
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.decide import Option, Verdict
+from herringbone_sim.gap.decide import Verdict
 from herringbone_sim.gap.screen import Finding
+from herringbone_sim.gap.stages import Option
 from herringbone_sim.gap.verify import Gap
 
 SCHEMA = "herringbone_sim/gap-report/1"

@@ -12,6 +12,7 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.attribute import SEED, mended
 from herringbone_sim.gap.balance import inertia_parts, window_of
 from herringbone_sim.gap.bodies import balance_of, response
+from herringbone_sim.gap.clock import lateness
 from herringbone_sim.gap.consistency import consistency
 from herringbone_sim.gap.decide import Verdict
 from herringbone_sim.gap.few_runs import gap_of
@@ -21,6 +22,7 @@ from herringbone_sim.gap.motion import WIDTH, fused_noise, motion_balance
 from herringbone_sim.gap.prepared import PreparedRun
 from herringbone_sim.gap.recalibrate import force_law
 from herringbone_sim.gap.sensors import SensorCheck
+from herringbone_sim.gap.unforced import with_law_forces
 
 Array = NDArray[np.float64]
 
@@ -127,6 +129,7 @@ def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     balance = motion_balance(c.run, c.fused, noise, model.factors, model.inverse)
     after = balance.residual
     law = force_law(c.run, c.fused, model.factors)
+    c = with_law_forces(c, law)
     through = np.tensordot(model.inverse, inertia_parts(c.run.model), axes=1)
     for one in model.actives:
         if one.effect.level == "body":
@@ -138,7 +141,10 @@ def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
 
 
 def _consistent(run: PreparedRun, check: SensorCheck) -> RunGap:
-    before, after = (consistency([r]).chi2 for r in (run, mended(run, check)))
+    better = mended(run, check)
+    before, after = (consistency([r]).chi2 for r in (run, better))
+    if any(finding.group.quantity == "xvu" for finding in check.findings):
+        before, after = before + lateness([run]), after + lateness([better])
     return RunGap(run.name, run.role, float(np.sqrt(before)), float(np.sqrt(after)), 1.0)
 
 

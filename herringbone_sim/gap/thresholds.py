@@ -1,0 +1,55 @@
+"""Thresholds of the verdict, frozen on practice campaigns whose seeds are named with them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+FILE = Path(__file__).with_name("calibration.json")
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Where probabilities turn, and how sharply.
+
+    Attributes:
+        share: of chi2 explained above which there is an effect.
+        excess_consistency, excess_force_law, excess_torque_balance, excess_motion: excess of chi2
+            above which something is there, named or not; the last without force sensors.
+        misfit: of the excess of the law, added to that of the balance.
+        peak: residual of the balance over its floor above which something is there.
+        floor: excess below which two hypotheses can't be told apart.
+        left: part of the excess left at which known and unknown are equally likely.
+        second, second_share: of the excess left, and of all chi2, that a second effect must take
+            away: less may be the shape of the first one.
+        sharp_gap, sharp_unknown, sharp_effect: powers of the odds.
+        stage: odds of each later stage against the one before.
+        same, alike: |cos| of the changes of two hypotheses that are one class, and the ratio of
+            excess within which its members are not told apart.
+    """
+
+    share: float
+    excess_consistency: float
+    excess_force_law: float
+    excess_torque_balance: float
+    excess_motion: float
+    misfit: float
+    peak: float
+    floor: float
+    left: float
+    second: float
+    second_share: float
+    sharp_gap: float
+    sharp_unknown: float
+    sharp_effect: float
+    stage: float
+    same: float
+    alike: float
+
+
+@cache
+def frozen_thresholds() -> Thresholds:
+    """Those of the package."""
+    return Thresholds(**json.loads(FILE.read_text(encoding="utf-8"))["thresholds"])
