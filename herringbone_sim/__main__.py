@@ -23,6 +23,7 @@ VERBS = (
     "show",
     "parameters",
     "gap",
+    "gap verify",
     "gap bench",
     "gap live",
     "rig",

@@ -5,18 +5,23 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from tqdm import tqdm
 
 from herringbone_sim.cli.gap_rerun import mirror_gap
 from herringbone_sim.cli.rerun_option import add_rerun_option, parse_where
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
+from herringbone_sim.gap.augmented import save_augmented
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
 from herringbone_sim.gap.prepared import prepare
 from herringbone_sim.gap.report import write_report
 from herringbone_sim.gap.residual import ForceResidual, force_residual
+from herringbone_sim.gap.verify import Gap
 from herringbone_sim.recording.campaign import Campaign, CampaignRun, read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording
@@ -28,9 +33,13 @@ DESCRIPTION = """\
 Compare a campaign (a folder of runs with campaign.yaml) with the nominal model: first mesh by
 mesh the residual F - (k(t) f(x) + c v) of every run, then which effect explains it, with what
 probability and size, and how far the gap shrinks on runs of role held_out, which no choice and
-no fit has seen. No trajectory is computed, so chaos does not matter. Writes residual.csv,
-report.json, and report.html: where, which, how much, what is open, what to measure next.
+no fit has seen: as a residual, as a prediction over a horizon short against the Lyapunov time,
+and as an attractor. No trajectory is held against another beyond that. Writes residual.csv,
+report.json, augmented.yaml (the model that the node runs, recalibrated and with the effects), and
+report.html: where, which, how much, what is open, what to measure next.
 """
+STEPS = 16  # of a diagnosis, about; a run is one more
+SHOWN = 48  # letters of what is told
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -57,20 +66,32 @@ def gap(args: argparse.Namespace) -> int:
     nominal = load_parameters(args.nominal).changed({"model": "full"})
     make_folder(args.out)
     residual_table(campaign, nominal, args.out / "residual.csv")
-    start = time.monotonic()
-
-    def say(text: str) -> None:
-        print(f"{time.monotonic() - start:6.1f} s  {text}", flush=True)
-
     prepared = prepare(args.campaign, nominal)
-    found = diagnose(prepared, say)
+    with progress(STEPS + len(prepared.runs)) as say:
+        found = diagnose(prepared, say)
     write_report(args.out / "report.json", found.report)
+    save_augmented(args.out / "augmented.yaml", nominal, found.augmented, prepared.rig)
     page = write_gap_page(found.report, args.out, gap_arrays(found.evidence))
     print(summary(found))
-    print(f"written: {args.out / 'residual.csv'}, {args.out / 'report.json'}, {page}")
+    names = ("residual.csv", "report.json", "augmented.yaml")
+    print(f"written: {', '.join(str(args.out / name) for name in names)}, {page}")
     if where is not None:
         print(mirror_gap(where, prepared, found))
     return 0
+
+
+@contextmanager
+def progress(steps: int) -> Iterator[Callable[[str], None]]:
+    """A bar on a terminal, nothing in a log; yields what is told of each step."""
+    with tqdm(total=steps, unit="step", disable=None) as bar:
+
+        def say(text: str) -> None:
+            bar.set_description(text[:SHOWN])
+            bar.total = max(bar.total or 0, bar.n + 1)
+            bar.update()
+
+        yield say
+        bar.total = bar.n
 
 
 def residual_table(campaign: Campaign, nominal: Parameters, path: Path) -> None:
@@ -124,8 +145,22 @@ def summary(found: Diagnosis) -> str:
         )
     if found.control is not None and math.isfinite(found.control.closure):
         lines.append(f"  runner-up as a control: closure {found.control.closure:.1%}")
+    if found.senses is not None:
+        others = (found.senses.prediction, found.senses.attractor)
+        lines += [sense_line(one) for one in others if math.isfinite(one.over("nominal"))]
     wrong = [finding["text"] for finding in found.report["findings"]]
     lines += [f"wrong with the recording: {text}" for text in wrong]
     open_ = [text for text in found.report["undecidable"] if text not in wrong]
     lines += [f"can't tell: {text}" for text in open_]
     return "\n".join(lines)
+
+
+def sense_line(gap: Gap) -> str:
+    """Before, after and floor of a sense on held-out runs, and what the runner-up closes."""
+    values = ", ".join(
+        f"{name} {gap.over(name):.3g}" for name in ("nominal", "augmented", "floor")
+    )
+    return (
+        f"{gap.metric} on held-out runs [{gap.unit}]: {values}, closure {gap.closure:.1%}, "
+        f"runner-up {gap.closed('runner_up'):.1%}"
+    )

@@ -13,8 +13,15 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.decide import Verdict
 from herringbone_sim.gap.screen import Finding
+from herringbone_sim.gap.senses import Senses
 from herringbone_sim.gap.stages import Option
 from herringbone_sim.gap.verify import Gap
+from herringbone_sim.gap.written import (
+    written_attractor,
+    written_gap,
+    written_senses,
+    wrong_senses,
+)
 
 SCHEMA = "herringbone_sim/gap-report/1"
 METRICS = ("force_law", "torque_balance", "consistency")
@@ -41,6 +48,7 @@ def report(
     undecidable: Sequence[str],
     next_experiment: Mapping[str, Any],
     findings: Sequence[Finding] = (),
+    senses: Senses | None = None,
 ) -> dict[str, Any]:
     """The report as plain data; NaN becomes null."""
     causes = [
@@ -55,29 +63,13 @@ def report(
         "where": [{"locus": _locus(locus), "share": share} for locus, share in where],
         "causes": causes,
         "ambiguous_with": list(verdict.ambiguous_with),
-        "gap": {
-            "metric": gap.metric,
-            "nominal": gap.over("nominal"),
-            "augmented": gap.over("augmented"),
-            "noise_floor": gap.over("floor"),
-            "closure": gap.closure,
-            "runs": [
-                {
-                    "path": run.name,
-                    "role": run.role,
-                    "nominal": run.nominal,
-                    "augmented": run.augmented,
-                    "noise_floor": run.floor,
-                }
-                for run in gap.runs
-            ],
-        },
-        "attractor": {"nominal": {}, "augmented": {}},
+        "gap": written_gap(gap) | ({"senses": written_senses(senses)} if senses else {}),
+        "attractor": written_attractor(senses),
         "undecidable": list(undecidable),
         "next_experiment": dict(next_experiment),
         "findings": [_finding(one) for one in findings],
     }
-    clean: dict[str, Any] = _finite(made)
+    clean: dict[str, Any] = plain_numbers(made)
     return clean
 
 
@@ -122,7 +114,7 @@ def check_report(made: Mapping[str, Any]) -> list[str]:
         }
         <= set(made["gap"]),
     }
-    return [rule for rule, holds in rules.items() if not holds]
+    return [rule for rule, holds in rules.items() if not holds] + wrong_senses(made["gap"])
 
 
 def _cause(name: str, chance: float, best: tuple[Option, int] | None) -> dict[str, Any]:
@@ -160,11 +152,12 @@ def _locus(locus: Locus) -> dict[str, str]:
     return {"mesh": locus.mesh, "planet": locus.planet, "side": locus.side}
 
 
-def _finite(value: Any) -> Any:
+def plain_numbers(value: Any) -> Any:
+    """The same with null for what is not finite."""
     if isinstance(value, dict):
-        return {key: _finite(v) for key, v in value.items()}
+        return {key: plain_numbers(v) for key, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
+        return [plain_numbers(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

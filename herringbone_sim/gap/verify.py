@@ -2,37 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.effects.effect import Active
-from herringbone_sim.gap.attribute import SEED, mended
+from herringbone_sim.gap.attribute import SEED
+from herringbone_sim.gap.augmented import Augmented
 from herringbone_sim.gap.balance import inertia_parts, window_of
 from herringbone_sim.gap.bodies import balance_of, response
 from herringbone_sim.gap.clock import lateness
 from herringbone_sim.gap.consistency import consistency
-from herringbone_sim.gap.decide import Verdict
+from herringbone_sim.gap.corrected import motion_sensor
 from herringbone_sim.gap.few_runs import gap_of
 from herringbone_sim.gap.fusion import fuse
 from herringbone_sim.gap.hypothesis import Case, added, case, expected
 from herringbone_sim.gap.motion import WIDTH, fused_noise, motion_balance
 from herringbone_sim.gap.prepared import PreparedRun
 from herringbone_sim.gap.recalibrate import force_law
-from herringbone_sim.gap.sensors import SensorCheck
 from herringbone_sim.gap.unforced import with_law_forces
 
 Array = NDArray[np.float64]
+Mend = Callable[[PreparedRun], PreparedRun]
+
+UNITS = {
+    "force_law": "N",
+    "torque_balance": "m/s^2",
+    "consistency": "sigma",
+    "prediction": "m",
+    "attractor": "sigma",
+}
 
 
 @dataclass(frozen=True)
 class RunGap:
-    """RMS residual of a run: nominal, with the effects of a verdict, and the floor of the noise.
+    """How far a run is from its model: nominal, with the effects of a verdict, and by noise alone.
 
-    Newtons for the force law, m/s^2 for the torque balance, sigma for consistency; NaN where the
-    channels can't give it.
+    In the unit of the gap; NaN where the channels can't give it.
+
+    Attributes:
+        name, role: of the run.
+        nominal, augmented: before and after.
+        floor: what the noise alone would give.
+        runner_up: with the best other effect in the place of the verdict, as a control.
     """
 
     name: str
@@ -40,57 +53,68 @@ class RunGap:
     nominal: float
     augmented: float
     floor: float
+    runner_up: float = float("nan")
 
 
 @dataclass(frozen=True)
 class Gap:
-    """The gap of a metric over the held-out runs, and of each run."""
+    """The gap in a metric: of each run, over those held out, over all."""
 
     metric: str
     runs: tuple[RunGap, ...]
 
-    def over(self, what: str, role: str = "held_out") -> float:
-        """RMS over the runs of a role of ``nominal``, ``augmented`` or ``floor``.
+    @property
+    def unit(self) -> str:
+        """Of the runs' numbers."""
+        return UNITS[self.metric]
 
-        Runs whose channels can't give it are left out.
+    def over(self, what: str, role: str | None = "held_out") -> float:
+        """RMS of ``nominal``, ``augmented``, ``floor`` or ``runner_up`` over the runs of a role.
+
+        None as the role means all; runs where it is not known don't count.
         """
-        values = [getattr(run, what) for run in self.runs if run.role == role]
-        values = [value for value in values if np.isfinite(value)]
-        return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
+        chosen = [run for run in self.runs if role in (run.role, None)]
+        values = np.array([getattr(run, what) for run in chosen])
+        values = values[np.isfinite(values)]
+        return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
     @property
     def closure(self) -> float:
         """Part of the gap above the noise that the effects close on held-out runs."""
-        nominal, floor = self.over("nominal"), self.over("floor")
+        return self.closed()
+
+    def closed(self, what: str = "augmented", role: str | None = "held_out") -> float:
+        """Part of the gap above the noise that is closed over the runs of a role; NaN if none."""
+        nominal, floor = self.over("nominal", role), self.over("floor", role)
         above = nominal - floor
-        closed = nominal - self.over("augmented")
-        return closed / above if above > 0.0 else float("nan")
+        return (nominal - self.over(what, role)) / above if above > 0.0 else float("nan")
+
+    def with_runner_up(self, control: Gap | None) -> Gap:
+        """The same with what another model leaves as the runner-up."""
+        if control is None:
+            return self
+        pairs = zip(self.runs, control.runs, strict=True)
+        return replace(
+            self, runs=tuple(replace(one, runner_up=other.augmented) for one, other in pairs)
+        )
 
 
-@dataclass(frozen=True)
-class Augmented:
-    """What a verdict changes: calibration of law and balance, effects; ``motion``: no forces."""
+def measure(runs: Sequence[PreparedRun], mend: Mend, metric: str, model: Augmented) -> Gap:
+    """The gap of all runs in the residual that counts, before and after.
 
-    factors: Array
-    inverse: Array
-    actives: tuple[Active, ...]
-    motion: bool = False
-
-
-def measure(runs: Sequence[PreparedRun], check: SensorCheck, metric: str, model: Augmented) -> Gap:
-    """The gap of all runs in a metric, before and after."""
+    Args:
+        runs: as recorded.
+        mend: takes from a run what the sensors were found to add.
+        metric: ``force_law``, ``torque_balance`` or ``consistency``.
+    """
     if metric == "consistency":
-        return Gap(metric, tuple(_consistent(run, check) for run in runs))
-    cases = [(run, case(m, fuse(m))) for run in runs for m in (mended(run, check),)]
+        return Gap(metric, tuple(_consistent(run, mend) for run in runs))
+    model = replace(model, actives=tuple(a for a in model.actives if not motion_sensor(a)))
+    cases = [(run, case(m, fuse(m))) for run in runs for m in (mend(run),)]
     if model.motion:
         return Gap(metric, tuple(_moved(run, c, model) for run, c in cases))
     one = _balance if metric == "torque_balance" else _law
     return Gap(metric, tuple(one(run, c, model) for run, c in cases))
-
-
-def chosen_actives(verdict: Verdict) -> tuple[Active, ...]:
-    """Effects of the augmented model."""
-    return tuple(a for option in verdict.chosen for a in option.actives)
 
 
 def _law(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
@@ -140,10 +164,10 @@ def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(balance.sigma))
 
 
-def _consistent(run: PreparedRun, check: SensorCheck) -> RunGap:
-    better = mended(run, check)
+def _consistent(run: PreparedRun, mend: Mend) -> RunGap:
+    better = mend(run)
     before, after = (consistency([r]).chi2 for r in (run, better))
-    if any(finding.group.quantity == "xvu" for finding in check.findings):
+    if not np.array_equal(better.times, run.times):  # a clock was put right
         before, after = before + lateness([run]), after + lateness([better])
     return RunGap(run.name, run.role, float(np.sqrt(before)), float(np.sqrt(after)), 1.0)
 

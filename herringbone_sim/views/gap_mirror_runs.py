@@ -14,13 +14,13 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.attribute import mended
+from herringbone_sim.gap.augmented import Augmented, augmented
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.diagnose import Diagnosis, augmented
+from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.fusion import fuse
 from herringbone_sim.gap.hypothesis import Case, case, expected
 from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.recalibrate import force_law
-from herringbone_sim.gap.verify import Augmented
 
 COLUMNS = ("measured", "nominal", "augmented")
 TRANSIENT, CYCLES = 150, 40  # mesh cycles that settle, and that are shown

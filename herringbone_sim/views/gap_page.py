@@ -9,6 +9,7 @@ from pathlib import Path
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views import gap_words as words
 from herringbone_sim.views.gap_figures import GapArrays, write_gap_figures
+from herringbone_sim.views.gap_senses import distances_table, senses_table
 from herringbone_sim.views.gap_style import STYLE
 from herringbone_sim.views.gap_tables import attractor_table, runs_table
 from herringbone_sim.views.gap_verdict import OUTSIDE, answers, headline, kind, named
@@ -55,9 +56,10 @@ def gap_page(report: Part, pictures: Sequence[Picture] = ()) -> str:
         f"<h2>Where</h2>{where_section(report)}",
         f"<h2>Which</h2>{_which(report)}",
         f"<h2>How much</h2>{runs_table(mapping(report.get('gap')), kind(report))}",
+        _optional("In three senses, on held-out runs", senses_table(mapping(report.get("gap")))),
         f'<div class="two"><div><h2>What is not decidable</h2>{_undecidable(report)}</div>',
         f"<div><h2>What to measure next</h2>{_next(report)}</div></div>",
-        _optional("Attractor", attractor_table(mapping(report.get("attractor")))),
+        _optional("Attractor", _attractor(mapping(report.get("attractor")))),
         _optional("Figures", "".join(picture_html(picture) for picture in pictures)),
         "<footer>The same in numbers: report.json, beside this page.</footer>",
     ]
@@ -137,6 +139,10 @@ def _next(report: Part) -> str:
     )
     why = words.plain(point.get("why") or f"Why this point is {NOT_KNOWN}.")
     return f'<div class="point">{cells}</div><p>{escape(why)}</p>'
+
+
+def _attractor(attractor: Part) -> str:
+    return distances_table(attractor) or attractor_table(attractor)
 
 
 def _optional(title: str, content: str) -> str:

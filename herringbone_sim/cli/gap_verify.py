@@ -1,0 +1,89 @@
+"""``gap verify``: the numbers of a verdict again, on further runs of the rig."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.cli.gap import progress
+from herringbone_sim.gap.prepared import prepare
+from herringbone_sim.gap.repeat import read_report, repeat
+from herringbone_sim.gap.written import SENSES
+from herringbone_sim.recording.parameter_file import load_gear, load_parameters
+from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.gap_senses import write_verify_page
+
+DESCRIPTION = """\
+Measure the augmented model of an earlier diagnosis (DIR/augmented.yaml) on further runs of the
+same rig, as its report measured it: the residual that counts, prediction over a horizon short
+against the Lyapunov time, attractor; each for the nominal model, the augmented one and the noise
+floor. Nothing is fitted, so every run of the campaign counts, whatever its role. Prints the
+numbers beside those of the report and writes verify.json and verify.html.
+"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``gap verify``."""
+    parser = subparsers.add_parser(
+        "gap verify",
+        help="measure the verdict of a diagnosis on further runs",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("campaign", type=Path, metavar="CAMPAIGN", help="folder of further runs")
+    parser.add_argument(
+        "--nominal", type=Path, required=True, metavar="FILE", help="parameters of the rig"
+    )
+    parser.add_argument(
+        "--report", type=Path, required=True, metavar="DIR", help="folder that `gap` wrote"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    parser.set_defaults(func=gap_verify)
+
+
+def gap_verify(args: argparse.Namespace) -> int:
+    """Print before, after and floor in every sense beside the report's; write both."""
+    made = read_report(args.report / "report.json")
+    own, actives = load_gear(args.report / "augmented.yaml")
+    nominal = load_parameters(args.nominal).changed({"model": "full"})
+    campaign = prepare(args.campaign, nominal)
+    make_folder(args.out)
+    with progress(1 + len(campaign.runs)) as say:
+        told = repeat(campaign, own, actives, made, say)
+    text = json.dumps(told, indent=2, allow_nan=False) + "\n"
+    (args.out / "verify.json").write_text(text, encoding="utf-8")
+    page = write_verify_page(told, args.out)
+    print(table(told))
+    print(f"written: {args.out / 'verify.json'}, {page}")
+    return 0
+
+
+def table(told: Mapping[str, Any]) -> str:
+    """A line a sense on these runs, and one as the report has it."""
+    effects = ", ".join(told["effects"]) or "no effect"
+    lines = [
+        f"verdict on {told['diagnosed']}: {told['verdict']}  ({effects})",
+        f"{'':34s} {'nominal':>10s} {'augmented':>10s} {'floor':>10s} {'closure':>8s}",
+    ]
+    runs = len(told["gap"]["runs"])
+    for name in SENSES:
+        for where, senses in (
+            (f"{runs} runs", told["gap"]["senses"]),
+            ("report", told["reported"]),
+        ):
+            sense = senses.get(name)
+            if sense:
+                title = f"{sense['metric']} [{sense['unit']}], {where}"
+                lines.append(f"{title:34s} {_numbers(sense)}")
+    lines += [f"can't tell: {text}" for text in told["undecidable"]]
+    return "\n".join(lines)
+
+
+def _numbers(sense: Mapping[str, Any]) -> str:
+    values = [sense[key] for key in ("nominal", "augmented", "noise_floor")]
+    shown = " ".join("         -" if v is None else f"{v:10.3g}" for v in values)
+    closure = sense["closure"]
+    return f"{shown} " + ("       -" if closure is None else f"{closure:8.1%}")

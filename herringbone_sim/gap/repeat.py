@@ -1,0 +1,92 @@
+"""The numbers of a verdict again, on runs that its diagnosis has never seen."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.augmented import from_parameters
+from herringbone_sim.gap.checks import check
+from herringbone_sim.gap.corrected import corrected, motion_sensor
+from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.report import METRICS, plain_numbers
+from herringbone_sim.gap.senses import measure_senses
+from herringbone_sim.gap.verify import measure
+from herringbone_sim.gap.written import written_attractor, written_gap, written_senses
+
+Say = Callable[[str], None]
+SCHEMA = "herringbone_sim/gap-verify/1"
+REPEATED = ("metric", "unit", "nominal", "augmented", "noise_floor", "closure")
+
+
+def read_report(path: Path) -> dict[str, Any]:
+    """A report of an earlier diagnosis; AnalysisError when there is none."""
+    try:
+        made = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise AnalysisError(
+            f"{path} can't be read ({error}): give the folder that `gap CAMPAIGN --out` wrote"
+        ) from None
+    if not isinstance(made, dict) or made.get("gap", {}).get("metric") not in METRICS:
+        raise AnalysisError(f"{path} is no report of a gap: give the folder that `gap` wrote")
+    return made
+
+
+def repeat(
+    campaign: PreparedCampaign,
+    own: Parameters,
+    actives: Sequence[Active],
+    made: Mapping[str, Any],
+    say: Say = lambda text: None,
+) -> dict[str, Any]:
+    """The gap in every sense over all runs of a campaign, whatever their role; nothing is fitted.
+
+    Sensor effects on x, v, u and the clock are undone in the recordings, with the size that the
+    diagnosis found.
+
+    Args:
+        campaign: further runs of the rig.
+        own, actives: the augmented model, as its parameter file has it.
+        made: report of the diagnosis.
+        say: told of the progress.
+
+    Raises:
+        AnalysisError: no run can be used.
+    """
+    campaign, findings = check(campaign)
+    if not campaign.runs:
+        raise AnalysisError(f"no run of {campaign.rig} can be used: {findings[0].text}")
+    forces = all(np.isfinite(run.F.values).all(axis=0).any() for run in campaign.runs)
+    model = from_parameters(campaign.nominal, own, actives, motion=not forces)
+    wrong = [one for one in actives if motion_sensor(one)]
+
+    def mend(run: PreparedRun) -> PreparedRun:
+        return corrected(run, wrong) if wrong else run
+
+    say("residual")
+    gap = measure(campaign.runs, mend, made["gap"]["metric"], model)
+    found = measure_senses(campaign.runs, mend, gap, model, None, say)
+    before = made["gap"].get("senses") or {"residual": made["gap"]}
+    told: dict[str, Any] = plain_numbers(
+        {
+            "schema": SCHEMA,
+            "campaign": campaign.rig,
+            "diagnosed": made["campaign"],
+            "verdict": made["verdict"],
+            "effects": made["effects"],
+            "gap": written_gap(gap, None) | {"senses": written_senses(found, None)},
+            "reported": {
+                name: {key: sense.get(key) for key in REPEATED} for name, sense in before.items()
+            },
+            "attractor": written_attractor(found),
+            "undecidable": [*(f.text for f in findings), *found.unknown],
+        }
+    )
+    return told

@@ -1,0 +1,44 @@
+"""Many short runs of a gear with effects, from measured states at whatever phase: compiled."""
+
+from __future__ import annotations
+
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.effects.law import PHASE, law
+from herringbone_sim.effects.run import at_instant, slope_of
+
+
+@law
+def roll(e, site, theta, gear, p, si, now, y, cycle, phase, h, parts, w, g, states, force):
+    """Fill states (s, k, size) and mesh forces (s, k, n) [N] of s runs of k samples.
+
+    Each starts at y (s, size), which is worked on, at a whole number of mesh cycles (s,) and a
+    phase (s,) [rad] beyond; a sample is ``parts`` Runge-Kutta steps of h (in 1 / omega_n) after
+    the last.
+    """
+    samples = states.shape[1]
+    for i in range(y.shape[0]):
+        for k in range(samples):
+            at = phase[i] + k * parts * h * p.Omega
+            now[PHASE] = TWO_PI * cycle[i] + at
+            at_instant(e, site, theta, gear, p, si, now, y[i], w, g)
+            for j in range(y.shape[1]):
+                states[i, k, j] = y[i, j]
+            for m in range(w.force.size):
+                force[i, k, m] = w.force[m]
+            for part in range(parts if k + 1 < samples else 0):
+                here = at + part * h * p.Omega
+                rk4(e, site, theta, gear, p, si, now, cycle[i], here, h, y[i], w, g)
+
+
+@law
+def rk4(e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g):
+    """Advance y (size,) by h in place."""
+    for stage in range(4):
+        part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+        for k in range(y.size):
+            g.stage[k] = y[k] + (part * h * g.rate[stage - 1, k] if stage > 0 else 0.0)
+        at = phase + part * h * p.Omega
+        slope_of(e, site, theta, gear, p, si, now, cycle, at, g.stage, w, g, g.rate[stage])
+    for k in range(y.size):
+        inner = g.rate[1, k] + g.rate[2, k]
+        y[k] += h / 6.0 * (g.rate[0, k] + 2.0 * inner + g.rate[3, k])

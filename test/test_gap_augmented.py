@@ -1,0 +1,109 @@
+"""The augmented model is a parameter file: what the node runs is what the diagnosis found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gap_support import NOMINAL, POINTS, prepared, sampled
+
+from herringbone_sim.core.mesh import backlash
+from herringbone_sim.core.model import build
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.effects.effect import Locus, active
+from herringbone_sim.effects.gear import gear_table
+from herringbone_sim.effects.registry import effect
+from herringbone_sim.effects.stepper import simulate
+from herringbone_sim.gap.augmented import (
+    Augmented,
+    from_parameters,
+    nominal_model,
+    parameters_of,
+    save_augmented,
+)
+from herringbone_sim.gap.fusion import fuse
+from herringbone_sim.gap.geometry import coordinates_to_meshes
+from herringbone_sim.gap.hypothesis import calibrated_gear, case
+from herringbone_sim.gap.machine import Machine
+from herringbone_sim.gap.waves import waves
+from herringbone_sim.recording.parameter_file import load_gear
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+
+FOUND = Augmented(
+    np.array([1.012, 0.985, 1.03, 0.97, 0.99, 1.015]),
+    np.array([1.01, 0.99, 1.018]),
+    (
+        active(effect("backlash_offset"), Locus("sp", "2", "all"), {"offset": 3e-6}),
+        active(effect("sensor_gain"), Locus("rp"), {"gain": 1.05}),
+    ),
+)
+
+
+def test_the_file_gives_back_what_was_found(tmp_path: Path) -> None:
+    save_augmented(tmp_path / "augmented.yaml", NOMINAL, FOUND, "rig")
+    own, actives = load_gear(tmp_path / "augmented.yaml")
+    back = from_parameters(NOMINAL, own, actives)
+    np.testing.assert_allclose(back.factors, FOUND.factors, rtol=1e-12)
+    np.testing.assert_allclose(back.inverse, FOUND.inverse, rtol=1e-12)
+    assert back.actives == FOUND.actives
+    assert own.model == "full"
+    assert own.omega_n == pytest.approx(build(NOMINAL).scales.omega_n, rel=1e-14)
+
+
+@pytest.mark.parametrize("point", POINTS)
+def test_the_loaded_gear_has_the_force_law_with_the_factors(
+    tmp_path: Path, point: dict[str, float]
+) -> None:
+    save_augmented(tmp_path / "augmented.yaml", NOMINAL, FOUND, "rig")
+    own = build(load_gear(tmp_path / "augmented.yaml")[0].changed(point))
+    nominal = build(NOMINAL.changed(point))
+    rng = np.random.default_rng(3)
+    z, rate = 2e-4 * rng.normal(size=(40, 8)), 2.0 * rng.normal(size=(40, 8))
+    phase = rng.uniform(0.0, 50.0, 40)
+    force = Machine(own).run(z, rate, phase, 0.1, 1).force_n[:, 0]
+    k, c, e = (np.repeat(FOUND.factors[i : i + 2], 6) for i in (0, 2, 4))
+    w = waves(nominal, phase, point["Omega"] * nominal.scales.omega_n)
+    D = coordinates_to_meshes(nominal.layout)
+    spring = k * w.k * backlash(z @ D.T - e * w.e, nominal.half_backlash_m)
+    expected = spring + c * nominal.damping_n_s_per_m * (rate @ D.T - e * w.e_rate)
+    np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-6)
+
+
+def test_the_fit_and_the_node_have_the_same_gear() -> None:
+    run = prepared(sampled({}, POINTS[2], 6), POINTS[2])
+    one = case(run, fuse(run))
+    own = build(parameters_of(run.model.parameters, FOUND))
+    fitted = calibrated_gear(one, FOUND.factors)
+    np.testing.assert_allclose(gear_table(own), fitted, rtol=1e-12)
+
+
+def test_the_control_stays_the_torque_that_the_data_sheet_gives() -> None:
+    nominal, own = build(NOMINAL), build(parameters_of(NOMINAL, FOUND))
+    assert own.scales.M_c == pytest.approx(nominal.scales.M_c / FOUND.inverse[2])
+    for name in ("control_q", "control_r"):
+        torque = [getattr(m.packed, name) * m.scales.M_c for m in (nominal, own)]
+        np.testing.assert_allclose(*torque, rtol=1e-12)
+
+
+def test_a_model_that_changes_nothing_is_the_nominal_one() -> None:
+    one, other = build(NOMINAL), build(parameters_of(NOMINAL, nominal_model()))
+    np.testing.assert_allclose(gear_table(other), gear_table(one), rtol=1e-14)
+    assert other.scales.M_c == one.scales.M_c
+
+
+def test_runs_from_any_phase_are_those_of_the_simulation() -> None:
+    model = build(NOMINAL.changed(POINTS[0]))
+    series, _ = simulate(model, (), 3)
+    D = coordinates_to_meshes(model.layout)
+    w = waves(model, series["phase"], POINTS[0]["Omega"] * model.scales.omega_n)
+    x, v = (series.columns(tuple(f"{q}_{m}" for m in model.layout.meshes)) for q in "xv")
+    pull = np.linalg.pinv(D).T
+    z, rate = (x + w.e) @ pull, (v + w.e_rate) @ pull
+    start, ahead = np.array([5, 20, 37]), 24
+    turn = TWO_PI / 24
+    found = Machine(model).run(z[start], rate[start], series["phase"][start], turn, ahead + 1)
+    np.testing.assert_allclose(found.z[:, -1], z[start + ahead], atol=2e-8)
+    forces = series.columns(tuple(f"F_{m}" for m in model.layout.meshes))
+    np.testing.assert_allclose(found.force_n[:, 0], forces[start], rtol=1e-6, atol=1e-3)
