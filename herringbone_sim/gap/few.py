@@ -20,15 +20,14 @@ from herringbone_sim.gap.bodies import BodyFit
 from herringbone_sim.gap.features import Feature, features, of_level
 from herringbone_sim.gap.few_linear import Linear, answer, linear, responses, through
 from herringbone_sim.gap.few_runs import ALL_BOUNDS, PRIOR, Watched, left, settled, watch
-from herringbone_sim.gap.hypothesis import Case, name_of
-from herringbone_sim.gap.unforced import Unforced
+from herringbone_sim.gap.hypothesis import Case
+from herringbone_sim.gap.unforced import Unforced, best_of_each, once
 
 Array = NDArray[np.float64]
 
 FINALISTS = 6
 ROUNDS = 3
 BATCH = 64  # columns at a time
-TIE = 0.05  # of what is left, within which the wider place is tried first
 SEEN = 3.0  # sigma that a moderate effect must change the innovations by, to be tried
 
 
@@ -49,9 +48,9 @@ def few(cases: Sequence[Case], effects: Sequence[Effect]) -> Unforced:
     unseen = {one.feature.start.effect.id for one in tried} - names
     nominal = _fitted(runs, p, None)
     found = sorted((_fitted(runs, p, one) for one in seen), key=lambda fit: fit.left_out)
-    better = [_refined(runs, p, one) for one in _best(found)]
+    better = [_refined(runs, p, one) for one in best_of_each(found)[:FINALISTS]]
     ranked = sorted((*better, *found), key=lambda one: one.left_out)
-    fits = (nominal, *_once(ranked))
+    fits = (nominal, *once(ranked))
     return Unforced(p[:6], p[6:], fits, filtered=True, unseen=tuple(sorted(unseen)))
 
 
@@ -182,23 +181,6 @@ def _left_out(A: Array, b: Array, squares: Array, p: Array, excess: float, whole
     return out
 
 
-def _best(found: Sequence[BodyFit]) -> list[BodyFit]:
-    """The best few, not more than three of an effect; wide places first where they tie."""
-    taken: dict[str, int] = {}
-    best = []
-
-    def rank(one: BodyFit) -> float:
-        locus = one.actives[0].locus
-        return one.left_out * (1.0 + TIE * ((locus.planet != "all") + (locus.side != "all")))
-
-    for one in sorted(found, key=rank):
-        name = one.actives[0].effect.id
-        taken[name] = taken.get(name, 0) + 1
-        if taken[name] <= 3:
-            best.append(one)
-    return best[:FINALISTS]
-
-
 def _refined(runs: Sequence[Watched], start: Array, one: BodyFit) -> BodyFit:
     """Gauss-Newton with the exact gear; tolerances keep their slopes.
 
@@ -242,15 +224,3 @@ def _steps(now: Active) -> Array:
     steps = np.where(sizes > 0.0, 1e-3 * sizes, 1e-4)
     inside: Array = np.where(theta + steps > high, -steps, steps)
     return inside
-
-
-def _once(ranked: Sequence[BodyFit]) -> list[BodyFit]:
-    """Each effect at each place once, its best fit."""
-    names: set[str] = set()
-    once = []
-    for one in ranked:
-        name = name_of(one.actives)
-        if name not in names:
-            names.add(name)
-            once.append(one)
-    return once

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.effects.effect import Active, Effect
+from herringbone_sim.effects.effect import Active, Effect, Locus
 from herringbone_sim.gap.balance import Balance, inertia_parts
 from herringbone_sim.gap.balance import window_of as look_of
 from herringbone_sim.gap.bodies import BodyFit, response
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 FINALISTS = 8
 ROUNDS = 3
 STRIDE = 3
+OF_ONE_EFFECT = 3
+TIE = 0.05  # of what is left, within which the wider place is tried first
 
 
 @dataclass(frozen=True)
@@ -91,22 +93,52 @@ def unforced(
             at = replace(feature, start=replace(feature.start, locus=locus))
             found.append(_fitted(runs, columns, at))
     found.sort(key=lambda one: one.left_out)
-    better = [_refined(runs, factors, one) for one in found[:FINALISTS]]
+    better = [_refined(runs, factors, one) for one in best_of_each(found)[:FINALISTS]]
     bodies = [_body(runs, factors, f) for f in of_level(effects, "body")]
     ranked = sorted((*better, *bodies), key=lambda one: one.left_out)
-    return Unforced(factors, inertias.inverse, (nominal, *ranked))
+    return Unforced(factors, inertias.inverse, (nominal, *once(ranked)))
 
 
 def _regressors(cases: Sequence[Case], effects: Sequence[Effect]) -> list[Feature]:
     meshes = [e for e in effects if e.level == "mesh"]
-    known = all(c.usable.all() for c in cases)
-    model = cases[0].run.model
-    return [f for f in features(model, meshes) if known or not f.start.effect.states(model)]
+    return features(cases[0].run.model, meshes)
+
+
+def best_of_each(found: Sequence[BodyFit]) -> list[BodyFit]:
+    """The best fits, not more than so many of an effect; wide places first where they tie."""
+    taken: dict[str, int] = {}
+    best = []
+
+    def rank(one: BodyFit) -> float:
+        locus = one.actives[0].locus
+        return one.left_out * (1.0 + TIE * ((locus.planet != "all") + (locus.side != "all")))
+
+    for one in sorted(found, key=rank):
+        name = one.actives[0].effect.id
+        taken[name] = taken.get(name, 0) + 1
+        if taken[name] <= OF_ONE_EFFECT:
+            best.append(one)
+    return best
+
+
+def once(ranked: Sequence[BodyFit]) -> list[BodyFit]:
+    """Each effect at each place once, by its best fit: not one for every order of a ripple."""
+    found: dict[tuple[str, Locus], BodyFit] = {}
+    for one in ranked:
+        found.setdefault((one.actives[0].effect.id, one.actives[0].locus), one)
+    return list(found.values())
+
+
+def with_law_forces(c: Case, law: Law) -> Case:
+    """A case whose forces are the law's where none is measured: they drive rings and pins."""
+    values = np.where(np.isfinite(c.run.F.values), c.run.F.values, law.modelled_n)
+    return replace(c, run=replace(c.run, F=replace(c.run.F, values=values)))
 
 
 def _run(c: Case, factors: Array, inverse: Array, rng: np.random.Generator) -> _Run:
     balance = motion_balance(c.run, c.fused, fused_noise(c.run, rng), factors, inverse)
     law = force_law(c.run, c.fused, factors)
+    c = with_law_forces(c, law)
     A = np.tensordot(inverse, inertia_parts(c.run.model), axes=1)
     look = look_of(c.run, WIDTH)
     half = law.f_m.shape[1] // 2
