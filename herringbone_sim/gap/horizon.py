@@ -62,7 +62,9 @@ def horizon_of(run: PreparedRun, exponent: float) -> Horizon:
 
 def prediction_error(run: PreparedRun, fused: Fused, machine: Machine, ahead: Horizon) -> float:
     """RMS error of the predicted mesh displacements [m], over starts, samples and meshes."""
-    found = _run_on(run, fused.z, fused.z_rate, machine, ahead, own_states(run, fused, machine))
+    found = _run_on(
+        run, fused.z, fused.z_rate, machine, ahead, own_states(run, fused, machine, ahead.starts)
+    )
     return _rms(found - _measured(fused.z, ahead), run)
 
 
@@ -74,7 +76,7 @@ def prediction_floor(
     Args:
         noise: a realisation of the noise of ``fused``, see ``motion.fused_noise``.
     """
-    own = own_states(run, fused, machine)
+    own = own_states(run, fused, machine, ahead.starts)
     right = _run_on(run, fused.z, fused.z_rate, machine, ahead, own)
     off = _run_on(run, fused.z + noise.z, fused.z_rate + noise.z_rate, machine, ahead, own)
     return _rms(off - right - _measured(noise.z, ahead), run)
@@ -117,50 +119,51 @@ def largest_exponent(
     return float(kept.mean()), float(batches.std(ddof=1) / np.sqrt(len(batches)))
 
 
-def own_states(run: PreparedRun, fused: Fused, machine: Machine) -> Array:
-    """Effects' own states (n, n_own) along the recorded motion, driven by its forces.
+def own_states(run: PreparedRun, fused: Fused, machine: Machine, starts: Index) -> Array:
+    """Effects' own states (s, n_own) at some samples, driven by the forces of the run until there.
 
     Measured forces, or those of the nominal law where they are not measured.
     """
     n_own = machine.laws.n_own
-    along = np.zeros((len(run), n_own))
+    found = np.zeros((len(starts), n_own))
     if not n_own:
-        return along
+        return found
     law = force_law(run, fused, np.ones(6)).modelled_n
     force = np.where(np.isfinite(run.F.values), run.F.values, law)
     p = run.model.parameters
     columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
     now = np.stack([np.broadcast_to(one, run.phase.shape) for one in columns], axis=1)
-    own = np.zeros(n_own)
+    own, before = np.zeros(n_own), 0
     work, gear = scratch(machine.model, n_own), gear_table(machine.model)
-    room = np.empty((2, force.shape[1])), np.empty((2, len(machine.model.layout.bodies)))
     with pointers_allowed():
-        for i in range(len(run) - 1):
-            two = slice(i, i + 2)
+        for i, start in enumerate(starts):
+            rows = slice(before, start + 1)
+            count = start + 1 - before
             recorded(
                 machine.laws.kernel,
                 machine.laws.site,
                 machine.laws.theta,
                 gear,
-                run.times[two],
-                np.ascontiguousarray(now[two], dtype=float),
-                fused.x[two],
-                fused.v[two],
-                force[two],
+                run.times[rows],
+                np.ascontiguousarray(now[rows], dtype=float),
+                fused.x[rows],
+                fused.v[rows],
+                force[rows],
                 own,
                 work,
                 SUBSTEPS,
-                *room,
+                np.empty((count, force.shape[1])),
+                np.empty((count, len(machine.model.layout.bodies))),
             )
-            along[i + 1] = own
-    return along
+            found[i], before = own, start
+    return found
 
 
 def _run_on(
     run: PreparedRun, z: Array, z_rate: Array, machine: Machine, ahead: Horizon, own: Array
 ) -> Array:
     at = ahead.starts
-    found = machine.run(z[at], z_rate[at], run.phase[at], turn_of(run), ahead.samples + 1, own[at])
+    found = machine.run(z[at], z_rate[at], run.phase[at], turn_of(run), ahead.samples + 1, own)
     return found.z[:, 1:]
 
 
