@@ -54,3 +54,13 @@ def revolutions(model: Model, mask: Array, options: Options) -> Array:
     cycles = {"sun": p.z_s, "planet": p.z_p, "ring": p.z_r}[member]
     late = {"sun": psi, "planet": 0.5 * ring, "ring": -psi}[member]
     return np.stack([mask, np.full(mask.shape, float(cycles)), cycles * late])
+
+
+def whole_cycles(model: Model, mask: Array, options: Options) -> Array:
+    """``revolutions`` for one tooth: it comes into mesh at the same mesh phase on every planet.
+
+    All meshes have one phase, so a tooth is late by whole mesh cycles.
+    """
+    rows = revolutions(model, mask, options)
+    rows[2] = np.rint(rows[2])
+    return rows

@@ -36,6 +36,7 @@ SINGLES = 8
 SECONDS = 4
 SEED = 20  # of the noise that gives the floor of the accelerations
 FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
+CLOSE = 1.5  # times the excess of the best one: another first of a pair
 WORTH_A_SECOND = 0.03  # excess of chi2 that a second effect is looked for in
 
 
@@ -163,17 +164,26 @@ def _pairs(
     effects: Sequence[Effect],
     say: Say,
 ) -> tuple[Fit, ...]:
-    """The best single effect with each of the best seconds on what it leaves."""
+    """The best single effects with each of the best seconds on what they leave."""
     if not fits or fits[0].left_out - 1.0 < WORTH_A_SECOND:
         return ()
-    first = fits[0]
-    found = []
-    for one in choose(shortlist(base(cases, first.factors, first.actives), effects), SECONDS):
-        if one.active.effect.id != first.actives[0].effect.id:
+    found: dict[frozenset[str], Fit] = {}
+    for first in _firsts(fits):
+        for one in choose(shortlist(base(cases, first.factors, first.actives), effects), SECONDS):
             both = (*first.actives, one.active)
-            say(f"fit {name_of(both)}")
-            found.append(fit(cases, first.factors, both))
-    return tuple(sorted(found, key=lambda f: f.left_out))
+            names = frozenset(name_of((a,)) for a in both)
+            if one.active.effect.id != first.actives[0].effect.id and names not in found:
+                say(f"fit {name_of(both)}")
+                found[names] = fit(cases, first.factors, both)
+    return tuple(sorted(found.values(), key=lambda f: f.left_out))
+
+
+def _firsts(fits: Sequence[Fit]) -> list[Fit]:
+    """The best single effect, and the best other one where it leaves hardly more."""
+    best = fits[0]
+    others = [f for f in fits if f.actives[0].effect.id != best.actives[0].effect.id]
+    near = others and others[0].left_out - 1.0 < CLOSE * (best.left_out - 1.0)
+    return [best, others[0]] if near else [best]
 
 
 def _bodies(

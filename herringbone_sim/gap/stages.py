@@ -6,6 +6,7 @@ is the share of chi2 that an effect explains on runs left out, and what it leave
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +83,9 @@ class Stage:
         """Probability that it is none of the catalogue, if there is anything."""
         t = self.thresholds
         left = (max(self.best, 0.0) + t.floor) / (self.nominal + t.floor)
-        return float(left**t.sharp_unknown / (left**t.sharp_unknown + t.left**t.sharp_unknown))
+        most = t.left if not self.options or has_shape(self.options[0].actives) else t.left_exact
+        odds = (left / most) ** t.sharp_unknown
+        return float(odds / (1.0 + odds))
 
     @property
     def weights(self) -> Array:
@@ -91,6 +94,14 @@ class Stage:
         odds = np.array([t.floor + max(o.excess, 0.0) for o in self.options]) ** -t.sharp_effect
         weights: Array = odds / odds.sum() if len(odds) else odds
         return weights
+
+
+def has_shape(actives: Sequence[Active]) -> bool:
+    """Whether an effect has a shape of its own, which the real one may not have quite."""
+    return any(
+        a.effect.level == "body" or any(p.neutral is None for p in a.effect.parameters)
+        for a in actives
+    )
 
 
 def stages_of(evidence: Evidence, thresholds: Thresholds) -> tuple[Stage, ...]:

@@ -21,7 +21,8 @@ class Thresholds:
         misfit: of the excess of the law, added to that of the balance.
         peak: residual of the balance over its floor above which something is there.
         floor: excess below which two hypotheses can't be told apart.
-        left: part of the excess left at which known and unknown are equally likely.
+        left, left_exact: part of the excess left at which known and unknown are equally likely,
+            of effects with a shape of their own and of those without.
         second, second_share: of the excess left, and of all chi2, that a second effect must take
             away: less may be the shape of the first one.
         sharp_gap, sharp_unknown, sharp_effect: powers of the odds.
@@ -39,6 +40,7 @@ class Thresholds:
     peak: float
     floor: float
     left: float
+    left_exact: float
     second: float
     second_share: float
     sharp_gap: float

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from herringbone_sim.effects.effect import Effect, Parameter
 from herringbone_sim.effects.law import STIFFNESS, bump, cycles_from_event, law
-from herringbone_sim.effects.site import MEMBER, revolutions
+from herringbone_sim.effects.site import MEMBER, whole_cycles
 
 
 @law
@@ -32,6 +32,6 @@ EFFECT = Effect(
     ),
     options=(MEMBER,),
     loci=(("*", "*", "*"), ("*", "all", "*"), ("all", "*", "*")),
-    place=revolutions,
+    place=whole_cycles,
     excite=excite,
 )

@@ -18,7 +18,7 @@ from herringbone_sim.effects.law import (
     cycles_from_event,
     law,
 )
-from herringbone_sim.effects.site import MEMBER, revolutions
+from herringbone_sim.effects.site import MEMBER, whole_cycles
 
 
 @law
@@ -43,6 +43,6 @@ EFFECT = Effect(
     ),
     options=(MEMBER,),
     loci=(("*", "*", "*"), ("*", "all", "*"), ("all", "*", "*")),
-    place=revolutions,
+    place=whole_cycles,
     excite=excite,
 )
