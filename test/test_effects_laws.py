@@ -136,7 +136,7 @@ def tooth_crack(rig: Model, moved: Motion) -> tuple[Any, Array]:
 
 def tooth_spall(rig: Model, moved: Motion) -> tuple[Any, Array]:
     place, mask = on("all", "1", "R")
-    late = np.repeat([0.0, 12.5], 6)
+    late = np.repeat([0.0, 12.0], 6)
     s = since(moved, 25.0, late, 4.0)
     values = {"height": 2e-5, "position": 4.0, "width": 4.0, "member": "planet"}
     d = 2e-5 * mask * window(s, 4.0)
