@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 FineLaw = Callable[[Array, Array, Array], Array]
 
 FINE = 4  # points a sample at which a law is averaged
+UNSURE = 0.2  # share of the RMS of what a law adds between samples that it may be off
+UNSURE_AT_ONCE = 0.5  # share of it at one time
 WIDTH = 0.2  # standard deviation of the window in mesh cycles: order 1 passes with 0.45
 
 
@@ -40,6 +42,7 @@ class Balance:
             1/M_c multiply.
         factors: (3,) on 1/M_s, 1/M_p, 1/M_c that the residual was taken with.
         sigma: (m,) noise floor of the residual.
+        unsure: (k, m) how far off the forces between samples may be at a time.
         overlap: samples that share one independent value, by the width of the window.
         meshes: (n_mesh, m) matrix D that makes the relative accelerations of the meshes of it.
     """
@@ -49,6 +52,7 @@ class Balance:
     parts: Array
     factors: Array
     sigma: Array
+    unsure: Array
     overlap: float
     meshes: Array
 
@@ -78,10 +82,12 @@ class Force:
     Attributes:
         average_n: (k, n_mesh) [N].
         covariance: (n_mesh, n_mesh) of their noise [N^2].
+        correction_n: (k, n_mesh) part of the average that a law between samples gave [N].
     """
 
     average_n: Array
     covariance: Array
+    correction_n: Array
 
 
 def window_of(run: PreparedRun, width: float = WIDTH) -> Window:
@@ -115,13 +121,16 @@ def torque_balance(
     whole = np.tensordot(own, A, axes=1)
     of_force = np.einsum("mi,ij,mj->m", whole, force.covariance, whole)
     of_rate = np.diag(fused.z_rate_cov) * np.sum(look.slope**2)
+    between_samples = force.correction_n @ whole.T
+    of_law = UNSURE**2 * np.mean(between_samples**2, axis=0)
     reach = len(look.mean) // 2
     return Balance(
         at=np.arange(reach, len(run) - reach),
         measured=look.derivative(fused.z_rate),
         parts=parts,
         factors=own,
-        sigma=np.sqrt(of_force + of_rate),
+        sigma=np.sqrt(of_force + of_rate + of_law),
+        unsure=UNSURE_AT_ONCE * np.abs(between_samples),
         overlap=float(2.0 * np.sqrt(np.pi) * look.deviation),
         meshes=coordinates_to_meshes(run.model.layout),
     )
@@ -130,14 +139,14 @@ def torque_balance(
 def measured_force(run: PreparedRun, look: Window, correction_n: Array | None = None) -> Force:
     """Window average of the measured forces, with a ``quadrature`` correction if there is one."""
     average = look.average(run.F.values)
-    if correction_n is not None:
-        average = average + correction_n
-    return Force(average, np.diag(run.F.sigma**2) * np.sum(look.mean**2))
+    more = np.zeros_like(average) if correction_n is None else correction_n
+    return Force(average + more, np.diag(run.F.sigma**2) * np.sum(look.mean**2), more)
 
 
 def modelled_force(look: Window, force_n: Array, noise_n: Array) -> Force:
     """Window average of forces (n, n_mesh) of a law, its floor from a realisation of the noise."""
-    return Force(look.average(force_n), np.cov(look.average(noise_n).T))
+    average = look.average(force_n)
+    return Force(average, np.cov(look.average(noise_n).T), np.zeros_like(average))
 
 
 def quadrature(run: PreparedRun, fused: Fused, law: FineLaw, width: float = WIDTH) -> Array:

@@ -92,7 +92,8 @@ def body_fits(
 def peak(balances: Sequence[Balance], nominal: BodyFit) -> float:
     """Largest residual over its floor: a short event that a mean over all samples hides."""
     left = [b.measured - np.tensordot(nominal.inverse, b.parts, axes=1) for b in balances]
-    return max(float(np.abs(r / b.sigma).max()) for r, b in zip(left, balances, strict=True))
+    floors = [np.sqrt(b.sigma**2 + b.unsure**2) for b in balances]
+    return max(float(np.abs(r / floor).max()) for r, floor in zip(left, floors, strict=True))
 
 
 def response(one: Case, factors: Array, law: Law, probe: Active, width: float = WIDTH) -> Array:
