@@ -1,0 +1,121 @@
+"""What stages make of their numbers: when something is there, and when it is not known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from herringbone_sim.effects.effect import active
+from herringbone_sim.effects.registry import effect
+from herringbone_sim.gap.attribute import Evidence
+from herringbone_sim.gap.bodies import BodyFit
+from herringbone_sim.gap.decide import decide
+from herringbone_sim.gap.fit import Fit
+from herringbone_sim.gap.sensors import SensorCheck
+from herringbone_sim.gap.stages import has_shape, stages_of
+from herringbone_sim.gap.thresholds import frozen_thresholds
+
+QUIET = SensorCheck(1.0, 1.0, ())
+T = frozen_thresholds()
+
+
+def fitted(left_out: float, *names: str) -> Fit:
+    actives = tuple(active(effect(name)) for name in names)
+    some = np.ones(3)
+    count = sum(len(a.theta) for a in actives)
+    return Fit(actives, np.ones(6), np.ones(count), left_out, left_out, some, some, np.eye(3)[0])
+
+
+def balance(left_out: float, *names: str) -> BodyFit:
+    actives = tuple(active(effect(name)) for name in names)
+    count = sum(len(a.theta) for a in actives)
+    return BodyFit(actives, np.ones(count), np.ones(3), left_out, left_out)
+
+
+def evidence(**changes: Any) -> Evidence:
+    quiet = Evidence(
+        QUIET,
+        (),
+        fitted(1.01),
+        (),
+        (fitted(1.009, "mean_stiffness"), fitted(1.0095, "backlash_offset")),
+        (),
+        (balance(1.02), balance(1.019, "torque_ripple")),
+        0.02,
+        {},
+        balance_peak=4.2,
+    )
+    return replace(quiet, **changes)
+
+
+def test_a_quiet_rig_has_nothing() -> None:
+    verdict = decide(evidence())
+    assert verdict.verdict == "none"
+    assert verdict.probabilities["none"] > 0.8
+
+
+def test_what_an_effect_explains_is_named() -> None:
+    fits = (fitted(1.02, "mean_stiffness"), fitted(3.0, "backlash_offset"))
+    verdict = decide(evidence(nominal=fitted(8.0), fits=fits))
+    assert verdict.verdict == "mean_stiffness"
+    assert verdict.runner_up is not None
+    assert verdict.runner_up.actives[0].effect.id == "backlash_offset"
+
+
+def test_what_nothing_explains_is_unknown() -> None:
+    fits = (fitted(7.5, "mean_stiffness"), fitted(7.6, "backlash_offset"))
+    assert decide(evidence(nominal=fitted(8.0), fits=fits)).verdict == "unknown"
+
+
+def test_a_short_event_in_the_balance_is_not_nothing() -> None:
+    assert decide(evidence(balance_peak=10.0 * T.peak)).verdict == "unknown"
+
+
+def test_less_may_be_left_where_the_effect_has_no_shape_of_its_own() -> None:
+    assert not has_shape((active(effect("mean_stiffness")),))
+    assert has_shape((active(effect("tooth_crack")),))
+    left = 1.0 + 7.0 * 0.5 * (T.left + T.left_exact)
+    chances = []
+    for name in ("mean_stiffness", "tooth_crack"):
+        verdict = decide(evidence(nominal=fitted(8.0), fits=(fitted(left, name),)))
+        chances.append(verdict.probabilities["unknown"])
+    assert chances[0] > chances[1]
+
+
+def test_a_second_effect_must_take_enough_away() -> None:
+    fits = (fitted(2.0, "mean_stiffness"), fitted(3.0, "backlash_offset"))
+    little = (fitted(1.97, "mean_stiffness", "backlash_offset"),)
+    much = (fitted(1.01, "mean_stiffness", "backlash_offset"),)
+    assert len(decide(evidence(nominal=fitted(8.0), fits=fits, pairs=little)).effects) < 2
+    both = decide(evidence(nominal=fitted(8.0), fits=fits, pairs=much))
+    assert set(both.effects) == {"mean_stiffness", "backlash_offset"}
+
+
+def test_a_law_that_is_missed_excuses_the_balance() -> None:
+    bodies = (balance(1.9), balance(1.89, "torque_ripple"))
+    missed = evidence(nominal=fitted(200.0), fits=(fitted(20.0, "damping_law"),), bodies=bodies)
+    known = evidence(bodies=bodies)
+    assert stages_of(missed, T)[-1].gap < stages_of(known, T)[-1].gap
+
+
+def test_a_force_sensor_that_settles_little_of_the_balance_is_not_preferred() -> None:
+    fits = (fitted(1.02, "contact_nonlinearity"), fitted(5.0, "sensor_gain"))
+    key = "sensor_gain{'channels': ('F',)} all/all/all"
+    shaken = evidence(
+        nominal=fitted(8.0),
+        fits=fits,
+        bodies=(balance(4001.0), balance(1.1, "torque_ripple")),
+        balance_excess=4000.0,
+        by_force={key: 3800.0},
+    )
+    assert set(decide(shaken).effects) == {"contact_nonlinearity", "torque_ripple"}
+
+
+@pytest.mark.parametrize("name", ["none", "unknown"])
+def test_probabilities_sum_to_one_over_the_catalogue(name: str) -> None:
+    chances = decide(evidence()).probabilities
+    assert name in chances
+    assert sum(chances.values()) == pytest.approx(1.0)
