@@ -89,9 +89,9 @@ class EffectStepper:
         if n == 0:
             return 0.0
         now = np.array([0.0, p.Omega * self.model.scales.omega_n, p.delta_T, p.T_1, p.K])
-        slopes = np.zeros((n, n))
+        slopes = np.zeros((1 + n, n))
         with pointers_allowed():
-            for j, own in enumerate(DEFLECTION_M * np.eye(n)):
+            for j, own in enumerate(DEFLECTION_M * np.eye(1 + n, n, -1)):
                 own_slopes(
                     self.laws.kernel,
                     self.laws.site,
@@ -102,7 +102,7 @@ class EffectStepper:
                     np.zeros(self.model.layout.n_mesh),
                     slopes[j],
                 )
-        fastest = np.abs(np.linalg.eigvals(slopes / DEFLECTION_M)).max()
+        fastest = np.abs(np.linalg.eigvals((slopes[1:] - slopes[0]) / DEFLECTION_M)).max()
         return float(fastest / self.model.scales.omega_n)
 
     def start(self, tangents: int = 0) -> State:

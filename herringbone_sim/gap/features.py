@@ -123,7 +123,7 @@ def _whole(start: Active) -> list[Feature]:
 
 
 def _grid(p: Parameter) -> list[float]:
-    if p.name == "damping":
+    if p.neutral is None and p.unit == "-":
         return [p.start]
     if p.unit == "N/m":
         return [float(v) for v in p.start * 10.0 ** np.linspace(-1.5, 1.5, 7)]

@@ -26,7 +26,7 @@ from herringbone_sim.gap.recalibrate import Law, fine_law, force_law
 from herringbone_sim.gap.waves import waves
 
 Array = NDArray[np.float64]
-SUBSTEPS = 4
+SUBSTEPS = 8
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,17 @@
-"""Bearing clearance: a planet moves freely in its support within a dead zone.
+"""Bearing clearance: a planet's pin moves freely in the carrier within a dead zone.
 
-m_p w'' = (F_sp + F_rp) cos beta - k g(w) - c w' [g(w) != 0], with g the backlash function of
-half-width clearance / 2, k the support's stiffness and c = 2 ratio sqrt(k m_p), ratio 0.05, in
-each half of the planet; what gives way is taken off its meshes, d = -w cos beta. Without
-clearance the support is rigid, as in the nominal model. Source: dead-zone supports as in Guo and
-Parker (J. Sound Vib. 331, 2012), in the place of the carrier's rigid pin in Eqs. (13), (14).
+The pin sits w ahead of its place in the carrier, whose coordinate is y = r_bc theta_c:
+
+    m (w'' + y'') = P - H,  P = cos beta sum F over the meshes of the pin,
+    H = k g(w) + c w',      c = 2 damping sqrt(k m),
+    (M_c - sum m) y'' = cos beta sum F over all other meshes + sum H - T_2 / r_bc + control.
+
+g is the backlash function of half-width clearance / 2, its corners rounded by ln(1 + e^z) over
+softness times the clearance. What gives way is taken off the meshes, d = -w cos beta, and the
+carrier of Eq. (14), which takes P as if pins were rigid, is put right by -m w''. I_ce holds m_p
+once a planet: m = m_p for a pin with both halves, m_p / 2 for a half that is free alone. Loads
+of other effects on the carrier reach pins as if rigid. Without clearance the pin is rigid. Source:
+dead-zone supports as in Guo and Parker (J. Sound Vib. 331, 2012), in Eqs. (13), (14).
 """
 
 from __future__ import annotations
@@ -14,45 +21,106 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Options, Parameter
-from herringbone_sim.effects.law import SHIFT, SHIFT_RATE, law, play
+from herringbone_sim.effects.law import CONTROL, PHASE, SHIFT, SHIFT_RATE, TORQUE, law
 
-MASS, COS_BETA = 1, 2
-RATIO = 0.05
+CLEARANCE, STIFFNESS, DAMPING, SOFTNESS = range(4)
+MASK, PIN, MASS, COS_BETA, SHARE, CARRIER, BRAKE, DRIVE, ORDER, ANGLE = range(10)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows mask, mass of a planet's half [kg], cos beta (3, n_mesh)."""
-    one = np.ones(mask.shape)
-    return np.stack([mask, model.parameters.m_p * one, model.scales.cos_beta * one])
+    """Rows (10, n_mesh): mask of both meshes of a half; number of its pin; mass of the pin [kg],
+    on its own first half alone; cos beta; planets that a mesh stands for; M_c [kg]; T_2 / r_bc
+    over T_1 [1/m]; force on the carrier over K [N]; order and phase [rad] of the control.
+    """
+    p, s = model.parameters, model.scales
+    halves = mask.size // 2
+    free = np.maximum(mask[:halves], mask[halves:]).reshape(2, -1)
+    pin = np.arange(halves).reshape(2, -1)
+    pin[1] = np.where((free > 0.0).all(axis=0), pin[0], pin[1])
+    mass = 0.5 * p.m_p * np.bincount(pin.ravel(), free.ravel(), halves)
+    brake = s.T_2 / (s.r_bc * p.T_1) if p.T_1 else 2.0 / s.r_bs
+    drive = s.M_c * s.acceleration_m_per_s2 / s.cos_beta
+    control = (drive, p.control_order, p.control_phase)
+    rest = (s.cos_beta, model.packed.multiplicity, s.M_c, brake, *control)
+    rows = [np.tile(row, 2) for row in (free.ravel(), pin.ravel(), mass)]
+    return np.stack([*rows, *(np.full(mask.size, value) for value in rest)])
+
+
+@law
+def rise(z):
+    """ln(1 + e^z), for any z."""
+    return max(z, 0.0) + np.log1p(np.exp(-abs(z)))
+
+
+@law
+def hold(theta, mass, w, rate):
+    """Force [N] of the seat on a pin of some mass [kg]."""
+    width = theta[SOFTNESS] * theta[CLEARANCE]
+    b = 0.5 * theta[CLEARANCE]
+    g = width * (rise((w - b) / width) - rise((-w - b) / width))
+    damping = 2.0 * theta[DAMPING] * np.sqrt(theta[STIFFNESS] * mass)
+    return theta[STIFFNESS] * g + damping * rate
+
+
+@law
+def carrier_acceleration(theta, site, now, own, force):
+    """Acceleration [m/s^2] of the carrier without its free pins, Eq. (14)."""
+    angle = site[ORDER, 0] * now[PHASE] + site[ANGLE, 0]
+    load = site[DRIVE, 0] * now[CONTROL] * np.cos(angle) - site[BRAKE, 0] * now[TORQUE]
+    left = site[CARRIER, 0]
+    for m in range(force.size):
+        if site[MASK, m] == 0.0:
+            load += site[SHARE, m] * site[COS_BETA, m] * force[m]
+    for k in range(force.size // 2):
+        mass = site[MASS, k]
+        if mass > 0.0:
+            load += site[SHARE, k] * hold(theta, mass, own[2 * k], own[2 * k + 1])
+            left -= site[SHARE, k] * mass
+    return load / left
 
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """d = -w cos beta on both meshes of the planet's half, and its rate."""
-    half = law.shape[1] // 2
-    if theta[0] > 0.0:
+    """d = -w cos beta on all meshes of a pin, and its rate."""
+    if theta[CLEARANCE] > 0.0:
         for m in range(law.shape[1]):
-            if site[0, m] != 0.0:
-                planet = m % half
-                law[SHIFT, m] -= site[COS_BETA, m] * own[2 * planet]
-                law[SHIFT_RATE, m] -= site[COS_BETA, m] * own[2 * planet + 1]
+            if site[MASK, m] != 0.0:
+                pin = int(site[PIN, m])
+                law[SHIFT, m] -= site[COS_BETA, m] * own[2 * pin]
+                law[SHIFT_RATE, m] -= site[COS_BETA, m] * own[2 * pin + 1]
+
+
+@law
+def react(theta, site, gear, now, own, x, v, law, force, torque):
+    """The carrier is pushed by the seats in the place of the meshes: -m w'' of every pin."""
+    if theta[CLEARANCE] > 0.0:
+        y = carrier_acceleration(theta, site, now, own, force)
+        for m in range(force.size):
+            if site[MASK, m] != 0.0:
+                torque[2] -= site[SHARE, m] * site[COS_BETA, m] * force[m]
+        for k in range(force.size // 2):
+            mass = site[MASS, k]
+            if mass > 0.0:
+                seat = hold(theta, mass, own[2 * k], own[2 * k + 1])
+                torque[2] += site[SHARE, k] * (seat + mass * y)
 
 
 @law
 def drive(theta, site, gear, now, own, force, slope):
-    """The pin's own equation of motion, planet half by planet half."""
+    """The equation of motion of every pin, relative to the carrier."""
     half = force.size // 2
     slope[:] = 0.0
-    damping = 2.0 * RATIO * np.sqrt(theta[1] * site[MASS, 0])
-    for m in range(half):
-        if theta[0] > 0.0 and (site[0, m] != 0.0 or site[0, half + m] != 0.0):
-            w, rate = own[2 * m], own[2 * m + 1]
-            g = play(w, 0.5 * theta[0])
-            load = site[COS_BETA, m] * (force[m] + force[half + m]) - theta[1] * g
-            if g != 0.0:
-                load -= damping * rate
-            slope[2 * m] = rate
-            slope[2 * m + 1] = load / site[MASS, m]
+    if theta[CLEARANCE] > 0.0:
+        y = carrier_acceleration(theta, site, now, own, force)
+        for m in range(force.size):
+            if site[MASK, m] != 0.0:
+                slope[2 * int(site[PIN, m]) + 1] += site[COS_BETA, m] * force[m]
+        for k in range(half):
+            mass = site[MASS, k]
+            if mass > 0.0:
+                push = slope[2 * k + 1] - hold(theta, mass, own[2 * k], own[2 * k + 1])
+                slope[2 * k] = own[2 * k + 1]
+                slope[2 * k + 1] = push / mass - y
 
 
 EFFECT = Effect(
@@ -61,11 +129,14 @@ EFFECT = Effect(
     level="mesh",
     parameters=(
         Parameter("clearance", "m", "whole width of the dead zone", 0.0, 2e-4, 1e-5),
-        Parameter("stiffness", "N/m", "beyond it", 1e8, 1e12, 1e10, neutral=None),
+        Parameter("stiffness", "N/m", "of the seat", 1e8, 1e12, 3e10, neutral=None),
+        Parameter("damping", "-", "ratio on the seat", 0.0, 1.0, 0.1, neutral=None),
+        Parameter("softness", "-", "rounding over clearance", 1e-3, 0.5, 0.05, neutral=None),
     ),
     loci=(("all", "*", "all"), ("all", "*", "*")),
     place=place,
     excite=excite,
+    react=react,
     drive=drive,
     states=lambda model: model.layout.n_mesh,
 )
