@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active, Effect
+from herringbone_sim.effects.law import no_react
 from herringbone_sim.gap.balance import WIDTH, Balance, measured_force, quadrature, torque_balance
 from herringbone_sim.gap.balance import window_of as look_of
 from herringbone_sim.gap.features import Feature, of_level
@@ -53,12 +54,18 @@ def balance_of(
 ) -> Balance:
     """Torque balance of a run with its measured forces, or others (n, n_mesh) in their place.
 
-    The law with effects says how forces run between samples.
+    The law with effects says how forces run between samples; torques of effects in the meshes,
+    as of a free pin on the carrier, are taken off.
     """
     run = one.run if force_n is None else replace(one.run, F=replace(one.run.F, values=force_n))
     correction = quadrature(run, one.fused, fine_law_with(one, factors, actives))
     force = measured_force(run, look_of(run), correction)
-    return torque_balance(run, one.fused, None, force)
+    balance = torque_balance(run, one.fused, None, force)
+    for a in actives:
+        if a.effect.level == "mesh" and a.effect.react is not no_react:
+            known = response(one, factors, force_law(one.run, one.fused, factors), a)
+            balance = replace(balance, measured=balance.measured - known)
+    return balance
 
 
 def balances_known(cases: Sequence[Case]) -> bool:
