@@ -108,7 +108,7 @@ def _class(stage: Stage) -> tuple[str, ...]:
     for other in stage.options[1:]:
         if other.fit is None or len(other.actives) > 1:
             continue
-        near = other.excess + t.floor < t.alike * (first.excess + t.floor)
+        near = other.excess + stage.floor < t.alike * (first.excess + stage.floor)
         a, b = first.fit.gain, other.fit.gain
         cos = abs(float(a @ b)) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
         if near and cos > t.same and other.actives[0].effect.id not in named:

@@ -22,6 +22,8 @@ from herringbone_sim.gap.thresholds import Thresholds
 
 Array = NDArray[np.float64]
 
+Spans = tuple[tuple[float, float], ...]
+
 NORMAL_90 = 1.645
 SETTLED = 0.5  # of the balance's excess left by forces that are put right
 
@@ -42,7 +44,7 @@ class Option:
     actives: tuple[Active, ...]
     excess: float
     fit: Fit | None = None
-    intervals: tuple[tuple[tuple[float, float], ...], ...] = ()
+    intervals: tuple[Spans, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,12 @@ class Stage:
     thresholds: Thresholds
     least: float
     peak: float = 0.0
+
+    @property
+    def floor(self) -> float:
+        """Excess below which two options can't be told apart."""
+        t = self.thresholds
+        return t.floor_consistency if self.name == "consistency" else t.floor
 
     @property
     def best(self) -> float:
@@ -82,7 +90,7 @@ class Stage:
     def unknown(self) -> float:
         """Probability that it is none of the catalogue, if there is anything."""
         t = self.thresholds
-        left = (max(self.best, 0.0) + t.floor) / (self.nominal + t.floor)
+        left = (max(self.best, 0.0) + self.floor) / (self.nominal + self.floor)
         most = t.left if not self.options or has_shape(self.options[0].actives) else t.left_exact
         odds = (left / most) ** t.sharp_unknown
         return float(odds / (1.0 + odds))
@@ -91,7 +99,7 @@ class Stage:
     def weights(self) -> Array:
         """Relative odds (options,) by what each leaves."""
         t = self.thresholds
-        odds = np.array([t.floor + max(o.excess, 0.0) for o in self.options]) ** -t.sharp_effect
+        odds = np.array([self.floor + max(o.excess, 0.0) for o in self.options]) ** -t.sharp_effect
         weights: Array = odds / odds.sum() if len(odds) else odds
         return weights
 
@@ -132,7 +140,8 @@ def _sensors(evidence: Evidence, t: Thresholds) -> Stage | None:
         locus = Locus(mesh, group.planet, group.side)
         chosen = (("channels", group.names),) if effect.options else ()
         one = Active(effect, theta, locus, chosen)
-        options.append(Option("consistency", (one,), max(check.after - 1.0, 0.0), None, (span,)))
+        wide = _widened(one, span, t)
+        options.append(Option("consistency", (one,), max(check.after - 1.0, 0.0), None, (wide,)))
     nominal = max(check.before - 1.0, 0.0)
     return Stage("consistency", nominal, tuple(options), t, t.excess_consistency)
 
@@ -142,11 +151,11 @@ def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
     if nominal is None:
         return None
     excess = max(nominal.left_out - 1.0, 0.0) + _balance(evidence, nominal)
-    singles = [_option(evidence, one) for one in evidence.fits]
+    singles = [_option(evidence, one, t) for one in evidence.fits]
     least = min((o.excess for o in singles), default=excess)
     pairs = [
         o
-        for o in (_option(evidence, one) for one in evidence.pairs)
+        for o in (_option(evidence, one, t) for one in evidence.pairs)
         if o.excess < (1.0 - t.second) * least
         and least - o.excess > t.second_share * (1.0 + excess)
     ]
@@ -154,11 +163,12 @@ def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
     return Stage("force_law", excess, options, t, t.excess_force_law)
 
 
-def _option(evidence: Evidence, one: Fit) -> Option:
+def _option(evidence: Evidence, one: Fit, t: Thresholds) -> Option:
     """A fit; with a force sensor in it, the balance speaks as well."""
     excess = max(one.left_out - 1.0, 0.0) + _balance(evidence, one)
     spans = tuple(
-        tuple(one.interval(i, k) for k in range(len(a.theta))) for i, a in enumerate(one.actives)
+        _widened(a, tuple(one.interval(i, k) for k in range(len(a.theta))), t)
+        for i, a in enumerate(one.actives)
     )
     return Option("force_law", one.actives, excess, one, spans)
 
@@ -181,7 +191,7 @@ def _bodies(evidence: Evidence, t: Thresholds) -> Stage | None:
         return None
     nominal, *rest = evidence.bodies
     options = tuple(
-        Option("torque_balance", b.actives, max(b.left_out - 1.0, 0.0), None, (_spans(b),))
+        Option("torque_balance", b.actives, max(b.left_out - 1.0, 0.0), None, (_spans(b, t),))
         for b in rest
     )
     laws = [one.left_out for one in (*evidence.fits, *evidence.pairs)]
@@ -193,6 +203,28 @@ def _bodies(evidence: Evidence, t: Thresholds) -> Stage | None:
     return Stage("torque_balance", excess, options, t, least, evidence.balance_peak / high)
 
 
-def _spans(fit: BodyFit) -> tuple[tuple[float, float], ...]:
+def _spans(fit: BodyFit, t: Thresholds) -> Spans:
+    one = fit.actives[0]
     half = [NORMAL_90 * float(s) for s in fit.sigma]
-    return tuple((v - h, v + h) for v, h in zip(fit.actives[0].theta, half, strict=True))
+    plain = tuple((v - h, v + h) for v, h in zip(one.theta, half, strict=True))
+    return _widened(one, plain, t)
+
+
+def _widened(one: Active, spans: Spans, t: Thresholds) -> Spans:
+    """Intervals of the noise with what the law of an effect may be off, inside its bounds.
+
+    A rig's effect has another shape than the catalogue's, and its size answers for that.
+    """
+    share = t.unsure_shape if has_shape((one,)) else t.unsure_exact
+    sized = [p.neutral is not None for p in one.effect.parameters]
+    rest = np.where(np.isfinite(one.effect.neutral), one.effect.neutral, 0.0)
+    size = float(np.linalg.norm((np.array(one.theta) - rest)[sized]))
+    single = sum(sized) < 2 or len({p.unit for p in one.effect.parameters}) > 1
+    found = []
+    for k, (low, high) in enumerate(spans):
+        value = one.theta[k]
+        off = share * (abs(value - rest[k]) if single else size) if sized[k] else 0.0
+        least, most = (float(bound[k]) for bound in one.effect.bounds)
+        down, up = float(np.hypot(value - low, off)), float(np.hypot(high - value, off))
+        found.append((max(value - down, min(least, value)), min(value + up, max(most, value))))
+    return tuple(found)

@@ -20,13 +20,15 @@ class Thresholds:
             above which something is there, named or not; the last without force sensors.
         misfit: of the excess of the law, added to that of the balance.
         peak: residual of the balance over its floor above which something is there.
-        floor: excess below which two hypotheses can't be told apart.
+        floor, floor_consistency: excess below which two hypotheses can't be told apart; all
+            channels share the second, so an error of one is small there.
         left, left_exact: part of the excess left at which known and unknown are equally likely,
             of effects with a shape of their own and of those without.
         second, second_share: of the excess left, and of all chi2, that a second effect must take
             away: less may be the shape of the first one.
         sharp_gap, sharp_unknown, sharp_effect: powers of the odds.
         stage: odds of each later stage against the one before.
+        unsure_exact, unsure_shape: share of an effect's size by which its law may be off.
         same, alike: |cos| of the changes of two hypotheses that are one class, and the ratio of
             excess within which its members are not told apart.
     """
@@ -39,6 +41,7 @@ class Thresholds:
     misfit: float
     peak: float
     floor: float
+    floor_consistency: float
     left: float
     left_exact: float
     second: float
@@ -47,6 +50,8 @@ class Thresholds:
     sharp_unknown: float
     sharp_effect: float
     stage: float
+    unsure_exact: float
+    unsure_shape: float
     same: float
     alike: float
 
