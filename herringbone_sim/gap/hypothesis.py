@@ -86,7 +86,7 @@ def added(one: Case, factors: Array, law: Law, actives: Sequence[Active]) -> tup
         one.now,
         np.nan_to_num(law.x_m),
         np.nan_to_num(law.v_m_per_s),
-        np.nan_to_num(one.run.F.values),
+        _known(one.run.F.values, law.modelled_n),
         one.run.waves.k,
     )
     return _added(one, factors, moved, actives)
@@ -107,17 +107,24 @@ def fine_law_with(one: Case, factors: Array, actives: Sequence[Active]) -> FineL
         w = waves(one.run.model, phase, one.run.omega_rad_per_s)
         e = np.repeat(factors[4:6], deflection.shape[1] // 2)
         measured = np.stack([np.interp(at, index, f) for f in one.run.F.values.T], axis=1)
+        modelled = plain(phase, deflection, rate)
         moved = _Motion(
             np.interp(at, index, one.run.times),
             now,
             deflection - e * w.e,
             rate - e * w.e_rate,
-            np.nan_to_num(measured),
+            _known(measured, modelled),
             w.k,
         )
-        return plain(phase, deflection, rate) + _added(one, factors, moved, machine)[0]
+        return modelled + _added(one, factors, moved, machine)[0]
 
     return law
+
+
+def _known(measured: Array, modelled: Array) -> Array:
+    """Measured forces, and the law's where none were: they drive what moves by itself."""
+    known: Array = np.nan_to_num(np.where(np.isfinite(measured), measured, modelled))
+    return known
 
 
 @dataclass(frozen=True)
