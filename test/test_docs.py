@@ -1,0 +1,77 @@
+"""What README and docs say of commands, links and examples holds."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from herringbone_sim.__main__ import VERBS, parser
+from herringbone_sim.recording.campaign import read_campaign
+from herringbone_sim.recording.reader import read_recording
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+COMMAND = re.compile(r"^ *python -m herringbone_sim ((?:[^\n\\]|\\\n|\\.)+)", re.MULTILINE)
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Arguments of every command on a line of its own; sketches with ... are left out."""
+    text = page.read_text(encoding="utf-8")
+    found = [shlex.split(one.replace("\\\n", " "), comments=True) for one in COMMAND.findall(text)]
+    return [words for words in found if "..." not in words]
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub makes them."""
+    heads = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^a-z0-9 _-]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_parse(page: Path) -> None:
+    for words in commands(page):
+        if " ".join(words[:2]) in VERBS:
+            words[:2] = [" ".join(words[:2])]
+        commands_of = parser([words[0]])
+        _, rest = commands_of.parse_known_args(words)  # exits where an option is unknown
+        assert not rest or rest[0] == "--ros-args", f"{page.name}: {' '.join(words)}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        file, _, anchor = link.partition("#")
+        if "://" in link:
+            continue
+        target = page.parent / file if file else page
+        assert target.exists(), f"{page.name}: {link}"
+        assert not anchor or anchor in anchors(target), f"{page.name}: {link}"
+
+
+def test_the_readme_shows_every_verb() -> None:
+    shown = {" ".join(words[:n]) for words in commands(PAGES[0]) for n in (1, 2)}
+    assert set(VERBS) - shown == {"demo"}  # by scripts/demo.sh
+
+
+def test_a_campaign_of_ones_own_is_read(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    said: dict[str, Any] = {}
+    exec(re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0], said)
+    given = yaml.safe_load(re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[0])
+    columns = {"t": np.arange(5) * 1e-5, "phase": np.arange(5) * 0.3, "F_sp1_L": np.ones(5)}
+    for run in given["runs"]:
+        said["write_run"](tmp_path, run["path"], columns)
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(given), encoding="utf-8")
+    found = read_campaign(tmp_path)
+    assert [run.role for run in found.runs] == ["fit", "held_out"]
+    assert found.noise_share == 0.01
+    assert not found.faults
+    samples = read_recording(found.runs[0].path).samples
+    assert samples.names == tuple(columns)
+    assert np.array_equal(samples["phase"], columns["phase"])
