@@ -61,9 +61,10 @@ def prepared(
     role: str = "fit",
     share: float | None = 0.01,
     name: str = "run",
+    nominal: Parameters = NOMINAL,
 ) -> PreparedRun:
     recording = Recording(Path(name), name, series, {}, (), True, ())
-    return prepare_run(CampaignRun(Path(name), point, role), recording, NOMINAL, share)
+    return prepare_run(CampaignRun(Path(name), point, role), recording, nominal, share)
 
 
 def rig(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -40,6 +41,7 @@ report.html: where, which, how much, what is open, what to measure next.
 """
 STEPS = 16  # of a diagnosis, about; a run is one more
 SHOWN = 48  # letters of what is told
+POINT = {"delta_T": " K", "T_1": " N m", "Omega": "", "K": ""}
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -152,7 +154,13 @@ def summary(found: Diagnosis) -> str:
     lines += [f"wrong with the recording: {text}" for text in wrong]
     open_ = [text for text in found.report["undecidable"] if text not in wrong]
     lines += [f"can't tell: {text}" for text in open_]
-    return "\n".join(lines)
+    return "\n".join([*lines, next_line(found.report["next_experiment"])])
+
+
+def next_line(asked: Mapping[str, Any]) -> str:
+    """The operating point to run next, and why."""
+    point = ", ".join(f"{name} {asked[name]:g}{unit}" for name, unit in POINT.items())
+    return f"next to run: {point}; {asked['why']}"
 
 
 def sense_line(gap: Gap) -> str:

@@ -11,6 +11,7 @@ from herringbone_sim.gap.attribute import Evidence, gather, mended
 from herringbone_sim.gap.augmented import Augmented, augmented, nominal_model, runner_up
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.decide import Verdict, decide
+from herringbone_sim.gap.design import design
 from herringbone_sim.gap.fusion import fuse
 from herringbone_sim.gap.hypothesis import case
 from herringbone_sim.gap.parts import to_leave_out
@@ -58,7 +59,8 @@ def diagnose(
     Args:
         campaign: as prepared.
         say: told of the progress.
-        senses: whether to measure the gap as prediction and attractor too.
+        senses: whether to measure the gap as prediction and attractor too, and to work out which
+            operating point would tell the leading rivals apart.
 
     Raises:
         AnalysisError: no run of role ``fit``.
@@ -77,9 +79,11 @@ def diagnose(
     gap = measure(campaign.runs, mend, verdict.metric, model)
     control = None if other is None else measure(campaign.runs, mend, verdict.metric, other)
     gap = gap.with_runner_up(control)
-    found = None
+    found, next_point = None, None
     if senses and not mismatched(findings):
         found = measure_senses(campaign.runs, mend, gap, model, other, say)
+        say("next operating point")
+        next_point = design(campaign, evidence, verdict)
     open_ = [f.text for f in findings] + undecidable(campaign, evidence, verdict, findings)
     made = report(
         campaign.rig,
@@ -87,7 +91,7 @@ def diagnose(
         where(campaign, evidence),
         gap,
         [*open_, *(found.unknown if found else ())],
-        next_experiment(campaign, verdict),
+        next_experiment(campaign, verdict, next_point),
         [f for f in findings if not f.limit],
         found,
     )

@@ -1,0 +1,195 @@
+"""The next operating point tells rivals apart, or the report says that none in reach does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from gap_support import NOMINAL, OMEGA_N, noisy, prepared
+
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.effect import ALL, Active, active
+from herringbone_sim.effects.registry import effect
+from herringbone_sim.effects.stepper import simulate
+from herringbone_sim.gap.attribute import Evidence
+from herringbone_sim.gap.decide import Verdict, decide
+from herringbone_sim.gap.design import Design, design, leading
+from herringbone_sim.gap.fit import fit
+from herringbone_sim.gap.fusion import fuse
+from herringbone_sim.gap.hypothesis import Case, case
+from herringbone_sim.gap.prepared import PreparedCampaign, mesh_table
+from herringbone_sim.gap.questions import next_experiment, undecidable
+from herringbone_sim.gap.rivals import BALANCE, FORCES, MOTION, Rival, rest, shown
+from herringbone_sim.gap.sensors import SensorCheck
+from herringbone_sim.gap.stages import Option, Stage
+from herringbone_sim.gap.thresholds import frozen_thresholds
+from herringbone_sim.gap.trial import LEVELS, candidates, reach
+
+Point = Mapping[str, float]
+ONE_HEAT = (
+    {"delta_T": 50.0, "K": 0.0, "T_1": 283.0, "Omega": 0.942},
+    {"delta_T": 50.0, "K": 0.0, "T_1": 1500.0, "Omega": 0.4},
+    {"delta_T": 50.0, "K": 0.05, "T_1": 1000.0, "Omega": 0.7},
+)
+ONE_LOAD = tuple(
+    {"delta_T": hot, "K": 0.0, "T_1": 900.0, "Omega": speed}
+    for hot, speed in ((20.0, 0.15), (50.0, 0.25), (80.0, 0.2))
+)
+QUIET = NOMINAL.changed({"e_m": 0.0005, "k_amp": [0.02]})
+
+
+def planted(name: str, **values: Any) -> Active:
+    return active(effect(name), ALL, values)
+
+
+def rig(truth: Sequence[Active], points: Sequence[Point], gear: Parameters) -> PreparedCampaign:
+    """Runs of a gear with effects, 1 % of noise on every channel."""
+    runs = []
+    for i, point in enumerate(points):
+        model = build(gear.changed({**point, "omega_n": OMEGA_N}))
+        _, settled = simulate(model, truth, 60)
+        series, _ = simulate(model, truth, 40, settled)
+        runs.append(prepared(noisy(series, 0.01, i), point, name=f"run_{i:02d}", nominal=gear))
+    return PreparedCampaign("planted", gear, tuple(runs), mesh_table(gear.layout), ())
+
+
+def cases_of(campaign: PreparedCampaign) -> tuple[Case, ...]:
+    return tuple(case(run, fuse(run)) for run in campaign.runs)
+
+
+def diagnosed(campaign: PreparedCampaign, tried: Sequence[Active]) -> tuple[Evidence, Verdict]:
+    cases = cases_of(campaign)
+    start = fit(cases, np.ones(6), ())
+    fits = sorted((fit(cases, start.factors, (one,)) for one in tried), key=lambda f: f.left_out)
+    nothing = SensorCheck(1.0, 1.0, ())
+    found = Evidence(nothing, cases, start, (), tuple(fits), (), (), 0.0, {})
+    return found, decide(found)
+
+
+THERMAL = (
+    (planted("thermal_backlash", rate=2e-7), planted("backlash_offset")),
+    (planted("thermal_stiffness", rate=2e-3), planted("mean_stiffness")),
+)
+
+
+@pytest.mark.parametrize(("truth", "rival"), THERMAL, ids=lambda one: one.effect.id)
+def test_asks_for_another_temperature_where_only_that_tells_rivals_apart(
+    truth: Active, rival: Active
+) -> None:
+    campaign = rig((truth,), ONE_HEAT, NOMINAL)
+    evidence, verdict = diagnosed(campaign, (rival, truth))
+    assert set(verdict.ambiguous_with) == {truth.effect.id, rival.effect.id}
+    found = design(campaign, evidence, verdict)
+    assert found is not None
+    assert abs(found.point["delta_T"] - 50.0) >= 15.0
+    assert found.so_far < 0.1 < 1.0 < found.there
+    assert not found.known
+    assert found.enough
+    # The rig at that point: the wrong rival now leaves what was predicted, the right one nothing.
+    more = rig((truth,), (*ONE_HEAT, found.point), NOMINAL)
+    right, wrong = (fit(cases_of(more), np.ones(6), (one,)) for one in (truth, rival))
+    assert right.chi2 == pytest.approx(1.0, abs=0.15)
+    predicted = found.there**2 / len(more.runs)
+    assert wrong.chi2 - right.chi2 == pytest.approx(predicted, rel=0.6)
+
+
+def test_asks_for_another_load_where_only_that_tells_rivals_apart() -> None:
+    truth, rival = planted("profile_error", cos=4e-8, sin=0.0), planted("stiffness_harmonic")
+    campaign = rig((truth,), ONE_LOAD, QUIET)
+    evidence, verdict = diagnosed(campaign, (rival, truth))
+    found = design(campaign, evidence, verdict)
+    assert found is not None
+    assert abs(np.log(found.point["T_1"] / 900.0)) > np.log(1.25)
+    assert found.so_far < 0.2 < 0.3 < found.there
+
+
+def test_points_in_reach_hold_the_range_of_the_runs_and_more() -> None:
+    ranges, points = reach(ONE_HEAT), candidates(ONE_HEAT)
+    assert ranges["delta_T"] == (30.0, 70.0)
+    assert ranges["T_1"][0] < 283.0 < 1500.0 < ranges["T_1"][1]
+    assert ranges["Omega"][0] >= 0.2
+    for name in ("delta_T", "T_1", "Omega"):
+        values = {one[name] for one in points}
+        assert len(values) == LEVELS
+        low, high = ranges[name]
+        assert (min(values), max(values)) == (pytest.approx(low, 0.01), pytest.approx(high, 0.01))
+    assert sum(one["K"] == 0.0 for one in points) == LEVELS // 2
+
+
+def test_a_pair_is_not_its_own_rival() -> None:
+    first, second, other = (planted(n) for n in ("mean_stiffness", "runout", "stagger"))
+    tried = ((first, second), (first,), (second, other), (other,))
+    options = tuple(Option("force_law", one, 0.1 * i) for i, one in enumerate(tried))
+    stage = Stage("force_law", 5.0, options, frozen_thresholds(), 0.1)
+    pair = ("mean_stiffness", "runout")
+    verdict = Verdict(pair[0], pair, {}, {}, (), "force_law", options[:1], None, (stage,))
+    assert leading(verdict) == (options[0], options[3])
+    assert leading(replace(verdict, verdict="none", effects=())) == ()
+    assert leading(replace(verdict, verdict="unknown", effects=())) == ()
+
+
+@pytest.mark.parametrize("where", [FORCES, BALANCE, MOTION])
+def test_rivals_leave_nothing_of_themselves_and_something_of_each_other(where: str) -> None:
+    one = cases_of(rig((), ONE_HEAT[:1], NOMINAL))[0]
+    names = (
+        ("tooth_friction", "torque_ripple") if where == BALANCE else ("stagger", "mean_stiffness")
+    )
+    rivals = [Rival((planted(name),), np.ones(6), np.ones(3)) for name in names]
+    first, second = shown(one, rivals, where)
+    assert rest(first, first).least < 1e-6 * (1.0 + float(first.values @ first.values))
+    assert rest(first, second).least / rest(first, second).count > 1e-3
+
+
+FOUND = Design(("a", "b"), {"delta_T": 70.0, "K": 0.1, "T_1": 440.0, "Omega": 0.6}, 2.0, 0.05)
+VERDICT = Verdict("a", ("a",), {"a": 0.7, "b": 0.2, "none": 0.1}, {}, (), "force_law", ())
+
+
+def _campaign(points: Sequence[Point]) -> PreparedCampaign:
+    run = rig((), ONE_HEAT[:1], NOMINAL).runs[0]
+    runs = tuple(replace(run, point=point) for point in points)
+    return PreparedCampaign("rig", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+
+
+def test_the_reason_names_the_rivals_and_by_how_much_they_differ() -> None:
+    campaign = _campaign(ONE_HEAT)
+    asked = next_experiment(campaign, VERDICT, replace(FOUND, enough=True))
+    assert {name: asked[name] for name in FOUND.point} == FOUND.point
+    assert asked["why"].startswith("tells a from b: ")
+    assert "2 times the noise floor there, 0.05 times in the runs so far" in asked["why"]
+    known = next_experiment(campaign, VERDICT, replace(FOUND, known=True, harder=1.4))
+    assert known["why"].startswith("checks that it is a and not b: ")
+    assert known["why"].endswith("the largest mesh force there is 1.4 times theirs")
+
+
+def test_says_when_no_point_would_do_or_none_was_worked_out() -> None:
+    campaign = _campaign(ONE_HEAT)
+    hopeless = next_experiment(campaign, VERDICT, replace(FOUND, there=0.02))
+    assert set(hopeless) == {"delta_T", "K", "T_1", "Omega", "why"}
+    assert "no operating point in reach tells a and b apart" in hopeless["why"]
+    nothing = next_experiment(campaign, replace(VERDICT, verdict="none", effects=()))
+    assert nothing["why"].startswith("nothing was found; ")
+    assert "no temperature rise but 50 K, load between 283 and 1000 N m" in nothing["why"]
+    assert nothing["delta_T"] != 50.0
+    unknown = next_experiment(campaign, replace(VERDICT, verdict="unknown", effects=()))
+    assert "no effect explains the gap" in unknown["why"]
+
+
+def test_names_a_class_and_what_is_not_excluded() -> None:
+    campaign = _campaign(ONE_HEAT)
+    evidence, _ = diagnosed(campaign, ())
+    chances = {"stagger": 0.45, "runout": 0.35, "none": 0.15, "unknown": 0.05}
+    verdict = replace(
+        VERDICT,
+        verdict="ambiguous",
+        effects=("stagger",),
+        probabilities=chances,
+        ambiguous_with=("stagger", "runout"),
+    )
+    said = undecidable(campaign, evidence, verdict)
+    assert any(one.startswith("stagger (45%) and runout (35%) change the forces") for one in said)
+    assert any("no gap beyond tolerance and noise is not excluded" in one for one in said)
+    assert not any("outside the catalogue" in one for one in said)
