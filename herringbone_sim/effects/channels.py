@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,23 +32,29 @@ def distort(series: TimeSeries, actives: tuple[Active, ...]) -> TimeSeries:
 
 def channels_of(series: TimeSeries, one: Active) -> tuple[str, ...]:
     """Names of the channels that a sensor effect concerns."""
-    wanted = one.chosen.get("channels", ())
-    named: list[str] = []
-    for name in (wanted,) if isinstance(wanted, str) else wanted:
-        named += _of_locus(series, one, name) if name in PREFIXES else [name]
+    named = names_of(series.names, one)
     missing = [name for name in named if name not in series]
     if missing:
         raise ParameterError(
             f"{one.effect.id} concerns {', '.join(missing)}, the recording has "
             f"{', '.join(series.names)}: name channels that it has"
         )
+    return named
+
+
+def names_of(known: Sequence[str], one: Active) -> tuple[str, ...]:
+    """Channels that a sensor effect concerns: as it names them, or those known at its locus."""
+    wanted = one.chosen.get("channels", ())
+    named: list[str] = []
+    for name in (wanted,) if isinstance(wanted, str) else wanted:
+        named += _of_locus(known, one, name) if name in PREFIXES else [name]
     return tuple(named)
 
 
-def _of_locus(series: TimeSeries, one: Active, prefix: str) -> list[str]:
+def _of_locus(known: Sequence[str], one: Active, prefix: str) -> list[str]:
     place = one.locus
     found = []
-    for name in series.names:
+    for name in known:
         kind, _, side = name.removeprefix(f"{prefix}_").partition("_")
         if name.startswith(f"{prefix}_") and (
             place.mesh in ("all", kind[:2])

@@ -15,8 +15,9 @@ from herringbone_sim.gap.design import design
 from herringbone_sim.gap.fusion import fuse
 from herringbone_sim.gap.hypothesis import case
 from herringbone_sim.gap.parts import to_leave_out
+from herringbone_sim.gap.place import structure, where
 from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
-from herringbone_sim.gap.questions import mismatched, next_experiment, undecidable, where
+from herringbone_sim.gap.questions import mismatched, next_experiment, undecidable
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.screen import Finding
 from herringbone_sim.gap.senses import Senses, measure_senses
@@ -94,6 +95,8 @@ def diagnose(
         next_experiment(campaign, verdict, next_point),
         [f for f in findings if not f.limit],
         found,
+        campaign.nominal.layout.channels,
+        structure(campaign, evidence) if senses else None,
     )
     return Diagnosis(evidence, verdict, gap, control, made, model, found, findings)
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.attribute import Evidence
 from herringbone_sim.gap.channel_sets import cannot_tell
 from herringbone_sim.gap.decide import Verdict
@@ -24,23 +23,6 @@ OTHER = {
 }
 WORDS = {"delta_T": ("temperature rise", " K"), "T_1": ("load", " N m"), "Omega": ("speed", "")}
 LEAST = {"delta_T": 3, "T_1": 3, "Omega": 2}
-
-
-def where(campaign: PreparedCampaign, evidence: Evidence) -> list[tuple[Locus, float]]:
-    """Share of every mesh in the residual above the noise of the recalibrated law."""
-    if evidence.nominal is None:
-        return []
-    above = np.maximum(evidence.nominal.per_mesh - 1.0, 0.0)
-    shares = above / above.sum() if above.sum() > 0.0 else np.full(above.shape, 1 / above.size)
-    layout = evidence.cases[0].run.model.layout
-    places = [
-        Locus(mesh, planet, side)
-        for mesh in ("sp", "rp")
-        for side in ("L", "R")
-        for planet in (layout.planets if layout.numbered else ("all",))
-    ]
-    found = zip(places, (float(s) for s in shares), strict=True)
-    return sorted(found, key=lambda pair: -pair[1])
 
 
 def mismatched(findings: Sequence[Finding]) -> bool:

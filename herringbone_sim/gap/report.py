@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from herringbone_sim.core.layout import PREFIX_UNITS
+from herringbone_sim.effects.channels import names_of
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
@@ -24,6 +26,7 @@ from herringbone_sim.gap.written import (
 )
 
 SCHEMA = "herringbone_sim/gap-report/1"
+OWN_UNIT = "unit of the channel"
 METRICS = ("force_law", "torque_balance", "consistency")
 KEYS = (
     "schema",
@@ -49,10 +52,17 @@ def report(
     next_experiment: Mapping[str, Any],
     findings: Sequence[Finding] = (),
     senses: Senses | None = None,
+    channels: Sequence[str] = (),
+    structure: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The report as plain data; NaN becomes null."""
+    """The report as plain data; NaN becomes null.
+
+    Args:
+        channels: that a full recording has, for the names of those at a locus.
+        structure: of the residual, see ``place.structure``.
+    """
     causes = [
-        _cause(name, chance, verdict.best.get(name))
+        _cause(name, chance, verdict.best.get(name), channels)
         for name, chance in sorted(verdict.probabilities.items(), key=lambda item: -item[1])
     ]
     made = {
@@ -68,6 +78,7 @@ def report(
         "undecidable": list(undecidable),
         "next_experiment": dict(next_experiment),
         "findings": [_finding(one) for one in findings],
+        "structure": dict(structure or {}),
     }
     clean: dict[str, Any] = plain_numbers(made)
     return clean
@@ -117,18 +128,22 @@ def check_report(made: Mapping[str, Any]) -> list[str]:
     return [rule for rule, holds in rules.items() if not holds] + wrong_senses(made["gap"])
 
 
-def _cause(name: str, chance: float, best: tuple[Option, int] | None) -> dict[str, Any]:
+def _cause(
+    name: str, chance: float, best: tuple[Option, int] | None, channels: Sequence[str]
+) -> dict[str, Any]:
     if best is None:
         return {"effect": name, "locus": _locus(Locus()), "probability": chance, "parameters": {}}
     option, i = best
     one = option.actives[i]
     spans = option.intervals[i] if i < len(option.intervals) else ()
+    concerned = names_of(channels, one) or one.chosen.get("channels", ())
     values: dict[str, Any] = {
-        p.name: {"value": value, "unit": p.unit, "ci90": list(span)}
+        p.name: {"value": value, "unit": _unit(p.unit, concerned), "ci90": list(span)}
         for p, value, span in zip(one.effect.parameters, one.theta, spans, strict=True)
     }
     for key, choice in one.options:
         kept = list(choice) if isinstance(choice, tuple) else choice
+        kept = list(concerned) if key == "channels" else kept
         values[key] = {"value": kept, "unit": "-", "ci90": None}
     return {
         "effect": name,
@@ -146,6 +161,13 @@ def _finding(one: Finding) -> dict[str, Any]:
         "time_s": one.time_s,
         "text": one.text,
     }
+
+
+def _unit(unit: str, channels: Sequence[str]) -> str:
+    """The unit of a parameter; that of a channel where it is in the channel's own."""
+    quantities = {name.partition("_")[0] for name in channels}
+    known = {PREFIX_UNITS.get(quantity, unit) for quantity in quantities}
+    return known.pop() if unit == OWN_UNIT and len(known) == 1 else unit
 
 
 def _locus(locus: Locus) -> dict[str, str]:

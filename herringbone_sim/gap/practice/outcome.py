@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.practice.machine import MESHES
 
 Json = Mapping[str, Any]
 OUTSIDE_CATALOGUE = ("none", "unknown")
@@ -195,11 +196,24 @@ def _same_place(told: Json, cause: Json) -> bool:
     found, true = cause.get("locus") or {}, told["locus"]
     if "channels" in true:
         said = found.get("channels") or _value(cause, "channels") or _value(cause, "channel") or ()
-        return set([said] if isinstance(said, str) else said) == set(true["channels"])
+        named = [said] if isinstance(said, str) else said
+        return {name for one in named for name in _expanded(one, found)} == set(true["channels"])
     places = ("mesh", "planet", "side")
     same = all(str(found.get(name, "all")) == str(true.get(name, "all")) for name in places)
     member = _value(told, "member")
     return same and (member is None or _value(cause, "member") in (member, None))
+
+
+def _expanded(name: str, place: Json) -> list[str]:
+    """A channel, or all of a quantity at a place, as ``F`` at sp/2/L."""
+    if name not in ("x", "v", "F"):
+        return [name]
+    mesh, planet, side = (str(place.get(part, "all")) for part in ("mesh", "planet", "side"))
+    return [
+        f"{name}_{m}"
+        for m in MESHES
+        if mesh in ("all", m[:2]) and planet in ("all", m[2]) and side in ("all", m[4])
+    ]
 
 
 def _value(cause: Json, name: str) -> Any:
