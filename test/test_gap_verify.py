@@ -100,8 +100,11 @@ def test_the_runs_of_the_diagnosis_give_its_numbers_again(diagnosed: Path, tmp_p
         if name == "attractor":  # rounding alone picks another piece of a chaotic one
             pairs = [pair for pair, wild in zip(pairs, chaotic, strict=True) if not wild]
         for before, again in pairs:
+            # the horizon follows the exponent of a chaotic model, which rounding alone moves
+            same = before.get("horizon_cycles") == again.get("horizon_cycles")
+            close = 1e-3 if same else 0.05
             for key in ("nominal", "augmented", "noise_floor"):
-                assert again[key] == pytest.approx(before[key], rel=1e-3), (name, key)
+                assert again[key] == pytest.approx(before[key], rel=close), (name, key)
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"gap": {"metric": "guess"}}'])
