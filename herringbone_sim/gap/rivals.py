@@ -53,13 +53,18 @@ class Rival:
 
 @dataclass(frozen=True)
 class Shown:
-    """What a rival shows in a run, over the floor: values (k,), change by its parameters (k, q).
+    """What a rival shows in a run, over the floor.
 
-    ``low`` and ``high`` (q,) are what is left of the bounds of tolerances and parameters.
+    Attributes:
+        values: (k,) expected.
+        columns: (q, k) change of it by tolerances and parameters.
+        gram: (q, q) their products.
+        low, high: (q,) what is left of their bounds.
     """
 
     values: Array
     columns: Array
+    gram: Array
     low: Array
     high: Array
 
@@ -114,7 +119,9 @@ def named(actives: Sequence[Active]) -> str:
 def rest(of: Shown, after: Shown) -> Rest:
     """What is left of one rival after the best fit of another, in one run."""
     d, J = of.values - after.values, after.columns
-    return Rest(J.T @ J, J.T @ d, float(d @ d), float(d.size), after.low, after.high)
+    return Rest(
+        after.gram, np.einsum("qk,k->q", J, d), float(d @ d), float(d.size), after.low, after.high
+    )
 
 
 def shown(one: Case, rivals: Sequence[Rival], where: str) -> list[Shown]:
@@ -138,7 +145,10 @@ def _shown(look: _Forces | _Bodies, one: Case, rival: Rival) -> Shown:
             columns.append((look.of(rival, law, changed) - here) / h)
     # A fit that lies on a bound still needs an interval that is not empty.
     below, above = np.minimum(low, -1e-9), np.maximum(high, 1e-9)
-    return Shown(here, np.stack(columns, axis=1), below, above)
+    J = np.stack(columns)
+    # Sums this small are slower by far where a threaded product has to share its cores.
+    gram = np.einsum("qk,pk->qp", J, J)
+    return Shown(here, J, gram, below, above)
 
 
 def _moved(active: Active, k: int) -> tuple[Active, float]:

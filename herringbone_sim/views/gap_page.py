@@ -138,7 +138,7 @@ def _next(report: Part) -> str:
         for key, title, unit in POINT
     )
     why = words.plain(point.get("why") or f"Why this point is {NOT_KNOWN}.")
-    return f'<div class="point">{cells}</div><p>{escape(why)}</p>'
+    return f'<div class="point">{cells}</div><p>{escape(words.capital(why))}</p>'
 
 
 def _attractor(attractor: Part) -> str:
