@@ -12,8 +12,13 @@ from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun, mesh_table, prepare_run
-from herringbone_sim.gap.waves import waves
+from herringbone_sim.gap.data.prepared import (
+    PreparedCampaign,
+    PreparedRun,
+    mesh_table,
+    prepare_run,
+)
+from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.reader import Recording
 

@@ -13,18 +13,18 @@ from herringbone_sim.core.model import build
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribute import Evidence, gather
-from herringbone_sim.gap.decide import decide
-from herringbone_sim.gap.fit import fit
-from herringbone_sim.gap.fusion import Fused
-from herringbone_sim.gap.hypothesis import Case, added, case, expected, fine_law_with
-from herringbone_sim.gap.prepared import Measured, PreparedRun
-from herringbone_sim.gap.recalibrate import force_law
+from herringbone_sim.gap.attribution.fit import fit
+from herringbone_sim.gap.attribution.hypothesis import Case, added, case, expected, fine_law_with
+from herringbone_sim.gap.attribution.shortlist import base, shortlist
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.report import check_report, report
-from herringbone_sim.gap.sensors import SensorCheck
-from herringbone_sim.gap.shortlist import base, shortlist
-from herringbone_sim.gap.verify import Gap, RunGap
-from herringbone_sim.gap.waves import waves
+from herringbone_sim.gap.residuals.fusion import Fused
+from herringbone_sim.gap.residuals.recalibrate import force_law
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.decide import decide
+from herringbone_sim.gap.verdict.evidence import Evidence, gather
+from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.recording.parameter_file import load_parameters
 
 NOMINAL = Path(__file__).parents[1] / "config" / "rig.yaml"

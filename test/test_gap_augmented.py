@@ -15,18 +15,18 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
-from herringbone_sim.gap.augmented import (
+from herringbone_sim.gap.attribution.hypothesis import calibrated_gear, case
+from herringbone_sim.gap.data.geometry import coordinates_to_meshes
+from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.verdict.augmented import (
     Augmented,
     from_parameters,
     nominal_model,
     parameters_of,
     save_augmented,
 )
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.geometry import coordinates_to_meshes
-from herringbone_sim.gap.hypothesis import calibrated_gear, case
-from herringbone_sim.gap.machine import Machine
-from herringbone_sim.gap.waves import waves
+from herringbone_sim.gap.verification.machine import Machine
 from herringbone_sim.recording.parameter_file import load_gear
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")

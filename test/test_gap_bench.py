@@ -16,10 +16,8 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
-from herringbone_sim.gap.attribute import Evidence
-from herringbone_sim.gap.fit import Fit
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.hypothesis import case
+from herringbone_sim.gap.attribution.fit import Fit
+from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.practice import bench, trial
 from herringbone_sim.gap.practice.arrays import as_prepared
 from herringbone_sim.gap.practice.bench import check_seeds, name_of, read_seals, run_bench
@@ -39,7 +37,9 @@ from herringbone_sim.gap.practice.table import (
     write_cases,
 )
 from herringbone_sim.gap.practice.trial import Setting, plan_of, remade
-from herringbone_sim.gap.sensors import SensorCheck
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.evidence import Evidence
 
 SETTING = Setting(truth="none")
 

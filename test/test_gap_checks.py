@@ -13,17 +13,17 @@ from gap_support import NOMINAL, POINTS, noisy, prepared, rig, sampled
 from herringbone_sim.core.model import build
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.misfit import other_laws
-from herringbone_sim.gap.parts import to_leave_out
-from herringbone_sim.gap.prepared import (
+from herringbone_sim.gap.data.parts import to_leave_out
+from herringbone_sim.gap.data.prepared import (
     PreparedCampaign,
     PreparedRun,
     mesh_table,
     prepare,
     prepare_run,
 )
-from herringbone_sim.gap.screen import Finding
+from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.misfit import other_laws
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.reader import Recording
 from herringbone_sim.recording.writer import RunWriter

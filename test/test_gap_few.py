@@ -11,14 +11,20 @@ from gap_support import POINTS, noisy, prepared, rig, sampled
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.gap.channel_sets import FEW, FULL, NO_FORCE, cannot_tell, channel_set
-from herringbone_sim.gap.few import few
-from herringbone_sim.gap.few_linear import accelerations, linear, responses
-from herringbone_sim.gap.few_runs import following, left, settled
-from herringbone_sim.gap.filter import Filtered, filtered, innovations
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.hypothesis import case
-from herringbone_sim.gap.prepared import Measured, PreparedRun
+from herringbone_sim.gap.attribution.channel_sets import (
+    FEW,
+    FULL,
+    NO_FORCE,
+    cannot_tell,
+    channel_set,
+)
+from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.filtering.few import few
+from herringbone_sim.gap.filtering.filter import Filtered, filtered, innovations
+from herringbone_sim.gap.filtering.linear import accelerations, linear, responses
+from herringbone_sim.gap.filtering.runs import following, left, settled
+from herringbone_sim.gap.residuals.fusion import fuse
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 KEPT = ("t", "phase", "K", "delta_T", "T_1", "u_s_L", "u_s_R", "u_c")

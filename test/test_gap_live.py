@@ -15,9 +15,9 @@ from herringbone_sim.cli.rerun_option import parse_where
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
-from herringbone_sim.gap.intake import Intake
-from herringbone_sim.gap.listening import Comparison, Ear
-from herringbone_sim.gap.live import residual
+from herringbone_sim.gap.stream.intake import Intake
+from herringbone_sim.gap.stream.listening import Comparison, Ear
+from herringbone_sim.gap.stream.live import residual
 from herringbone_sim.recording.messages import encode_samples
 from herringbone_sim.views.live_text import bar, data, line, table
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from gap_support import rig
 
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.locate import Location, locate, shaft_orders
-from herringbone_sim.gap.prepared import PreparedCampaign
-from herringbone_sim.gap.recalibrate import Law, force_law, recalibrate
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.locate import Location, locate, shaft_orders
+from herringbone_sim.gap.residuals.recalibrate import Law, force_law, recalibrate
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 TURN = 27 * 77 / 104

@@ -14,16 +14,16 @@ from herringbone_sim.cli.gap_rerun import mirror_gap
 from herringbone_sim.cli.rerun_option import Where
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.attribute import Evidence
-from herringbone_sim.gap.decide import Verdict
+from herringbone_sim.gap.attribution.fit import fit
+from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
-from herringbone_sim.gap.fit import fit
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.hypothesis import case
-from herringbone_sim.gap.prepared import PreparedCampaign
-from herringbone_sim.gap.sensors import SensorCheck
-from herringbone_sim.gap.stages import Option
-from herringbone_sim.gap.verify import Gap, RunGap
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.decide import Verdict
+from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.gap.verdict.stages import Option
+from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.views.gap_mirror_runs import run_views, shares
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")

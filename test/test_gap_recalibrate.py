@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 from gap_support import rig
 
-from herringbone_sim.gap.balance import measured_force, quadrature, torque_balance, window_of
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.recalibrate import (
+from herringbone_sim.gap.residuals.balance import (
+    measured_force,
+    quadrature,
+    torque_balance,
+    window_of,
+)
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.recalibrate import (
     BOUNDS,
     fine_law,
     force_law,

@@ -9,12 +9,17 @@ import pytest
 from gap_support import rig
 from numpy.typing import NDArray
 
-from herringbone_sim.gap.balance import Balance, measured_force, quadrature, torque_balance
-from herringbone_sim.gap.balance import window_of as look_of
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.motion import fused_noise, motion_balance, recalibrate_motion
-from herringbone_sim.gap.prepared import Measured, PreparedCampaign
-from herringbone_sim.gap.recalibrate import (
+from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign
+from herringbone_sim.gap.residuals.balance import (
+    Balance,
+    measured_force,
+    quadrature,
+    torque_balance,
+)
+from herringbone_sim.gap.residuals.balance import window_of as look_of
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance, recalibrate_motion
+from herringbone_sim.gap.residuals.recalibrate import (
     Calibration,
     Inertias,
     fine_law,

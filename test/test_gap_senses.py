@@ -13,15 +13,15 @@ from herringbone_sim.core.integrate import largest_exponent as by_tangent_flow
 from herringbone_sim.core.model import build
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.gap.augmented import Augmented, nominal_model
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.horizon import LYAPUNOV_TIMES, horizon_of, largest_exponent
-from herringbone_sim.gap.machine import machine_of
-from herringbone_sim.gap.prepared import PreparedCampaign
-from herringbone_sim.gap.senses import Senses, measure_senses
-from herringbone_sim.gap.sensors import drop
-from herringbone_sim.gap.verify import measure
-from herringbone_sim.gap.written import written_gap, written_senses, wrong_senses
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.find import drop
+from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
+from herringbone_sim.gap.verification.horizon import LYAPUNOV_TIMES, horizon_of, largest_exponent
+from herringbone_sim.gap.verification.machine import machine_of
+from herringbone_sim.gap.verification.senses import Senses, measure_senses
+from herringbone_sim.gap.verification.verify import measure
+from herringbone_sim.gap.verification.written import written_gap, written_senses, wrong_senses
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 

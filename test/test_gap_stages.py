@@ -10,13 +10,13 @@ import pytest
 
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.gap.attribute import Evidence
-from herringbone_sim.gap.bodies import BodyFit
-from herringbone_sim.gap.decide import decide
-from herringbone_sim.gap.fit import Fit
-from herringbone_sim.gap.sensors import SensorCheck
-from herringbone_sim.gap.stages import has_shape, stages_of
-from herringbone_sim.gap.thresholds import frozen_thresholds
+from herringbone_sim.gap.attribution.bodies import BodyFit
+from herringbone_sim.gap.attribution.fit import Fit
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.decide import decide
+from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.gap.verdict.stages import has_shape, stages_of
+from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 
 QUIET = SensorCheck(1.0, 1.0, ())
 T = frozen_thresholds()

@@ -15,10 +15,10 @@ from herringbone_sim.effects.channels import distort
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.consistency import consistency
-from herringbone_sim.gap.corrected import corrected, motion_sensor
 from herringbone_sim.gap.repeat import read_report
 from herringbone_sim.gap.report import check_report
+from herringbone_sim.gap.sensors.consistency import consistency
+from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.recording.writer import RunWriter
 

@@ -18,7 +18,7 @@ from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.evaluate import forces, motion
 from herringbone_sim.effects.gear import laws
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.gap.residual import force_residual
+from herringbone_sim.gap.residuals.residual import force_residual
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.rig import (

@@ -17,12 +17,12 @@ from herringbone_sim.cli.rerun_option import add_rerun_option, parse_where
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.augmented import save_augmented
+from herringbone_sim.gap.data.prepared import prepare
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
-from herringbone_sim.gap.prepared import prepare
 from herringbone_sim.gap.report import write_report
-from herringbone_sim.gap.residual import ForceResidual, force_residual
-from herringbone_sim.gap.verify import Gap
+from herringbone_sim.gap.residuals.residual import ForceResidual, force_residual
+from herringbone_sim.gap.verdict.augmented import save_augmented
+from herringbone_sim.gap.verification.verify import Gap
 from herringbone_sim.recording.campaign import Campaign, CampaignRun, read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording

@@ -5,8 +5,8 @@ from __future__ import annotations
 from herringbone_sim.cli.rerun_option import Where
 from herringbone_sim.cli.show import wait_for_interrupt
 from herringbone_sim.errors import HerringboneError
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
-from herringbone_sim.gap.prepared import PreparedCampaign
 
 MEMORY = "1GB"
 CLOSE_S = 60.0

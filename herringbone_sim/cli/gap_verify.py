@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.cli.gap import progress
-from herringbone_sim.gap.prepared import prepare
+from herringbone_sim.gap.data.prepared import prepare
 from herringbone_sim.gap.repeat import read_report, repeat
-from herringbone_sim.gap.written import SENSES
+from herringbone_sim.gap.verification.written import SENSES
 from herringbone_sim.recording.parameter_file import load_gear, load_parameters
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views.gap_senses import write_verify_page

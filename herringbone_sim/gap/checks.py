@@ -9,8 +9,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.gap.fusion import Fused, fuse
-from herringbone_sim.gap.misfit import (
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.data.units import clock_unit, without, wrong_units
+from herringbone_sim.gap.residuals.fusion import Fused, fuse
+from herringbone_sim.gap.residuals.misfit import (
     common_ratio,
     missed_shares,
     other_geometry,
@@ -19,9 +22,6 @@ from herringbone_sim.gap.misfit import (
     other_speed,
     speed_ratio,
 )
-from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
-from herringbone_sim.gap.screen import Finding
-from herringbone_sim.gap.units import clock_unit, without, wrong_units
 
 Array = NDArray[np.float64]
 

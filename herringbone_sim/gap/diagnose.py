@@ -7,22 +7,22 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribute import Evidence, gather, mended
-from herringbone_sim.gap.augmented import Augmented, augmented, nominal_model, runner_up
+from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.decide import Verdict, decide
-from herringbone_sim.gap.design import design
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.hypothesis import case
-from herringbone_sim.gap.parts import to_leave_out
-from herringbone_sim.gap.place import structure, where
-from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
-from herringbone_sim.gap.questions import mismatched, next_experiment, undecidable
+from herringbone_sim.gap.data.parts import to_leave_out
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.report import report
-from herringbone_sim.gap.screen import Finding
-from herringbone_sim.gap.senses import Senses, measure_senses
-from herringbone_sim.gap.sensors import SensorCheck
-from herringbone_sim.gap.verify import Gap, measure
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.augmented import Augmented, augmented, nominal_model, runner_up
+from herringbone_sim.gap.verdict.decide import Verdict, decide
+from herringbone_sim.gap.verdict.design import design
+from herringbone_sim.gap.verdict.evidence import Evidence, gather, mended
+from herringbone_sim.gap.verdict.place import structure, where
+from herringbone_sim.gap.verdict.questions import mismatched, next_experiment, undecidable
+from herringbone_sim.gap.verification.senses import Senses, measure_senses
+from herringbone_sim.gap.verification.verify import Gap, measure
 
 Say = Callable[[str], None]
 

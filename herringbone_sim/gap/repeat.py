@@ -12,14 +12,14 @@ import numpy as np
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.augmented import from_parameters
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.corrected import corrected, motion_sensor
-from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.report import METRICS, plain_numbers
-from herringbone_sim.gap.senses import measure_senses
-from herringbone_sim.gap.verify import measure
-from herringbone_sim.gap.written import written_attractor, written_gap, written_senses
+from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
+from herringbone_sim.gap.verdict.augmented import from_parameters
+from herringbone_sim.gap.verification.senses import measure_senses
+from herringbone_sim.gap.verification.verify import measure
+from herringbone_sim.gap.verification.written import written_attractor, written_gap, written_senses
 
 Say = Callable[[str], None]
 SCHEMA = "herringbone_sim/gap-verify/1"

@@ -13,12 +13,12 @@ from herringbone_sim.effects.channels import names_of
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.decide import Verdict
-from herringbone_sim.gap.screen import Finding
-from herringbone_sim.gap.senses import Senses
-from herringbone_sim.gap.stages import Option
-from herringbone_sim.gap.verify import Gap
-from herringbone_sim.gap.written import (
+from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.verdict.decide import Verdict
+from herringbone_sim.gap.verdict.stages import Option
+from herringbone_sim.gap.verification.senses import Senses
+from herringbone_sim.gap.verification.verify import Gap
+from herringbone_sim.gap.verification.written import (
     written_attractor,
     written_gap,
     written_senses,

@@ -24,7 +24,7 @@ from std_msgs.msg import Float64MultiArray, String
 
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.gap.listening import Comparison, Ear, Picture
+from herringbone_sim.gap.stream.listening import Comparison, Ear, Picture
 from herringbone_sim.recording.messages import JointState as Values
 from herringbone_sim.recording.messages import encode_joint_state
 from herringbone_sim.recording.writer import stamp_ns

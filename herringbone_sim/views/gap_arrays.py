@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from herringbone_sim.core.timeseries import Array
-from herringbone_sim.gap.attribute import Evidence
-from herringbone_sim.gap.recalibrate import Law, force_law
+from herringbone_sim.gap.residuals.recalibrate import Law, force_law
+from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.views.gap_figures import GapArrays
 from herringbone_sim.views.gap_words import figure
 from herringbone_sim.views.gear_drawing import MESHES

@@ -10,8 +10,8 @@ import rerun as rr
 
 from herringbone_sim.core.layout import KINDS
 from herringbone_sim.core.timeseries import Array
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
-from herringbone_sim.gap.prepared import PreparedCampaign
 from herringbone_sim.views.gap_mirror_blueprint import COURSES, RunLayout, blueprint
 from herringbone_sim.views.gap_mirror_runs import COLUMNS, RunView, run_views, shares
 from herringbone_sim.views.gear_drawing import MESHES

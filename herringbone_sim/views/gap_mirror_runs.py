@@ -13,14 +13,14 @@ from herringbone_sim.core.timeseries import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.attribute import mended
-from herringbone_sim.gap.augmented import Augmented, augmented
+from herringbone_sim.gap.attribution.hypothesis import Case, case, expected
 from herringbone_sim.gap.checks import check
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.hypothesis import Case, case, expected
-from herringbone_sim.gap.prepared import PreparedCampaign, PreparedRun
-from herringbone_sim.gap.recalibrate import force_law
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.recalibrate import force_law
+from herringbone_sim.gap.verdict.augmented import Augmented, augmented
+from herringbone_sim.gap.verdict.evidence import mended
 
 COLUMNS = ("measured", "nominal", "augmented")
 TRANSIENT, CYCLES = 150, 40  # mesh cycles that settle, and that are shown

@@ -9,7 +9,7 @@ import numpy as np
 
 from herringbone_sim.core.layout import KINDS, Layout
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.listening import Picture
+from herringbone_sim.gap.stream.listening import Picture
 from herringbone_sim.views.live_text import headline, table
 
 MEMORY = "1GB"

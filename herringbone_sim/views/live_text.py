@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from herringbone_sim.gap.listening import Heard, Picture
-from herringbone_sim.gap.stretch import QUIET, Motion, Residual
+from herringbone_sim.gap.stream.listening import Heard, Picture
+from herringbone_sim.gap.stream.stretch import QUIET, Motion, Residual
 
 SCHEMA = "herringbone_sim/gap-live/1"
 BAR = 20

@@ -20,7 +20,7 @@ from support import Bench, wait_until
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.gap.listening import Picture
+from herringbone_sim.gap.stream.listening import Picture
 from herringbone_sim.recording.messages import encode_samples
 from herringbone_sim.ros.gap_live import GapNode, Plan
 

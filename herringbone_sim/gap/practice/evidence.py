@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from herringbone_sim.effects.effect import Effect
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribute import Evidence
-from herringbone_sim.gap.fit import Fit
+from herringbone_sim.gap.attribution.fit import Fit
+from herringbone_sim.gap.verdict.evidence import Evidence
 
 PACKAGE = "herringbone_sim.gap."
 OTHERS = ("herringbone_sim.effects.effect",)

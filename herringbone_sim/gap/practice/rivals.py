@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.gap.attribute import Evidence, mended
-from herringbone_sim.gap.features import Feature, features
-from herringbone_sim.gap.fit import Fit
-from herringbone_sim.gap.fusion import fuse
-from herringbone_sim.gap.hypothesis import Case, case, expected
+from herringbone_sim.gap.attribution.features import Feature, features
+from herringbone_sim.gap.attribution.fit import Fit
+from herringbone_sim.gap.attribution.hypothesis import Case, case, expected
+from herringbone_sim.gap.attribution.shortlist import Base, base, calibration_columns
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.practice.baselines import SCHEMA
-from herringbone_sim.gap.prepared import PreparedCampaign
-from herringbone_sim.gap.recalibrate import force_law
-from herringbone_sim.gap.shortlist import Base, base, calibration_columns
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.recalibrate import force_law
+from herringbone_sim.gap.verdict.evidence import Evidence, mended
 
 Array = NDArray[np.float64]
 Report = dict[str, Any]

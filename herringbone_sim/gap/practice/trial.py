@@ -153,8 +153,12 @@ def sources() -> str:
     Taken once: what a process has loaded does not follow changes of the files.
     """
     package = Path(__file__).parents[2]
+    gap = package / "gap"
     own = sorted(
-        one for end in ("py", "json", "yaml") for one in (package / "gap").glob(f"*.{end}")
+        one
+        for end in ("py", "json", "yaml")
+        for one in gap.rglob(f"*.{end}")
+        if gap / "practice" not in one.parents
     )
     parts = [cache.digest(package / "core", package / "effects").encode()]
     parts += [hashlib.sha256(one.read_bytes()).digest() for one in own]

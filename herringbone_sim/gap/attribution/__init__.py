@@ -1,0 +1,1 @@
+"""What each effect would change, and how well it explains a residual."""

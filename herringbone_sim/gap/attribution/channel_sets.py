@@ -1,0 +1,95 @@
+"""What a set of channels can't decide, in sentences, whatever was found with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from herringbone_sim.gap.attribution.hypothesis import Case
+
+FULL, NO_FORCE, FEW, NOTHING = "full", "no_force", "few", "nothing"
+
+
+def channel_set(cases: Sequence[Case]) -> str:
+    """``full``, ``no_force``, ``few`` or ``nothing``: the way the runs can be diagnosed.
+
+    Full: some mesh has displacement, rate and force in every run. No force: every displacement
+    and every rate. Few: some motion of both suns, by rotations or displacements.
+    """
+    if cases and all(c.usable.any() for c in cases):
+        return FULL
+    if cases and all(
+        bool(np.isfinite(c.fused.x).all() and np.isfinite(c.fused.v).all()) for c in cases
+    ):
+        return NO_FORCE
+    if cases and all(motion_channels(c) >= 2 for c in cases):
+        return FEW
+    return NOTHING
+
+
+def motion_channels(one: Case) -> int:
+    """Displacements and rotations that a run has."""
+    return int(one.run.u.there.sum() + one.run.x.there.sum())
+
+
+def cannot_tell(cases: Sequence[Case]) -> list[str]:
+    """What the channels of some runs can't decide; nothing where all are there."""
+    kind = channel_set(cases)
+    if kind == NOTHING:
+        return [
+            "no motion of both suns is recorded: nothing can be said of the machine; record "
+            "u_s_L, u_s_R and u_c at least"
+        ]
+    if kind == FULL:
+        return _partial(cases)
+    said = [
+        "no force is recorded: errors of force sensors can't be told, and the scale of all "
+        "forces only from that of the inertias and the torque"
+    ]
+    if kind == NO_FORCE:
+        said.append(
+            "without forces, eight accelerations answer for twelve meshes: effects on the sun "
+            "and the ring mesh of one planet that balance each other, and friction against "
+            "other torques on the bodies, are told by their shape over time alone"
+        )
+        if not all(c.run.u.there.any() for c in cases):
+            said.append(
+                "no rotation of a body is recorded: errors of the displacement sensors are told "
+                "by the rates alone, a constant one not at all"
+            )
+        return said
+    return [*said, *_few(cases)]
+
+
+def _few(cases: Sequence[Case]) -> list[str]:
+    planets = any(c.run.x.there.any() or c.run.u.there[3:].any() for c in cases)
+    said = []
+    if not planets:
+        said.append(
+            "no planet is recorded: planets are identical and move in step, so which one is "
+            "concerned can't be told (planet 1 stands for any one), nor one planet's effect from "
+            "a third of it on all three"
+        )
+    said += [
+        "few channels: events at single teeth (tooth_crack, tooth_spall) are not tried, their "
+        "trace in what is recorded is too short to be told from noise",
+        "few channels: a run-out of sun or ring that all planets meet in turn cancels in the "
+        "motion of sun and carrier and can't be seen",
+        "few channels: sensors can't be checked against each other; an error of one of them is "
+        "told from an effect in the machine by no means",
+    ]
+    return said
+
+
+def _partial(cases: Sequence[Case]) -> list[str]:
+    """Meshes that some run of an otherwise full set has not got."""
+    usable = np.logical_and.reduce([c.usable for c in cases])
+    if usable.all():
+        return []
+    names = cases[0].run.model.layout.meshes
+    missing = ", ".join(n for n, there in zip(names, usable, strict=True) if not there)
+    return [
+        f"{missing}: displacement, rate or force is missing in some run, so what sits there alone "
+        "can't be told, nor friction and torque ripple, which need the balance of all forces"
+    ]

@@ -1,0 +1,1 @@
+"""What was recorded, as arrays, and what is wrong with it."""

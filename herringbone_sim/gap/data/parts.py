@@ -1,0 +1,49 @@
+"""Parts of a run, so that something can be left out where there is but one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.waves import Waves
+
+PARTS = 3
+
+
+def to_leave_out(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
+    """Runs as they are, or the parts of a single one.
+
+    Parts share load, temperature and speed: what differs between those is not put to the test.
+    """
+    if len(runs) != 1:
+        return tuple(runs)
+    edges = np.linspace(0, len(runs[0]), PARTS + 1).astype(int)
+    return tuple(
+        part_of(runs[0], slice(int(a), int(b)), f"{runs[0].name} part {i + 1}")
+        for i, (a, b) in enumerate(pairwise(edges))
+    )
+
+
+def part_of(run: PreparedRun, rows: slice, name: str) -> PreparedRun:
+    """Some samples in a row as a run of their own."""
+
+    def cut(measured: Measured) -> Measured:
+        return replace(measured, values=measured.values[rows])
+
+    w = run.waves
+    return replace(
+        run,
+        name=name,
+        times=run.times[rows],
+        phase=run.phase[rows],
+        x=cut(run.x),
+        v=cut(run.v),
+        F=cut(run.F),
+        u=cut(run.u),
+        waves=Waves(w.k[rows], w.e[rows], w.e_rate[rows], w.e_acceleration[rows]),
+        recorded_point={q: values[rows] for q, values in run.recorded_point.items()},
+    )

@@ -1,0 +1,121 @@
+"""Quantities that are a thousand times off, told by the other channels, the loads and the clock.
+
+x, v / omega and what u gives by geometry are displacements of one size, near that of the nominal
+mesh error; the forces balance the input torque and follow the displacements. What is off by a
+thousand in that company is in another unit; it is left out, never rescaled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.mesh import backlash
+from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.screen import Finding
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+STEPS = {3: "a thousand", -3: "a thousandth of", 6: "a million", -6: "a millionth of"}
+CLOCKS = {
+    1e-3: "t in milliseconds",
+    1e-6: "t in microseconds",
+    1e-9: "t in nanoseconds",
+    180.0 / np.pi: "phase in degrees",
+    0.5 / np.pi: "phase in mesh cycles",
+}
+NEAR = 0.05  # share by which a speed may be off a unit's factor
+FAR = 10.0**1.5
+
+
+def clock_unit(run: PreparedRun, ratio: float) -> Finding | None:
+    """A mesh frequency that is another unit's factor times the nominal one."""
+    for factor, words in CLOCKS.items():
+        if abs(ratio / factor - 1.0) < NEAR:
+            text = (
+                f"the mesh of {run.name} seems to turn at {ratio:.4g} of the nominal speed: "
+                f"{words}, not in SI; the run is left out, not rescaled"
+            )
+            channels = (words.split()[0],)
+            return Finding("unit", run.name, channels, float(run.times[0]), text, fatal=True)
+    return None
+
+
+def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
+    """The run without channels in another unit, and what they are."""
+    found = []
+    for q, powers in {**_displacements(run), "F": _forces(run)}.items():
+        off = powers != 0.0
+        if not off.any():
+            continue
+        wrong = _channels(run, q, off)
+        factor = STEPS.get(int(np.median(powers[off])), "a power of ten times")
+        others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        text = (
+            f"{wrong[0]}{others} of {run.name} read about {factor} "
+            f"{'times ' if 'of' not in factor else ''}what the other channels say: another unit "
+            "than SI, throughout; left out of this run, not rescaled"
+        )
+        found.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
+        run = without(run, q, np.ones_like(run.u.there) if q == "u" else off)
+    return run, found
+
+
+def without(run: PreparedRun, q: str, off: Mask) -> PreparedRun:
+    """The run without some channels of x, v, F or u, as if they had not been recorded."""
+    old: Measured = getattr(run, q)
+    values = np.where(off, np.nan, old.values)
+    fewer = Measured(values, old.there & ~off, np.where(off, np.nan, old.sigma))
+    parts = {"x": run.x, "v": run.v, "F": run.F, "u": run.u, q: fewer}
+    return replace(run, x=parts["x"], v=parts["v"], F=parts["F"], u=parts["u"])
+
+
+def _displacements(run: PreparedRun) -> dict[str, Array]:
+    """Powers of ten (n_mesh,) by which x, v and u are off."""
+    D, B = coordinates_to_meshes(run.model.layout), bodies_to_coordinates(run.model)
+    sizes = {
+        "x": run.x.values.std(axis=0),
+        "v": run.v.values.std(axis=0) / run.omega_rad_per_s,
+    }
+    if run.u.complete:
+        sizes["u"] = (run.u.values @ (D @ B).T).std(axis=0)
+    usual = float(run.waves.e.std(axis=0).mean())
+    known = np.concatenate([s[np.isfinite(s) & (s > 0.0)] for s in sizes.values()])
+    near = known[np.abs(np.log10(known / usual)) < np.log10(FAR)]
+    if near.size:
+        usual = float(np.median(near))
+    return {q: _powers(size / usual) for q, size in sizes.items()}
+
+
+def _forces(run: PreparedRun) -> Array:
+    """The same of forces: off by the law and by the load that they carry in the mean."""
+    p, s = run.model.parameters, run.model.scales
+    load = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
+    nominal = run.waves.k * backlash(run.x.values, run.model.half_backlash_m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_law = _powers(run.F.values.std(axis=0) / nominal.std(axis=0))
+        by_load = _powers(np.abs(run.F.values.mean(axis=0)) / abs(load))
+    unseen = ~np.isfinite(nominal).all(axis=0)
+    agree = unseen | (by_law * by_load > 0.0)
+    powers: Array = np.where(agree, by_load, 0.0)
+    return powers
+
+
+def _powers(ratio: Array) -> Array:
+    """Nearest power of a thousand, as an exponent of ten; 0 where nothing is known."""
+    known = np.isfinite(ratio) & (ratio > 0.0)
+    powers: Array = np.round(np.log10(np.where(known, ratio, 1.0)) / 3.0) * 3.0
+    return powers
+
+
+def _channels(run: PreparedRun, q: str, off: Mask) -> tuple[str, ...]:
+    layout = run.model.layout
+    if q == "u":
+        return tuple(f"u_{body}" for body in layout.bodies)
+    names: Sequence[str] = layout.meshes
+    return tuple(f"{q}_{n}" for n, o in zip(names, off, strict=True) if o)

@@ -1,0 +1,1 @@
+"""Where the nominal gear, inside its tolerance, misses the recording."""

@@ -1,0 +1,255 @@
+"""Where a residual lives: shares over meshes, contact, phase, teeth, shaft orders, load, heat.
+
+The energy above the noise floor is spread over the values of each factor. What a share would be
+by chance comes from permuting blocks of whole mesh cycles within a run, so that neither the
+motion's memory nor a run's level is taken for structure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtri
+
+from herringbone_sim.gap.data.prepared import MeshTable, PreparedRun
+from herringbone_sim.gap.residuals.recalibrate import Law
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+PHASES = 12
+SHAFT_ORDERS = 60
+BETWEEN = (-0.6, -0.5, -0.4, 0.4, 0.5, 0.6)
+ROTATIONS = {"sun": "z_s", "planet": "z_p", "ring": "z_r"}
+
+
+@dataclass(frozen=True)
+class Share:
+    """Energy of a residual over the values of one factor.
+
+    Attributes:
+        labels: values of the factor.
+        chi2: mean square over the floor at each value: 1 is noise.
+        share: of the energy above the floor, sums to 1 (all 0 where there is none).
+    """
+
+    labels: tuple[str, ...]
+    chi2: Array
+    share: Array
+
+
+@dataclass(frozen=True)
+class Periodicity:
+    """Structure of a residual along something that comes round again.
+
+    Attributes:
+        labels: meshes or orders.
+        strength: statistic of each.
+        threshold: its 99.9 % quantile over block permutations, the largest of all labels.
+    """
+
+    labels: tuple[str, ...]
+    strength: Array
+    threshold: float
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Labels above the threshold."""
+        return tuple(
+            n for n, s in zip(self.labels, self.strength, strict=True) if s > self.threshold
+        )
+
+
+@dataclass(frozen=True)
+class Location:
+    """All that ``locate`` finds out.
+
+    Attributes:
+        shares: by factor: mesh, kind, planet, side, contact, phase, load, delta_T, run, modes.
+        teeth: by member (sun, planet, ring): residual that repeats once a turn against the
+            carrier, per mesh.
+        shaft: orders 1 ... 60 of the turn of the input shaft to ground.
+    """
+
+    shares: Mapping[str, Share]
+    teeth: Mapping[str, Periodicity]
+    shaft: Periodicity
+
+
+def locate(
+    runs: Sequence[PreparedRun],
+    laws: Sequence[Law],
+    meshes: MeshTable,
+    rng: np.random.Generator,
+    permutations: int = 200,
+) -> Location:
+    """Place the residual of the force law.
+
+    Args:
+        runs, laws: fit runs and their force law with residual and floor.
+        meshes: what each mesh is.
+        rng: for the permutations.
+        permutations: how many.
+    """
+    p = runs[0].model.parameters
+    units = [law.residual_n / law.sigma_n for law in laws]
+    cycles = [_cycles(run, unit) for run, unit in zip(runs, units, strict=True)]
+    lengths = {name: int(getattr(p, teeth)) for name, teeth in ROTATIONS.items()}
+    teeth = {
+        name: _teeth(cycles, length, meshes.names, rng, permutations)
+        for name, length in lengths.items()
+    }
+    turn = p.z_s * p.z_r / (p.z_s + p.z_r)
+    shaft = shaft_orders([run.phase for run in runs], units, turn)
+    return Location(_shares(runs, laws, units, meshes), teeth, shaft)
+
+
+def _shares(
+    runs: Sequence[PreparedRun], laws: Sequence[Law], units: Sequence[Array], meshes: MeshTable
+) -> dict[str, Share]:
+    square = np.concatenate([u**2 for u in units])
+    shares = {"mesh": _along_meshes(square, np.arange(len(meshes.names)), meshes.names)}
+    shares["kind"] = _along_meshes(square, meshes.kind, ["sp", "rp"])
+    shares["side"] = _along_meshes(square, meshes.side, ["L", "R"])
+    planets = [str(i + 1) for i in range(int(meshes.planet.max()) + 1)]
+    shares["planet"] = _along_meshes(square, meshes.planet, planets)
+    contact = np.concatenate([_contact(law) for law in laws])
+    shares["contact"] = _over(square, contact, ["back", "apart", "drive"])
+    phase = np.concatenate([_phase_bin(run.phase) for run in runs])
+    names = [f"{360 * i // PHASES} deg" for i in range(PHASES)]
+    shares["phase"] = _over(square, np.repeat(phase[:, None], square.shape[1], axis=1), names)
+    for factor in ("T_1", "delta_T", "Omega"):
+        shares[factor] = _over_runs(runs, units, factor)
+    shares["modes"] = _modes(np.concatenate(units), meshes)
+    return shares
+
+
+def _over_runs(runs: Sequence[PreparedRun], units: Sequence[Array], factor: str) -> Share:
+    """Runs in the order of one number of their operating point."""
+    order = np.argsort([run.point[factor] for run in runs], kind="stable")
+    labels = [f"{runs[i].point[factor]:g} ({runs[i].name})" for i in order]
+    rank = [np.full(units[i].shape, place) for place, i in enumerate(order)]
+    square = [units[i] ** 2 for i in order]
+    return _over(np.concatenate(square), np.concatenate(rank), labels)
+
+
+def _along_meshes(square: Array, of_mesh: Index, labels: Sequence[str]) -> Share:
+    return _over(square, np.broadcast_to(of_mesh, square.shape), labels)
+
+
+def _over(square: Array, values: Index, labels: Sequence[str]) -> Share:
+    known = np.isfinite(square)
+    at = values[known]
+    energy = np.bincount(at, square[known], minlength=len(labels))
+    count = np.bincount(at, minlength=len(labels))
+    excess = np.maximum(energy - count, 0.0)
+    total = excess.sum()
+    share = excess / total if total > 0.0 else excess
+    return Share(tuple(labels), energy / np.maximum(count, 1), share)
+
+
+def _contact(law: Law) -> Index:
+    sides = np.where(law.x_m > 0.0, 2, 0)
+    state: Index = np.where(law.contact > 0.5, sides, 1)
+    return state
+
+
+def _phase_bin(phase: Array) -> Index:
+    return np.floor(np.mod(phase, 2.0 * np.pi) / (2.0 * np.pi) * PHASES).astype(int) % PHASES
+
+
+def _modes(unit: Array, meshes: MeshTable) -> Share:
+    """Energy of left + right and left - right, each as mean over planets and rest, by kind."""
+    n = int(meshes.planet.max()) + 1
+    r = np.nan_to_num(unit).reshape(len(unit), 2, 2, n)
+    labels, energies = [], []
+    for sign, name in ((1.0, "L+R"), (-1.0, "L-R")):
+        both = (r[:, :, 0] + sign * r[:, :, 1]) / np.sqrt(2.0)
+        mean = both.mean(axis=2, keepdims=True)
+        for kind, short in enumerate(("sp", "rp")):
+            common = float(np.mean(n * mean[:, kind] ** 2))
+            apart = float(np.mean(np.sum((both - mean)[:, kind] ** 2, axis=1)))
+            labels += [f"{short} {name} planets alike", f"{short} {name} planets apart"]
+            energies += [(common, 1.0), (apart, n - 1.0)]
+    chi2 = np.array([e / max(c, 1.0) for e, c in energies])
+    excess = np.array([max(e - c, 0.0) for e, c in energies])
+    return Share(tuple(labels), chi2, excess / max(excess.sum(), 1e-300))
+
+
+def _cycles(run: PreparedRun, unit: Array) -> tuple[Index, Array]:
+    """Number of the mesh cycle (c,) and the mean pattern of the residual in it (c, PHASES, m)."""
+    cycle = np.floor(run.phase / (2.0 * np.pi)).astype(int)
+    place = (cycle - cycle[0]) * PHASES + _phase_bin(run.phase)
+    size = place.max() + 1
+    count = np.bincount(place, minlength=size)
+    sums = np.stack([np.bincount(place, np.nan_to_num(u), minlength=size) for u in unit.T], axis=1)
+    whole = size // PHASES
+    full = (sums / np.maximum(count, 1)[:, None] * np.sqrt(count)[:, None])[: whole * PHASES]
+    return cycle[0] + np.arange(whole), full.reshape(whole, PHASES, -1)
+
+
+def _teeth(
+    cycles: Sequence[tuple[Index, Array]],
+    length: int,
+    names: tuple[str, ...],
+    rng: np.random.Generator,
+    permutations: int,
+) -> Periodicity:
+    """Energy of what repeats after ``length`` cycles, per mesh, over that of what does not.
+
+    The mean of a cycle position within a run, with the mean of the run taken off, against the
+    spread of the cycles: large where one tooth differs.
+    """
+    strength = np.zeros(len(names))
+    chance = np.zeros((permutations, len(names)))
+    for number, pattern in cycles:
+        if len(number) <= length:
+            continue
+        varied = pattern - pattern.mean(axis=0)
+        level = np.maximum(np.mean(varied**2, axis=(0, 1)), 1e-12)
+        flat = varied / np.sqrt(level)
+        strength += _repeats(flat, number, length)
+        for i in range(permutations):
+            chance[i] += _repeats(flat[rng.permutation(len(flat))], number, length)
+    return Periodicity(names, strength, float(np.quantile(chance.max(axis=1), 0.999)))
+
+
+def _repeats(flat: Array, number: Index, length: int) -> Array:
+    """Largest sum of squares (m,) of the pattern of one position of the turn."""
+    fold = np.mod(number, length)
+    counts = np.bincount(fold, minlength=length)
+    membership = np.zeros((length, len(flat)))
+    membership[fold, np.arange(len(flat))] = 1.0 / np.sqrt(np.maximum(counts, 1))[fold]
+    mean = membership @ flat.reshape(len(flat), -1)
+    energy = np.sum(mean.reshape(length, *flat.shape[1:]) ** 2, axis=1)
+    repeats: Array = energy.max(axis=0)
+    return repeats
+
+
+def shaft_orders(phases: Sequence[Array], residuals: Sequence[Array], turn: float) -> Periodicity:
+    """Power of the orders 1 ... 60 of the input shaft to ground over that between the orders.
+
+    An order near a multiple, or a simple fraction, of the mesh order (``turn``) can't be told from
+    the motion itself. Channels of one run are taken as one witness: they often move in step.
+
+    Args:
+        phases: of each run (n,) [rad].
+        residuals: of each run (n, m), of the force law or of the balance.
+        turn: mesh cycles of one turn, z_s z_r / (z_s + z_r).
+    """
+    orders = np.arange(1, SHAFT_ORDERS + 1)
+    at = (orders[:, None] + np.array([0.0, *BETWEEN])).ravel()
+    ratio = np.zeros(SHAFT_ORDERS)
+    for phase, residual in zip(phases, residuals, strict=True):
+        r = residual[:, np.isfinite(residual).all(axis=0)]
+        r = (r - r.mean(axis=0)) / np.maximum(r.std(axis=0), 1e-300)
+        r = r * np.hanning(len(r))[:, None]
+        wave = np.exp(-1j * np.outer(at, phase / turn))
+        power = np.mean(np.abs(wave @ r) ** 2, axis=1).reshape(SHAFT_ORDERS, -1)
+        ratio += power[:, 0] / power[:, 1:].mean(axis=1) / len(phases)
+    n = 2.0 * len(phases)
+    limit = float(fdtri(n, n * len(BETWEEN) / 2.0, 1.0 - 1e-3 / SHAFT_ORDERS))
+    return Periodicity(tuple(str(o) for o in orders), ratio, limit)

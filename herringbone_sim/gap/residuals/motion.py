@@ -1,0 +1,126 @@
+"""Without force sensors: law and balance together, by accelerations alone.
+
+The forces of the calibrated law on the fused x and v take the place of the measured ones in the
+torque balance. Eight accelerations answer for twelve forces: a single mesh can't be told from its
+neighbours on the same body, nor a gain of all forces from the inertias. The floor comes from a
+realisation of the noise that was sent through the same fusion and the same law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.waves import Waves
+from herringbone_sim.gap.residuals.balance import (
+    Balance,
+    inertia_parts,
+    modelled_force,
+    quadrature,
+    torque_balance,
+    window_of,
+)
+from herringbone_sim.gap.residuals.fusion import Fused, fuse
+from herringbone_sim.gap.residuals.recalibrate import (
+    BOUNDS,
+    HEAVIEST,
+    LIGHTEST,
+    NAMES,
+    Calibration,
+    Inertias,
+    fine_law,
+    force_law,
+)
+
+Array = NDArray[np.float64]
+
+WIDTH = 0.08  # mesh cycles: wide enough to quieten dv/dt, narrow enough to see order 3
+
+
+def motion_balance(
+    run: PreparedRun, fused: Fused, noise: Fused, factors: Array, inverse: Array
+) -> Balance:
+    """Accelerations against the law's forces.
+
+    Args:
+        run: with x (or u) and v.
+        fused: of the run.
+        noise: of the same run, ``fused_noise``.
+        factors: (6,) of the law, ``recalibrate.NAMES``.
+        inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
+    """
+    law = force_law(run, fused, factors)
+    half = factors.repeat(run.x.there.size // 2).reshape(6, -1)
+    k, c = run.waves.k * np.concatenate(half[:2]), run.model.damping_n_s_per_m
+    spread = k * law.contact * noise.x + c * noise.v
+    force = modelled_force(window_of(run, WIDTH), law.modelled_n, spread)
+    extra = quadrature(run, fused, fine_law(run, factors), WIDTH)
+    force = replace(force, average_n=force.average_n + extra)
+    return torque_balance(run, fused, inverse, force, WIDTH)
+
+
+def fused_noise(run: PreparedRun, rng: np.random.Generator) -> Fused:
+    """A realisation of the noise that fusion leaves on x and v."""
+    none = np.zeros((len(run), run.x.there.size))
+
+    def drawn(measured: Measured) -> Measured:
+        values = measured.sigma * rng.normal(size=measured.values.shape)
+        return replace(measured, values=values)
+
+    still = replace(run, waves=Waves(none, none, none, none))
+    return fuse(replace(still, x=drawn(run.x), v=drawn(run.v), u=drawn(run.u)))
+
+
+def recalibrate_motion(
+    runs: Sequence[PreparedRun],
+    fused: Sequence[Fused],
+    rng: np.random.Generator,
+    rounds: int = 4,
+) -> tuple[Calibration, Inertias]:
+    """Law and inertias inside their tolerance from the motion of the fit runs, together.
+
+    Coordinates whose residual stays above the floor count less, as in ``recalibrate``.
+    """
+    chosen = [(r, f, fused_noise(r, rng)) for r, f in zip(runs, fused, strict=True)]
+    chosen = [case for case in chosen if case[0].role == "fit"]
+    bounds = np.concatenate([BOUNDS, np.full(3, HEAVIEST - 1.0)])
+    low, high = 1.0 - bounds, 1.0 + bounds
+    low[6:], high[6:] = 1.0 / HEAVIEST, 1.0 / LIGHTEST
+    p = np.ones(9)
+    prior = np.diag(3.0 / bounds**2)
+    normal: Array = prior
+    for _ in range(rounds):
+        normal, right = prior.copy(), prior @ (1.0 - p)
+        for run, one, noise in chosen:
+            J, r = _linear(run, one, noise, p)
+            normal += J @ J.T
+            right += J @ r
+        root = np.linalg.cholesky(normal).T
+        p = p + lsq_linear(root, np.linalg.solve(root.T, right), (low - p, high - p + 1e-12)).x
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    on = tuple(n for n, f, b in zip(NAMES, p, BOUNDS, strict=False) if abs(f - 1.0) > 0.999 * b)
+    masses = 1.0 / p[6:]
+    sigma = np.sqrt(np.diag(covariance)[6:]) * masses**2
+    return Calibration(p[:6], covariance[:6, :6], on), Inertias(masses, sigma)
+
+
+def _linear(run: PreparedRun, fused: Fused, noise: Fused, p: Array) -> tuple[Array, Array]:
+    """Derivatives (9, k m) of the expected accelerations and the residual (k m,), whitened."""
+    balance = motion_balance(run, fused, noise, p[:6], p[6:])
+    spread = balance.sigma * np.sqrt(np.maximum(balance.chi2, 1.0) * balance.overlap)
+    look = window_of(run, WIDTH)
+    A = np.tensordot(p[6:], inertia_parts(run.model), axes=1)
+    here = force_law(run, fused, p[:6]).modelled_n
+    step = 1e-4
+    slopes = [
+        look.average((force_law(run, fused, p[:6] + step * e).modelled_n - here) @ A.T) / step
+        for e in np.eye(6)
+    ]
+    seen = np.isfinite(balance.residual).all(axis=0)
+    J = (np.stack([*slopes, *balance.parts]) / spread)[:, :, seen]
+    return J.reshape(9, -1), (balance.residual / spread)[:, seen].ravel()

@@ -1,0 +1,1 @@
+"""Sensors against each other, before any law is asked."""

@@ -1,0 +1,110 @@
+"""A recording put right: what sensor effects of known size did to x, v, u and clock, undone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import between, channels_of
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.sensors.find import drop
+
+Array = NDArray[np.float64]
+Undo = Callable[[float, Array, Array], Array]  # size, times, values -> values
+
+UNDO: Mapping[str, Undo] = {
+    "sensor_gain": lambda size, times, values: values / size,
+    "sensor_bias": lambda size, times, values: values - size,
+    "sensor_delay": lambda size, times, values: between(times, values, times + size),
+}
+
+
+def corrected(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
+    """The run without what sensor effects of these sizes add to x, v, u or the clock.
+
+    Force sensors are left as they are: what they show is part of what a law expects. Channels
+    under an effect that can't be undone are left out.
+    """
+    for one in actives:
+        if one.effect.id == "clock_drift":
+            run = _with_times(run, run.times / (1.0 + 1e-6 * one.theta[0]))
+        elif one.effect.level == "sensor":
+            names = _channels(run, one)
+            if one.effect.id == "channel_swap":
+                run = _swapped(run, names)
+            elif one.effect.id in UNDO:
+                undo = UNDO[one.effect.id]
+                for name in names:
+                    run = _undone(run, name, undo, one.theta[0])
+            else:
+                run = drop(run, names)
+    return run
+
+
+def motion_sensor(one: Active) -> bool:
+    """Whether an effect is on a sensor, and not on that of a force alone."""
+    wanted = one.chosen.get("channels", ())
+    names = (wanted,) if isinstance(wanted, str) else tuple(wanted)
+    return one.effect.level == "sensor" and not (
+        names and all(name.split("_")[0] == "F" for name in names)
+    )
+
+
+def _channels(run: PreparedRun, one: Active) -> tuple[str, ...]:
+    names = _names(run)
+    shown = TimeSeries(run.times, np.zeros((len(run), len(names))), names)
+    return tuple(n for n in channels_of(shown, one) if not n.startswith("F"))
+
+
+def _names(run: PreparedRun) -> tuple[str, ...]:
+    layout = run.model.layout
+    meshes = tuple(f"{q}_{m}" for q in "xvF" for m in layout.meshes)
+    return (*meshes, *(f"u_{body}" for body in layout.bodies))
+
+
+def _place(run: PreparedRun, name: str) -> tuple[str, int]:
+    quantity, _, rest = name.partition("_")
+    layout = run.model.layout
+    return quantity, (layout.bodies if quantity == "u" else layout.meshes).index(rest)
+
+
+def _undone(run: PreparedRun, name: str, undo: Undo, size: float) -> PreparedRun:
+    quantity, j = _place(run, name)
+    measured: Measured = getattr(run, quantity)
+    if not measured.there[j]:
+        return run
+    values, sigma = measured.values.copy(), measured.sigma.copy()
+    values[:, j] = undo(size, run.times, values[:, j])
+    if undo is UNDO["sensor_gain"]:
+        sigma[j] /= abs(size)
+    return _with(run, quantity, replace(measured, values=values, sigma=sigma))
+
+
+def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
+    if len(names) != 2:
+        return run
+    (one, i), (other, j) = (_place(run, name) for name in names)
+    a, b = getattr(run, one), getattr(run, other)
+    first, second = a.values[:, i].copy(), b.values[:, j].copy()
+    for quantity, column, values in ((one, i, second), (other, j, first)):
+        measured: Measured = getattr(run, quantity)
+        changed = measured.values.copy()
+        changed[:, column] = values
+        run = _with(run, quantity, replace(measured, values=changed))
+    return run
+
+
+def _with(run: PreparedRun, quantity: str, measured: Measured) -> PreparedRun:
+    changed: dict[str, Measured] = {quantity: measured}
+    return PreparedRun(**{**vars(run), **changed})
+
+
+def _with_times(run: PreparedRun, times: Array) -> PreparedRun:
+    omega = float((run.phase[-1] - run.phase[0]) / (times[-1] - times[0]))
+    return replace(run, times=times, waves=waves(run.model, run.phase, omega))

@@ -1,0 +1,1 @@
+"""The residual of a rig while it runs."""

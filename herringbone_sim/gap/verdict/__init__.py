@@ -1,0 +1,1 @@
+"""From evidence to probabilities, and what to measure next."""

@@ -1,0 +1,218 @@
+"""What the fit runs say: sensors by consistency, then the force law, then the torque balance.
+
+Every effect at every locus is tried by linear regression, the best few by the exact laws, and a
+second one on top of the first. All scores are those of operating points that were left out.
+Held-out runs are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Effect
+from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.attribution.bodies import (
+    BodyFit,
+    balance_of,
+    balances_known,
+    body_fits,
+    peak,
+)
+from herringbone_sim.gap.attribution.channel_sets import FEW, channel_set
+from herringbone_sim.gap.attribution.fit import Fit, fit
+from herringbone_sim.gap.attribution.hypothesis import Case, case, expected, name_of
+from herringbone_sim.gap.attribution.shortlist import Candidate, base, choose, shortlist
+from herringbone_sim.gap.attribution.unforced import Unforced, moving, unforced
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.filtering.few import few
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.recalibrate import recalibrate
+from herringbone_sim.gap.sensors.clock import set_right
+from herringbone_sim.gap.sensors.find import SensorCheck, drop, find_sensor_errors
+
+Array = NDArray[np.float64]
+Say = Callable[[str], None]
+
+SINGLES = 8
+SECONDS = 4
+SEED = 20  # of the noise that gives the floor of the accelerations
+FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
+CLOSE = 1.5  # times the excess of the best one: another first of a pair
+WORTH_A_SECOND = 0.03  # excess of chi2 that a second effect is looked for in
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that the fit runs say.
+
+    Attributes:
+        check: sensors against each other.
+        cases: fit runs, without what the sensors were found to add.
+        nominal: the calibrated law without effects; None when no mesh has x, v and F.
+        candidates: linear shortlist, the best first.
+        fits: nonlinear fits of single effects, the best on runs left out first.
+        pairs: fits of two effects, likewise.
+        bodies: balance without effects and with each one on the bodies, with the forces as the
+            best fit has them; empty when unknown.
+        balance_excess: chi2 above 1 of the balance with the forces as measured, and between
+            samples by the best law of the machine.
+        by_force: per name of a fit with a force sensor: the same with its forces corrected.
+        balance_peak: largest residual of the balance without effects, over its floor; 0 unknown.
+        motion: without force sensors, calibration and fits of the accelerations.
+    """
+
+    check: SensorCheck
+    cases: tuple[Case, ...]
+    nominal: Fit | None
+    candidates: tuple[Candidate, ...]
+    fits: tuple[Fit, ...]
+    pairs: tuple[Fit, ...]
+    bodies: tuple[BodyFit, ...]
+    balance_excess: float
+    by_force: dict[str, float]
+    motion: Unforced | None = None
+    balance_peak: float = 0.0
+
+
+def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidence:
+    """Evidence of the fit runs of a rig.
+
+    Args:
+        runs: all with role ``fit``.
+        say: told of the progress.
+
+    Raises:
+        AnalysisError: no runs, or one that was to be held out.
+    """
+    if not runs or any(run.role != "fit" for run in runs):
+        roles = ", ".join(f"{run.name}: {run.role}" for run in runs) or "no run"
+        raise AnalysisError(f"only runs of role fit may enter a choice, got {roles}: mark some")
+    effects = tuple(known_effects().values())
+    say("sensors against each other")
+    check = find_sensor_errors(runs)
+    cases = tuple(case(run, fuse(run)) for run in (mended(run, check) for run in runs))
+    if not any(c.usable.any() for c in cases) and moving(cases):
+        say("every effect at every place, by accelerations alone")
+        motion = unforced(cases, effects, np.random.default_rng(SEED))
+        return Evidence(check, cases, None, (), (), (), motion.fits, 0.0, {}, motion)
+    if not all(c.usable.any() for c in cases):
+        if channel_set(cases) != FEW:
+            return Evidence(check, cases, None, (), (), (), (), 0.0, {})
+        say("every effect by a filter of the few channels")
+        seen = few(cases, effects)
+        return Evidence(check, cases, None, (), (), (), seen.fits, 0.0, {}, seen)
+    say("recalibration")
+    start = recalibrate([c.run for c in cases], [c.fused for c in cases]).factors
+    nominal = fit(cases, start, ())
+    say("every effect at every place")
+    candidates = tuple(shortlist(base(cases, nominal.factors), effects))
+    fits = _singles(cases, nominal, candidates, say)
+    pairs = _pairs(cases, nominal, fits, effects, say)
+    bodies: tuple[BodyFit, ...] = ()
+    by_force: dict[str, float] = {}
+    measured, highest = 0.0, 0.0
+    whole = tuple(c for c in cases if balances_known((c,)))
+    if len(whole) >= FEWEST_WHOLE:
+        say("torque balance")
+        options = (nominal, *fits, *pairs)
+        machines = [f for f in options if all(a.effect.level != "sensor" for a in f.actives)]
+        measured = _balance_excess(whole, min(machines, key=lambda f: f.left_out))
+        by_force = {
+            name_of(one.actives): _balance_excess(whole, one)
+            for one in options
+            if any(a.effect.level == "sensor" for a in one.actives)
+        }
+        best = min(options, key=lambda f: f.left_out + by_force.get(name_of(f.actives), measured))
+        bodies, highest = _bodies(whole, best, effects)
+    return Evidence(
+        check,
+        cases,
+        nominal,
+        candidates,
+        fits,
+        pairs,
+        bodies,
+        measured,
+        by_force,
+        balance_peak=highest,
+    )
+
+
+def mended(run: PreparedRun, check: SensorCheck) -> PreparedRun:
+    """A run without the channels found wrong, or with its clock put right."""
+    for finding in check.findings:
+        if finding.effect == "clock_drift" and finding.group.quantity == "xvu":
+            run = set_right(run, finding.value)
+        else:
+            run = drop(run, finding.group.names)
+    return run
+
+
+def _singles(
+    cases: Sequence[Case], nominal: Fit, candidates: Sequence[Candidate], say: Say
+) -> tuple[Fit, ...]:
+    found = []
+    for one in choose(candidates, SINGLES):
+        say(f"fit {name_of((one.active,))}")
+        found.append(fit(cases, nominal.factors, (one.active,)))
+    return tuple(sorted(found, key=lambda f: f.left_out))
+
+
+def _pairs(
+    cases: Sequence[Case],
+    nominal: Fit,
+    fits: Sequence[Fit],
+    effects: Sequence[Effect],
+    say: Say,
+) -> tuple[Fit, ...]:
+    """The best single effects with each of the best seconds on what they leave."""
+    if not fits or fits[0].left_out - 1.0 < WORTH_A_SECOND:
+        return ()
+    found: dict[frozenset[str], Fit] = {}
+    for first in _firsts(fits):
+        for one in choose(shortlist(base(cases, first.factors, first.actives), effects), SECONDS):
+            both = (*first.actives, one.active)
+            names = frozenset(name_of((a,)) for a in both)
+            if one.active.effect.id != first.actives[0].effect.id and names not in found:
+                say(f"fit {name_of(both)}")
+                found[names] = fit(cases, first.factors, both)
+    return tuple(sorted(found.values(), key=lambda f: f.left_out))
+
+
+def _firsts(fits: Sequence[Fit]) -> list[Fit]:
+    """The best single effect, and the best other one where it leaves hardly more."""
+    best = fits[0]
+    others = [f for f in fits if f.actives[0].effect.id != best.actives[0].effect.id]
+    near = others and others[0].left_out - 1.0 < CLOSE * (best.left_out - 1.0)
+    return [best, others[0]] if near else [best]
+
+
+def _bodies(
+    cases: Sequence[Case], best: Fit, effects: Sequence[Effect]
+) -> tuple[tuple[BodyFit, ...], float]:
+    """Fits of the balance, the nominal one first, and its largest residual."""
+    balances = [balance_of(c, best.factors, _true_forces(c, best), best.actives) for c in cases]
+    nominal, *rest = body_fits(cases, best.factors, balances, effects)
+    ranked = sorted(rest, key=lambda one: one.left_out)
+    return (nominal, *ranked), peak(balances, nominal)
+
+
+def _balance_excess(cases: Sequence[Case], one: Fit) -> float:
+    """How far the balance with the forces as a hypothesis has them is above its floor."""
+    balances = [balance_of(c, one.factors, _true_forces(c, one), one.actives) for c in cases]
+    return max(body_fits(cases, one.factors, balances, ())[0].left_out - 1.0, 0.0)
+
+
+def _true_forces(c: Case, one: Fit) -> Array:
+    """Measured forces (n, n_mesh) less what the force sensors add by a hypothesis [N]."""
+    machine = tuple(a for a in one.actives if a.effect.level != "sensor")
+    if machine == one.actives:
+        return c.run.F.values
+    error = expected(c, one.factors, one.actives) - expected(c, one.factors, machine)
+    true: Array = c.run.F.values - error
+    return true

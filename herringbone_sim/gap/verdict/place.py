@@ -1,0 +1,58 @@
+"""Where the residual of the recalibrated law lies: meshes, and whatever else it goes with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.residuals.locate import Periodicity, Share, locate
+from herringbone_sim.gap.residuals.recalibrate import force_law
+from herringbone_sim.gap.verdict.evidence import Evidence
+
+SEED = 21  # of the permutations
+PERMUTATIONS = 200
+
+
+def where(campaign: PreparedCampaign, evidence: Evidence) -> list[tuple[Locus, float]]:
+    """Share of every mesh in the residual above the noise of the recalibrated law."""
+    if evidence.nominal is None:
+        return []
+    above = np.maximum(evidence.nominal.per_mesh - 1.0, 0.0)
+    shares = above / above.sum() if above.sum() > 0.0 else np.full(above.shape, 1 / above.size)
+    layout = evidence.cases[0].run.model.layout
+    places = [
+        Locus(mesh, planet, side)
+        for mesh in ("sp", "rp")
+        for side in ("L", "R")
+        for planet in (layout.planets if layout.numbered else ("all",))
+    ]
+    found = zip(places, (float(s) for s in shares), strict=True)
+    return sorted(found, key=lambda pair: -pair[1])
+
+
+def structure(campaign: PreparedCampaign, evidence: Evidence) -> dict[str, Any]:
+    """Shares by contact, phase, load and so on, teeth and shaft orders; empty without forces."""
+    if evidence.nominal is None:
+        return {}
+    cases = evidence.cases
+    laws = [force_law(c.run, c.fused, evidence.nominal.factors) for c in cases]
+    rng = np.random.default_rng(SEED)
+    found = locate([c.run for c in cases], laws, campaign.meshes, rng, PERMUTATIONS)
+    return {
+        "shares": {factor: _share(share) for factor, share in found.shares.items()},
+        "teeth": {member: _beyond(one) for member, one in found.teeth.items()},
+        "shaft_orders": _beyond(found.shaft),
+    }
+
+
+def _share(one: Share) -> list[dict[str, Any]]:
+    rows = zip(one.labels, one.share, one.chi2, strict=True)
+    return [{"at": at, "share": float(s), "chi2": float(c)} for at, s, c in rows]
+
+
+def _beyond(one: Periodicity) -> list[str]:
+    """What repeats beyond chance."""
+    return list(one.beyond)

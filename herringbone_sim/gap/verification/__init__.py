@@ -1,0 +1,1 @@
+"""How far the gap shrinks: residual, short prediction, attractor."""

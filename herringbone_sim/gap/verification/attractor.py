@@ -1,0 +1,201 @@
+"""Where a motion lives rather than where it goes: statistics that chaos does not spoil.
+
+A model is run on from the first measured state over as many cycles as were recorded, and what it
+does is held against what the rig did: which flanks touch, how planets and sides share the load,
+spectra, the density of the Poincare section. Half a recording against the other half says how far
+two pieces of the same motion lie apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.channels import distort
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.gap.data.geometry import coordinates_to_meshes
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.residuals.fusion import Fused
+from herringbone_sim.gap.verification.machine import Machine, turn_of
+
+Array = NDArray[np.float64]
+
+SETTLE = 20  # mesh cycles before what is compared
+BANDS = 12  # of half a mesh order
+SECTIONS = 4  # mesh phases
+UNITS = {"contact": "share of time", "load_sharing": "-", "spectrum": "dB", "section": "sigma"}
+
+
+@dataclass(frozen=True)
+class Path:
+    """A motion at the samples of a recording, as its sensors would show it.
+
+    Attributes:
+        z, z_rate: (n, n_coordinate) [m], [m/s].
+        force_n: (n, n_mesh) [N]; NaN where there is none.
+    """
+
+    z: Array
+    z_rate: Array
+    force_n: Array
+
+    def half(self, number: int) -> Path:
+        """The first (0) or second (1) half."""
+        middle = len(self.z) // 2
+        rows = slice(number * middle, (number + 1) * middle)
+        return Path(self.z[rows], self.z_rate[rows], self.force_n[rows])
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What is compared.
+
+    Attributes:
+        contact: (n_mesh, 3) share of time on the driving flank, apart, on the back flank, by the
+            displacement as recorded and the nominal backlash.
+        sharing: (n_mesh,) mean force over that of all meshes of its kind.
+        bands: (BANDS, n_mesh) logarithmic power [dB] of the displacements around half mesh orders.
+        points: (SECTIONS, m, 2 n_coordinate) section at some mesh phases, in standard deviations
+            of the measured motion.
+    """
+
+    contact: Array
+    sharing: Array
+    bands: Array
+    points: Array
+
+
+def measured_path(run: PreparedRun, fused: Fused) -> Path:
+    """The rig's own motion."""
+    return Path(fused.z, fused.z_rate, run.F.values)
+
+
+def model_path(
+    run: PreparedRun, fused: Fused, noise: Fused, machine: Machine, actives: Sequence[Active]
+) -> Path:
+    """The motion of a model, from the first measured state on, noise and sensor errors added.
+
+    Args:
+        noise: a realisation of the noise of ``fused``, see ``motion.fused_noise``.
+        actives: those of sensors change the forces that are shown.
+    """
+    turn = turn_of(run)
+    before = SETTLE * round(2.0 * np.pi / turn)
+    start = run.phase[:1] - before * turn
+    found = machine.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
+    force = found.force_n[0, before:]
+    sensors = tuple(one for one in actives if one.effect.level == "sensor")
+    if sensors:
+        names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+        force = distort(TimeSeries(run.times, force, names), sensors).columns(names)
+    return Path(
+        found.z[0, before:] + noise.z,
+        found.z_rate[0, before:] + noise.z_rate,
+        np.where(np.isfinite(run.F.values), force, np.nan),
+    )
+
+
+def statistics(run: PreparedRun, path: Path, first: int, scale: Array) -> Statistics:
+    """Statistics of a motion.
+
+    Args:
+        path: (n, ...), at the samples of the run from number ``first`` on.
+        scale: (2 n_coordinate,) standard deviations of the measured motion.
+    """
+    rows = slice(first, first + len(path.z))
+    x = path.z @ coordinates_to_meshes(run.model.layout).T - run.waves.e[rows]
+    b = run.model.half_backlash_m
+    drive, back = np.mean(x > b, axis=0), np.mean(x < -b, axis=0)
+    mean = path.force_n.mean(axis=0).reshape(2, -1)
+    return Statistics(
+        contact=np.stack([drive, 1.0 - drive - back, back], axis=1),
+        sharing=(mean / mean.sum(axis=1, keepdims=True)).ravel(),
+        bands=_bands(x, turn_of(run)),
+        points=_sections(np.hstack([path.z, path.z_rate]) / scale, run.phase[rows]),
+    )
+
+
+def distances(one: Statistics, other: Statistics) -> dict[str, float]:
+    """How far two motions lie apart, see ``UNITS``; NaN where nothing is measured."""
+    contact = 0.5 * np.abs(one.contact - other.contact).sum(axis=1)
+    return {
+        "contact": float(contact.mean()),
+        "load_sharing": _rms(one.sharing - other.sharing),
+        "spectrum": _rms(one.bands - other.bands),
+        "section": _energy_distance(one.points, other.points),
+    }
+
+
+def halves(run: PreparedRun, path: Path, scale: Array) -> tuple[Statistics, Statistics]:
+    """Statistics of both halves of a motion."""
+    first, second = (statistics(run, path.half(i), i * (len(path.z) // 2), scale) for i in (0, 1))
+    return first, second
+
+
+def apart(
+    one: tuple[Statistics, Statistics], other: tuple[Statistics, Statistics]
+) -> dict[str, float]:
+    """Distances of two motions: mean over the halves of one against those of the other."""
+    found = [distances(a, b) for a in one for b in other]
+    return {name: float(np.mean([d[name] for d in found])) for name in UNITS}
+
+
+def scale_of(fused: Fused) -> Array:
+    """Standard deviations (2 n_coordinate,) of the measured states."""
+    spread: Array = np.hstack([fused.z, fused.z_rate]).std(axis=0)
+    return np.where(spread > 0.0, spread, 1.0)
+
+
+def plain(found: Statistics, meshes: Sequence[str]) -> dict[str, object]:
+    """Contact and load sharing by mesh, for a report."""
+    names = ("driving_flank", "apart", "back_flank")
+    return {
+        "contact": {
+            mesh: dict(zip(names, (float(v) for v in row), strict=True))
+            for mesh, row in zip(meshes, found.contact, strict=True)
+        },
+        "load_share": {m: float(v) for m, v in zip(meshes, found.sharing, strict=True)},
+    }
+
+
+def _bands(x: Array, turn: float) -> Array:
+    """Power (BANDS, n_mesh) [dB] in bands of half a mesh order, Hann window."""
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(len(x)) / len(x))
+    lines = np.abs(np.fft.rfft((x - x.mean(axis=0)) * window[:, None], axis=0)) ** 2
+    order = np.arange(len(lines)) * 2.0 * np.pi / turn / len(x)
+    edges = np.searchsorted(order, (np.arange(BANDS + 1) + 0.5) / 2.0)
+    edges = np.minimum(edges, len(lines) - 1)
+    power = np.stack([lines[a : max(b, a + 1)].sum(axis=0) for a, b in pairwise(edges)])
+    bands: Array = 10.0 * np.log10(np.maximum(power, 1e-300))
+    return bands
+
+
+def _sections(states: Array, phase: Array) -> Array:
+    """States (SECTIONS, m, ...) at mesh phases spread over a cycle, linear between samples."""
+    turns = phase / (2.0 * np.pi)
+    cuts = []
+    for part in range(SECTIONS):
+        at = np.arange(np.ceil(turns[0]), np.floor(turns[-1])) + part / SECTIONS
+        right = np.clip(np.searchsorted(turns, at), 1, len(turns) - 1)
+        share = ((at - turns[right - 1]) / (turns[right] - turns[right - 1]))[:, None]
+        cuts.append(states[right - 1] + share * (states[right] - states[right - 1]))
+    return np.stack(cuts)
+
+
+def _energy_distance(one: Array, other: Array) -> float:
+    """Root of the energy distance (Szekely and Rizzo 2013), mean over the sections."""
+    squares = [
+        2.0 * cdist(a, b).mean() - cdist(a, a).mean() - cdist(b, b).mean()
+        for a, b in zip(one, other, strict=True)
+    ]
+    return float(np.sqrt(max(np.mean(squares), 0.0)))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

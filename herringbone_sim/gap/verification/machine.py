@@ -1,0 +1,135 @@
+"""A gear with effects that is run on from measured states, in SI units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
+from herringbone_sim.gap.verification.rollout import roll
+
+Array = NDArray[np.float64]
+
+STEPS = 128  # of the method a natural period: its error stays far below the noise of a recording
+
+
+class _Scratch(NamedTuple):
+    """Of a step; n = n_mesh, s = size of the state with the effects' own."""
+
+    x: Array  # (n,) deflection [m]
+    v: Array  # (n,) its rate [m/s]
+    scaled: Array  # (n,) mesh forces, dimensionless
+    stage: Array  # (s,)
+    rate: Array  # (4, s)
+    projection: float
+
+
+@dataclass(frozen=True)
+class Rolled:
+    """Runs of a gear; s runs of k samples.
+
+    Attributes:
+        z, z_rate: (s, k, n_coordinate) coordinates (q, r) [m], [m/s].
+        force_n: (s, k, n_mesh) [N].
+        own: (s, k, n_own) states of the effects themselves.
+    """
+
+    z: Array
+    z_rate: Array
+    force_n: Array
+    own: Array
+
+
+class Machine:
+    """Runs a gear on from states; holds the scratch, nothing of the runs.
+
+    Args:
+        model: built at the operating point.
+        actives: effects; those of sensors are passed over.
+    """
+
+    def __init__(self, model: Model, actives: Sequence[Active] = ()) -> None:
+        s, layout = model.scales, model.layout
+        self.model = model
+        self.laws = laws(model, actives)
+        self._gear = gear_table(model)
+        self._w = scratch(model, self.laws.n_own)
+        n, size = layout.n_mesh, layout.n_state + self.laws.n_own
+        x, v, scaled = np.zeros((3, n))
+        self._g = _Scratch(x, v, scaled, np.zeros(size), np.zeros((4, size)), s.projection)
+        force = s.b_c * s.omega_n**2 / s.projection
+        tilt = s.b_c / s.cos_beta
+        self._si = np.array([s.b_c, s.velocity_m_per_s, force, tilt, s.omega_n], dtype=float)
+        self._unit = np.repeat([s.b_c, s.velocity_m_per_s], layout.n_coordinate)
+
+    def run(
+        self,
+        z: Array,
+        z_rate: Array,
+        phase: Array,
+        turn: float,
+        samples: int,
+        own: Array | None = None,
+    ) -> Rolled:
+        """Samples of s runs, the first one at the start itself.
+
+        Args:
+            z, z_rate: (s, n_coordinate) starts [m], [m/s].
+            phase: (s,) mesh phase of the starts [rad], unwrapped.
+            turn: mesh phase from sample to sample [rad].
+            samples: k.
+            own: (s, n_own) own states of the effects at the starts; None: at rest.
+        """
+        p, n_own, m = self.model.parameters, self.laws.n_own, self.model.layout.n_coordinate
+        own = np.zeros((len(z), n_own)) if own is None else own
+        y = np.ascontiguousarray(np.hstack([np.hstack([z, z_rate]) / self._unit, own]))
+        cycle = np.floor(phase / TWO_PI)
+        parts = math.ceil(STEPS * max(1.0, 1.0 / p.Omega) * turn / TWO_PI)
+        states = np.empty((len(z), samples, y.shape[1]))
+        force = np.empty((len(z), samples, self.model.layout.n_mesh))
+        now = np.array([0.0, p.Omega * self.model.scales.omega_n, p.delta_T, p.T_1, p.K])
+        with pointers_allowed():
+            roll(
+                self.laws.kernel,
+                self.laws.site,
+                self.laws.theta,
+                self._gear,
+                self.model.packed,
+                self._si,
+                now,
+                y,
+                cycle,
+                phase - TWO_PI * cycle,
+                turn / p.Omega / parts,
+                parts,
+                self._w,
+                self._g,
+                states,
+                force,
+            )
+        moved = states[:, :, : 2 * m] * self._unit
+        return Rolled(moved[:, :, :m], moved[:, :, m:], force, states[:, :, 2 * m :])
+
+
+def machine_of(run: PreparedRun, model: Augmented) -> Machine:
+    """The changed gear at the operating point of a run.
+
+    Raises:
+        ParameterError: factors that no gear can have, or an effect where it can't sit.
+    """
+    return Machine(build(parameters_of(run.model.parameters, model)), model.actives)
+
+
+def turn_of(run: PreparedRun) -> float:
+    """Mesh phase from sample to sample [rad]."""
+    return float((run.phase[-1] - run.phase[0]) / (len(run) - 1))
