@@ -112,16 +112,23 @@ def _texts(seed, setting, label, sealed):
     }
 
 
+FRESH = (900_001, 900_002, 900_003, 900_004)  # no thresholds were set on them
+
+
 def test_labels_are_sealed_first_and_a_stopped_bench_goes_on(tmp_path, monkeypatch, capsys):
     made, diagnosed, said = [], [], []
 
     def label(seed, setting):
         made.append(seed)
-        return (None, "left the range") if seed == 3 else (label_text(a_label(seed=seed)), "")
+        return (
+            (None, "left the range") if seed == FRESH[2] else (label_text(a_label(seed=seed)), "")
+        )
 
     def diagnosis(seed, setting, label, sealed):
         seals = read_seals(tmp_path)
-        assert set(seals) == {name_of(s) for s in (1, 2, 4)}  # all, before the first one
+        assert set(seals) == {
+            name_of(s) for s in FRESH if s != FRESH[2]
+        }  # all, before the first one
         assert seals[name_of(seed)] == sealed == seal(label)
         assert said
         if len(diagnosed) == 2:
@@ -133,20 +140,20 @@ def test_labels_are_sealed_first_and_a_stopped_bench_goes_on(tmp_path, monkeypat
     monkeypatch.setattr(bench, "truth_of", label)
     monkeypatch.setattr(bench, "trial", diagnosis)
     monkeypatch.setattr(bench, "AHEAD", 1)
-    seen = check_seeds((1, 2, 3, 4), False)
+    seen = check_seeds(FRESH, False)
     with pytest.raises(KeyboardInterrupt):
-        run_bench(tmp_path, (1, 2, 3, 4), SETTING, seen, say=said.append)
-    assert diagnosed == [1, 2]
+        run_bench(tmp_path, FRESH, SETTING, seen, say=said.append)
+    assert diagnosed == list(FRESH[:2])
     assert not list(tmp_path.rglob("*.partial"))
     diagnosed.clear()
-    run_bench(tmp_path, (1, 2, 3, 4), SETTING, seen, say=said.append)
-    assert diagnosed == [4]
-    assert made == [1, 2, 3, 4]
+    run_bench(tmp_path, FRESH, SETTING, seen, say=said.append)
+    assert diagnosed == [FRESH[3]]
+    assert made == list(FRESH)
     found = read_bench(tmp_path)
     assert (len(found.cases), found.sealed, found.left_out) == (3, 3, 1)
     assert len(found.sources) == 1
     with pytest.raises(AnalysisError, match="choose another"):
-        run_bench(tmp_path, (1,), Setting(), seen, say=said.append)
+        run_bench(tmp_path, FRESH[:1], Setting(), seen, say=said.append)
     assert main(["gap", "bench", "--table", str(tmp_path)]) == 0
     told = capsys.readouterr().out
     assert "3 campaigns diagnosed of 3 sealed" in told
