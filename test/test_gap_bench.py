@@ -158,7 +158,7 @@ def test_labels_are_sealed_first_and_a_stopped_bench_goes_on(tmp_path, monkeypat
     told = capsys.readouterr().out
     assert "3 campaigns diagnosed of 3 sealed" in told
     assert (tmp_path / "table.csv").is_file()
-    changed = tmp_path / "labels" / f"{name_of(2)}.json"
+    changed = tmp_path / "labels" / f"{name_of(FRESH[1])}.json"
     changed.write_text(changed.read_text().replace('"none"', '"runout"'))
     assert main(["gap", "bench", "--table", str(tmp_path)]) == 2
 
