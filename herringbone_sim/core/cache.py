@@ -13,7 +13,10 @@ from pathlib import Path
 from numba import config
 
 STAMP = "sources.sha256"
-ROOMS = ("core", "analysis", "dynamics", "sweeps", "effects")  # of functions and their constants
+ROOMS = (  # of functions and their constants
+    *("core", "analysis", "dynamics", "sweeps", "effects"),
+    *("gap/filtering", "gap/verification", "gap/practice"),
+)
 
 
 def forget_stale(package: Path, *sources: Path) -> None:
