@@ -51,6 +51,17 @@ def names_of(known: Sequence[str], one: Active) -> tuple[str, ...]:
     return tuple(named)
 
 
+def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active, ...]:
+    """Those sensor effects that concern some of these channels and no others."""
+    found = []
+    for one in actives:
+        concerned = names_of(names, one)
+        inside = bool(concerned) and set(concerned) <= set(names)
+        if one.effect.level == "sensor" and (inside or not one.effect.options):
+            found.append(one)
+    return tuple(found)
+
+
 def _of_locus(known: Sequence[str], one: Active, prefix: str) -> list[str]:
     place = one.locus
     found = []

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.effects.channels import distort
+from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.instant import recorded
@@ -72,10 +72,10 @@ def expected(
     force = law.modelled_n
     if any(a.effect.level == "mesh" for a in actives):
         force = force + added(one, factors, law, actives)[0]
-    if any(a.effect.level == "sensor" for a in actives):
-        names = tuple(f"F_{m}" for m in one.run.model.layout.meshes)
-        shown = distort(TimeSeries(one.run.times, force, names), tuple(actives))
-        force = shown.columns(names)
+    names = tuple(f"F_{m}" for m in one.run.model.layout.meshes)
+    sensors = on_channels(names, actives)
+    if sensors:
+        force = distort(TimeSeries(one.run.times, force, names), sensors).columns(names)
     return force
 
 

@@ -99,8 +99,13 @@ def design(campaign: PreparedCampaign, evidence: Evidence, verdict: Verdict) -> 
     if not safe:
         return None
     known = _sum([_rests(c, rivals, where) for c in cases])
-    found = [_designed(rivals, known, one, len(cases), where, most) for one in safe]
-    return max(found, key=lambda one: one.there)
+    tested = [(one, _rests(one.case, rivals, where)) for one in safe]
+    found = [
+        _designed(rivals, known, one, rests, len(cases), most)
+        for one, rests in tested
+        if all(rest.finite for rest in (*known, *rests))
+    ]
+    return max(found, key=lambda one: one.there, default=None)
 
 
 def _where(evidence: Evidence, options: Sequence[Option]) -> str | None:
@@ -135,14 +140,14 @@ def _designed(
     rivals: Sequence[Rival],
     known: Sequence[Rest],
     one: Trial,
+    rests: Sequence[Rest],
     runs: int,
-    where: str,
     most: float,
 ) -> Design:
     """What a point would add: as long a run as the others."""
     floor = frozen_thresholds().floor
     found = []
-    for before, new in zip(known, _rests(one.case, rivals, where), strict=True):
+    for before, new in zip(known, rests, strict=True):
         new = new.times(before.count / runs / new.count)
         both = before + new
         old, least = before.least, both.least

@@ -100,6 +100,11 @@ class Rest:
         )
 
     @property
+    def finite(self) -> bool:
+        """Whether the laws of both rivals held on to the motion."""
+        return bool(np.isfinite(self.A).all() and np.isfinite(self.b).all())
+
+    @property
     def least(self) -> float:
         """Sum of squares that the best parameters leave."""
         scale = 1.0 / np.sqrt(np.maximum(np.diag(self.A), 1e-300))

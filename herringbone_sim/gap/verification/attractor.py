@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.effects.channels import distort
+from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -90,9 +90,9 @@ def model_path(
     start = run.phase[:1] - before * turn
     found = machine.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
     force = found.force_n[0, before:]
-    sensors = tuple(one for one in actives if one.effect.level == "sensor")
+    names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+    sensors = on_channels(names, actives)
     if sensors:
-        names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
         force = distort(TimeSeries(run.times, force, names), sensors).columns(names)
     return Path(
         found.z[0, before:] + noise.z,
