@@ -88,6 +88,11 @@ def test_chains_go_on_from_any_part(tmp_path: Path, start: str) -> None:
     assert_same(whole, run(tmp_path / "b", small(start), workers=1))
 
 
+def _hear_interrupts() -> None:
+    """As on a terminal: a job in the background is born deaf to them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
 def test_a_killed_sweep_goes_on(tmp_path: Path, sign: signal.Signals, code: int) -> None:
     over = ["--over=delta_T=0:100:8", "--over=K=0:0.6:8", "--workers=1", "--chunk=1"]
@@ -98,6 +103,7 @@ def test_a_killed_sweep_goes_on(tmp_path: Path, sign: signal.Signals, code: int)
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
+        preexec_fn=_hear_interrupts,
     )
     wait_for(tmp_path / "killed" / "fixed", 5)
     process.send_signal(sign)
