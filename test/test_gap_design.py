@@ -65,7 +65,7 @@ def diagnosed(campaign: PreparedCampaign, tried: Sequence[Active]) -> tuple[Evid
     cases = cases_of(campaign)
     start = fit(cases, np.ones(6), ())
     fits = sorted((fit(cases, start.factors, (one,)) for one in tried), key=lambda f: f.left_out)
-    nothing = SensorCheck(1.0, 1.0, ())
+    nothing = SensorCheck(1.0, 1.0, 1.0, ())
     found = Evidence(nothing, cases, start, (), tuple(fits), (), (), 0.0, {})
     return found, decide(found)
 

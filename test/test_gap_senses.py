@@ -15,7 +15,7 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.find import drop
+from herringbone_sim.gap.sensors.corrected import drop
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verification.horizon import LYAPUNOV_TIMES, horizon_of, largest_exponent
 from herringbone_sim.gap.verification.machine import machine_of

@@ -10,7 +10,8 @@ from gap_support import NOMINAL, POINTS, noisy, prepared, sampled
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.sensors.find import SensorCheck, drop, find_sensor_errors
+from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.sensors.find import SensorCheck, find_sensor_errors
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 UNLIKE = {"k_factor": [1.0, 1.1, 0.95, 1.0, 1.05, 1.0] * 2, "e_factor": [1.0, 0.9, 1.1] * 4}

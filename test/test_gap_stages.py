@@ -18,7 +18,7 @@ from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.gap.verdict.stages import has_shape, stages_of
 from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 
-QUIET = SensorCheck(1.0, 1.0, ())
+QUIET = SensorCheck(1.0, 1.0, 1.0, ())
 T = frozen_thresholds()
 
 

@@ -19,6 +19,7 @@ from herringbone_sim.gap.attribution.features import Feature, of_level
 from herringbone_sim.gap.attribution.hypothesis import Case, added, fine_law_with
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.residuals.balance import (
+    UNSURE_AT_ONCE,
     WIDTH,
     Balance,
     measured_force,
@@ -31,6 +32,7 @@ from herringbone_sim.gap.residuals.recalibrate import HEAVIEST, Law, force_law
 Array = NDArray[np.float64]
 
 NORMAL_90 = 1.645
+UNSURE_PIN = 0.4  # share of the RMS of what a free pin does to the carrier that it may be off
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,12 @@ def balance_of(
     for a in actives:
         if a.effect.level == "mesh" and a.effect.react is not no_react:
             known = response(one, factors, force_law(one.run, one.fused, factors), a)
-            balance = replace(balance, measured=balance.measured - known)
+            balance = replace(
+                balance,
+                measured=balance.measured - known,
+                sigma=np.hypot(balance.sigma, UNSURE_PIN * np.sqrt(np.mean(known**2, axis=0))),
+                unsure=np.hypot(balance.unsure, UNSURE_AT_ONCE * known),
+            )
     return balance
 
 

@@ -117,14 +117,17 @@ def _local(start: Active) -> Feature:
 
 
 def _whole(start: Active) -> list[Feature]:
-    grids = [_grid(p) for p in start.effect.parameters]
+    sized = len(_sized(start.effect))
+    grids = [_grid(p, alone=sized == 1) for p in start.effect.parameters]
     cases = [start.with_theta(theta) for theta in product(*grids)]
     return [Feature(one, ((one, 1.0),), "whole") for one in cases]
 
 
-def _grid(p: Parameter) -> list[float]:
+def _grid(p: Parameter, alone: bool) -> list[float]:
+    """Values to try; of a spring alone so near each other that none misses its resonance."""
     if p.neutral is None and p.unit == "-":
         return [p.start]
     if p.unit == "N/m":
-        return [float(v) for v in p.start * 10.0 ** np.linspace(-1.5, 1.5, 7)]
+        powers = np.linspace(-1.5, 2.2, 38) if alone else np.linspace(-1.5, 1.5, 7)
+        return [float(v) for v in p.start * 10.0**powers]
     return [p.start * s for s in (0.3, 1.0, 3.0)]

@@ -61,7 +61,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class _Linear:
+class Linear:
     """Whitened residual and Jacobian of one run: (n, n_mesh), (n, n_mesh, 6 + p)."""
 
     residual: Array
@@ -83,7 +83,7 @@ def fit(cases: Sequence[Case], factors: Array, actives: Sequence[Active], rounds
     now = np.clip(now, low, high)
     cost = _cost(cases, now, actives)
     for _ in range(rounds):
-        parts = [_linear(c, now, actives) for c in cases]
+        parts = [linear(c, now, actives) for c in cases]
         A, b = _normal(parts, now, scale)
         step = scale * _bounded(A.sum(0), b.sum(0), (low - now) / scale, (high - now) / scale)
         before = cost
@@ -129,7 +129,7 @@ def _cost(cases: Sequence[Case], values: Array, actives: Sequence[Active]) -> fl
     return prior + sum(float(np.sum(_whitened(c, values, actives) ** 2)) for c in cases)
 
 
-def _linear(c: Case, values: Array, actives: Sequence[Active]) -> _Linear:
+def linear(c: Case, values: Array, actives: Sequence[Active]) -> Linear:
     chosen = _split(values, actives)
     law = force_law(c.run, c.fused, values[:6])
     here = expected(c, values[:6], chosen, law)
@@ -151,10 +151,10 @@ def _linear(c: Case, values: Array, actives: Sequence[Active]) -> _Linear:
             first += 1
     white = np.where(c.usable[None, :, None], np.nan_to_num(columns / c.floor[:, :, None]), 0.0)
     left = np.where(c.usable, np.nan_to_num((c.run.F.values - here) / c.floor), 0.0)
-    return _Linear(left, white)
+    return Linear(left, white)
 
 
-def _normal(parts: Sequence[_Linear], values: Array, scale: Array) -> tuple[Array, Array]:
+def _normal(parts: Sequence[Linear], values: Array, scale: Array) -> tuple[Array, Array]:
     """Normal equations (runs + 1, q, q), (runs + 1, q); the last are those of the prior."""
     A, b = [], []
     for part in parts:
@@ -191,7 +191,7 @@ def _descend(
 
 def _result(cases: Sequence[Case], now: Array, actives: Sequence[Active], scale: Array) -> Fit:
     chosen = _split(now, actives)
-    parts = [_linear(c, now, actives) for c in cases]
+    parts = [linear(c, now, actives) for c in cases]
     low, high, _ = _limits(actives)
     inside = (now > low + 1e-6 * scale) & (now < high - 1e-6 * scale)
     free = np.flatnonzero(inside | (np.arange(len(now)) >= 6))
@@ -230,7 +230,7 @@ def _left_out(A: Array, b: Array, squares: Array, room: tuple[Array, Array]) -> 
 
 def _spread(
     cases: Sequence[Case],
-    parts: Sequence[_Linear],
+    parts: Sequence[Linear],
     A: Array,
     free: NDArray[np.int64],
     scale: Array,
@@ -249,7 +249,7 @@ def _spread(
 
 
 def _gain(
-    cases: Sequence[Case], now: Array, chosen: Sequence[Active], parts: Sequence[_Linear]
+    cases: Sequence[Case], now: Array, chosen: Sequence[Active], parts: Sequence[Linear]
 ) -> Array:
     """What the effects change, whitened, without what the calibration could have done."""
     bare = [

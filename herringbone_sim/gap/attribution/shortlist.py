@@ -100,9 +100,8 @@ def _regress(start: Base, regressors: Sequence[Feature]) -> list[Candidate]:
             inside = locus.mask(layout) * everywhere_mask(feature, start)
             if not np.array_equal(inside, locus.mask(layout)):
                 continue
-            whole = feature.kind == "whole"
             A, b = _system(grams, rights, columns, inside)
-            fall, coefficients = _left_out(A, b, start.factors, whole)
+            fall, coefficients = _left_out(A, b, start.factors)
             fall -= alone
             theta = feature.theta(coefficients)
             one = replace(feature.start.with_theta(theta), locus=locus)
@@ -148,19 +147,14 @@ def calibration_columns(c: Case, law: Law, factors: Array) -> list[Array]:
     ]
 
 
-def _left_out(A: Array, b: Array, factors: Array, whole: bool) -> tuple[float, Array]:
-    """Fall of the squares of runs left out, and the coefficients from all runs.
-
-    A whole response is not scaled: another size of it has another shape.
-    """
+def _left_out(A: Array, b: Array, factors: Array) -> tuple[float, Array]:
+    """Fall of the squares of runs left out, and the coefficients from all runs."""
     every, right = A.sum(0), b.sum(0)
     fall = 0.0
     for run in range(len(A)):
         beta = np.zeros(len(right))
         if len(A) > 1:
             beta = _solve(every - A[run], right - b[run], factors)
-        if whole:
-            beta[6:] = 1.0
         fall += _fall(A[run], b[run], beta)
     return fall, _solve(every, right, factors)[6:]
 
@@ -168,7 +162,7 @@ def _left_out(A: Array, b: Array, factors: Array, whole: bool) -> tuple[float, A
 def _calibration_alone(grams: Array, rights: Array, factors: Array) -> float:
     """Fall of the squares of runs left out by the calibration without any effect."""
     A, b = _system(grams, rights, [], np.ones(grams.shape[1]))
-    return _left_out(A, b, factors, False)[0]
+    return _left_out(A, b, factors)[0]
 
 
 def _system(grams: Array, rights: Array, columns: list[int], mask: Array) -> tuple[Array, Array]:

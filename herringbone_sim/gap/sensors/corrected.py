@@ -13,7 +13,6 @@ from herringbone_sim.effects.channels import between, channels_of
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.sensors.find import drop
 
 Array = NDArray[np.float64]
 Undo = Callable[[float, Array, Array], Array]  # size, times, values -> values
@@ -108,3 +107,19 @@ def _with(run: PreparedRun, quantity: str, measured: Measured) -> PreparedRun:
 def _with_times(run: PreparedRun, times: Array) -> PreparedRun:
     omega = float((run.phase[-1] - run.phase[0]) / (times[-1] - times[0]))
     return replace(run, times=times, waves=waves(run.model, run.phase, omega))
+
+
+def drop(run: PreparedRun, channels: Sequence[str]) -> PreparedRun:
+    """The run without some channels of x, v or u, as if they had not been recorded."""
+    layout = run.model.layout
+    names = {"x": layout.meshes, "v": layout.meshes, "u": layout.bodies}
+    kept = {q: _drop(getattr(run, q), [f"{q}_{n}" in channels for n in names[q]]) for q in names}
+    return replace(run, x=kept["x"], v=kept["v"], u=kept["u"])
+
+
+def _drop(measured: Measured, gone: Sequence[bool]) -> Measured:
+    out = np.array(gone)
+    values, sigma = measured.values.copy(), measured.sigma.copy()
+    values[:, out] = np.nan
+    sigma[out] = np.nan
+    return Measured(values, measured.there & ~out, sigma)

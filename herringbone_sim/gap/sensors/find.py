@@ -15,11 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
-from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.clock import Clock, find_clock, lateness, set_right
 from herringbone_sim.gap.sensors.consistency import KINDS, Consistency, channel_arrays, consistency
+from herringbone_sim.gap.sensors.corrected import corrected, drop
 from herringbone_sim.gap.sensors.groups import Group, groups_of
 from herringbone_sim.gap.sensors.swaps import find_swap
 
@@ -55,6 +58,16 @@ class SensorFinding:
     share: float
     alike: tuple[Group, ...]
 
+    @property
+    def active(self) -> Active:
+        """The effect with its size, on the channels concerned."""
+        effect, group = known_effects()[self.effect], self.group
+        rest = 1.0 if self.effect == "sensor_gain" else 0.0
+        mesh = group.mesh if group.mesh in ("sp", "rp") else "all"
+        theta = (rest + self.value,) if effect.parameters else ()
+        chosen = (("channels", group.names),) if effect.options else ()
+        return Active(effect, theta, Locus(mesh, group.planet, group.side), chosen)
+
 
 @dataclass(frozen=True)
 class SensorCheck:
@@ -63,11 +76,14 @@ class SensorCheck:
     Attributes:
         before, after: mean square of the inconsistency over its noise, 1 where all agree, with
             all channels and without those found wrong; NaN where nothing can be compared.
+        corrected: the same with those channels put right by what was found: where more is left
+            than without them, they err in another way.
         findings: the largest first.
     """
 
     before: float
     after: float
+    corrected: float
     findings: tuple[SensorFinding, ...]
 
     @property
@@ -92,6 +108,7 @@ def find_sensor_errors(runs: Sequence[PreparedRun], most: int = 3) -> SensorChec
         early, late = lateness(runs), lateness(runs, clock.ppm)
         runs = [set_right(run, clock.ppm) for run in runs]
     first = now = consistency(runs)
+    whole = runs
     while len(findings) < most and now.count > 0.0:
         finding = _largest(runs, now)
         if finding is None:
@@ -102,7 +119,10 @@ def find_sensor_errors(runs: Sequence[PreparedRun], most: int = 3) -> SensorChec
         share = 1.0 - max(after.energy - after.count, 0.0) / excess
         findings.append(replace(finding, share=max(share, 0.0)))
         now = after
-    return SensorCheck(_with(first, early), _with(now, late), tuple(findings))
+    put = [f.active for f in findings if f.group.quantity != "xvu"]
+    right = consistency([corrected(run, put) for run in whole]) if put else now
+    sums = _with(first, early), _with(now, late), _with(right, late)
+    return SensorCheck(*sums, tuple(findings))
 
 
 def _drift(runs: Sequence[PreparedRun], clock: Clock) -> SensorFinding:
@@ -244,19 +264,3 @@ def _erring(case: _Case, kind: str, value: float) -> tuple[Array, Array]:
         return case.predicted(t - value), -case.predicted(t - value, 1)
     late = t * (1.0 - value)
     return case.predicted(late), -t[:, None] * case.predicted(late, 1)
-
-
-def drop(run: PreparedRun, channels: Sequence[str]) -> PreparedRun:
-    """The run without some channels of x, v or u, as if they had not been recorded."""
-    layout = run.model.layout
-    names = {"x": layout.meshes, "v": layout.meshes, "u": layout.bodies}
-    kept = {q: _drop(getattr(run, q), [f"{q}_{n}" in channels for n in names[q]]) for q in names}
-    return replace(run, x=kept["x"], v=kept["v"], u=kept["u"])
-
-
-def _drop(measured: Measured, gone: Sequence[bool]) -> Measured:
-    out = np.array(gone)
-    values, sigma = measured.values.copy(), measured.sigma.copy()
-    values[:, out] = np.nan
-    sigma[out] = np.nan
-    return Measured(values, measured.there & ~out, sigma)

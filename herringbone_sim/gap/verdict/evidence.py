@@ -8,12 +8,13 @@ Held-out runs are refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Effect
+from herringbone_sim.effects.law import no_react
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.bodies import (
@@ -24,6 +25,7 @@ from herringbone_sim.gap.attribution.bodies import (
     peak,
 )
 from herringbone_sim.gap.attribution.channel_sets import FEW, channel_set
+from herringbone_sim.gap.attribution.constancy import Varying, varying
 from herringbone_sim.gap.attribution.fit import Fit, fit
 from herringbone_sim.gap.attribution.hypothesis import Case, case, expected, name_of
 from herringbone_sim.gap.attribution.shortlist import Candidate, base, choose, shortlist
@@ -33,7 +35,8 @@ from herringbone_sim.gap.filtering.few import few
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import recalibrate
 from herringbone_sim.gap.sensors.clock import set_right
-from herringbone_sim.gap.sensors.find import SensorCheck, drop, find_sensor_errors
+from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.sensors.find import SensorCheck, find_sensor_errors
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -55,7 +58,8 @@ class Evidence:
         cases: fit runs, without what the sensors were found to add.
         nominal: the calibrated law without effects; None when no mesh has x, v and F.
         candidates: linear shortlist, the best first.
-        fits: nonlinear fits of single effects, the best on runs left out first.
+        fits: nonlinear fits of single effects, the best on runs left out first, with what forces
+            put right leave in the balance.
         pairs: fits of two effects, likewise.
         bodies: balance without effects and with each one on the bodies, with the forces as the
             best fit has them; empty when unknown.
@@ -63,6 +67,9 @@ class Evidence:
             samples by the best law of the machine.
         by_force: per name of a fit with a force sensor: the same with its forces corrected.
         balance_peak: largest residual of the balance without effects, over its floor; 0 unknown.
+        balance_settled: excess that the best fit takes off the balance: by a force put right, or
+            by what a free pin does to the carrier.
+        varying: per name of the best fits: what they win where effects may vary.
         motion: without force sensors, calibration and fits of the accelerations.
     """
 
@@ -77,6 +84,8 @@ class Evidence:
     by_force: dict[str, float]
     motion: Unforced | None = None
     balance_peak: float = 0.0
+    balance_settled: float = 0.0
+    varying: dict[str, Varying] = field(default_factory=dict)
 
 
 def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidence:
@@ -115,7 +124,7 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
     pairs = _pairs(cases, nominal, fits, effects, say)
     bodies: tuple[BodyFit, ...] = ()
     by_force: dict[str, float] = {}
-    measured, highest = 0.0, 0.0
+    measured, highest, settled = 0.0, 0.0, 0.0
     whole = tuple(c for c in cases if balances_known((c,)))
     if len(whole) >= FEWEST_WHOLE:
         say("torque balance")
@@ -127,8 +136,14 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
             for one in options
             if any(a.effect.level == "sensor" for a in one.actives)
         }
-        best = min(options, key=lambda f: f.left_out + by_force.get(name_of(f.actives), measured))
+
+        def left(one: Fit) -> float:
+            return one.left_out + by_force.get(name_of(one.actives), measured)
+
+        fits, pairs = (tuple(sorted(some, key=left)) for some in (fits, pairs))
+        best = min((nominal, *fits[:1], *pairs[:1]), key=left)
         bodies, highest = _bodies(whole, best, effects)
+        settled = _settled(whole, best)
     return Evidence(
         check,
         cases,
@@ -140,6 +155,8 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
         measured,
         by_force,
         balance_peak=highest,
+        balance_settled=settled,
+        varying=_varying(cases, (fits, pairs)),
     )
 
 
@@ -206,6 +223,23 @@ def _balance_excess(cases: Sequence[Case], one: Fit) -> float:
     """How far the balance with the forces as a hypothesis has them is above its floor."""
     balances = [balance_of(c, one.factors, _true_forces(c, one), one.actives) for c in cases]
     return max(body_fits(cases, one.factors, balances, ())[0].left_out - 1.0, 0.0)
+
+
+def _varying(cases: Sequence[Case], ranked: Sequence[Sequence[Fit]]) -> dict[str, Varying]:
+    """Whether the best fits of one and of two effects hold at all times and loads."""
+    best = [fits[0] for fits in ranked if fits]
+    return {name_of(one.actives): varying(cases, one) for one in best}
+
+
+def _settled(cases: Sequence[Case], best: Fit) -> float:
+    """Excess of the balance that the effects of a fit take off it."""
+    at_bodies = [
+        a.effect.level == "sensor" or a.effect.react is not no_react for a in best.actives
+    ]
+    if not any(at_bodies):
+        return 0.0
+    without = _balance_excess(cases, replace(best, actives=()))
+    return max(without - _balance_excess(cases, best), 0.0)
 
 
 def _true_forces(c: Case, one: Fit) -> Array:

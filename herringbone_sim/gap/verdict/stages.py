@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.effects.effect import Active, Locus
-from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.attribution.bodies import BodyFit
+from herringbone_sim.gap.attribution.constancy import Varying
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import name_of
 from herringbone_sim.gap.verdict.evidence import Evidence
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 Spans = tuple[tuple[float, float], ...]
 
 NORMAL_90 = 1.645
+STEADY = Varying(0.0, 0.0)
 SETTLED = 0.5  # of the balance's excess left by forces that are put right
 
 
@@ -54,6 +55,7 @@ class Stage:
     Attributes:
         least: excess at which something is there as likely as not.
         peak: largest residual over the one at which something is there as likely as not.
+        varying: chi2 that the best option wins where its effects may vary with time or load.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Stage:
     thresholds: Thresholds
     least: float
     peak: float = 0.0
+    varying: Varying = STEADY
 
     @property
     def floor(self) -> float:
@@ -90,9 +93,13 @@ class Stage:
     def unknown(self) -> float:
         """Probability that it is none of the catalogue, if there is anything."""
         t = self.thresholds
-        left = (max(self.best, 0.0) + self.floor) / (self.nominal + self.floor)
-        most = t.left if not self.options or has_shape(self.options[0].actives) else t.left_exact
-        odds = (left / most) ** t.sharp_unknown
+        best = max(self.best, 0.0) + self.floor
+        whole = self.nominal + self.floor
+        shaped = not self.options or has_shape(self.options[0].actives)
+        odds = (best / whole / (t.left if shaped else t.left_exact)) ** t.sharp_unknown
+        odds += (self.varying.by_time / whole / t.by_time) ** t.sharp_unknown
+        if not shaped:
+            odds += (self.varying.by_load / best / t.by_load) ** t.sharp_load
         return float(odds / (1.0 + odds))
 
     @property
@@ -123,26 +130,17 @@ def stages_of(evidence: Evidence, thresholds: Thresholds) -> tuple[Stage, ...]:
 
 
 def _sensors(evidence: Evidence, t: Thresholds) -> Stage | None:
-    """Sensors by consistency: each finding is one option, all together explain."""
+    """Sensors by consistency: the errors found, put right, as one option."""
     check = evidence.check
-    if not np.isfinite(check.before) or not check.findings:
+    if not np.isfinite(check.before):
         return None
-    known = known_effects()
-    options = []
+    nominal, options = max(check.before - 1.0, 0.0), []
     for finding in check.findings[:1]:
-        effect = known[finding.effect]
-        group = finding.group
-        shift = 1.0 if finding.effect == "sensor_gain" else 0.0
-        theta = (finding.value + shift,) if effect.parameters else ()
         half = NORMAL_90 * finding.sigma
-        span = tuple((v - half, v + half) for v in theta)
-        mesh = group.mesh if group.mesh in ("sp", "rp") else "all"
-        locus = Locus(mesh, group.planet, group.side)
-        chosen = (("channels", group.names),) if effect.options else ()
-        one = Active(effect, theta, locus, chosen)
-        wide = _widened(one, span, t)
-        options.append(Option("consistency", (one,), max(check.after - 1.0, 0.0), None, (wide,)))
-    nominal = max(check.before - 1.0, 0.0)
+        one = finding.active
+        wide = _widened(one, tuple((v - half, v + half) for v in one.theta), t)
+        left = max(check.corrected - 1.0, 0.0)
+        options.append(Option("consistency", (one,), left, None, (wide,)))
     return Stage("consistency", nominal, tuple(options), t, t.excess_consistency)
 
 
@@ -160,7 +158,9 @@ def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
         and least - o.excess > t.second_share * (1.0 + excess)
     ]
     options = tuple(sorted((*singles, *pairs), key=lambda o: o.excess))
-    return Stage("force_law", excess, options, t, t.excess_force_law)
+    named = name_of(options[0].actives) if options else ""
+    steady = evidence.varying.get(named, STEADY)
+    return Stage("force_law", excess, options, t, t.excess_force_law, varying=steady)
 
 
 def _option(evidence: Evidence, one: Fit, t: Thresholds) -> Option:
@@ -197,8 +197,10 @@ def _bodies(evidence: Evidence, t: Thresholds) -> Stage | None:
     laws = [one.left_out for one in (*evidence.fits, *evidence.pairs)]
     misfit = max(min(laws) - 1.0, 0.0) if laws else 0.0
     moving = evidence.motion is not None
-    least = (t.excess_motion if moving else t.excess_torque_balance) + t.misfit * misfit
-    high = t.peak * np.sqrt(1.0 + misfit)
+    settled = t.settled * evidence.balance_settled
+    floor = t.excess_motion if moving else t.excess_torque_balance
+    least = floor + t.misfit * misfit + settled
+    high = t.peak * np.sqrt(1.0 + misfit + settled)
     excess = max(nominal.left_out - 1.0, 0.0)
     return Stage("torque_balance", excess, options, t, least, evidence.balance_peak / high)
 

@@ -19,14 +19,18 @@ class Thresholds:
         excess_consistency, excess_force_law, excess_torque_balance, excess_motion: excess of chi2
             above which something is there, named or not; the last without force sensors.
         misfit: of the excess of the law, added to that of the balance.
+        settled: of the excess that the best law takes off the balance, likewise.
         peak: residual of the balance over its floor above which something is there.
         floor, floor_consistency: excess below which two hypotheses can't be told apart; all
             channels share the second, so an error of one is small there.
         left, left_exact: part of the excess left at which known and unknown are equally likely,
             of effects with a shape of their own and of those without.
+        by_time: part of the excess, and by_load: part of what is left, that the best effect wins
+            where it may vary with them, at which known and unknown are equally likely; an effect
+            with a shape of its own may come with the load in another way.
         second, second_share: of the excess left, and of all chi2, that a second effect must take
             away: less may be the shape of the first one.
-        sharp_gap, sharp_unknown, sharp_effect: powers of the odds.
+        sharp_gap, sharp_unknown, sharp_load, sharp_effect: powers of the odds.
         stage: odds of each later stage against the one before.
         unsure_exact, unsure_shape: share of an effect's size by which its law may be off.
         same, alike: |cos| of the changes of two hypotheses that are one class, and the ratio of
@@ -39,15 +43,19 @@ class Thresholds:
     excess_torque_balance: float
     excess_motion: float
     misfit: float
+    settled: float
     peak: float
     floor: float
     floor_consistency: float
     left: float
     left_exact: float
+    by_time: float
+    by_load: float
     second: float
     second_share: float
     sharp_gap: float
     sharp_unknown: float
+    sharp_load: float
     sharp_effect: float
     stage: float
     unsure_exact: float
