@@ -117,8 +117,8 @@ def _local(start: Active) -> Feature:
 
 
 def _whole(start: Active) -> list[Feature]:
-    sized = len(_sized(start.effect))
-    grids = [_grid(p, alone=sized == 1) for p in start.effect.parameters]
+    tried = sum(p.unit != "-" for p in start.effect.parameters)
+    grids = [_grid(p, alone=tried == 1) for p in start.effect.parameters]
     cases = [start.with_theta(theta) for theta in product(*grids)]
     return [Feature(one, ((one, 1.0),), "whole") for one in cases]
 
