@@ -13,6 +13,7 @@ from herringbone_sim.core.model import build
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.attribution.constancy import varying
 from herringbone_sim.gap.attribution.fit import fit
 from herringbone_sim.gap.attribution.hypothesis import Case, added, case, expected, fine_law_with
 from herringbone_sim.gap.attribution.shortlist import base, shortlist
@@ -107,11 +108,47 @@ def test_finds_a_planted_effect_with_its_place_and_size(truth: Active) -> None:
     assert low < found.actives[0].theta[0] < high
 
 
+def test_a_spring_of_the_ring_is_not_missed_between_those_tried() -> None:
+    truth = planted("ring_flexibility", Locus("rp"), stiffness=1.5e11, damping=0.04)
+    cases = made(())
+    for _ in range(20):  # the ring follows the forces that it changes
+        cases = [_with_forces(c, expected(c, TOLERANCE, (truth,))) for c in cases]
+    best = shortlist(base(cases, np.ones(6)), [effect("ring_flexibility")])[0].active
+    found = fit(cases, np.ones(6), (best,))
+    assert found.actives[0].theta[0] == pytest.approx(1.5e11, rel=0.05)
+
+
+def _with_forces(c: Case, force: np.ndarray) -> Case:
+    return replace(c, run=replace(c.run, F=replace(c.run.F, values=force)))
+
+
 def test_a_run_predicts_badly_what_the_wrong_effect_has_fitted() -> None:
     cases = made((PLANTED[0],))
     right = fit(cases, np.ones(6), (PLANTED[0],))
     wrong = fit(cases, np.ones(6), (planted("mean_stiffness", Locus("rp", "1", "R")),))
     assert wrong.left_out > 1.5 * right.left_out
+
+
+@pytest.mark.parametrize("course", ["steady", "growing", "by_load"])
+def test_an_effect_that_is_not_the_same_everywhere_shows(course: str) -> None:
+    truth = PLANTED[0]
+    cases = [_changing(c, truth, course) for c in made((truth,))]
+    found = varying(cases, fit(cases, np.ones(6), (truth,)))
+    excess = fit(cases, np.ones(6), ()).left_out - 1.0
+    assert (found.by_time > 0.05 * excess) is (course == "growing")
+    assert (found.by_load > 0.003 * excess) is (course == "by_load")
+
+
+def _changing(c: Case, truth: Active, course: str) -> Case:
+    """A case whose effect is taken off at the start of the run, or where the load is light."""
+    change = expected(c, TOLERANCE, (truth,)) - expected(c, TOLERANCE, ())
+    depth = np.abs(force_law(c.run, c.fused, TOLERANCE).f_m)
+    gone = {
+        "steady": np.zeros_like(change),
+        "growing": np.linspace(1.0, 0.0, len(change))[:, None] * np.ones_like(change),
+        "by_load": np.exp(-depth / 2e-5),
+    }[course]
+    return _with_forces(c, c.run.F.values - gone * change)
 
 
 def _verdict_of(cases: list[Case]) -> object:

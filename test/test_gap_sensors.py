@@ -81,6 +81,24 @@ def _from_zero(series: TimeSeries) -> TimeSeries:
     return TimeSeries(data[:, 0].copy(), data, series.names)
 
 
+@pytest.mark.parametrize(
+    ("change", "known"),
+    [
+        (lambda t, y: y + 5e-6, True),
+        (lambda t, y: 1.2e-5 * np.floor(y / 1.2e-5), False),  # its mean error is a bias
+    ],
+)
+def test_a_channel_put_right_agrees_only_where_its_error_is_known(
+    clean: list[TimeSeries], change: Change, known: bool
+) -> None:
+    found = check(clean, ("x_sp2_L",), change)
+    assert found.before > 1.2
+    if found.findings:
+        assert found.after == pytest.approx(1.0, abs=0.05)
+    left = (found.corrected - 1.0) / (found.before - 1.0)
+    assert left < 0.05 if known else left > 0.2
+
+
 def test_an_exchange_of_channels_is_seen_where_they_differ(clean: list[TimeSeries]) -> None:
     swapped = []
     for series in clean:

@@ -11,7 +11,9 @@ import pytest
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.attribution.bodies import BodyFit
+from herringbone_sim.gap.attribution.constancy import Varying
 from herringbone_sim.gap.attribution.fit import Fit
+from herringbone_sim.gap.attribution.hypothesis import name_of
 from herringbone_sim.gap.sensors.find import SensorCheck
 from herringbone_sim.gap.verdict.decide import decide
 from herringbone_sim.gap.verdict.evidence import Evidence
@@ -68,6 +70,28 @@ def test_what_an_effect_explains_is_named() -> None:
 def test_what_nothing_explains_is_unknown() -> None:
     fits = (fitted(7.5, "mean_stiffness"), fitted(7.6, "backlash_offset"))
     assert decide(evidence(nominal=fitted(8.0), fits=fits)).verdict == "unknown"
+
+
+@pytest.mark.parametrize(
+    ("name", "varying", "verdict"),
+    [
+        ("mean_stiffness", Varying(0.0, 0.0), "mean_stiffness"),
+        ("mean_stiffness", Varying(1.0, 0.0), "unknown"),
+        ("mean_stiffness", Varying(0.0, 0.1), "unknown"),
+        ("tooth_crack", Varying(1.0, 0.0), "unknown"),
+        ("tooth_crack", Varying(0.0, 0.1), "tooth_crack"),  # its catalogue shape may err by load
+    ],
+)
+def test_an_effect_that_changes_on_the_way_is_another_one(
+    name: str, varying: Varying, verdict: str
+) -> None:
+    best = fitted(1.1, name)
+    found = evidence(nominal=fitted(8.0), fits=(best,), varying={name_of(best.actives): varying})
+    assert decide(found).verdict == verdict
+
+
+def test_sensors_that_disagree_in_no_known_way_are_unknown() -> None:
+    assert decide(evidence(check=SensorCheck(1.5, 1.5, 1.5, ()))).verdict == "unknown"
 
 
 def test_a_short_event_in_the_balance_is_not_nothing() -> None:

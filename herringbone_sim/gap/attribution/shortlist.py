@@ -46,6 +46,8 @@ class Base:
         actives: effects already in the law.
         residuals: per run (n, n_mesh), whitened; 0 on meshes that can't be used.
         laws: per run.
+        responses: (n, n_mesh) per run and feature of effects with states of their own, once they
+            are known: measured forces drive them, whatever else is in the law.
     """
 
     cases: tuple[Case, ...]
@@ -53,16 +55,23 @@ class Base:
     actives: tuple[Active, ...]
     residuals: tuple[Array, ...]
     laws: tuple[Law, ...]
+    responses: dict[tuple[int, Feature], Array]
 
 
-def base(cases: Sequence[Case], factors: Array, actives: Sequence[Active] = ()) -> Base:
-    """Residuals of some runs under a law with effects."""
+def base(
+    cases: Sequence[Case],
+    factors: Array,
+    actives: Sequence[Active] = (),
+    before: Base | None = None,
+) -> Base:
+    """Residuals of some runs under a law with effects, maybe after one with fewer."""
     laws = tuple(force_law(c.run, c.fused, factors) for c in cases)
     left = []
     for c, law in zip(cases, laws, strict=True):
         r = (c.run.F.values - expected(c, factors, actives, law)) / law.sigma_n
         left.append(np.where(c.usable, np.nan_to_num(r), 0.0))
-    return Base(tuple(cases), factors, tuple(actives), tuple(left), laws)
+    known = {} if before is None else before.responses
+    return Base(tuple(cases), factors, tuple(actives), tuple(left), laws, known)
 
 
 def shortlist(start: Base, effects: Sequence[Effect]) -> list[Candidate]:
@@ -121,18 +130,32 @@ def _products(start: Base, regressors: Sequence[Feature]) -> tuple[Array, Array,
         at.append(list(range(count, count + len(feature.probes))))
         count += len(feature.probes)
     grams, rights = [], []
-    for c, law, left in zip(start.cases, start.laws, start.residuals, strict=True):
+    for run, (c, law, left) in enumerate(
+        zip(start.cases, start.laws, start.residuals, strict=True)
+    ):
         before = expected(c, start.factors, start.actives, law)
         columns = calibration_columns(c, law, start.factors)
         for feature in regressors:
-            for probe, step in feature.probes:
-                after = expected(c, start.factors, (*start.actives, probe), law)
-                columns.append((after - before) / step)
+            columns += _columns(start, run, feature, before)
         white = np.stack(columns, axis=2) / law.sigma_n[:, :, None]
         white = np.where(c.usable[None, :, None], np.nan_to_num(white), 0.0).transpose(1, 2, 0)
         grams.append(white @ white.transpose(0, 2, 1))
         rights.append((white @ left.T[:, :, None])[:, :, 0])
     return np.stack(grams), np.stack(rights), at
+
+
+def _columns(start: Base, run: int, feature: Feature, before: Array) -> list[Array]:
+    """Change of the force (n, n_mesh) of a run by each probe of a feature."""
+    if (run, feature) in start.responses:
+        return [start.responses[run, feature]]
+    c, law = start.cases[run], start.laws[run]
+    found = []
+    for probe, step in feature.probes:
+        after = expected(c, start.factors, (*start.actives, probe), law)
+        found.append((after - before) / step)
+    if feature.kind == "whole":
+        start.responses[run, feature] = found[0]
+    return found
 
 
 def calibration_columns(c: Case, law: Law, factors: Array) -> list[Array]:

@@ -28,7 +28,7 @@ from herringbone_sim.gap.attribution.channel_sets import FEW, channel_set
 from herringbone_sim.gap.attribution.constancy import Varying, varying
 from herringbone_sim.gap.attribution.fit import Fit, fit
 from herringbone_sim.gap.attribution.hypothesis import Case, case, expected, name_of
-from herringbone_sim.gap.attribution.shortlist import Candidate, base, choose, shortlist
+from herringbone_sim.gap.attribution.shortlist import Base, Candidate, base, choose, shortlist
 from herringbone_sim.gap.attribution.unforced import Unforced, moving, unforced
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.filtering.few import few
@@ -116,12 +116,12 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
         seen = few(cases, effects)
         return Evidence(check, cases, None, (), (), (), seen.fits, 0.0, {}, seen)
     say("recalibration")
-    start = recalibrate([c.run for c in cases], [c.fused for c in cases]).factors
-    nominal = fit(cases, start, ())
+    nominal = fit(cases, recalibrate([c.run for c in cases], [c.fused for c in cases]).factors, ())
     say("every effect at every place")
-    candidates = tuple(shortlist(base(cases, nominal.factors), effects))
+    start = base(cases, nominal.factors)
+    candidates = tuple(shortlist(start, effects))
     fits = _singles(cases, nominal, candidates, say)
-    pairs = _pairs(cases, nominal, fits, effects, say)
+    pairs = _pairs(start, fits, effects, say)
     bodies: tuple[BodyFit, ...] = ()
     by_force: dict[str, float] = {}
     measured, highest, settled = 0.0, 0.0, 0.0
@@ -181,8 +181,7 @@ def _singles(
 
 
 def _pairs(
-    cases: Sequence[Case],
-    nominal: Fit,
+    start: Base,
     fits: Sequence[Fit],
     effects: Sequence[Effect],
     say: Say,
@@ -192,12 +191,13 @@ def _pairs(
         return ()
     found: dict[frozenset[str], Fit] = {}
     for first in _firsts(fits):
-        for one in choose(shortlist(base(cases, first.factors, first.actives), effects), SECONDS):
+        rest = base(start.cases, first.factors, first.actives, start)
+        for one in choose(shortlist(rest, effects), SECONDS):
             both = (*first.actives, one.active)
             names = frozenset(name_of((a,)) for a in both)
             if one.active.effect.id != first.actives[0].effect.id and names not in found:
                 say(f"fit {name_of(both)}")
-                found[names] = fit(cases, first.factors, both)
+                found[names] = fit(start.cases, first.factors, both)
     return tuple(sorted(found.values(), key=lambda f: f.left_out))
 
 
