@@ -59,7 +59,11 @@ def case(run: PreparedRun, fused: Fused) -> Case:
 
 
 def expected(
-    one: Case, factors: Array, actives: Sequence[Active], law: Law | None = None
+    one: Case,
+    factors: Array,
+    actives: Sequence[Active],
+    law: Law | None = None,
+    substeps: int = SUBSTEPS,
 ) -> Array:
     """Forces (n, n_mesh) [N] that the rig's sensors would show.
 
@@ -67,11 +71,12 @@ def expected(
         factors: (6,) of the nominal parameters, see ``recalibrate``.
         actives: effects in the meshes or on the force sensors; others change nothing here.
         law: that of the factors, if it is at hand.
+        substeps: of a sample, in which states of effects follow the measured forces.
     """
     law = law or force_law(one.run, one.fused, factors)
     force = law.modelled_n
     if any(a.effect.level == "mesh" for a in actives):
-        force = force + added(one, factors, law, actives)[0]
+        force = force + added(one, factors, law, actives, substeps)[0]
     names = tuple(f"F_{m}" for m in one.run.model.layout.meshes)
     sensors = on_channels(names, actives)
     if sensors:
@@ -79,7 +84,13 @@ def expected(
     return force
 
 
-def added(one: Case, factors: Array, law: Law, actives: Sequence[Active]) -> tuple[Array, Array]:
+def added(
+    one: Case,
+    factors: Array,
+    law: Law,
+    actives: Sequence[Active],
+    substeps: int = SUBSTEPS,
+) -> tuple[Array, Array]:
     """What effects add to forces (n, n_mesh) [N] and to torques (n, n_bodies) [N]."""
     moved = _Motion(
         one.run.times,
@@ -89,7 +100,7 @@ def added(one: Case, factors: Array, law: Law, actives: Sequence[Active]) -> tup
         _known(one.run.F.values, law.modelled_n),
         one.run.waves.k,
     )
-    return _added(one, factors, moved, actives)
+    return _added(one, factors, moved, actives, substeps)
 
 
 def fine_law_with(one: Case, factors: Array, actives: Sequence[Active]) -> FineLaw:
@@ -140,7 +151,11 @@ class _Motion:
 
 
 def _added(
-    one: Case, factors: Array, moved: _Motion, actives: Sequence[Active]
+    one: Case,
+    factors: Array,
+    moved: _Motion,
+    actives: Sequence[Active],
+    substeps: int = SUBSTEPS,
 ) -> tuple[Array, Array]:
     model = one.run.model
     found = laws(model, actives)
@@ -160,7 +175,7 @@ def _added(
             moved.force,
             np.zeros(found.n_own),
             scratch(model, found.n_own),
-            SUBSTEPS,
+            substeps,
             force,
             torque,
         )

@@ -22,6 +22,11 @@ from herringbone_sim.gap.residuals.recalibrate import BOUNDS, Law, force_law
 
 Array = NDArray[np.float64]
 
+ROUGH = 3  # steps a sample, in which states of effects follow the forces
+FAR = 0.02  # of the fall of the best candidate,
+CHANCE = 12.0  # and squares that chance takes off: candidates below are not fitted
+FEWEST = 3  # but so many are
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -88,12 +93,14 @@ def shortlist(start: Base, effects: Sequence[Effect]) -> list[Candidate]:
 
 
 def choose(candidates: Sequence[Candidate], most: int, per_effect: int = 2) -> list[Candidate]:
-    """The best few: not more than so many of one effect, and none far behind the best."""
+    """The best few: not more than so many of one effect, and hardly any far behind the best."""
     taken: dict[str, int] = {}
     chosen: list[Candidate] = []
+    least = max(FAR * candidates[0].fall, CHANCE) if candidates else 0.0
     for one in candidates:
         name = one.active.effect.id
-        if taken.get(name, 0) < per_effect and one.fall > 0.0:
+        wanted = one.fall > least or len(chosen) < FEWEST
+        if taken.get(name, 0) < per_effect and one.fall > 0.0 and wanted:
             taken[name] = taken.get(name, 0) + 1
             chosen.append(one)
     return chosen[:most]
@@ -151,7 +158,7 @@ def _columns(start: Base, run: int, feature: Feature, before: Array) -> list[Arr
     c, law = start.cases[run], start.laws[run]
     found = []
     for probe, step in feature.probes:
-        after = expected(c, start.factors, (*start.actives, probe), law)
+        after = expected(c, start.factors, (*start.actives, probe), law, ROUGH)
         found.append((after - before) / step)
     if feature.kind == "whole":
         start.responses[run, feature] = found[0]

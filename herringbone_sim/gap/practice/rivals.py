@@ -17,7 +17,7 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.attribution.features import Feature, features
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import Case, case, expected
-from herringbone_sim.gap.attribution.shortlist import Base, base, calibration_columns
+from herringbone_sim.gap.attribution.shortlist import ROUGH, Base, base, calibration_columns
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.practice.baselines import SCHEMA
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -133,7 +133,7 @@ def _columns(start: Base, i: int, library: Sequence[Feature]) -> Array:
     columns = calibration_columns(c, law, start.factors)
     for feature in library:
         for probe, step in feature.probes:
-            columns.append((expected(c, start.factors, (probe,), law) - before) / step)
+            columns.append((expected(c, start.factors, (probe,), law, ROUGH) - before) / step)
     white = np.stack(columns, axis=2) / law.sigma_n[:, :, None]
     known: Array = np.where(c.usable[None, :, None], np.nan_to_num(white), 0.0)
     by_mesh: Array = known.transpose(1, 2, 0)
