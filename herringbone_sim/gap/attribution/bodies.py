@@ -62,15 +62,18 @@ def balance_of(
 ) -> Balance:
     """Torque balance of a run with its measured forces, or others (n, n_mesh) in their place.
 
-    The law with effects says how forces run between samples; torques of effects in the meshes,
-    as of a free pin on the carrier, are taken off.
+    The law with effects says how forces run between samples; torques of effects on the bodies are
+    taken off, and of those in the meshes, as of a free pin on the carrier.
     """
     run = one.run if force_n is None else replace(one.run, F=replace(one.run.F, values=force_n))
     correction = quadrature(run, one.fused, fine_law_with(one, factors, actives))
     force = measured_force(run, look_of(run), correction)
     balance = torque_balance(run, one.fused, None, force)
     for a in actives:
-        if a.effect.level == "mesh" and a.effect.react is not no_react:
+        if a.effect.level == "body":
+            known = response(one, factors, force_law(one.run, one.fused, factors), a)
+            balance = replace(balance, measured=balance.measured - known)
+        elif a.effect.level == "mesh" and a.effect.react is not no_react:
             known = response(one, factors, force_law(one.run, one.fused, factors), a)
             balance = replace(
                 balance,

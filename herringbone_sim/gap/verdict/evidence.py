@@ -8,26 +8,21 @@ Held-out runs are refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Effect
-from herringbone_sim.effects.law import no_react
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.bodies import (
     BodyFit,
-    balance_of,
-    balances_known,
-    body_fits,
-    peak,
 )
 from herringbone_sim.gap.attribution.channel_sets import FEW, channel_set
 from herringbone_sim.gap.attribution.constancy import Varying, varying
 from herringbone_sim.gap.attribution.fit import Fit, fit
-from herringbone_sim.gap.attribution.hypothesis import Case, case, expected, name_of
+from herringbone_sim.gap.attribution.hypothesis import Case, case, name_of
 from herringbone_sim.gap.attribution.shortlist import Base, Candidate, base, choose, shortlist
 from herringbone_sim.gap.attribution.unforced import Unforced, moving, unforced
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -37,6 +32,7 @@ from herringbone_sim.gap.residuals.recalibrate import recalibrate
 from herringbone_sim.gap.sensors.clock import set_right
 from herringbone_sim.gap.sensors.corrected import drop
 from herringbone_sim.gap.sensors.find import SensorCheck, find_sensor_errors
+from herringbone_sim.gap.verdict.balance import balance_evidence
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -44,7 +40,6 @@ Say = Callable[[str], None]
 SINGLES = 8
 SECONDS = 4
 SEED = 20  # of the noise that gives the floor of the accelerations
-FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
 CLOSE = 1.5  # times the excess of the best one: another first of a pair
 WORTH_A_SECOND = 0.03  # excess of chi2 that a second effect is looked for in
 
@@ -67,8 +62,8 @@ class Evidence:
             samples by the best law of the machine.
         by_force: per name of a fit with a force sensor: the same with its forces corrected.
         balance_peak: largest residual of the balance without effects, over its floor; 0 unknown.
-        balance_settled: excess that the best fit takes off the balance: by a force put right, or
-            by what a free pin does to the carrier.
+        balance_settled: excess that the best fit takes off the balance: by a force put right, by
+            what a free pin does to the carrier, or between samples.
         varying: per name of the best fits: what they win where effects may vary.
         motion: without force sensors, calibration and fits of the accelerations.
     """
@@ -122,28 +117,8 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
     candidates = tuple(shortlist(start, effects))
     fits = _singles(cases, nominal, candidates, say)
     pairs = _pairs(start, fits, effects, say)
-    bodies: tuple[BodyFit, ...] = ()
-    by_force: dict[str, float] = {}
-    measured, highest, settled = 0.0, 0.0, 0.0
-    whole = tuple(c for c in cases if balances_known((c,)))
-    if len(whole) >= FEWEST_WHOLE:
-        say("torque balance")
-        options = (nominal, *fits, *pairs)
-        machines = [f for f in options if all(a.effect.level != "sensor" for a in f.actives)]
-        measured = _balance_excess(whole, min(machines, key=lambda f: f.left_out))
-        by_force = {
-            name_of(one.actives): _balance_excess(whole, one)
-            for one in options
-            if any(a.effect.level == "sensor" for a in one.actives)
-        }
-
-        def left(one: Fit) -> float:
-            return one.left_out + by_force.get(name_of(one.actives), measured)
-
-        fits, pairs = (tuple(sorted(some, key=left)) for some in (fits, pairs))
-        best = min((nominal, *fits[:1], *pairs[:1]), key=left)
-        bodies, highest = _bodies(whole, best, effects)
-        settled = _settled(whole, best)
+    balance = balance_evidence(cases, (nominal, *fits, *pairs), effects, say)
+    fits, pairs = (tuple(sorted(some, key=balance.left)) for some in (fits, pairs))
     return Evidence(
         check,
         cases,
@@ -151,11 +126,11 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
         candidates,
         fits,
         pairs,
-        bodies,
-        measured,
-        by_force,
-        balance_peak=highest,
-        balance_settled=settled,
+        balance.fits,
+        balance.excess,
+        balance.by_force,
+        balance_peak=balance.peak,
+        balance_settled=balance.settled,
         varying=_varying(cases, (fits, pairs)),
     )
 
@@ -209,44 +184,7 @@ def _firsts(fits: Sequence[Fit]) -> list[Fit]:
     return [best, others[0]] if near else [best]
 
 
-def _bodies(
-    cases: Sequence[Case], best: Fit, effects: Sequence[Effect]
-) -> tuple[tuple[BodyFit, ...], float]:
-    """Fits of the balance, the nominal one first, and its largest residual."""
-    balances = [balance_of(c, best.factors, _true_forces(c, best), best.actives) for c in cases]
-    nominal, *rest = body_fits(cases, best.factors, balances, effects)
-    ranked = sorted(rest, key=lambda one: one.left_out)
-    return (nominal, *ranked), peak(balances, nominal)
-
-
-def _balance_excess(cases: Sequence[Case], one: Fit) -> float:
-    """How far the balance with the forces as a hypothesis has them is above its floor."""
-    balances = [balance_of(c, one.factors, _true_forces(c, one), one.actives) for c in cases]
-    return max(body_fits(cases, one.factors, balances, ())[0].left_out - 1.0, 0.0)
-
-
 def _varying(cases: Sequence[Case], ranked: Sequence[Sequence[Fit]]) -> dict[str, Varying]:
     """Whether the best fits of one and of two effects hold at all times and loads."""
     best = [fits[0] for fits in ranked if fits]
     return {name_of(one.actives): varying(cases, one) for one in best}
-
-
-def _settled(cases: Sequence[Case], best: Fit) -> float:
-    """Excess of the balance that the effects of a fit take off it."""
-    at_bodies = [
-        a.effect.level == "sensor" or a.effect.react is not no_react for a in best.actives
-    ]
-    if not any(at_bodies):
-        return 0.0
-    without = _balance_excess(cases, replace(best, actives=()))
-    return max(without - _balance_excess(cases, best), 0.0)
-
-
-def _true_forces(c: Case, one: Fit) -> Array:
-    """Measured forces (n, n_mesh) less what the force sensors add by a hypothesis [N]."""
-    machine = tuple(a for a in one.actives if a.effect.level != "sensor")
-    if machine == one.actives:
-        return c.run.F.values
-    error = expected(c, one.factors, one.actives) - expected(c, one.factors, machine)
-    true: Array = c.run.F.values - error
-    return true

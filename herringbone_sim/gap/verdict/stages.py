@@ -54,6 +54,7 @@ class Stage:
 
     Attributes:
         least: excess at which something is there as likely as not.
+        least_share: part of all chi2 likewise, that an effect explains.
         peak: largest residual over the one at which something is there as likely as not.
         varying: chi2 that the best option wins where its effects may vary with time or load.
     """
@@ -63,6 +64,7 @@ class Stage:
     options: tuple[Option, ...]
     thresholds: Thresholds
     least: float
+    least_share: float
     peak: float = 0.0
     varying: Varying = STEADY
 
@@ -86,7 +88,7 @@ class Stage:
     def gap(self) -> float:
         """Probability that there is anything at all."""
         t = self.thresholds
-        size = max(self.share / t.share, self.nominal / self.least, self.peak**2)
+        size = max(self.share / self.least_share, self.nominal / self.least, self.peak**2)
         return float(size**t.sharp_gap / (1.0 + size**t.sharp_gap))
 
     @property
@@ -141,7 +143,7 @@ def _sensors(evidence: Evidence, t: Thresholds) -> Stage | None:
         wide = _widened(one, tuple((v - half, v + half) for v in one.theta), t)
         left = max(check.corrected - 1.0, 0.0)
         options.append(Option("consistency", (one,), left, None, (wide,)))
-    return Stage("consistency", nominal, tuple(options), t, t.excess_consistency)
+    return Stage("consistency", nominal, tuple(options), t, t.excess_consistency, t.share)
 
 
 def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
@@ -160,7 +162,7 @@ def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
     options = tuple(sorted((*singles, *pairs), key=lambda o: o.excess))
     named = name_of(options[0].actives) if options else ""
     steady = evidence.varying.get(named, STEADY)
-    return Stage("force_law", excess, options, t, t.excess_force_law, varying=steady)
+    return Stage("force_law", excess, options, t, t.excess_force_law, t.share, varying=steady)
 
 
 def _option(evidence: Evidence, one: Fit, t: Thresholds) -> Option:
@@ -202,7 +204,8 @@ def _bodies(evidence: Evidence, t: Thresholds) -> Stage | None:
     least = floor + t.misfit * misfit + settled
     high = t.peak * np.sqrt(1.0 + misfit + settled)
     excess = max(nominal.left_out - 1.0, 0.0)
-    return Stage("torque_balance", excess, options, t, least, evidence.balance_peak / high)
+    share = t.share * least / floor
+    return Stage("torque_balance", excess, options, t, least, share, evidence.balance_peak / high)
 
 
 def _spans(fit: BodyFit, t: Thresholds) -> Spans:

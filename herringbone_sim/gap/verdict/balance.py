@@ -1,0 +1,113 @@
+"""What the torque balance says, of the bodies and of the force sensors, once a law is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Active, Effect
+from herringbone_sim.gap.attribution.bodies import (
+    BodyFit,
+    balance_of,
+    balances_known,
+    body_fits,
+    peak,
+)
+from herringbone_sim.gap.attribution.fit import Fit
+from herringbone_sim.gap.attribution.hypothesis import Case, expected, name_of
+
+Array = NDArray[np.float64]
+Say = Callable[[str], None]
+
+FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
+SETTLED = 0.5  # of the excess of the balance left: an effect on the bodies is clear
+
+
+@dataclass(frozen=True)
+class BalanceEvidence:
+    """What the torque balance says, see ``Evidence``; nothing where it is not known."""
+
+    fits: tuple[BodyFit, ...] = ()
+    excess: float = 0.0
+    by_force: dict[str, float] = field(default_factory=dict)
+    peak: float = 0.0
+    settled: float = 0.0
+
+    def left(self, one: Fit) -> float:
+        """What a fit leaves of runs left out, in its law and in the balance."""
+        return one.left_out + self.by_force.get(name_of(one.actives), self.excess)
+
+
+def balance_evidence(
+    cases: Sequence[Case], options: Sequence[Fit], effects: Sequence[Effect], say: Say
+) -> BalanceEvidence:
+    """The balance with the forces as the best hypothesis on the law has them.
+
+    Force sensors are judged with the best effect on the bodies taken off: it may hide them.
+    """
+    whole = tuple(c for c in cases if balances_known((c,)))
+    if len(whole) < FEWEST_WHOLE:
+        return BalanceEvidence()
+    say("torque balance")
+    machines = [f for f in options if all(a.effect.level != "sensor" for a in f.actives)]
+    machine = min(machines, key=lambda f: f.left_out)
+    fits, highest = _bodies(whole, machine, effects)
+    sensors = [f for f in options if f not in machines]
+    if not sensors:
+        return BalanceEvidence(
+            fits, fits[0].left_out - 1.0, {}, highest, _settled(whole, machine, ())
+        )
+    body = _clear(fits)
+    excess = _balance_excess(whole, machine, body)
+    by_force = {name_of(one.actives): _balance_excess(whole, one, body) for one in sensors}
+    found = BalanceEvidence(fits, excess, by_force, highest)
+    best = min(options, key=found.left)
+    if best in sensors:
+        fits, highest = _bodies(whole, best, effects)
+    return replace(found, fits=fits, peak=highest, settled=_settled(whole, best, _clear(fits)))
+
+
+def _clear(fits: Sequence[BodyFit]) -> tuple[Active, ...]:
+    """The best effect on the bodies, if it explains most of what the balance shows."""
+    nominal, *rest = fits
+    clear = rest and rest[0].left_out - 1.0 < SETTLED * (nominal.left_out - 1.0)
+    return rest[0].actives if clear else ()
+
+
+def _bodies(
+    cases: Sequence[Case], best: Fit, effects: Sequence[Effect]
+) -> tuple[tuple[BodyFit, ...], float]:
+    """Fits of the balance, the nominal one first, and its largest residual."""
+    balances = [balance_of(c, best.factors, _true_forces(c, best), best.actives) for c in cases]
+    nominal, *rest = body_fits(cases, best.factors, balances, effects)
+    ranked = sorted(rest, key=lambda one: one.left_out)
+    return (nominal, *ranked), peak(balances, nominal)
+
+
+def _balance_excess(cases: Sequence[Case], one: Fit, body: tuple[Active, ...]) -> float:
+    """How far the balance is above its floor, with the forces as a hypothesis has them."""
+    balances = [
+        balance_of(c, one.factors, _true_forces(c, one), (*one.actives, *body)) for c in cases
+    ]
+    return max(body_fits(cases, one.factors, balances, ())[0].left_out - 1.0, 0.0)
+
+
+def _settled(cases: Sequence[Case], best: Fit, body: tuple[Active, ...]) -> float:
+    """Excess of the balance that the effects of a fit take off it."""
+    if not best.actives:
+        return 0.0
+    without = _balance_excess(cases, replace(best, actives=()), body)
+    return max(without - _balance_excess(cases, best, body), 0.0)
+
+
+def _true_forces(c: Case, one: Fit) -> Array:
+    """Measured forces (n, n_mesh) less what the force sensors add by a hypothesis [N]."""
+    machine = tuple(a for a in one.actives if a.effect.level != "sensor")
+    if machine == one.actives:
+        return c.run.F.values
+    error = expected(c, one.factors, one.actives) - expected(c, one.factors, machine)
+    true: Array = c.run.F.values - error
+    return true
