@@ -53,7 +53,7 @@ def balance_evidence(
         return BalanceEvidence()
     say("torque balance")
     machines = [f for f in options if all(a.effect.level != "sensor" for a in f.actives)]
-    machine = min(machines, key=lambda f: f.left_out)
+    machine = _machine(whole, machines)
     fits, highest = _bodies(whole, machine, effects)
     sensors = [f for f in options if f not in machines]
     if not sensors:
@@ -68,6 +68,16 @@ def balance_evidence(
     if best in sensors:
         fits, highest = _bodies(whole, best, effects)
     return replace(found, fits=fits, peak=highest, settled=_settled(whole, best, _clear(fits)))
+
+
+def _machine(cases: Sequence[Case], options: Sequence[Fit]) -> Fit:
+    """The best fit of one effect, or that of two where the balance bears it."""
+    ranked = sorted(options, key=lambda f: f.left_out)
+    one = next(f for f in ranked if len(f.actives) < 2)
+    two = ranked[0]
+    if two is one:
+        return one
+    return min((one, two), key=lambda f: f.left_out + _balance_excess(cases, f, ()))
 
 
 def _clear(fits: Sequence[BodyFit]) -> tuple[Active, ...]:
