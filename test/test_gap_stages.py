@@ -8,15 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.attribution.bodies import BodyFit
 from herringbone_sim.gap.attribution.constancy import Varying
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import name_of
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.sensors.find import SensorCheck
 from herringbone_sim.gap.verdict.decide import decide
 from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.gap.verdict.questions import undecidable
 from herringbone_sim.gap.verdict.stages import has_shape, stages_of
 from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 
@@ -88,6 +91,24 @@ def test_an_effect_that_changes_on_the_way_is_another_one(
     best = fitted(1.1, name)
     found = evidence(nominal=fitted(8.0), fits=(best,), varying={name_of(best.actives): varying})
     assert decide(found).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("left_out", "varying", "reason"),
+    [
+        (4.0, Varying(0.0, 0.0), "it leaves 43% of the excess"),
+        (1.1, Varying(1.0, 0.0), "it would have to change during the runs"),
+        (1.1, Varying(0.0, 0.1), "it would have to be another one under light load"),
+    ],
+)
+def test_unknown_tells_what_comes_nearest_and_why_it_is_not_that(
+    left_out: float, varying: Varying, reason: str
+) -> None:
+    best = fitted(left_out, "mean_stiffness")
+    found = evidence(nominal=fitted(8.0), fits=(best,), varying={name_of(best.actives): varying})
+    nothing = PreparedCampaign("rig", Parameters(), (), {}, ())
+    said = undecidable(nothing, found, decide(found))
+    assert f"nearest to the forces comes mean_stiffness, but {reason}" in said
 
 
 def test_sensors_that_disagree_in_no_known_way_are_unknown() -> None:

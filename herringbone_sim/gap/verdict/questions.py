@@ -14,12 +14,18 @@ from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.design import Design, leading
 from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.gap.verdict.rivals import named
+from herringbone_sim.gap.verdict.stages import Stage
 from herringbone_sim.gap.verdict.trial import DIGITS, reach
 
 POSSIBLE = 0.1  # a probability from which a rival is named
 OTHER = {
     "none": "that there is no gap beyond tolerance and noise",
     "unknown": "a cause outside the catalogue",
+}
+SHOWN = {
+    "consistency": "the sensors' disagreement",
+    "force_law": "the forces",
+    "torque_balance": "the torque balance",
 }
 WORDS = {"delta_T": ("temperature rise", " K"), "T_1": ("load", " N m"), "Omega": ("speed", "")}
 LEAST = {"delta_T": 3, "T_1": 3, "Omega": 2}
@@ -60,11 +66,28 @@ def _rivals(verdict: Verdict) -> list[str]:
         )
     if verdict.verdict == "unknown":
         said.append("no effect of the catalogue explains the gap: what it comes from is open")
+        said += [_nearest(stage) for stage in verdict.stages if stage.gap > 0.5 < stage.unknown]
     told = {*alike, *verdict.effects, verdict.verdict}
     rest = [name for name in chances if chances[name] > POSSIBLE and name not in told]
     for name in sorted(rest, key=lambda one: -chances[one]):
         said.append(f"{OTHER.get(name, name)} is not excluded: probability {chances[name]:.0%}")
     return said
+
+
+def _nearest(stage: Stage) -> str:
+    """The effect that comes nearest to what a residual shows, and why it is not taken for it."""
+    shown = SHOWN[stage.name]
+    if not stage.options:
+        return f"no effect of the catalogue bears on {shown}"
+    left = max(stage.best, 0.0) / max(stage.nominal, 1e-300)
+    reasons = {
+        "left": f"it leaves {left:.0%} of the excess",
+        "time": "it would have to change during the runs",
+        "load": "it would have to be another one under light load",
+    }
+    odds = stage.strangeness
+    reason = reasons[max(odds, key=lambda name: odds[name])]
+    return f"nearest to {shown} comes {named(stage.options[0].actives)}, but {reason}"
 
 
 def next_experiment(

@@ -94,15 +94,22 @@ class Stage:
     @property
     def unknown(self) -> float:
         """Probability that it is none of the catalogue, if there is anything."""
+        odds = sum(self.strangeness.values())
+        return float(odds / (1.0 + odds))
+
+    @property
+    def strangeness(self) -> dict[str, float]:
+        """Odds of ``unknown`` by what the best option leaves, and wins by time and by load."""
         t = self.thresholds
         best = max(self.best, 0.0) + self.floor
         whole = self.nominal + self.floor
         shaped = not self.options or has_shape(self.options[0].actives)
-        odds = (best / whole / (t.left if shaped else t.left_exact)) ** t.sharp_unknown
-        odds += (self.varying.by_time / whole / t.by_time) ** t.sharp_unknown
-        if not shaped:
-            odds += (self.varying.by_load / best / t.by_load) ** t.sharp_load
-        return float(odds / (1.0 + odds))
+        most = t.left if shaped else t.left_exact
+        return {
+            "left": (best / whole / most) ** t.sharp_unknown,
+            "time": (self.varying.by_time / whole / t.by_time) ** t.sharp_unknown,
+            "load": 0.0 if shaped else (self.varying.by_load / best / t.by_load) ** t.sharp_load,
+        }
 
     @property
     def weights(self) -> Array:
