@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -280,3 +284,36 @@ def test_rivals_name_a_profile_and_tell_their_closure():
     report = sparse_regression("rig", evidence, held)
     assert report["verdict"] == "profile_error"
     assert report["gap"]["closure"] > 0.5
+
+
+ORPHAN = """
+import os, signal
+from herringbone_sim.gap.practice.pool import pool
+if __name__ == "__main__":
+    with pool(1) as (executor, _):
+        print(executor.submit(os.getpid).result(), flush=True)
+        signal.pause()
+"""
+
+
+def test_workers_end_with_a_bench_that_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "orphan.py"
+    script.write_text(ORPHAN, encoding="utf-8")
+    parent = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    worker = int(parent.stdout.readline())
+    assert _alive(worker)
+    parent.kill()
+    parent.wait()
+    until = time.monotonic() + 30.0
+    while _alive(worker) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not _alive(worker)
+
+
+def _alive(process: int) -> bool:
+    """Whether a process runs; one that ended and was not collected has no command line."""
+    try:
+        return bool(Path(f"/proc/{process}/cmdline").read_bytes())
+    except OSError:
+        return False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -40,8 +41,16 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor,
 
 
 def _end_quietly() -> None:
-    """Ctrl-C reaches every process of a terminal: a worker just ends, what it did is not kept."""
+    """A worker just ends on Ctrl-C, which reaches all of a terminal, and with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager
