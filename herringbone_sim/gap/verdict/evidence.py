@@ -41,6 +41,8 @@ SINGLES = 8
 SECONDS = 4
 SEED = 20  # of the noise that gives the floor of the accelerations
 CLOSE = 1.5  # times the excess of the best one: another first of a pair
+MORE_FIRSTS = 2
+POOR = 0.1  # of the excess left by the best pair: other effects may go first
 WORTH_A_SECOND = 0.03  # excess of chi2 that a second effect is looked for in
 
 
@@ -116,7 +118,7 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
     start = base(cases, nominal.factors)
     candidates = tuple(shortlist(start, effects))
     fits = _singles(cases, nominal, candidates, say)
-    pairs = _pairs(start, fits, effects, say)
+    pairs = _pairs(start, nominal, fits, effects, say)
     balance = balance_evidence(cases, (nominal, *fits, *pairs), effects, say)
     fits, pairs = (tuple(sorted(some, key=balance.left)) for some in (fits, pairs))
     return Evidence(
@@ -157,23 +159,42 @@ def _singles(
 
 def _pairs(
     start: Base,
+    nominal: Fit,
     fits: Sequence[Fit],
     effects: Sequence[Effect],
     say: Say,
 ) -> tuple[Fit, ...]:
-    """The best single effects with each of the best seconds on what they leave."""
+    """The best single effects with each of the best seconds on what they leave.
+
+    Of two effects on many meshes the best single one is often neither; so where all pairs leave
+    much, further ones go first.
+    """
     if not fits or fits[0].left_out - 1.0 < WORTH_A_SECOND:
         return ()
     found: dict[frozenset[str], Fit] = {}
-    for first in _firsts(fits):
-        rest = base(start.cases, first.factors, first.actives, start)
-        for one in choose(shortlist(rest, effects), SECONDS):
-            both = (*first.actives, one.active)
-            names = frozenset(name_of((a,)) for a in both)
-            if one.active.effect.id != first.actives[0].effect.id and names not in found:
-                say(f"fit {name_of(both)}")
-                found[names] = fit(start.cases, first.factors, both)
+    firsts = _firsts(fits)
+    for first in firsts:
+        _add_pairs(found, start, first, effects, say)
+    excess = min(one.left_out for one in found.values()) - 1.0 if found else np.inf
+    if excess > POOR * (nominal.left_out - 1.0):
+        for first in [one for one in fits if all(one is not first for first in firsts)][
+            :MORE_FIRSTS
+        ]:
+            _add_pairs(found, start, first, effects, say)
     return tuple(sorted(found.values(), key=lambda f: f.left_out))
+
+
+def _add_pairs(
+    found: dict[frozenset[str], Fit], start: Base, first: Fit, effects: Sequence[Effect], say: Say
+) -> None:
+    """A single effect with each of the best seconds on what it leaves, added by their names."""
+    rest = base(start.cases, first.factors, first.actives, start)
+    for one in choose(shortlist(rest, effects), SECONDS):
+        both = (*first.actives, one.active)
+        names = frozenset(name_of((a,)) for a in both)
+        if one.active.effect.id != first.actives[0].effect.id and names not in found:
+            say(f"fit {name_of(both)}")
+            found[names] = fit(start.cases, first.factors, both)
 
 
 def _firsts(fits: Sequence[Fit]) -> list[Fit]:
