@@ -23,6 +23,7 @@ from herringbone_sim.gap.residuals.recalibrate import BOUNDS, force_law
 Array = NDArray[np.float64]
 
 BLOCK_CYCLES = 10
+UNSTABLE = 1e30  # slope of a force past which its law has no step that is stable
 NORMAL_90 = 1.645
 
 
@@ -120,13 +121,16 @@ def _whitened(c: Case, values: Array, actives: Sequence[Active]) -> Array:
     """Residual (n, n_mesh) over the floor of the nominal law, 0 on meshes without data."""
     force = expected(c, values[:6], _split(values, actives))
     left: Array = (c.run.F.values - force) / c.floor
-    used: Array = np.where(c.usable, np.nan_to_num(left), 0.0)
+    used: Array = np.where(c.usable, left, 0.0)
     return used
 
 
 def _cost(cases: Sequence[Case], values: Array, actives: Sequence[Active]) -> float:
+    """Sum of squares, infinite where a spring is too stiff for the steps of a sample."""
     prior = float(np.sum(3.0 * ((values[:6] - 1.0) / BOUNDS) ** 2))
-    return prior + sum(float(np.sum(_whitened(c, values, actives) ** 2)) for c in cases)
+    with np.errstate(over="ignore", invalid="ignore"):
+        cost = prior + sum(float(np.sum(_whitened(c, values, actives) ** 2)) for c in cases)
+    return cost if np.isfinite(cost) else np.inf
 
 
 def linear(c: Case, values: Array, actives: Sequence[Active]) -> Linear:
@@ -149,7 +153,8 @@ def linear(c: Case, values: Array, actives: Sequence[Active]) -> Linear:
             changed = (*chosen[:i], one.with_theta(theta), *chosen[i + 1 :])
             columns[:, :, first] = (expected(c, values[:6], changed, law) - here) / h
             first += 1
-    white = np.where(c.usable[None, :, None], np.nan_to_num(columns / c.floor[:, :, None]), 0.0)
+    columns = np.where(np.abs(columns) < UNSTABLE, columns, 0.0)
+    white = np.where(c.usable[None, :, None], columns / c.floor[:, :, None], 0.0)
     left = np.where(c.usable, np.nan_to_num((c.run.F.values - here) / c.floor), 0.0)
     return Linear(left, white)
 

@@ -22,7 +22,8 @@ from herringbone_sim.gap.residuals.recalibrate import BOUNDS, Law, force_law
 
 Array = NDArray[np.float64]
 
-ROUGH = 3  # steps a sample, in which states of effects follow the forces
+ROUGH = 6  # steps a sample, in which states of effects follow the forces
+UNSTABLE = 1e12  # [N]: a spring too stiff for those steps
 FAR = 0.02  # of the fall of the best candidate,
 CHANCE = 12.0  # and squares that chance takes off: candidates below are not fitted
 FEWEST = 3  # but so many are
@@ -159,7 +160,8 @@ def _columns(start: Base, run: int, feature: Feature, before: Array) -> list[Arr
     found = []
     for probe, step in feature.probes:
         after = expected(c, start.factors, (*start.actives, probe), law, ROUGH)
-        found.append((after - before) / step)
+        stable = np.all(np.abs(after[:, c.usable]) < UNSTABLE)
+        found.append((after - before) / step if stable else np.zeros_like(before))
     if feature.kind == "whole":
         start.responses[run, feature] = found[0]
     return found

@@ -55,7 +55,7 @@ def balance_evidence(
     machines = [f for f in options if all(a.effect.level != "sensor" for a in f.actives)]
     machine = _machine(whole, machines)
     fits, highest = _bodies(whole, machine, effects)
-    sensors = [f for f in options if f not in machines]
+    sensors = [f for f in options if any(a.effect.level == "sensor" for a in f.actives)]
     if not sensors:
         return BalanceEvidence(
             fits, fits[0].left_out - 1.0, {}, highest, _settled(whole, machine, ())
@@ -65,7 +65,7 @@ def balance_evidence(
     by_force = {name_of(one.actives): _balance_excess(whole, one, body) for one in sensors}
     found = BalanceEvidence(fits, excess, by_force, highest)
     best = min(options, key=found.left)
-    if best in sensors:
+    if any(best is one for one in sensors):
         fits, highest = _bodies(whole, best, effects)
     return replace(found, fits=fits, peak=highest, settled=_settled(whole, best, _clear(fits)))
 
