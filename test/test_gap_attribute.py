@@ -155,7 +155,7 @@ def _verdict_of(cases: list[Case]) -> object:
     start = fit(cases, np.ones(6), ())
     singles = tuple(fit(cases, start.factors, (one,)) for one in PLANTED)
     ranked = tuple(sorted(singles, key=lambda f: f.left_out))
-    nothing = SensorCheck(1.0, 1.0, 1.0, ())
+    nothing = SensorCheck(1.0, 1.0, 1.0, 1.0, ())
     return decide(Evidence(nothing, tuple(cases), start, (), ranked, (), (), 0.0, {}))
 
 

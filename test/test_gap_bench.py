@@ -254,7 +254,7 @@ def test_evidence_comes_back_from_plain_data(tmp_path):
     rng = np.random.default_rng(0)
     fits = [a_fit("mean_stiffness", Locus("sp"), rng.normal(size=500)) for _ in range(3)]
     pair = a_fit("stagger", Locus(side="L"), rng.normal(size=500))
-    check = SensorCheck(1.0, float("nan"), float("nan"), ())
+    check = SensorCheck(1.0, float("nan"), float("nan"), 1.0, ())
     whole = Evidence(check, (), fits[0], (), tuple(fits[:2]), (pair,), (), 0.5, {"a": 1.0}, None)
     text = json.dumps(evidence_record(whole))
     assert len(text) < 10_000

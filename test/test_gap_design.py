@@ -65,7 +65,7 @@ def diagnosed(campaign: PreparedCampaign, tried: Sequence[Active]) -> tuple[Evid
     cases = cases_of(campaign)
     start = fit(cases, np.ones(6), ())
     fits = sorted((fit(cases, start.factors, (one,)) for one in tried), key=lambda f: f.left_out)
-    nothing = SensorCheck(1.0, 1.0, 1.0, ())
+    nothing = SensorCheck(1.0, 1.0, 1.0, 1.0, ())
     found = Evidence(nothing, cases, start, (), tuple(fits), (), (), 0.0, {})
     return found, decide(found)
 
@@ -124,7 +124,7 @@ def test_a_pair_is_not_its_own_rival() -> None:
     first, second, other = (planted(n) for n in ("mean_stiffness", "runout", "stagger"))
     tried = ((first, second), (first,), (second, other), (other,))
     options = tuple(Option("force_law", one, 0.1 * i) for i, one in enumerate(tried))
-    stage = Stage("force_law", 5.0, options, frozen_thresholds(), 0.1)
+    stage = Stage("force_law", 5.0, options, frozen_thresholds(), 0.1, 0.01)
     pair = ("mean_stiffness", "runout")
     verdict = Verdict(pair[0], pair, {}, {}, (), "force_law", options[:1], None, (stage,))
     assert leading(verdict) == (options[0], options[3])

@@ -42,7 +42,7 @@ def found(campaign: PreparedCampaign) -> Diagnosis:
     cases = tuple(case(run, fuse(run)) for run in campaign.of_role("fit"))
     option = Option("force_law", (stiff,), 0.0, fit(cases, np.ones(6), (stiff,), 1))
     evidence = Evidence(
-        SensorCheck(1.0, 1.0, 1.0, ()),
+        SensorCheck(1.0, 1.0, 1.0, 1.0, ()),
         cases,
         fit(cases, np.ones(6), (), 1),
         (),

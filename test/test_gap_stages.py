@@ -23,7 +23,7 @@ from herringbone_sim.gap.verdict.questions import undecidable
 from herringbone_sim.gap.verdict.stages import has_shape, stages_of
 from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 
-QUIET = SensorCheck(1.0, 1.0, 1.0, ())
+QUIET = SensorCheck(1.0, 1.0, 1.0, 1.0, ())
 T = frozen_thresholds()
 
 
@@ -112,7 +112,7 @@ def test_unknown_tells_what_comes_nearest_and_why_it_is_not_that(
 
 
 def test_sensors_that_disagree_in_no_known_way_are_unknown() -> None:
-    assert decide(evidence(check=SensorCheck(1.5, 1.5, 1.5, ()))).verdict == "unknown"
+    assert decide(evidence(check=SensorCheck(1.5, 1.5, 1.5, 1.5, ()))).verdict == "unknown"
 
 
 def test_a_short_event_in_the_balance_is_not_nothing() -> None:
@@ -164,3 +164,7 @@ def test_probabilities_sum_to_one_over_the_catalogue(name: str) -> None:
     chances = decide(evidence()).probabilities
     assert name in chances
     assert sum(chances.values()) == pytest.approx(1.0)
+
+
+def test_motion_between_samples_that_v_does_not_follow_is_no_wrong_sensor() -> None:
+    assert decide(evidence(check=SensorCheck(1.5, 1.5, 1.5, 1.0, ()))).verdict == "none"

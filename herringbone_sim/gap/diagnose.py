@@ -114,5 +114,5 @@ def evidence_of(campaign: PreparedCampaign, findings: Sequence[Finding], say: Sa
     if not mismatched(findings):
         return gather(to_leave_out(fit), say)
     cases = tuple(case(run, fuse(run)) for run in fit)
-    nothing = SensorCheck(float("nan"), float("nan"), float("nan"), ())
+    nothing = SensorCheck(float("nan"), float("nan"), float("nan"), float("nan"), ())
     return Evidence(nothing, cases, None, (), (), (), (), 0.0, {})

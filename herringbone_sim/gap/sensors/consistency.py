@@ -38,6 +38,8 @@ class Consistency:
         normal: (4 J, 4 J) and right: (4 J,), kinds fastest, channels x, v, u in order.
         energy: sum of squares of what is left, whitened.
         count: its degrees of freedom.
+        of_geometry: both of what geometry alone leaves, which holds to rounding; the integral of v
+            between samples does not.
         scale: (4 J,) SI value of one unit of each column.
     """
 
@@ -45,6 +47,7 @@ class Consistency:
     right: Array
     energy: float
     count: float
+    of_geometry: tuple[float, float]
     scale: Array
 
     @property
@@ -52,12 +55,19 @@ class Consistency:
         """Mean square of what is left over its noise: 1 where all sensors agree."""
         return self.energy / max(self.count, 1.0)
 
+    @property
+    def chi2_of_geometry(self) -> float:
+        """The same of what geometry alone leaves; 1 where it tells nothing."""
+        energy, count = self.of_geometry
+        return energy / count if count > 0.0 else 1.0
+
 
 def consistency(runs: Sequence[PreparedRun]) -> Consistency:
     """What the sensors of some runs say against each other, as normal equations."""
     J = sum(m.there.size for m in (runs[0].x, runs[0].v, runs[0].u))
     normal, right = np.zeros((4 * J, 4 * J)), np.zeros(4 * J)
     energy = count = 0.0
+    exact = np.zeros(2)
     sizes = _sizes(runs)
     scale = np.stack(
         [np.ones(J), sizes, np.full(J, runs[0].step_s), np.full(J, 1e-4)], axis=1
@@ -70,8 +80,17 @@ def consistency(runs: Sequence[PreparedRun]) -> Consistency:
             normal += weight * (S.T @ S)
             right += np.einsum("tj,tja->ja", left @ columns, part).ravel()
             energy += float(np.sum(left**2))
-            count += len(left) * np.linalg.matrix_rank(columns, tol=1e-9 * np.abs(columns).max())
-    return Consistency(normal, right, energy, count, scale)
+            count += _freedom(left, columns)
+        for left, columns in geometry(run):
+            exact += float(np.sum(left**2)), _freedom(left, columns)
+    return Consistency(normal, right, energy, count, (float(exact[0]), float(exact[1])), scale)
+
+
+def _freedom(left: Array, columns: Array) -> float:
+    """Degrees of freedom of what is left (k, d) of channels that enter it by (d, J)."""
+    if not columns.size:
+        return 0.0
+    return float(len(left) * np.linalg.matrix_rank(columns, tol=1e-9 * np.abs(columns).max()))
 
 
 def _sizes(runs: Sequence[PreparedRun]) -> Array:

@@ -78,12 +78,15 @@ class SensorCheck:
             all channels and without those found wrong; NaN where nothing can be compared.
         corrected: the same with those channels put right by what was found: where more is left
             than without them, they err in another way.
+        geometry: as ``after``, of what geometry alone says: the rest holds only as far as v is
+            followed between samples.
         findings: the largest first.
     """
 
     before: float
     after: float
     corrected: float
+    geometry: float
     findings: tuple[SensorFinding, ...]
 
     @property
@@ -122,7 +125,7 @@ def find_sensor_errors(runs: Sequence[PreparedRun], most: int = 3) -> SensorChec
     put = [f.active for f in findings if f.group.quantity != "xvu"]
     right = consistency([corrected(run, put) for run in whole]) if put else now
     sums = _with(first, early), _with(now, late), _with(right, late)
-    return SensorCheck(*sums, tuple(findings))
+    return SensorCheck(*sums, now.chi2_of_geometry, tuple(findings))
 
 
 def _drift(runs: Sequence[PreparedRun], clock: Clock) -> SensorFinding:

@@ -143,12 +143,14 @@ def _sensors(evidence: Evidence, t: Thresholds) -> Stage | None:
     check = evidence.check
     if not np.isfinite(check.before):
         return None
-    nominal, options = max(check.before - 1.0, 0.0), []
+    rest = max(check.geometry - 1.0, 0.0)
+    nominal, options = rest, []
     for finding in check.findings[:1]:
+        nominal = max(check.before - 1.0, 0.0)
         half = NORMAL_90 * finding.sigma
         one = finding.active
         wide = _widened(one, tuple((v - half, v + half) for v in one.theta), t)
-        left = max(check.corrected - 1.0, 0.0)
+        left = max(check.corrected - check.after, 0.0) + rest
         options.append(Option("consistency", (one,), left, None, (wide,)))
     return Stage("consistency", nominal, tuple(options), t, t.excess_consistency, t.share)
 
