@@ -73,6 +73,7 @@ def test_a_planted_error_comes_back(
     assert first.value == pytest.approx(value, abs=max(4.0 * first.sigma, 0.02 * abs(value)))
     assert len(found.findings) == 1
     assert found.after == pytest.approx(1.0, abs=0.05)
+    assert found.corrected == pytest.approx(1.0, abs=0.1)
 
 
 def _from_zero(series: TimeSeries) -> TimeSeries:
@@ -93,8 +94,8 @@ def test_a_channel_put_right_agrees_only_where_its_error_is_known(
 ) -> None:
     found = check(clean, ("x_sp2_L",), change)
     assert found.before > 1.2
-    if found.findings:
-        assert found.after == pytest.approx(1.0, abs=0.05)
+    assert found.findings
+    assert found.after == pytest.approx(1.0, abs=0.05)
     left = (found.corrected - 1.0) / (found.before - 1.0)
     assert left < 0.05 if known else left > 0.2
 

@@ -20,7 +20,7 @@ from herringbone_sim.gap.residuals.recalibrate import BOUNDS, force_law
 Array = NDArray[np.float64]
 
 N_FACTOR = 6
-CHANCE = 10.0  # squares that as many parameters may win by chance
+CHANCE = 10.0  # squares that some more parameters may win by chance, over chi2
 DEPTHS = (0.1, 0.3, 1.0)  # of the median deflection, up to which a load counts as light
 RIDGE = 1e-6
 

@@ -5,7 +5,7 @@ ways, by what its parameters are:
 
 - derivatives by the parameters that have a neutral value; with a ``phase`` beside them, a cosine
   and a sine;
-- whole responses over a coarse grid, for effects with states of their own;
+- whole responses over a grid, for effects with states of their own;
 - events at a ``position``: see ``events``.
 """
 

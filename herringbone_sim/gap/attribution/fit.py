@@ -134,6 +134,7 @@ def _cost(cases: Sequence[Case], values: Array, actives: Sequence[Active]) -> fl
 
 
 def linear(c: Case, values: Array, actives: Sequence[Active]) -> Linear:
+    """Residual and slopes of a run at calibration and parameters ``values`` (6 + p,)."""
     chosen = _split(values, actives)
     law = force_law(c.run, c.fused, values[:6])
     here = expected(c, values[:6], chosen, law)
@@ -155,7 +156,7 @@ def linear(c: Case, values: Array, actives: Sequence[Active]) -> Linear:
             first += 1
     columns = np.where(np.abs(columns) < UNSTABLE, columns, 0.0)
     white = np.where(c.usable[None, :, None], columns / c.floor[:, :, None], 0.0)
-    left = np.where(c.usable, np.nan_to_num((c.run.F.values - here) / c.floor), 0.0)
+    left = np.where(c.usable, (c.run.F.values - here) / c.floor, 0.0)
     return Linear(left, white)
 
 

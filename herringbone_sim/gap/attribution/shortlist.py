@@ -141,7 +141,7 @@ def _products(start: Base, regressors: Sequence[Feature]) -> tuple[Array, Array,
     for run, (c, law, left) in enumerate(
         zip(start.cases, start.laws, start.residuals, strict=True)
     ):
-        before = expected(c, start.factors, start.actives, law)
+        before = expected(c, start.factors, start.actives, law, ROUGH)
         columns = calibration_columns(c, law, start.factors)
         for feature in regressors:
             columns += _columns(start, run, feature, before)

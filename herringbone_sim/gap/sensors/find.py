@@ -122,10 +122,19 @@ def find_sensor_errors(runs: Sequence[PreparedRun], most: int = 3) -> SensorChec
         share = 1.0 - max(after.energy - after.count, 0.0) / excess
         findings.append(replace(finding, share=max(share, 0.0)))
         now = after
-    put = [f.active for f in findings if f.group.quantity != "xvu"]
-    right = consistency([corrected(run, put) for run in whole]) if put else now
+    right = consistency([_put_right(run, findings) for run in whole])
     sums = _with(first, early), _with(now, late), _with(right, late)
     return SensorCheck(*sums, now.chi2_of_geometry, tuple(findings))
+
+
+def _put_right(run: PreparedRun, findings: Sequence[SensorFinding]) -> PreparedRun:
+    """The run with what was found undone; a clock of some channels alone can only be left out."""
+    for one in findings:
+        if one.effect != "clock_drift":
+            run = corrected(run, (one.active,))
+        elif one.group.quantity != "xvu":
+            run = drop(run, one.group.names)
+    return run
 
 
 def _drift(runs: Sequence[PreparedRun], clock: Clock) -> SensorFinding:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
 FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
-SETTLED = 0.5  # of the excess of the balance left: an effect on the bodies is clear
+SETTLED = 0.5  # of the excess of the balance left, by forces put right or an effect on the bodies
+CLEAR = 0.4  # excess from which such an effect is taken off before force sensors are judged
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,22 @@ class BalanceEvidence:
 
     def left(self, one: Fit) -> float:
         """What a fit leaves of runs left out, in its law and in the balance."""
-        return one.left_out + self.by_force.get(name_of(one.actives), self.excess)
+        return one.left_out + unsettled(one, self.excess, self.by_force)
+
+
+def unsettled(one: Fit, excess: float, by_force: Mapping[str, float]) -> float:
+    """What a hypothesis on the forces leaves in the balance, above the one that leaves least.
+
+    A force sensor is right only where it settles most of the balance: what acts on the bodies is
+    in it as well.
+
+    Args:
+        excess: of the balance with the forces as measured.
+        by_force: the same by name of a hypothesis, with the forces that it puts right.
+    """
+    least = min((excess, *by_force.values()))
+    least = least if least < SETTLED * excess else excess
+    return max(by_force.get(name_of(one.actives), excess) - least, 0.0)
 
 
 def balance_evidence(
@@ -56,16 +72,12 @@ def balance_evidence(
     machine = _machine(whole, machines)
     fits, highest = _bodies(whole, machine, effects)
     sensors = [f for f in options if any(a.effect.level == "sensor" for a in f.actives)]
-    if not sensors:
-        return BalanceEvidence(
-            fits, fits[0].left_out - 1.0, {}, highest, _settled(whole, machine, ())
-        )
     body = _clear(fits)
     excess = _balance_excess(whole, machine, body)
     by_force = {name_of(one.actives): _balance_excess(whole, one, body) for one in sensors}
     found = BalanceEvidence(fits, excess, by_force, highest)
-    best = min(options, key=found.left)
-    if any(best is one for one in sensors):
+    best = min((machine, *sensors), key=found.left)
+    if best is not machine:
         fits, highest = _bodies(whole, best, effects)
     return replace(found, fits=fits, peak=highest, settled=_settled(whole, best, _clear(fits)))
 
@@ -83,7 +95,8 @@ def _machine(cases: Sequence[Case], options: Sequence[Fit]) -> Fit:
 def _clear(fits: Sequence[BodyFit]) -> tuple[Active, ...]:
     """The best effect on the bodies, if it explains most of what the balance shows."""
     nominal, *rest = fits
-    clear = rest and rest[0].left_out - 1.0 < SETTLED * (nominal.left_out - 1.0)
+    excess = nominal.left_out - 1.0
+    clear = rest and excess > CLEAR and rest[0].left_out - 1.0 < SETTLED * excess
     return rest[0].actives if clear else ()
 
 

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from herringbone_sim.effects.effect import Effect
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.bodies import (
-    BodyFit,
-)
+from herringbone_sim.gap.attribution.bodies import BodyFit
 from herringbone_sim.gap.attribution.channel_sets import FEW, channel_set
 from herringbone_sim.gap.attribution.constancy import Varying, varying
 from herringbone_sim.gap.attribution.fit import Fit, fit
@@ -60,8 +58,8 @@ class Evidence:
         pairs: fits of two effects, likewise.
         bodies: balance without effects and with each one on the bodies, with the forces as the
             best fit has them; empty when unknown.
-        balance_excess: chi2 above 1 of the balance with the forces as measured, and between
-            samples by the best law of the machine.
+        balance_excess: chi2 above 1 of the balance with the forces as measured, between samples by
+            the best law of the machine, and without an effect on the bodies that is clear.
         by_force: per name of a fit with a force sensor: the same with its forces corrected.
         balance_peak: largest residual of the balance without effects, over its floor; 0 unknown.
         balance_settled: excess that the best fit takes off the balance: by a force put right, by

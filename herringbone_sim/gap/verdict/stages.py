@@ -17,6 +17,7 @@ from herringbone_sim.gap.attribution.bodies import BodyFit
 from herringbone_sim.gap.attribution.constancy import Varying
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import name_of
+from herringbone_sim.gap.verdict.balance import unsettled
 from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.gap.verdict.thresholds import Thresholds
 
@@ -26,7 +27,7 @@ Spans = tuple[tuple[float, float], ...]
 
 NORMAL_90 = 1.645
 STEADY = Varying(0.0, 0.0)
-SETTLED = 0.5  # of the balance's excess left by forces that are put right
+SLIGHT = 5e-4  # part of the excess, added to what is left before a share of it counts
 
 
 @dataclass(frozen=True)
@@ -105,10 +106,11 @@ class Stage:
         whole = self.nominal + self.floor
         shaped = not self.options or has_shape(self.options[0].actives)
         most = t.left if shaped else t.left_exact
+        load = self.varying.by_load / (best + SLIGHT * whole)
         return {
             "left": (best / whole / most) ** t.sharp_unknown,
             "time": (self.varying.by_time / whole / t.by_time) ** t.sharp_unknown,
-            "load": 0.0 if shaped else (self.varying.by_load / best / t.by_load) ** t.sharp_load,
+            "load": 0.0 if shaped else (load / t.by_load) ** t.sharp_load,
         }
 
     @property
@@ -139,14 +141,18 @@ def stages_of(evidence: Evidence, thresholds: Thresholds) -> tuple[Stage, ...]:
 
 
 def _sensors(evidence: Evidence, t: Thresholds) -> Stage | None:
-    """Sensors by consistency: the errors found, put right, as one option."""
+    """Sensors by consistency: the errors found, put right, as one option.
+
+    Where none is found, what geometry alone says; the rest is motion that v does not follow
+    between samples.
+    """
     check = evidence.check
     if not np.isfinite(check.before):
         return None
     rest = max(check.geometry - 1.0, 0.0)
     nominal, options = rest, []
     for finding in check.findings[:1]:
-        nominal = max(check.before - 1.0, 0.0)
+        nominal = max(check.before - check.after, 0.0) + rest
         half = NORMAL_90 * finding.sigma
         one = finding.active
         wide = _widened(one, tuple((v - half, v + half) for v in one.theta), t)
@@ -159,7 +165,9 @@ def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
     nominal = evidence.nominal
     if nominal is None:
         return None
-    excess = max(nominal.left_out - 1.0, 0.0) + _balance(evidence, nominal)
+    excess = max(nominal.left_out - 1.0, 0.0) + unsettled(
+        nominal, evidence.balance_excess, evidence.by_force
+    )
     singles = [_option(evidence, one, t) for one in evidence.fits]
     least = min((o.excess for o in singles), default=excess)
     pairs = [
@@ -176,24 +184,14 @@ def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
 
 def _option(evidence: Evidence, one: Fit, t: Thresholds) -> Option:
     """A fit; with a force sensor in it, the balance speaks as well."""
-    excess = max(one.left_out - 1.0, 0.0) + _balance(evidence, one)
+    excess = max(one.left_out - 1.0, 0.0) + unsettled(
+        one, evidence.balance_excess, evidence.by_force
+    )
     spans = tuple(
         _widened(a, tuple(one.interval(i, k) for k in range(len(a.theta))), t)
         for i, a in enumerate(one.actives)
     )
     return Option("force_law", one.actives, excess, one, spans)
-
-
-def _balance(evidence: Evidence, one: Fit) -> float:
-    """What a hypothesis on the forces leaves in the balance, above the one that leaves least.
-
-    A force sensor is right only where it settles most of the balance: what acts on the bodies is
-    in it as well.
-    """
-    machine = evidence.balance_excess
-    least = min((machine, *evidence.by_force.values()))
-    least = least if least < SETTLED * machine else machine
-    return max(evidence.by_force.get(name_of(one.actives), machine) - least, 0.0)
 
 
 def _bodies(evidence: Evidence, t: Thresholds) -> Stage | None:

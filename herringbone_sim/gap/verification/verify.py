@@ -136,10 +136,6 @@ def _balance(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     before = balance_of(c, model.factors)
     balance = balance_of(c, model.factors, c.run.F.values - error, model.actives)
     after = balance.measured - np.tensordot(model.inverse, balance.parts, axes=1)
-    law = force_law(c.run, c.fused, model.factors)
-    for one in model.actives:
-        if one.effect.level == "body":
-            after = after - response(c, model.factors, law, one)
     return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(before.sigma))
 
 
