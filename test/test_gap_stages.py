@@ -16,7 +16,8 @@ from herringbone_sim.gap.attribution.constancy import Varying
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import name_of
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.sensors.find import SensorCheck, SensorFinding
+from herringbone_sim.gap.sensors.groups import Group
 from herringbone_sim.gap.verdict.decide import decide
 from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.gap.verdict.questions import undecidable
@@ -164,6 +165,16 @@ def test_probabilities_sum_to_one_over_the_catalogue(name: str) -> None:
     chances = decide(evidence()).probabilities
     assert name in chances
     assert sum(chances.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("corrected", "verdict"), [(1.02, "sensor_bias"), (1.8, "unknown")])
+def test_a_sensor_is_named_where_its_error_puts_it_right(corrected: float, verdict: str) -> None:
+    names = ("x_sp1_L",)
+    where = Group("x", "sp", "1", "L", names, np.arange(33) == 0)
+    found = SensorFinding("sensor_bias", where, 1e-6, 1e-9, "m", 1.0, ())
+    assert (
+        decide(evidence(check=SensorCheck(2.0, 1.0, corrected, 1.0, (found,)))).verdict == verdict
+    )
 
 
 def test_motion_between_samples_that_v_does_not_follow_is_no_wrong_sensor() -> None:

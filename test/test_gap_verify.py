@@ -15,10 +15,16 @@ from herringbone_sim.effects.channels import distort
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.attribution.bodies import response
+from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.repeat import read_report
 from herringbone_sim.gap.report import check_report
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import consistency
 from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
+from herringbone_sim.gap.verdict.augmented import Augmented
+from herringbone_sim.gap.verification.verify import measure
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.recording.writer import RunWriter
 
@@ -142,3 +148,15 @@ def test_force_sensors_are_left_to_the_law() -> None:
     run = prepared(sampled({}, POINTS[0], 4), POINTS[0])
     same = corrected(run, (one,))
     np.testing.assert_array_equal(same.F.values, run.F.values)
+
+
+def test_an_effect_on_the_bodies_is_measured_once() -> None:
+    run = prepared(noisy(sampled({}, POINTS[0]), 0.01, 3), POINTS[0], "held_out")
+    ripple = active(effect("torque_ripple"), values={"amplitude": 0.5, "order": 7})
+    with_ripple = Augmented(np.ones(6), np.ones(3), (ripple,))
+    found = measure((run,), lambda one: one, "torque_balance", with_ripple).runs[0]
+    one = case(run, fuse(run))
+    size = response(one, np.ones(6), force_law(run, one.fused, np.ones(6)), ripple)
+    expected = np.hypot(found.nominal, np.sqrt(np.mean(size**2)))  # a rig without has it missing
+    assert found.augmented > 2.0 * found.nominal
+    assert found.augmented == pytest.approx(expected, rel=0.05)
