@@ -20,8 +20,8 @@ diagnosis runs), diagnose them, and write how often what was said is true: table
 cases.csv, with 95 % intervals, targets, strata and baselines. Rigs come from a generator of its
 own, with another integrator and other shapes of the effects than the diagnosis has.
 
-  python -m herringbone_sim gap bench --seeds 5000:5200 --out bench
-  python -m herringbone_sim gap bench --seeds 6000:6100 --snr 20,40,60 --d 1,3,10 --out wide
+  python -m herringbone_sim gap bench --seeds 40000:40200 --out bench
+  python -m herringbone_sim gap bench --seeds 50000:50100 --snr 20,40,60 --d 1,3,10 --out wide
   python -m herringbone_sim gap bench --table bench
 
 A bench that was stopped goes on when it is asked for again.
