@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.data.prepared import (
     PreparedCampaign,
     PreparedRun,
@@ -32,12 +33,20 @@ POINTS = (
 ROLES = ("fit", "fit", "held_out")
 
 
-def sampled(own: Mapping[str, Any], point: Mapping[str, float], cycles: int = 40) -> TimeSeries:
-    """A run of the rig with its own parameters, without noise; x and v hold the nominal e(t)."""
+def sampled(
+    own: Mapping[str, Any],
+    point: Mapping[str, float],
+    cycles: int = 40,
+    actives: Sequence[Active] = (),
+) -> TimeSeries:
+    """A run of the rig with its own parameters and effects, without noise.
+
+    x and v hold the nominal e(t).
+    """
     nominal = build(NOMINAL.changed(point))
     rig = build(NOMINAL.changed({**point, "omega_n": OMEGA_N, **own}))
-    _, state = simulate(rig, 60)
-    series, _ = simulate(rig, cycles, state)
+    _, state = simulate(rig, actives, 60)
+    series, _ = simulate(rig, actives, cycles, state)
     return with_nominal_error(series, rig, nominal)
 
 
@@ -73,13 +82,18 @@ def prepared(
 
 
 def rig(
-    own: Mapping[str, Any], share: float = 0.01, seed: int = 7, cycles: int = 40
+    own: Mapping[str, Any],
+    share: float = 0.01,
+    seed: int = 7,
+    cycles: int = 40,
+    actives: Sequence[Active] = (),
 ) -> PreparedCampaign:
     """Three runs of a rig, the last one held out."""
+    shown = [
+        noisy(sampled(own, p, cycles, actives), share, seed + i) for i, p in enumerate(POINTS)
+    ]
     runs = tuple(
-        prepared(
-            noisy(sampled(own, point, cycles), share, seed + i), point, role, share, f"run_{i:02d}"
-        )
-        for i, (point, role) in enumerate(zip(POINTS, ROLES, strict=True))
+        prepared(series, point, role, share, f"run_{i:02d}")
+        for i, (series, point, role) in enumerate(zip(shown, POINTS, ROLES, strict=True))
     )
     return PreparedCampaign("planted", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
