@@ -27,6 +27,7 @@ from herringbone_sim.gap.practice.record import (
 )
 from herringbone_sim.gap.practice.stepper import integrate
 from herringbone_sim.gap.practice.store import write_campaign
+from herringbone_sim.gap.practice.unseen import UNSEEN
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
 
@@ -143,7 +144,7 @@ def test_noise_has_its_share_and_the_converter_its_steps(share):
     assert np.log2(step) == round(np.log2(step))
 
 
-@pytest.mark.parametrize("name", [*NAMED, *UNNAMED])
+@pytest.mark.parametrize("name", [*NAMED, *UNNAMED, *UNSEEN])
 def test_every_effect_is_felt_and_none_at_size_zero(name):
     plan = draw_plan(5, name, 3.0)
     rig, cause = NOMINAL.scaled(plan.factors), plan.causes[0]

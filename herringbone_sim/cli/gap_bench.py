@@ -22,6 +22,7 @@ own, with another integrator and other shapes of the effects than the diagnosis 
 
   python -m herringbone_sim gap bench --seeds 40000:40200 --out bench
   python -m herringbone_sim gap bench --seeds 50000:50100 --snr 20,40,60 --d 1,3,10 --out wide
+  python -m herringbone_sim gap bench --seeds 60000:60040 --truth unseen --out unseen
   python -m herringbone_sim gap bench --table bench
 
 A bench that was stopped goes on when it is asked for again.
@@ -44,7 +45,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add("--channels", default="full", metavar="SETS", help="full, no_force, few [%(default)s]")
     add("--d", default="3,10", metavar="D", help="detectabilities to draw from [%(default)s]")
     add("--regime", default="varied", metavar="R", help="varied, quiet [%(default)s]")
-    add("--truth", help="none, single, pair, unknown or an effect (default: by their shares)")
+    add("--truth", help="none, single, pair, unknown, unseen or an effect (default: by shares)")
     add("--again", action="store_true", help="diagnose again what other sources diagnosed")
     add(
         "--calibration-family",

@@ -17,6 +17,7 @@ from herringbone_sim.gap.practice.machine import Array, Machine
 
 TWO_PI = 2.0 * np.pi
 CYCLES_PER_TURN = 27.0 * 77.0 / (27.0 + 77.0)  # mesh cycles a turn of the sun to ground
+SECOND_TOUCHES = 8e-6  # deflection [m] at which a second pair touches
 forget_stale(Path(__file__).parent, Path(__file__).parent)
 
 # As in core.packed: no reference counting, all scratch comes from outside.
@@ -101,6 +102,10 @@ def _spring(p: Machine, m: int, f: float, phase: float, cos: float, sin: float, 
         c, s = c * cos - s * sin, s * cos + c * sin
     if p.k_half[m] != 0.0:
         share += p.k_half[m] * np.cos(0.5 * phase)
+    if p.k_turn[m] != 0.0:
+        share += p.k_turn[m] * np.cos(phase / 27.0)
+    if p.k_second[m] != 0.0 and abs(f) > SECOND_TOUCHES:
+        share += p.k_second[m] * (1.0 - SECOND_TOUCHES / abs(f))
     if p.k_drift[m] != 0.0:
         share *= 1.0 + p.k_drift[m] * (t / p.span) ** 1.5
     if p.event[4, m] != 0.0:
@@ -179,6 +184,13 @@ def _forces(
         f = flank(x * p.cos_beta - e, p.half_backlash[m], p.rounding[m])
         depth[m] = spring(p, m, f, phase, cos, sin, t)
         force[m] = damper(p, m, f, v)
+        if p.hysteresis[m] != 0.0:
+            depth[m] *= 1.0 + p.hysteresis[m] * np.tanh(v * np.sign(f) / 0.02)
+        if p.c_square[m] != 0.0:
+            force[m] += p.damping[m] * p.c_square[m] * abs(v) * v
+        if p.film[m] != 0.0:
+            gap = abs(abs(x * p.cos_beta - e) - p.half_backlash[m])
+            force[m] += p.damping[m] * p.film[m] * np.exp(-gap / 4e-6) * v
     for m in range(12):
         other = m + 3 if (m // 3) % 2 == 0 else m - 3
         force[m] += depth[m] + p.cross[m] * depth[other]
@@ -198,6 +210,13 @@ def _forces(
     if p.gyro != 0.0:
         extra[0] += p.gyro * y[n + 3]
         extra[3] -= p.gyro * y[n]
+    if p.bar != 0.0:
+        twist = p.bar * (y[0] - y[1] + 1e-5)
+        extra[0] -= twist
+        extra[1] += twist
+    if p.windage != 0.0:
+        for k in range(3, 9):
+            extra[k] -= p.windage * abs(y[n + k]) * y[n + k]
 
 
 forces: Any = compiled(_forces)

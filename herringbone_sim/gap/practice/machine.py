@@ -87,6 +87,13 @@ class Machine(NamedTuple):
     output: Array  # (2,) stick force [N] and speed [m/s] of the output
     shock: Array  # (3,) force [N], cycles between, width [cycles] of a shock on the carrier
     gyro: float  # skew coupling of sun and planet 1, left [N s/m]
+    hysteresis: Array  # share of the spring force that turns with the direction of motion
+    c_square: Array  # share by which damping has grown at 1 m/s
+    film: Array  # damping of the gap next to a flank, as a multiple of that of the mesh
+    k_turn: Array  # share of k that comes once a turn of the sun
+    k_second: Array  # share of k that a second pair adds, once it touches
+    bar: float  # torsion spring between the halves of the sun, put in with a twist [N/m]
+    windage: float  # drag on each planet by its rate squared [N s2/m2]
     ripple: Array  # (4,) amplitude, order a turn, phase, share of the second order
     drive: float  # T_1 / (2 r_bs) [N] on each sun half
     brake: float  # T_2 / r_bc [N]
@@ -164,6 +171,13 @@ def machine(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Mach
         output=np.array([0.0, 1.0]),
         shock=np.array([0.0, 10.0, 1.0]),
         gyro=0.0,
+        hysteresis=zero.copy(),
+        c_square=zero.copy(),
+        film=zero.copy(),
+        k_turn=zero.copy(),
+        k_second=zero.copy(),
+        bar=0.0,
+        windage=0.0,
         ripple=np.zeros(4),
         drive=point["T_1"] / 2.0 / r_s,
         brake=2.0 * point["T_1"] / r_s,

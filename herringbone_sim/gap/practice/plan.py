@@ -15,8 +15,9 @@ from herringbone_sim.gap.practice.machine import N_COORDINATE, TOLERANCE, TOLERA
 from herringbone_sim.gap.practice.outside import OUTSIDE
 from herringbone_sim.gap.practice.record import CHANNEL_SETS
 from herringbone_sim.gap.practice.sensors import OUTSIDE_SENSORS, SENSORS
+from herringbone_sim.gap.practice.unseen import UNSEEN
 
-KINDS: dict[str, Kind] = {**CATALOGUE, **SENSORS, **OUTSIDE, **OUTSIDE_SENSORS}
+KINDS: dict[str, Kind] = {**CATALOGUE, **SENSORS, **OUTSIDE, **OUTSIDE_SENSORS, **UNSEEN}
 NAMED = (*CATALOGUE, *SENSORS)
 UNNAMED = (*OUTSIDE, *OUTSIDE_SENSORS)
 TRUTHS = {"none": 0.2, "single": 0.4, "pair": 0.2, "unknown": 0.2}
@@ -78,7 +79,7 @@ def draw_plan(
     """Draw a campaign; what is not given is drawn by the shares of ``TRUTHS``.
 
     Args:
-        truth: none, single, pair, unknown, or the name of a kind of effect.
+        truth: none, single, pair, unknown, unseen, or the name of a kind of effect.
         d: detectability; one of 1, 3, 10 if not given.
         channels: full, no_force or few.
 
@@ -110,7 +111,7 @@ def draw_plan(
 
 def _check(truth: str | None, channels: str, regime: str) -> None:
     for what, value, known in (
-        ("truth", truth, (*TRUTHS, *KINDS)),
+        ("truth", truth, (*TRUTHS, "unseen", *KINDS)),
         ("channels", channels, tuple(CHANNEL_SETS)),
         ("regime", regime, ("varied", "quiet")),
     ):
@@ -151,6 +152,8 @@ def _causes(rng: Generator, truth: str, channels: str) -> tuple[Cause, ...]:
         return (draw_cause(rng, str(rng.choice(NAMED)), channels),)
     if truth == "unknown":
         return (draw_cause(rng, str(rng.choice(UNNAMED)), channels),)
+    if truth == "unseen":
+        return (draw_cause(rng, str(rng.choice(list(UNSEEN))), channels),)
     if truth != "pair":
         return (draw_cause(rng, truth, channels),)
     while True:

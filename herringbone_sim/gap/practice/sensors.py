@@ -80,7 +80,18 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
         rms = float(np.sqrt(np.mean(exact[names[0]] ** 2)))
         hum = np.sin(float(c.shape["hertz"]) * 2.0 * np.pi * now.times)
         seen[names[0]] = exact[names[0]] + by * rms * hum
+    elif c.internal == "crosstalk":
+        seen[names[0]] = exact[names[0]] + by * exact[_neighbour(names[0], exact)]
+    elif c.internal == "soft_saturation":
+        level = float(np.sqrt(np.mean(exact[names[0]] ** 2))) / c.size
+        seen[names[0]] = level * np.tanh(exact[names[0]] / level)
     return seen
+
+
+def _neighbour(name: str, among: Mapping[str, Array]) -> str:
+    """The channel of the same quantity that is wired next to one."""
+    alike = [other for other in among if other[0] == name[0]]
+    return alike[(alike.index(name) + 1) % len(alike)]
 
 
 def _missing_codes(values: Array, size: float) -> Array:
@@ -92,7 +103,8 @@ def _missing_codes(values: Array, size: float) -> Array:
     return shown
 
 
-def _sensor(start: float, cap: float, tell: Any, draw: Any = draw_channel) -> Kind:
+def sensor(start: float, cap: float, tell: Any, draw: Any = draw_channel) -> Kind:
+    """A kind of fault of a sensor."""
     return Kind("sensor", start, cap, draw, _untouched, tell)
 
 
@@ -102,13 +114,13 @@ def _tell_bias(c: Cause) -> dict[str, tuple[Any, str]]:
 
 
 SENSORS: dict[str, Kind] = {
-    "sensor_gain": _sensor(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
-    "sensor_bias": _sensor(0.02, 2.0, _tell_bias),
-    "sensor_delay": _sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
-    "clock_drift": _sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}, draw_clock),
-    "channel_swap": _sensor(1.0, 1.0, lambda c: {}, draw_swap),
+    "sensor_gain": sensor(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
+    "sensor_bias": sensor(0.02, 2.0, _tell_bias),
+    "sensor_delay": sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
+    "clock_drift": sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}, draw_clock),
+    "channel_swap": sensor(1.0, 1.0, lambda c: {}, draw_swap),
 }
 OUTSIDE_SENSORS: dict[str, Kind] = {
-    "missing_codes": _sensor(0.05, 1.5, lambda c: {"size": (c.size, "-")}),
-    "mains_hum": _sensor(0.02, 1.0, lambda c: {"size": (c.size, "-")}),
+    "missing_codes": sensor(0.05, 1.5, lambda c: {"size": (c.size, "-")}),
+    "mains_hum": sensor(0.02, 1.0, lambda c: {"size": (c.size, "-")}),
 }

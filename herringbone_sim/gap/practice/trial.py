@@ -44,7 +44,7 @@ class Setting:
 
     Attributes:
         snr_dB, channels, d, regime: as in ``plan.draw_plan``.
-        truth: none, single, pair, unknown or a kind of effect; None draws by their shares.
+        truth: none, single, pair, unknown, unseen or a kind of effect; None draws by their shares.
     """
 
     snr_dB: tuple[float, ...] = (40.0,)
