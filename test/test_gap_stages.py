@@ -15,6 +15,7 @@ from herringbone_sim.gap.attribution.bodies import BodyFit
 from herringbone_sim.gap.attribution.constancy import Varying
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import name_of
+from herringbone_sim.gap.attribution.unforced import Unforced
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.sensors.find import SensorCheck, SensorFinding
 from herringbone_sim.gap.sensors.groups import Group
@@ -24,6 +25,7 @@ from herringbone_sim.gap.verdict.questions import undecidable
 from herringbone_sim.gap.verdict.stages import has_shape, stages_of
 from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 
+MOVING = Unforced(np.ones(6), np.ones(3), ())
 QUIET = SensorCheck(1.0, 1.0, 1.0, 1.0, ())
 T = frozen_thresholds()
 
@@ -110,6 +112,19 @@ def test_unknown_tells_what_comes_nearest_and_why_it_is_not_that(
     nothing = PreparedCampaign("rig", Parameters(), (), {}, ())
     said = undecidable(nothing, found, decide(found))
     assert f"nearest to the forces comes mean_stiffness, but {reason}" in said
+
+
+@pytest.mark.parametrize(
+    ("motion", "shown"), [(None, "the torque balance"), (MOVING, "the motion")]
+)
+def test_without_forces_what_comes_nearest_is_told_of_the_motion(
+    motion: Unforced | None, shown: str
+) -> None:
+    bodies = (balance(9.0), balance(8.0, "torque_ripple"))
+    found = evidence(bodies=bodies, motion=motion)
+    nothing = PreparedCampaign("rig", Parameters(), (), {}, ())
+    said = undecidable(nothing, found, decide(found))
+    assert f"nearest to {shown} comes torque_ripple, but it leaves 88% of the excess" in said
 
 
 def test_sensors_that_disagree_in_no_known_way_are_unknown() -> None:

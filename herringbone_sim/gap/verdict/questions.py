@@ -27,6 +27,7 @@ SHOWN = {
     "force_law": "the forces",
     "torque_balance": "the torque balance",
 }
+WITHOUT_FORCES = {"torque_balance": "the motion"}
 WORDS = {"delta_T": ("temperature rise", " K"), "T_1": ("load", " N m"), "Omega": ("speed", "")}
 LEAST = {"delta_T": 3, "T_1": 3, "Omega": 2}
 
@@ -51,10 +52,10 @@ def undecidable(
         different = len({round(float(p[name]), 6) for p in points if name in p})
         if different < least:
             said.append(f"{different} values of {name} in the fit runs, {least} or more are asked")
-    return [*said, *_rivals(verdict)]
+    return [*said, *_rivals(verdict, moving=evidence.motion is not None)]
 
 
-def _rivals(verdict: Verdict) -> list[str]:
+def _rivals(verdict: Verdict, moving: bool) -> list[str]:
     """Effects that these data leave possible beside the verdict."""
     alike, chances = verdict.ambiguous_with, verdict.probabilities
     said = []
@@ -66,7 +67,8 @@ def _rivals(verdict: Verdict) -> list[str]:
         )
     if verdict.verdict == "unknown":
         said.append("no effect of the catalogue explains the gap: what it comes from is open")
-        said += [_nearest(stage) for stage in verdict.stages if stage.gap > 0.5 < stage.unknown]
+        open_ones = [stage for stage in verdict.stages if stage.gap > 0.5 < stage.unknown]
+        said += [_nearest(stage, moving) for stage in open_ones]
     told = {*alike, *verdict.effects, verdict.verdict}
     rest = [name for name in chances if chances[name] > POSSIBLE and name not in told]
     for name in sorted(rest, key=lambda one: -chances[one]):
@@ -74,9 +76,9 @@ def _rivals(verdict: Verdict) -> list[str]:
     return said
 
 
-def _nearest(stage: Stage) -> str:
+def _nearest(stage: Stage, moving: bool) -> str:
     """The effect that comes nearest to what a residual shows, and why it is not taken for it."""
-    shown = SHOWN[stage.name]
+    shown = {**SHOWN, **(WITHOUT_FORCES if moving else {})}[stage.name]
     if not stage.options:
         return f"no effect of the catalogue bears on {shown}"
     left = max(stage.best, 0.0) / max(stage.nominal, 1e-300)
