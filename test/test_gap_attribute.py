@@ -23,8 +23,9 @@ from herringbone_sim.gap.report import check_report, report
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.find import SensorCheck
-from herringbone_sim.gap.verdict.decide import decide
+from herringbone_sim.gap.verdict.decide import Verdict, decide
 from herringbone_sim.gap.verdict.evidence import Evidence, gather
+from herringbone_sim.gap.verdict.stages import Option
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.recording.parameter_file import load_parameters
 
@@ -34,6 +35,7 @@ POINTS = (
     {"delta_T": 90.0, "K": 0.0, "T_1": 2000.0, "Omega": 0.4},
     {"delta_T": 50.0, "K": 0.2, "T_1": 900.0, "Omega": 0.8},
 )
+GAP = Gap("force_law", (RunGap("run_00", "held_out", 3.0, 1.2, 1.0),))
 TOLERANCE = np.array([1.01, 0.99, 1.0, 1.01, 0.99, 1.012])
 
 
@@ -118,6 +120,14 @@ def test_a_spring_of_the_ring_is_not_missed_between_those_tried() -> None:
     assert found.actives[0].theta[0] == pytest.approx(1.5e11, rel=0.05)
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_spring_too_stiff_for_the_steps_is_the_last_choice() -> None:
+    rng = np.random.default_rng(2)
+    cases = [_made({**point, "Omega": 0.05}, (), rng, i) for i, point in enumerate(POINTS)]
+    start = planted("ring_flexibility", Locus("rp"), stiffness=1e12, damping=0.02)
+    assert fit(cases, np.ones(6), (start,)).left_out == np.inf
+
+
 def _with_forces(c: Case, force: np.ndarray) -> Case:
     return replace(c, run=replace(c.run, F=replace(c.run.F, values=force)))
 
@@ -151,7 +161,7 @@ def _changing(c: Case, truth: Active, course: str) -> Case:
     return _with_forces(c, c.run.F.values - gone * change)
 
 
-def _verdict_of(cases: list[Case]) -> object:
+def _verdict_of(cases: list[Case]) -> Verdict:
     start = fit(cases, np.ones(6), ())
     singles = tuple(fit(cases, start.factors, (one,)) for one in PLANTED)
     ranked = tuple(sorted(singles, key=lambda f: f.left_out))
@@ -179,8 +189,7 @@ def test_says_unknown_where_no_effect_of_the_catalogue_fits() -> None:
 def test_report_follows_the_contract() -> None:
     verdict = _verdict_of(made((PLANTED[1],)))
     assert verdict.verdict == "stagger"
-    gap = Gap("force_law", (RunGap("run_00", "held_out", 3.0, 1.2, 1.0),))
-    good = report("rig", verdict, [(Locus(), 1.0)], gap, [], {"delta_T": 20.0})
+    good = report("rig", verdict, [(Locus(), 1.0)], GAP, [], {"delta_T": 20.0})
     assert check_report(good) == []
     assert good["gap"]["closure"] == pytest.approx(0.9)
     bad = copy.deepcopy(good)
@@ -188,6 +197,28 @@ def test_report_follows_the_contract() -> None:
     assert any("sum to 1" in rule for rule in check_report(bad))
     del good["gap"]
     assert check_report(good) == ["gap is missing"]
+
+
+def test_a_clock_is_told_with_the_channel_that_it_is() -> None:
+    drift = active(effect("clock_drift"), values={"ppm": 200.0})
+    verdict = _verdict_of(made(()))
+    option = Option("consistency", (drift,), 0.0, None, (((190.0, 210.0),),))
+    verdict = replace(verdict, best={"clock_drift": (option, 0)})
+    told = report("rig", verdict, [], GAP, [], {"delta_T": 20.0})["causes"]
+    cause = next(one for one in told if one["effect"] == "clock_drift")
+    assert cause["parameters"]["channels"]["value"] == ["t"]
+    assert cause["parameters"]["ppm"]["ci90"] == [190.0, 210.0]
+
+
+def test_a_late_sensor_beside_a_force_that_no_step_follows_is_no_crash() -> None:
+    one = made(())[0]
+    late = planted("sensor_delay", Locus(), delay=1e-6, channels=("F",))
+    wild = one.run.F.values.copy()
+    wild[600, 3] = np.inf
+    law = replace(force_law(one.run, one.fused, np.ones(6)), modelled_n=wild)
+    force = expected(one, np.ones(6), (late,), law)
+    assert np.isnan(force[600, 3])
+    assert np.isfinite(np.delete(force, 3, axis=1)).all()
 
 
 def test_refuses_held_out_runs() -> None:

@@ -100,16 +100,28 @@ def test_a_channel_put_right_agrees_only_where_its_error_is_known(
     assert left < 0.05 if known else left > 0.2
 
 
-def test_an_exchange_of_channels_is_seen_where_they_differ(clean: list[TimeSeries]) -> None:
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("x_sp1_L", "x_sp2_L"),
+        ("x_sp2_R", "x_rp2_R"),
+        ("v_sp3_L", "v_rp3_L"),  # by geometry a planet that moves otherwise
+    ],
+)
+def test_an_exchange_of_channels_is_seen_where_they_differ(
+    clean: list[TimeSeries], one: str, other: str
+) -> None:
     swapped = []
     for series in clean:
         names = list(series.names)
-        i, j = names.index("x_sp1_L"), names.index("x_sp2_L")
+        i, j = names.index(one), names.index(other)
         names[i], names[j] = names[j], names[i]
         swapped.append(TimeSeries(series.times, series.data, tuple(names)))
-    first = check(swapped, (), lambda t, y: y).findings[0]
+    found = check(swapped, (), lambda t, y: y)
+    first = found.findings[0]
     assert first.effect == "channel_swap"
-    assert set(first.group.names) == {"x_sp1_L", "x_sp2_L"}
+    assert set(first.group.names) == {one, other}
+    assert found.corrected == pytest.approx(1.0, abs=0.1)
 
 
 def test_dropped_channels_are_gone(clean: list[TimeSeries]) -> None:

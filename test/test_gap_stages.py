@@ -162,6 +162,17 @@ def test_a_law_that_is_missed_excuses_the_balance() -> None:
     assert stages_of(missed, T)[-1].gap < stages_of(known, T)[-1].gap
 
 
+@pytest.mark.parametrize(("pinned", "there"), [(0.0, True), (3.0, False)])
+def test_what_a_free_pin_leaves_of_the_balance_is_no_friction(pinned: float, there: bool) -> None:
+    found = evidence(
+        nominal=fitted(8.0),
+        fits=(fitted(1.02, "bearing_clearance"),),
+        bodies=(balance(1.77), balance(1.62, "tooth_friction")),
+        balance_pinned=pinned,
+    )
+    assert (stages_of(found, T)[-1].gap > 0.5) is there
+
+
 def test_a_force_sensor_that_settles_little_of_the_balance_is_not_preferred() -> None:
     fits = (fitted(1.02, "contact_nonlinearity"), fitted(5.0, "sensor_gain"))
     key = "sensor_gain{'channels': ('F',)} all/all/all"

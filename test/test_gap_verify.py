@@ -152,7 +152,7 @@ def test_force_sensors_are_left_to_the_law() -> None:
 
 def test_an_effect_on_the_bodies_is_measured_once() -> None:
     run = prepared(noisy(sampled({}, POINTS[0]), 0.01, 3), POINTS[0], "held_out")
-    ripple = active(effect("torque_ripple"), values={"amplitude": 0.5, "order": 7})
+    ripple = active(effect("torque_ripple"), values={"amplitude": 1.5, "order": 7})
     with_ripple = Augmented(np.ones(6), np.ones(3), (ripple,))
     found = measure((run,), lambda one: one, "torque_balance", with_ripple).runs[0]
     one = case(run, fuse(run))

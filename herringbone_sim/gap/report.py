@@ -145,6 +145,8 @@ def _cause(
         kept = list(choice) if isinstance(choice, tuple) else choice
         kept = list(concerned) if key == "channels" else kept
         values[key] = {"value": kept, "unit": "-", "ci90": None}
+    if one.effect.level == "sensor" and "channels" not in values:
+        values["channels"] = {"value": ["t"], "unit": "-", "ci90": None}  # the clock of all
     return {
         "effect": name,
         "locus": _locus(one.locus),

@@ -1,7 +1,7 @@
 """Effects on the bodies: what friction and torque ripple do to the torque balance.
 
 They leave no trace in the force law. Each is regressed, with the three inertias inside their
-tolerance, on the balance averaged over a window of a mesh cycle; runs that were left out score.
+tolerance, on the balance averaged over half a mesh cycle; runs that were left out score.
 """
 
 from __future__ import annotations
@@ -69,19 +69,29 @@ def balance_of(
     correction = quadrature(run, one.fused, fine_law_with(one, factors, actives))
     force = measured_force(run, look_of(run), correction)
     balance = torque_balance(run, one.fused, None, force)
+    pins = free_pins(one, actives)
     for a in actives:
-        if a.effect.level == "body":
-            known = response(one, factors, force_law(one.run, one.fused, factors), a)
-            balance = replace(balance, measured=balance.measured - known)
-        elif a.effect.level == "mesh" and a.effect.react is not no_react:
-            known = response(one, factors, force_law(one.run, one.fused, factors), a)
+        if a.effect.level != "body" and a not in pins:
+            continue
+        known = response(one, factors, force_law(one.run, one.fused, factors), a)
+        balance = replace(balance, measured=balance.measured - known)
+        if a in pins:
             balance = replace(
                 balance,
-                measured=balance.measured - known,
                 sigma=np.hypot(balance.sigma, UNSURE_PIN * np.sqrt(np.mean(known**2, axis=0))),
                 unsure=np.hypot(balance.unsure, UNSURE_AT_ONCE * known),
             )
     return balance
+
+
+def free_pins(one: Case, actives: Sequence[Active]) -> tuple[Active, ...]:
+    """Effects in the meshes that turn bodies as well, by what moves in them."""
+    model = one.run.model
+    return tuple(
+        a
+        for a in actives
+        if a.effect.level == "mesh" and a.effect.react is not no_react and a.effect.states(model)
+    )
 
 
 def balances_known(cases: Sequence[Case]) -> bool:

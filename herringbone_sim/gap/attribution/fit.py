@@ -215,12 +215,17 @@ def _result(cases: Sequence[Case], now: Array, actives: Sequence[Active], scale:
         actives=chosen,
         factors=now[:6],
         sigma=sigma[6:],
-        chi2=float(squares.sum() / counts.sum()),
-        left_out=float(out.sum() / counts.sum()),
+        chi2=_known(squares.sum() / counts.sum()),
+        left_out=_known(out.sum() / counts.sum()),
         per_run=out / counts,
         per_mesh=energy / samples,
         gain=_gain(cases, now, chosen, parts),
     )
+
+
+def _known(chi2: float) -> float:
+    """As it is; infinite where a spring was too stiff for the steps."""
+    return float(chi2) if np.isfinite(chi2) else np.inf
 
 
 def _left_out(A: Array, b: Array, squares: Array, room: tuple[Array, Array]) -> Array:

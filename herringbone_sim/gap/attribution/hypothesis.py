@@ -80,7 +80,9 @@ def expected(
     names = tuple(f"F_{m}" for m in one.run.model.layout.meshes)
     sensors = on_channels(names, actives)
     if sensors:
-        force = distort(TimeSeries(one.run.times, force, names), sensors).columns(names)
+        known = np.isfinite(force)
+        shown = distort(TimeSeries(one.run.times, np.where(known, force, 0.0), names), sensors)
+        force = np.where(known, shown.columns(names), np.nan)
     return force
 
 

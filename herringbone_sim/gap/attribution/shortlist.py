@@ -17,12 +17,12 @@ from herringbone_sim.effects.effect import Active, Effect, Locus, active
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.gap.attribution import events
 from herringbone_sim.gap.attribution.features import Feature, features, is_event
-from herringbone_sim.gap.attribution.hypothesis import Case, expected
+from herringbone_sim.gap.attribution.hypothesis import SUBSTEPS, Case, expected
 from herringbone_sim.gap.residuals.recalibrate import BOUNDS, Law, force_law
 
 Array = NDArray[np.float64]
 
-ROUGH = 6  # steps a sample, in which states of effects follow the forces
+ROUGH = 6  # steps a sample, in which states of effects follow the forces where that is enough
 UNSTABLE = 1e12  # [N]: a spring too stiff for those steps
 FAR = 0.02  # of the fall of the best candidate,
 CHANCE = 12.0  # and squares that chance takes off: candidates below are not fitted
@@ -141,10 +141,14 @@ def _products(start: Base, regressors: Sequence[Feature]) -> tuple[Array, Array,
     for run, (c, law, left) in enumerate(
         zip(start.cases, start.laws, start.residuals, strict=True)
     ):
-        before = expected(c, start.factors, start.actives, law, ROUGH)
+        substeps = ROUGH
+        before = expected(c, start.factors, start.actives, law, substeps)
+        if not _stable(c, before):
+            substeps = SUBSTEPS
+            before = expected(c, start.factors, start.actives, law, substeps)
         columns = calibration_columns(c, law, start.factors)
         for feature in regressors:
-            columns += _columns(start, run, feature, before)
+            columns += _columns(start, run, feature, before, substeps)
         white = np.stack(columns, axis=2) / law.sigma_n[:, :, None]
         white = np.where(c.usable[None, :, None], np.nan_to_num(white), 0.0).transpose(1, 2, 0)
         grams.append(white @ white.transpose(0, 2, 1))
@@ -152,16 +156,20 @@ def _products(start: Base, regressors: Sequence[Feature]) -> tuple[Array, Array,
     return np.stack(grams), np.stack(rights), at
 
 
-def _columns(start: Base, run: int, feature: Feature, before: Array) -> list[Array]:
+def _stable(c: Case, force: Array) -> bool:
+    """Whether no spring was too stiff for the steps."""
+    return bool(np.all(np.abs(force[:, c.usable]) < UNSTABLE))
+
+
+def _columns(start: Base, run: int, feature: Feature, before: Array, substeps: int) -> list[Array]:
     """Change of the force (n, n_mesh) of a run by each probe of a feature."""
     if (run, feature) in start.responses:
         return [start.responses[run, feature]]
     c, law = start.cases[run], start.laws[run]
     found = []
     for probe, step in feature.probes:
-        after = expected(c, start.factors, (*start.actives, probe), law, ROUGH)
-        stable = np.all(np.abs(after[:, c.usable]) < UNSTABLE)
-        found.append((after - before) / step if stable else np.zeros_like(before))
+        after = expected(c, start.factors, (*start.actives, probe), law, substeps)
+        found.append((after - before) / step if _stable(c, after) else np.zeros_like(before))
     if feature.kind == "whole":
         start.responses[run, feature] = found[0]
     return found

@@ -74,13 +74,13 @@ def consistency(runs: Sequence[PreparedRun]) -> Consistency:
     ).ravel()
     for run in runs:
         signals = _signals(run, scale.reshape(J, 4))
-        for left, columns, part in relations(run, signals):
-            S = part.reshape(len(part), -1)
-            weight = np.kron(columns.T @ columns, np.ones((4, 4)))
+        for one in relations(run, signals):
+            S = one.signals.reshape(len(one.signals), -1)
+            weight = np.kron(one.columns.T @ one.columns, np.ones((4, 4)))
             normal += weight * (S.T @ S)
-            right += np.einsum("tj,tja->ja", left @ columns, part).ravel()
-            energy += float(np.sum(left**2))
-            count += _freedom(left, columns)
+            right += np.einsum("tj,tja->ja", one.left @ one.columns, one.signals).ravel()
+            energy += float(np.sum(one.left**2))
+            count += _freedom(one.left, one.columns)
         for left, columns in geometry(run):
             exact += float(np.sum(left**2)), _freedom(left, columns)
     return Consistency(normal, right, energy, count, (float(exact[0]), float(exact[1])), scale)
@@ -142,25 +142,47 @@ def geometry(run: PreparedRun) -> list[tuple[Array, Array]]:
     ]
 
 
-def relations(run: PreparedRun, signals: Array) -> list[tuple[Array, Array, Array]]:
-    """Whitened remainders (k, d), patterns of the channels (d, J), signals (k, J, 4).
+@dataclass(frozen=True)
+class Relation:
+    """What must be zero but for the noise of the channels that enter it.
 
-    First x and u by geometry, then v, then the increments of both against each other.
+    Attributes:
+        left: (k, d) whitened remainders.
+        columns: (d, J) how each channel enters them.
+        signals: (k, J, a) courses of the channels as they enter.
+        noise: (J,) variance of a channel's noise in them, over that of a sample.
     """
-    found = [(*part, signals) for part in geometry(run)]
+
+    left: Array
+    columns: Array
+    signals: Array
+    noise: Array
+
+
+def relations(run: PreparedRun, signals: Array) -> list[Relation]:
+    """What x and u say by geometry, then v, then the increments of both against each other.
+
+    Args:
+        signals: (n, J, a) courses of the channels.
+    """
+    found = [Relation(*part, signals, np.ones(signals.shape[1])) for part in geometry(run)]
     z, P = displacement(run)
     rate, V = velocity(run)
     known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
     if known.any():
         h, n = run.step_s, run.x.there.size
-        spread = 2.0 * P + h**2 * np.sum(QUADRATURE**2) * V
+        of_rate = h**2 * float(np.sum(QUADRATURE**2))
+        spread = 2.0 * P + of_rate * V
         white = np.linalg.inv(np.linalg.cholesky(spread[np.ix_(known, known)]))
         left = (np.diff(z, axis=0) - increments(rate, h))[:, known] @ white.T
         flat = signals.reshape(len(signals), -1)
         moved = np.diff(flat, axis=0).reshape(-1, *signals.shape[1:])
         moved[:, n : 2 * n] = increments(flat, h).reshape(moved.shape)[:, n : 2 * n]
-        found.append((left[2:-2], white @ _sensitivity(run)[known], moved[2:-2]))
-    return [part for part in found if part[1].size]
+        noise = np.full(signals.shape[1], 2.0)
+        noise[n : 2 * n] = of_rate
+        columns = white @ _sensitivity(run)[known]
+        found.append(Relation(left[2:-2], columns, moved[2:-2], noise))
+    return [one for one in found if one.columns.size]
 
 
 def _sensitivity(run: PreparedRun) -> Array:

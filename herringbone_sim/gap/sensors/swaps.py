@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.sensors.consistency import channel_arrays, geometry
+from herringbone_sim.gap.sensors.consistency import channel_arrays, relations
 from herringbone_sim.gap.sensors.groups import Group, sensor_names
 
 Array = NDArray[np.float64]
@@ -23,7 +23,8 @@ def find_swap(runs: Sequence[PreparedRun]) -> tuple[Group | None, float]:
     An exchange adds d = y_a - y_b to a and takes it from b. With b = sum of the remainder along
     the pattern of d and A = the sum of its squares, undoing it lowers the sum of squares by
     2 b - A; what noise alone adds to both is taken off, so that channels that move alike, which
-    no exchange can be seen on, say nothing.
+    no exchange can be seen on, say nothing. Geometry alone is blind to v of sun and ring mesh of a
+    planet exchanged: that is a planet that moves otherwise, and x and u know better.
     """
     names = sensor_names(runs[0].model.layout)
     pairs = [(i, j) for i, j in combinations(range(len(names)), 2) if names[i][:2] == names[j][:2]]
@@ -43,17 +44,19 @@ def _falls(run: PreparedRun, a: NDArray[np.int64], b: NDArray[np.int64]) -> Arra
     values, sigma = channel_arrays(run)
     known = np.isfinite(sigma)
     values, variance = np.where(known, values, 0.0), np.where(known, sigma, 0.0) ** 2
-    d = values[:, a] - values[:, b]
-    both = len(d) * (variance[a] + variance[b])
-    apart = np.sum(d**2, axis=0) > APART * both
+    difference = values[:, a] - values[:, b]
+    both = len(difference) * (variance[a] + variance[b])
+    apart = np.sum(difference**2, axis=0) > APART * both
     falls = np.zeros(len(a))
-    for left, columns in geometry(run):
-        pattern = columns[:, a] - columns[:, b]
+    for one in relations(run, values[:, :, None]):
+        d = one.signals[:, a, 0] - one.signals[:, b, 0]
+        own = variance * one.noise
+        pattern = one.columns[:, a] - one.columns[:, b]
         noise = np.einsum(
-            "dp,dp->p", pattern, columns[:, a] * variance[a] - columns[:, b] * variance[b]
+            "dp,dp->p", pattern, one.columns[:, a] * own[a] - one.columns[:, b] * own[b]
         )
-        along = np.einsum("tp,tp->p", left @ pattern, d) - len(d) * noise
+        along = np.einsum("tp,tp->p", one.left @ pattern, d) - len(d) * noise
         size = np.sum(pattern**2, axis=0)
-        square = size * (np.sum(d**2, axis=0) - both)
+        square = size * (np.sum(d**2, axis=0) - len(d) * (own[a] + own[b]))
         falls += 2.0 * along - square
     return np.where(apart & known[a] & known[b], falls, 0.0)

@@ -14,6 +14,7 @@ from herringbone_sim.gap.attribution.bodies import (
     balance_of,
     balances_known,
     body_fits,
+    free_pins,
     peak,
 )
 from herringbone_sim.gap.attribution.fit import Fit
@@ -36,6 +37,7 @@ class BalanceEvidence:
     by_force: dict[str, float] = field(default_factory=dict)
     peak: float = 0.0
     settled: float = 0.0
+    pinned: float = 0.0
 
     def left(self, one: Fit) -> float:
         """What a fit leaves of runs left out, in its law and in the balance."""
@@ -79,7 +81,10 @@ def balance_evidence(
     best = min((machine, *sensors), key=found.left)
     if best is not machine:
         fits, highest = _bodies(whole, best, effects)
-    return replace(found, fits=fits, peak=highest, settled=_settled(whole, best, _clear(fits)))
+    body = _clear(fits)
+    settled = _settled(whole, best, body, best.actives)
+    pinned = _settled(whole, best, body, free_pins(whole[0], best.actives))
+    return replace(found, fits=fits, peak=highest, settled=settled, pinned=pinned)
 
 
 def _machine(cases: Sequence[Case], options: Sequence[Fit]) -> Fit:
@@ -118,11 +123,14 @@ def _balance_excess(cases: Sequence[Case], one: Fit, body: tuple[Active, ...]) -
     return max(body_fits(cases, one.factors, balances, ())[0].left_out - 1.0, 0.0)
 
 
-def _settled(cases: Sequence[Case], best: Fit, body: tuple[Active, ...]) -> float:
-    """Excess of the balance that the effects of a fit take off it."""
-    if not best.actives:
+def _settled(
+    cases: Sequence[Case], best: Fit, body: tuple[Active, ...], some: Sequence[Active]
+) -> float:
+    """Excess of the balance that some of the effects of a fit take off it."""
+    if not some:
         return 0.0
-    without = _balance_excess(cases, replace(best, actives=()), body)
+    others = tuple(a for a in best.actives if a not in some)
+    without = _balance_excess(cases, replace(best, actives=others), body)
     return max(without - _balance_excess(cases, best, body), 0.0)
 
 

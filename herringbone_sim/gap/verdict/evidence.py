@@ -64,6 +64,7 @@ class Evidence:
         balance_peak: largest residual of the balance without effects, over its floor; 0 unknown.
         balance_settled: excess that the best fit takes off the balance: by a force put right, by
             what a free pin does to the carrier, or between samples.
+        balance_pinned: part of that which a free pin takes off.
         varying: per name of the best fits: what they win where effects may vary.
         motion: without force sensors, calibration and fits of the accelerations.
     """
@@ -80,6 +81,7 @@ class Evidence:
     motion: Unforced | None = None
     balance_peak: float = 0.0
     balance_settled: float = 0.0
+    balance_pinned: float = 0.0
     varying: dict[str, Varying] = field(default_factory=dict)
 
 
@@ -131,6 +133,7 @@ def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidenc
         balance.by_force,
         balance_peak=balance.peak,
         balance_settled=balance.settled,
+        balance_pinned=balance.pinned,
         varying=_varying(cases, (fits, pairs)),
     )
 

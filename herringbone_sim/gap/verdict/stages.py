@@ -206,12 +206,12 @@ def _bodies(evidence: Evidence, t: Thresholds) -> Stage | None:
     laws = [one.left_out for one in (*evidence.fits, *evidence.pairs)]
     misfit = max(min(laws) - 1.0, 0.0) if laws else 0.0
     moving = evidence.motion is not None
-    settled = t.settled * evidence.balance_settled
+    settled = t.settled * evidence.balance_settled + t.pinned * evidence.balance_pinned
     floor = t.excess_motion if moving else t.excess_torque_balance
     least = floor + t.misfit * misfit + settled
     high = t.peak * np.sqrt(1.0 + misfit + settled)
     excess = max(nominal.left_out - 1.0, 0.0)
-    share = t.share * least / floor
+    share = t.share * least / floor + t.pinned * evidence.balance_pinned / (1.0 + excess)
     return Stage("torque_balance", excess, options, t, least, share, evidence.balance_peak / high)
 
 

@@ -20,6 +20,8 @@ class Thresholds:
             above which something is there, named or not; the last without force sensors.
         misfit: of the excess of the law, added to that of the balance.
         settled: of the excess that the best law takes off the balance, likewise.
+        pinned: of the part of that which a free pin takes off, besides: another pin than the
+            catalogue's leaves some; as much must an effect on the bodies explain beside it.
         peak: residual of the balance over its floor above which something is there.
         floor, floor_consistency: excess below which two hypotheses can't be told apart; all
             channels share the second, so an error of one is small there.
@@ -44,6 +46,7 @@ class Thresholds:
     excess_motion: float
     misfit: float
     settled: float
+    pinned: float
     peak: float
     floor: float
     floor_consistency: float
