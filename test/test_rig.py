@@ -18,12 +18,14 @@ from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.evaluate import forces, motion
 from herringbone_sim.effects.gear import laws
 from herringbone_sim.effects.registry import effect
+from herringbone_sim.errors import RecordingError
 from herringbone_sim.gap.residuals.residual import force_residual
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.rig import (
     RigPlan,
     hidden_effects,
+    make_campaign,
     make_run,
     within_tolerance,
 )
@@ -128,6 +130,17 @@ def test_the_command_writes_a_campaign_and_its_label_apart(
     assert label["truth"] == ["mean_stiffness"]
     assert label["effects"][0]["locus"] == {"mesh": "sp", "planet": "2", "side": "L"}
     assert label["effects"][0]["parameters"]["factor"]["value"] == 1.3
+
+
+def test_a_later_day_is_the_same_rig_at_other_points(tmp_path: Path) -> None:
+    plan = RigPlan(NOMINAL, runs=2, held_out=1, cycles=2, seed=5)
+    first, later = (
+        make_campaign(tmp_path / f"day_{day}", replace(plan, later=day), "rig") for day in (0, 1)
+    )
+    assert later["tolerance"] == first["tolerance"]
+    assert later["operating_points"] != first["operating_points"]
+    with pytest.raises(RecordingError, match="from 1 on"):
+        replace(plan, later=-1)
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     made.add_argument("--bits", type=int, default=16, help="of the converter; 0: none")
     made.add_argument("--tolerance", type=float, default=0.02, help="share (default: 0.02)")
     made.add_argument("--seed", type=int, default=0, help="of all that is drawn (default: 0)")
+    made.add_argument(
+        "--later",
+        type=int,
+        default=0,
+        metavar="N",
+        help="further runs of the rig of that seed, at other operating points: day 1, 2, ...",
+    )
     made.set_defaults(func=make)
 
 
@@ -93,6 +100,7 @@ def make(args: argparse.Namespace) -> int:
         bits=args.bits,
         tolerance=args.tolerance,
         seed=args.seed,
+        later=args.later,
     )
     label = make_campaign(args.out, plan, name)
     seal = write_label(labels, name, label)

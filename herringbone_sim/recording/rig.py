@@ -59,6 +59,7 @@ class RigPlan:
         bits: of the converter; 0 for none.
         tolerance: largest share by which a constant is off the data sheet.
         seed: of tolerance, operating points, starts and noise.
+        later: 0, or the number of a later day: the same rig, other points, starts and noise.
     """
 
     nominal: Parameters
@@ -71,8 +72,13 @@ class RigPlan:
     bits: int = 16
     tolerance: float = 0.02
     seed: int = 0
+    later: int = 0
 
     def __post_init__(self) -> None:
+        if self.later < 0:
+            raise RecordingError(
+                f"later numbers the days after the first one, from 1 on, got {self.later}"
+            )
         if not 0 <= self.held_out < self.runs:
             raise RecordingError(
                 f"a campaign needs runs to fit: held_out below runs, got {self.held_out} of "
@@ -124,6 +130,8 @@ def make_campaign(folder: Path, plan: RigPlan, name: str) -> dict[str, Any]:
     """
     rng = np.random.default_rng([plan.seed, 2])
     own, factors = within_tolerance(plan.nominal, plan.tolerance, rng)
+    if plan.later:
+        rng = np.random.default_rng([plan.seed, 2, plan.later])
     points = [_point(i, rng) for i in range(plan.runs)]
     entries = []
     for i, point in enumerate(points):
@@ -227,6 +235,7 @@ def _label(
     return {
         "schema": SCHEMA,
         "seed": plan.seed,
+        "later": plan.later,
         "truth": sorted({one.effect.id for one in plan.actives}) or ["none"],
         "effects": [
             {

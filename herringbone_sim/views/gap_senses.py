@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
@@ -21,6 +22,14 @@ TEXTS = {
     "prediction": "RMS error of the mesh displacements",
     "attractor": "energy distance of the Poincaré sections",
 }
+COLUMNS = (
+    ("nominal", "before"),
+    ("augmented", "after"),
+    ("noise_floor", "noise floor"),
+    ("runner_up", "runner-up"),
+    ("closure", "closure"),
+    ("closure_runner_up", "of the runner-up"),
+)
 DISTANCES = (
     ("contact", "contact", "share of time"),
     ("load_sharing", "load sharing", "share"),
@@ -39,20 +48,23 @@ MODELS = (
 def senses_table(gap: Part) -> str:
     """Before, after, floor and the runner-up in each sense; empty without senses."""
     senses = mapping(gap.get("senses"))
-    rows = [_row(name, mapping(senses.get(name)), senses) for name in NAMES if name in senses]
-    if not rows:
+    told = {name: mapping(senses.get(name)) for name in NAMES if name in senses}
+    if not told:
         return ""
-    titles = ("before", "after", "noise floor", "runner-up", "closure", "of the runner-up")
+    control = any(known(sense.get("runner_up")) is not None for sense in told.values())
+    columns = [one for one in COLUMNS if control or "runner_up" not in one[0]]
+    rows = [_row(name, sense, columns) for name, sense in told.items()]
     header = '<th>in the sense of</th><th class="n">unit</th>'
-    header += "".join(f'<th class="n">{title}</th>' for title in titles)
+    header += "".join(f'<th class="n">{title}</th>' for _, title in columns)
     return f'<div class="scroll"><table><tr>{header}</tr>{"".join(rows)}</table></div>'
 
 
-def _row(name: str, sense: Part, senses: Part) -> str:
+def _row(name: str, sense: Part, columns: Sequence[tuple[str, str]]) -> str:
     factor, unit = SHOWN.get(str(sense.get("unit")), (1.0, words.word(sense.get("unit"), "")))
-    keys = ("nominal", "augmented", "noise_floor", "runner_up")
-    cells = [unit, *(_scaled(sense.get(key), factor) for key in keys)]
-    cells += [_closure(sense.get(key)) for key in ("closure", "closure_runner_up")]
+    cells = [unit]
+    for key, _ in columns:
+        value = sense.get(key)
+        cells.append(_closure(value) if "closure" in key else _scaled(value, factor))
     told = TEXTS[name] + (_horizon(sense) if name == "prediction" else "")
     shown = "".join(f'<td class="n">{escape(cell)}</td>' for cell in cells)
     return f"<tr><td>{NAMES[name]}<br><small>{escape(told)}</small></td>{shown}</tr>"

@@ -116,7 +116,8 @@ def percent(value: object) -> str:
         return "< 0.1 %"
     if 0.999 < share < 1:
         return "> 99.9 %"
-    digits = 0 if 0.0995 < share < 0.995 or share in (0.0, 1.0) or share >= 1 else 1
+    size = abs(share)
+    digits = 0 if 0.0995 < size < 0.995 or size in (0.0, 1.0) or size >= 1 else 1
     return f"{100 * share:.{digits}f} %"
 
 
@@ -203,6 +204,8 @@ def parameter_words(name: str, parameter: object) -> str:
     low, high = ends if len(ends) == 2 else (None, None)
     digits = _digits(number, low, high)
     text = f"{label} {figure(factor * number, digits)}" + (f" {shown}" if shown else "")
+    if isinstance(value, int) and not isinstance(value, bool):
+        return text  # chosen among whole numbers
     if low is None or high is None:
         return f"{text} (interval {NOT_KNOWN})"
     return f"{text} ({figure(factor * low, digits)} … {figure(factor * high, digits)})"
