@@ -89,6 +89,12 @@ def _closure(value: object) -> str:
     return "–" if known(value) is None else percent(value)
 
 
+def _closed(value: object) -> str:
+    """In a headline no more than all of it closes."""
+    closure = known(value)
+    return percent(None if closure is None else min(closure, 1.0))
+
+
 def distances_table(attractor: Part) -> str:
     """How far each model's motion lies from the rig's, by run; empty without distances."""
     runs = list(mapping(attractor.get("floor")))
@@ -138,9 +144,9 @@ def verify_page(told: Part) -> str:
     gap = mapping(told.get("gap"))
     effects = "; and ".join(words.effect_words(one) for one in sequence(told.get("effects")))
     verdict = words.word(told.get("verdict"))
-    closes = [f"{percent(gap.get('closure'))} of the gap closes here"]
+    closes = [f"{_closed(gap.get('closure'))} of the gap closes here"]
     before = known(mapping(mapping(told.get("reported")).get("residual")).get("closure"))
-    closes += [f"{percent(before)} in the report"] if before is not None else []
+    closes += [f"{_closed(before)} in the report"] if before is not None else []
     open_ = "".join(
         f"<li>{escape(words.plain(one))}</li>" for one in sequence(told.get("undecidable"))
     )
