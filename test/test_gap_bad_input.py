@@ -160,9 +160,25 @@ def test_a_share_of_noise_that_can_not_be_is_refused(
 def test_faults_of_entries_are_told_and_the_others_are_kept(tmp_path: Path) -> None:
     first, second, third = entries()
     del second["T_1"]
-    folder = write(tmp_path / "rig", [], [first, second, third, first, "run_09"])
+    namesake = {**third, "path": "day_2/run_02"}
+    folder = write(tmp_path / "rig", [], [first, second, third, first, "run_09", namesake])
     read = read_campaign(folder)
     assert [run.path.name for run in read.runs] == ["run_00", "run_02"]
-    assert [name for name, _ in read.faults] == ["run_01", "run_00", "entry 4"]
-    assert "T_1" in read.faults[0][1]
+    assert [name for name, _ in read.faults] == ["run_01", "run_00", "entry 4", "day_2/run_02"]
+    assert "T_1 is missing" in read.faults[0][1]
     assert "twice" in read.faults[1][1]
+    assert "a name of its own" in read.faults[3][1]
+
+
+def test_without_noise_the_cause_is_found_and_the_lack_told(
+    tmp_path: Path, series: list[TimeSeries]
+) -> None:
+    folder = write(tmp_path / "rig", series, entries())
+    file = folder / "campaign.yaml"
+    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    del content["noise"]
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    found = diagnose(prepare(folder, load_parameters(RIG)), senses=False)
+    assert found.report["causes"][0]["effect"] in {"mean_stiffness", "thermal_stiffness"}
+    assert any("tells no noise" in text for text in found.report["undecidable"])
+    assert found.report["gap"]["runner_up_effects"]

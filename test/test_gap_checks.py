@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from gap_support import NOMINAL, POINTS, noisy, prepared, rig, sampled
 
 from herringbone_sim.core.model import build
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.parts import to_leave_out
 from herringbone_sim.gap.data.prepared import (
@@ -130,6 +132,38 @@ def test_a_dropout_of_the_recorder_does_not_cost_the_channels(
     assert (hole.what, hole.time_s) == ("dropout", series.times[700])
     assert len(kept.runs[0]) == 700
     assert kept.runs[0].F.complete
+
+
+def test_a_phase_that_starts_anew_at_every_turn_is_unwrapped(
+    series: TimeSeries, others: tuple[PreparedRun, ...]
+) -> None:
+    data = series.data.copy()
+    j = series.names.index("phase")
+    data[:, j] = np.mod(data[:, j], 2.0 * np.pi)
+    bad = TimeSeries(series.times, data, series.names)
+    kept, (phase,) = with_first(prepared(bad, POINTS[0]), others)
+    assert (phase.what, phase.channels) == ("phase", ("phase",))
+    assert "unwrapped" in phase.text
+    turned = kept.runs[0].phase - series["phase"]
+    np.testing.assert_allclose(turned, turned[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda phase: -phase, "runs backwards"),
+        (lambda phase: 0.0 * phase, "stands still"),
+        (lambda phase: np.nan * phase, "is no number"),
+    ],
+)
+def test_a_phase_that_does_not_go_forward_ends_the_run(
+    series: TimeSeries, change: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
+    data = series.data.copy()
+    j = series.names.index("phase")
+    data[:, j] = change(data[:, j])
+    with pytest.raises(AnalysisError, match=words):
+        prepared(TimeSeries(series.times, data, series.names), POINTS[0])
 
 
 @pytest.mark.parametrize(

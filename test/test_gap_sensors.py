@@ -11,7 +11,8 @@ from scipy.interpolate import CubicSpline
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.sensors.corrected import drop
-from herringbone_sim.gap.sensors.find import SensorCheck, find_sensor_errors
+from herringbone_sim.gap.sensors.find import SensorCheck, contradictions, find_sensor_errors
+from herringbone_sim.gap.sensors.noise import quieter
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 UNLIKE = {"k_factor": [1.0, 1.1, 0.95, 1.0, 1.05, 1.0] * 2, "e_factor": [1.0, 0.9, 1.1] * 4}
@@ -46,6 +47,26 @@ def test_silent_on_a_rig_whose_sensors_are_right(clean: list[TimeSeries], share:
     found = check(clean, (), lambda t, y: y, share)
     assert found.findings == ()
     assert found.before == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("point", range(3))
+def test_noise_that_nobody_tells_is_found(clean: list[TimeSeries], point: int) -> None:
+    series = noisy(clean[point], 0.01, 8)
+    told, guessed = (prepared(series, POINTS[point], share=share) for share in (0.01, None))
+    found = quieter(guessed)
+    for quantity in "xvFu":
+        true, before, after = (getattr(run, quantity).sigma for run in (told, guessed, found))
+        assert 0.7 < np.median(after / true) < 2.5
+        assert np.all(after <= before)
+        if np.median(before / true) > 2.4:  # spectra with motion up to their end
+            assert np.median(after / before) < 0.8
+
+
+def test_what_sensors_contradict_is_told_with_what_was_done(clean: list[TimeSeries]) -> None:
+    (told,) = contradictions(check(clean, ("v_rp1_R",), lambda t, y: 1.1 * y))
+    assert told.channels == ("v_rp1_R",)
+    assert "v_rp1_R contradicts the other channels, most like sensor_gain of 0.1" in told.text
+    assert "left out" in told.text
 
 
 def all_of(prefix: str, ending: str = "") -> tuple[str, ...]:

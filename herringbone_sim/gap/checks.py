@@ -197,6 +197,13 @@ def _tells(run: PreparedRun, fused: Fused) -> int:
 
 def _campaign(campaign: PreparedCampaign) -> list[Finding]:
     found = []
+    if not campaign.noise_known:
+        text = (
+            "campaign.yaml tells no noise: it was taken from the spectra, from what channels say "
+            "of each other and from what the force law leaves; smaller effects are not seen, and "
+            "closure is as sure as that"
+        )
+        found.append(Finding("noise", "", (), None, text, limit=True))
     fit, held_out = campaign.of_role("fit"), campaign.of_role("held_out")
     if not fit:
         text = "no run has the role fit: nothing can be learnt from this campaign"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from herringbone_sim.errors import AnalysisError
@@ -14,7 +14,8 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.sensors.find import SensorCheck, contradictions
+from herringbone_sim.gap.sensors.noise import quieter
 from herringbone_sim.gap.verdict.augmented import Augmented, augmented, nominal_model, runner_up
 from herringbone_sim.gap.verdict.decide import Verdict, decide
 from herringbone_sim.gap.verdict.design import design
@@ -67,9 +68,12 @@ def diagnose(
         AnalysisError: no run of role ``fit``.
     """
     campaign, findings = check(campaign)
+    if not campaign.noise_known:
+        campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
     for finding in findings:
         say(finding.text)
-    evidence = evidence_of(campaign, findings, say)
+    evidence = replace(evidence_of(campaign, findings, say), noise_known=campaign.noise_known)
+    findings = (*findings, *contradictions(evidence.check))
     verdict = decide(evidence)
     say("held-out runs")
     model, other = augmented(evidence, verdict), runner_up(evidence, verdict)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.report import METRICS, plain_numbers
 from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
+from herringbone_sim.gap.sensors.noise import quieter
 from herringbone_sim.gap.verdict.augmented import from_parameters
 from herringbone_sim.gap.verification.senses import measure_senses
 from herringbone_sim.gap.verification.verify import measure
@@ -65,6 +67,8 @@ def repeat(
     if not campaign.runs:
         raise AnalysisError(f"no run of {campaign.rig} can be used: {findings[0].text}")
     findings = tuple(f for f in findings if f.what not in OF_ROLES)
+    if not campaign.noise_known:
+        campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
     forces = all(np.isfinite(run.F.values).all(axis=0).any() for run in campaign.runs)
     model = from_parameters(campaign.nominal, own, actives, motion=not forces)
     wrong = [one for one in actives if motion_sensor(one)]

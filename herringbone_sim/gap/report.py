@@ -73,7 +73,9 @@ def report(
         "where": [{"locus": _locus(locus), "share": share} for locus, share in where],
         "causes": causes,
         "ambiguous_with": list(verdict.ambiguous_with),
-        "gap": written_gap(gap) | ({"senses": written_senses(senses)} if senses else {}),
+        "gap": written_gap(gap)
+        | {"runner_up_effects": _effects(verdict.runner_up)}
+        | ({"senses": written_senses(senses)} if senses else {}),
         "attractor": written_attractor(senses),
         "undecidable": list(undecidable),
         "next_experiment": dict(next_experiment),
@@ -153,6 +155,10 @@ def _cause(
         "probability": chance,
         "parameters": values,
     }
+
+
+def _effects(option: Option | None) -> list[str]:
+    return [] if option is None else [one.effect.id for one in option.actives]
 
 
 def _finding(one: Finding) -> dict[str, Any]:

@@ -77,19 +77,28 @@ def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list
         name = str(entry.get("path", f"entry {i}")) if isinstance(entry, dict) else f"entry {i}"
         try:
             run = _run(folder, entry)
-        except (KeyError, TypeError, ValueError) as error:
-            faults.append((name, f"campaign.yaml must give it {FIELDS}, got {entry}: {error!r}"))
+        except (TypeError, ValueError) as error:
+            faults.append((name, f"campaign.yaml must give it {FIELDS}, got {entry}: {error}"))
             continue
         if any(run.path == other.path for other in runs):
             faults.append((name, "campaign.yaml lists it twice: the second entry is not used"))
+        elif any(run.path.name == other.path.name for other in runs):
+            told = f"another run has the folder name {run.path.name}: give it a name of its own"
+            faults.append((name, told))
         else:
             runs.append(run)
     return runs, faults
 
 
 def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
+    if not isinstance(entry, Mapping):
+        raise TypeError("an entry is a mapping of names to values")
+    lacking = [name for name in ("path", "role", *POINT) if name not in entry]
+    if lacking:
+        hint = " (K is 0 without control)" if "K" in lacking else ""
+        raise ValueError(f"{', '.join(lacking)} is missing{hint}")
     if entry["role"] not in ROLES:
-        raise ValueError(f"role {entry['role']!r} of {entry['path']} is none of {ROLES}")
+        raise ValueError(f"role {entry['role']!r} is none of {', '.join(ROLES)}")
     point = {name: float(entry[name]) for name in POINT}
     if not all(map(isfinite, point.values())):
         raise ValueError("an operating point must be finite")

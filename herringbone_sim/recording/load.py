@@ -187,7 +187,7 @@ def load(path: Path | str) -> RawRecording:
             else:
                 _take_other(raw, changes, found)
         _take_scan(raw, scan)
-    raw.names, raw.rows = samples.names, _joined(path, blocks)
+    raw.names, raw.rows = samples.names, _joined(path, blocks, raw.complete)
     raw.changes = tuple(changes)
     raw.notes += _content_notes(raw)
     return raw
@@ -229,7 +229,12 @@ def _take_scan(raw: RawRecording, scan: Scan) -> None:
         raw.counted = (raw.counted or 0) + int(told)
 
 
-def _joined(path: Path, blocks: list[Array]) -> Array:
+def _joined(path: Path, blocks: list[Array], complete: bool) -> Array:
+    if not sum(map(len, blocks)) and not complete:
+        raise RecordingError(
+            f"a run must hold samples, {path} was cut off before the first of them were whole on "
+            "the disk: record it again"
+        )
     if not sum(map(len, blocks)):
         raise RecordingError(
             f"a run must hold samples, {path} has none: record a topic whose name ends in "

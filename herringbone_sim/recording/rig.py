@@ -27,7 +27,7 @@ from herringbone_sim.effects.registry import effects
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.effects.written import parameter_values
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.recording.writer import RunWriter
+from herringbone_sim.recording.writer import RunWriter, split_rows
 
 Array = NDArray[np.float64]
 SCHEMA = "rig/label/1"
@@ -225,7 +225,9 @@ def _point(i: int, rng: Generator) -> dict[str, float]:
 def _write(folder: Path, name: str, series: TimeSeries, rig: str) -> None:
     channels = {"channels": [describe(one) for one in series.names], "source": rig}
     writer = RunWriter.create(folder, name, f"/{rig}", channels, series.names, 0)
-    writer.write_samples(series.data)
+    for rows in split_rows(len(series), len(series.names)):
+        writer.write_samples(series.data[rows])
+        writer.flush()  # what is cut off later leaves the rest
     writer.close()
 
 

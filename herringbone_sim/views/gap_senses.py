@@ -56,7 +56,12 @@ def senses_table(gap: Part) -> str:
     rows = [_row(name, sense, columns) for name, sense in told.items()]
     header = '<th>in the sense of</th><th class="n">unit</th>'
     header += "".join(f'<th class="n">{title}</th>' for _, title in columns)
-    return f'<div class="scroll"><table><tr>{header}</tr>{"".join(rows)}</table></div>'
+    others = " and ".join(str(one) for one in sequence(gap.get("runner_up_effects")))
+    told_of = (
+        f"<p><small>The runner-up: {escape(others)}.</small></p>" if control and others else ""
+    )
+    table = f'<div class="scroll"><table><tr>{header}</tr>{"".join(rows)}</table></div>'
+    return table + told_of
 
 
 def _row(name: str, sense: Part, columns: Sequence[tuple[str, str]]) -> str:

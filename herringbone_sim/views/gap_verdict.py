@@ -81,6 +81,8 @@ def _place(report: Part) -> tuple[str, str]:
     if top is not None:
         place = words.locus_words(top.get("locus"))
         share = f"largest share of the residual: {place} ({percent(top.get('share'))})"
+        if known(top.get("share")) == 0.0:
+            share = "no residual in the meshes above the noise"
     if kind(report) == "none":
         return "Nowhere beyond the noise", share
     told = dict.fromkeys(words.place_words(cause) for cause in sited(report))

@@ -32,6 +32,7 @@ from herringbone_sim.gap.residuals.recalibrate import HEAVIEST, Law, force_law
 Array = NDArray[np.float64]
 
 NORMAL_90 = 1.645
+FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
 UNSURE_PIN = 0.4  # share of the RMS of what a free pin does to the carrier that it may be off
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from herringbone_sim.gap.attribution.bodies import FEWEST_WHOLE, balances_known
 from herringbone_sim.gap.attribution.hypothesis import Case
 
 FULL, NO_FORCE, FEW, NOTHING = "full", "no_force", "few", "nothing"
@@ -89,7 +90,13 @@ def _partial(cases: Sequence[Case]) -> list[str]:
         return []
     names = cases[0].run.model.layout.meshes
     missing = ", ".join(n for n, there in zip(names, usable, strict=True) if not there)
-    return [
-        f"{missing}: displacement, rate or force is missing in some run, so what sits there alone "
-        "can't be told, nor friction and torque ripple, which need the balance of all forces"
+    said = [
+        f"{missing}: displacement, rate or force is missing or was left out in some run, so what "
+        "sits there alone can't be told"
     ]
+    if sum(balances_known((c,)) for c in cases) < FEWEST_WHOLE:
+        said.append(
+            "friction and torque ripple can't be told: they need all forces and rates in "
+            f"{FEWEST_WHOLE} runs or more"
+        )
+    return said

@@ -44,6 +44,26 @@ def longest_part(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
     return kept, tuple(found)
 
 
+def unwrapped(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding, ...]]:
+    """A run whose phase starts anew at every turn, unwrapped, and that this was done."""
+    if "phase" not in series or len(series) < 3 or not np.isfinite(series["phase"]).all():
+        return series, ()
+    phase = series["phase"]
+    odd, whole = _phase(series), np.unwrap(phase)
+    data = series.data.copy()
+    data[:, series.names.index("phase")] = whole
+    mended = TimeSeries(series.times, data, series.names)
+    if not odd.any() or np.ptp(phase) > 2.0 * np.pi or _phase(mended).any():
+        return series, ()
+    at = float(series.times[int(odd.argmax())])
+    text = (
+        f"the mesh phase of {name} starts anew at every turn, first at {at:.6g} s: it was "
+        "unwrapped; events of single teeth and run-out need it counted on, from the same teeth in "
+        "all runs"
+    )
+    return mended, (Finding("phase", name, ("phase",), at, text),)
+
+
 def _clock(series: TimeSeries) -> Mask:
     steps = np.diff(series.times)
     odd: Mask = np.abs(steps / np.median(steps) - 1.0) > ODD

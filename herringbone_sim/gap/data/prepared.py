@@ -14,7 +14,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, HerringboneError
-from herringbone_sim.gap.data.breaks import longest_part
+from herringbone_sim.gap.data.breaks import longest_part, unwrapped
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.screen import Finding, screen
 from herringbone_sim.gap.data.waves import Waves, waves
@@ -122,6 +122,7 @@ class PreparedCampaign:
         runs: those that could be read.
         meshes: what each mesh is.
         missing: (run, reason) of those that could not be read.
+        noise_known: whether the campaign tells it; if not, it is that of the spectra.
     """
 
     rig: str
@@ -129,6 +130,7 @@ class PreparedCampaign:
     runs: tuple[PreparedRun, ...]
     meshes: MeshTable
     missing: tuple[tuple[str, str], ...]
+    noise_known: bool = True
 
     def of_role(self, role: str) -> tuple[PreparedRun, ...]:
         return tuple(run for run in self.runs if run.role == role)
@@ -158,7 +160,12 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
         told = "; ".join(f"{name}: {reason}" for name, reason in missing)
         raise AnalysisError(f"no run of {folder} can be read: {told}")
     return PreparedCampaign(
-        campaign.rig, full, tuple(runs), mesh_table(full.layout), tuple(missing)
+        campaign.rig,
+        full,
+        tuple(runs),
+        mesh_table(full.layout),
+        tuple(missing),
+        campaign.noise_share is not None,
     )
 
 
@@ -172,12 +179,13 @@ def prepare_run(
         ParameterError: an operating point at which the nominal gear can't exist.
     """
     name, whole = run.path.name, recording.samples
+    _check_phase(name, whole)
+    whole, wrapped = unwrapped(name, whole)
     part, broken = longest_part(name, whole)
     series, findings = screen(name, part, declared_units(recording))
-    if "phase" not in series or len(series) < 2:
+    if len(series) < 2:
         raise AnalysisError(
-            f"{name} needs a channel phase and two samples, got {len(series)} samples "
-            f"of {', '.join(series.names)}: record the mesh phase with the run"
+            f"{name} needs two samples or more in a row, got {len(series)}: record more cycles"
         )
     model = build(nominal.changed(run.point))
     phase = series["phase"].copy()
@@ -200,8 +208,36 @@ def prepare_run(
         model=model,
         waves=waves(model, phase, omega),
         recorded_point={q: series[q].copy() for q in ("K", "delta_T", "T_1") if q in series},
-        findings=(*_noted(name, recording), *broken, *_foreign(name, series, layout), *findings),
+        findings=(
+            *_noted(name, recording),
+            *wrapped,
+            *broken,
+            *_foreign(name, series, layout),
+            *findings,
+        ),
     )
+
+
+def _check_phase(name: str, series: TimeSeries) -> None:
+    """AnalysisError without a phase that goes forward."""
+    if "phase" not in series:
+        raise AnalysisError(
+            f"{name} needs a channel phase, got {', '.join(series.names)}: record the mesh phase "
+            "with the run"
+        )
+    turns = np.diff(series["phase"])
+    known = turns[np.isfinite(turns)]
+    if not turns.size:
+        return
+    turn = float(np.median(known)) if known.size else float("nan")
+    if not turn > 0.0:
+        what = (
+            "runs backwards" if turn < 0.0 else "stands still" if turn == 0.0 else "is no number"
+        )
+        raise AnalysisError(
+            f"the mesh phase of {name} {what}, got {turn:.6g} rad from sample to sample: k(t) and "
+            "e(t) hang on it; mend channel phase"
+        )
 
 
 def declared_units(recording: Recording) -> dict[str, str]:

@@ -98,9 +98,10 @@ def _nan(name: str, series: TimeSeries, channel: str) -> Finding | None:
     if not missing.any():
         return None
     first, share = float(series.times[int(missing.argmax())]), float(missing.mean())
+    rest = "" if channel[0] == "F" else "; its place follows from others where geometry allows"
     text = (
         f"{channel} of {name} is no number in {share:.1%} of the samples, first at {first:.6g} s: "
-        "the channel is left out of this run; its place follows from others where geometry allows"
+        f"the channel is left out of this run{rest}"
     )
     return Finding("nan", name, (channel,), first, text)
 

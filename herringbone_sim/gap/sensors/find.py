@@ -19,6 +19,7 @@ from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.clock import Clock, find_clock, lateness, set_right
 from herringbone_sim.gap.sensors.consistency import KINDS, Consistency, channel_arrays, consistency
@@ -66,7 +67,8 @@ class SensorFinding:
         mesh = group.mesh if group.mesh in ("sp", "rp") else "all"
         theta = (rest + self.value,) if effect.parameters else ()
         chosen = (("channels", group.names),) if effect.options else ()
-        return Active(effect, theta, Locus(mesh, group.planet, group.side), chosen)
+        inside = tuple(float(v) for v in np.clip(theta, *effect.bounds))
+        return Active(effect, inside, Locus(mesh, group.planet, group.side), chosen)
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,21 @@ class SensorCheck:
         """Channels found wrong; a clock is put right instead."""
         found = (f for f in self.findings if f.group.quantity != "xvu")
         return tuple(name for finding in found for name in finding.group.names)
+
+
+def contradictions(check: SensorCheck) -> list[Finding]:
+    """Sensors found wrong, and what was done about them."""
+    found = []
+    for one in check.findings:
+        names = ("t",) if one.group.quantity == "xvu" else one.group.names
+        size = f" of {one.value:.3g} {one.unit}".removesuffix(" -")
+        kind = one.effect + ("" if one.effect == "channel_swap" else size)
+        many = len(names) > 1
+        does, they = ("contradict", "they are") if many else ("contradicts", "it is")
+        done = "times are put right" if names == ("t",) else f"{they} left out of all runs"
+        text = f"{', '.join(names)} {does} the other channels, most like {kind}: {done}"
+        found.append(Finding("sensor", "", names, None, text))
+    return found
 
 
 def find_sensor_errors(runs: Sequence[PreparedRun], most: int = 3) -> SensorCheck:
@@ -159,8 +176,27 @@ def _largest(runs: Sequence[PreparedRun], found: Consistency) -> SensorFinding |
     least = max(SIGNIFICANT**2, PART * beyond_chance, SHARE * found.energy)
     if max(top, swap_fall) < least:
         return None
-    if swap is not None and swap_fall > top:
-        return SensorFinding("channel_swap", swap, 1.0, 0.0, "-", 0.0, ())
+    exchanged = None
+    if swap is not None and swap_fall >= least:
+        exchanged = SensorFinding("channel_swap", swap, 1.0, 0.0, "-", 0.0, ())
+    if top < least:
+        return exchanged
+    other = _error(runs, found, fall, theta)
+    if exchanged is None:
+        return other
+    return min(
+        (exchanged, other),
+        key=lambda one: consistency([_put_right(r, (one,)) for r in runs]).energy,
+    )
+
+
+def _error(
+    runs: Sequence[PreparedRun], found: Consistency, fall: Array, theta: Array
+) -> SensorFinding:
+    """The error of a group with the largest fall (p,) and what it is fitted to be."""
+    patterns, groups = _patterns(runs)
+    normal = np.einsum("pi,ij,pj->p", patterns, found.normal, patterns)
+    top = float(fall.max())
     alike = np.flatnonzero(fall > top - max(1e-3 * top, SIGNIFICANT))
     best = min(alike, key=lambda i: len(groups[i // len(KINDS)].names))
     group, kind = groups[best // len(KINDS)], KINDS[best % len(KINDS)]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Active, Effect
 from herringbone_sim.gap.attribution.bodies import (
+    FEWEST_WHOLE,
     BodyFit,
     balance_of,
     balances_known,
@@ -23,7 +24,6 @@ from herringbone_sim.gap.attribution.hypothesis import Case, expected, name_of
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
-FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
 SETTLED = 0.5  # of the excess of the balance left, by forces put right or an effect on the bodies
 CLEAR = 0.4  # excess from which such an effect is taken off before force sensors are judged
 

@@ -94,6 +94,8 @@ def _verdict(
 
 
 def _loudest(stages: tuple[Stage, ...], top: str) -> str:
+    if top == "unknown" and stages:
+        return max(stages, key=lambda s: s.gap * s.unknown).name
     known = [s for s in stages if s.name != "consistency"] or list(stages)
     loudest = max(known, key=lambda s: s.gap).name if known else "force_law"
     return "force_law" if top == "none" and any(s.name == "force_law" for s in known) else loudest

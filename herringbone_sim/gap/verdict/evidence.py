@@ -66,6 +66,7 @@ class Evidence:
             what a free pin does to the carrier, or between samples.
         balance_pinned: part of that which a free pin takes off.
         varying: per name of the best fits: what they win where effects may vary.
+        noise_known: whether the campaign tells its noise.
         motion: without force sensors, calibration and fits of the accelerations.
     """
 
@@ -83,6 +84,7 @@ class Evidence:
     balance_settled: float = 0.0
     balance_pinned: float = 0.0
     varying: dict[str, Varying] = field(default_factory=dict)
+    noise_known: bool = True
 
 
 def gather(runs: Sequence[PreparedRun], say: Say = lambda text: None) -> Evidence:

@@ -17,11 +17,11 @@ PERMUTATIONS = 200
 
 
 def where(campaign: PreparedCampaign, evidence: Evidence) -> list[tuple[Locus, float]]:
-    """Share of every mesh in the residual above the noise of the recalibrated law."""
+    """Share of every mesh in what the recalibrated law leaves above the noise; 0 if nothing."""
     if evidence.nominal is None:
         return []
     above = np.maximum(evidence.nominal.per_mesh - 1.0, 0.0)
-    shares = above / above.sum() if above.sum() > 0.0 else np.full(above.shape, 1 / above.size)
+    shares = above / above.sum() if above.sum() > 0.0 else above
     layout = evidence.cases[0].run.model.layout
     places = [
         Locus(mesh, planet, side)

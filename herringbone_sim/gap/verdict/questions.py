@@ -51,7 +51,10 @@ def undecidable(
     for name, least in LEAST.items():
         different = len({round(float(p[name]), 6) for p in points if name in p})
         if different < least:
-            said.append(f"{different} values of {name} in the fit runs, {least} or more are asked")
+            values = "value" if different == 1 else "values"
+            said.append(
+                f"{different} {values} of {name} in the fit runs, {least} or more are asked"
+            )
     return [*said, *_rivals(verdict, moving=evidence.motion is not None)]
 
 

@@ -158,7 +158,8 @@ def _sensors(evidence: Evidence, t: Thresholds) -> Stage | None:
         wide = _widened(one, tuple((v - half, v + half) for v in one.theta), t)
         left = max(check.corrected - check.after, 0.0) + rest
         options.append(Option("consistency", (one,), left, None, (wide,)))
-    return Stage("consistency", nominal, tuple(options), t, t.excess_consistency, t.share)
+    least = t.excess_consistency + _unsure(evidence, t)
+    return Stage("consistency", nominal, tuple(options), t, least, t.share)
 
 
 def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
@@ -179,7 +180,8 @@ def _law(evidence: Evidence, t: Thresholds) -> Stage | None:
     options = tuple(sorted((*singles, *pairs), key=lambda o: o.excess))
     named = name_of(options[0].actives) if options else ""
     steady = evidence.varying.get(named, STEADY)
-    return Stage("force_law", excess, options, t, t.excess_force_law, t.share, varying=steady)
+    least_excess = t.excess_force_law + _unsure(evidence, t)
+    return Stage("force_law", excess, options, t, least_excess, t.share, varying=steady)
 
 
 def _option(evidence: Evidence, one: Fit, t: Thresholds) -> Option:
@@ -208,11 +210,17 @@ def _bodies(evidence: Evidence, t: Thresholds) -> Stage | None:
     moving = evidence.motion is not None
     settled = t.settled * evidence.balance_settled + t.pinned * evidence.balance_pinned
     floor = t.excess_motion if moving else t.excess_torque_balance
-    least = floor + t.misfit * misfit + settled
-    high = t.peak * np.sqrt(1.0 + misfit + settled)
+    unsure = _unsure(evidence, t)
+    least = floor + t.misfit * misfit + settled + unsure
+    high = t.peak * np.sqrt(1.0 + misfit + settled + unsure)
     excess = max(nominal.left_out - 1.0, 0.0)
     share = t.share * least / floor + t.pinned * evidence.balance_pinned / (1.0 + excess)
     return Stage("torque_balance", excess, options, t, least, share, evidence.balance_peak / high)
+
+
+def _unsure(evidence: Evidence, t: Thresholds) -> float:
+    """Excess that a noise which nobody tells may make."""
+    return 0.0 if evidence.noise_known else t.noise
 
 
 def _spans(fit: BodyFit, t: Thresholds) -> Spans:

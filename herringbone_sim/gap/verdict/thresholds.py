@@ -22,6 +22,7 @@ class Thresholds:
         settled: of the excess that the best law takes off the balance, likewise.
         pinned: of the part of that which a free pin takes off, besides: another pin than the
             catalogue's leaves some; as much must an effect on the bodies explain beside it.
+        noise: added to all those where nobody tells the noise: it is known to that.
         peak: residual of the balance over its floor above which something is there.
         floor, floor_consistency: excess below which two hypotheses can't be told apart; all
             channels share the second, so an error of one is small there.
@@ -47,6 +48,7 @@ class Thresholds:
     misfit: float
     settled: float
     pinned: float
+    noise: float
     peak: float
     floor: float
     floor_consistency: float
