@@ -203,5 +203,18 @@ def test_a_sensor_is_named_where_its_error_puts_it_right(corrected: float, verdi
     )
 
 
+def test_a_cause_is_told_with_the_channels_of_the_residual_that_shows_it() -> None:
+    names = ("u_s_L", "u_c")
+    found = SensorFinding(
+        "channel_swap", Group("u", "", "", "", names, np.arange(33) > 30), 1.0, 0.0, "-", 1.0, ()
+    )
+    shown = evidence(
+        check=SensorCheck(60.0, 1.0, 1.01, 1.0, (found,)),
+        fits=(fitted(1.005, "channel_swap"), fitted(1.0095, "backlash_offset")),
+    )
+    option, i = decide(shown).best["channel_swap"]
+    assert option.actives[i].chosen["channels"] == names
+
+
 def test_motion_between_samples_that_v_does_not_follow_is_no_wrong_sensor() -> None:
     assert decide(evidence(check=SensorCheck(1.5, 1.5, 1.5, 1.0, ()))).verdict == "none"

@@ -21,7 +21,7 @@ class Verdict:
         verdict: ``none``, ``unknown``, ``ambiguous`` or an effect.
         effects: ids of what is there.
         probabilities: of every effect, ``none`` and ``unknown``; sums to 1.
-        best: most likely option of each effect.
+        best: option of each effect that its probability comes from most.
         ambiguous_with: ids of the class when ambiguous.
         metric: residual that counts.
         chosen: options that make up the augmented model.
@@ -45,6 +45,7 @@ def decide(evidence: Evidence, thresholds: Thresholds | None = None) -> Verdict:
     stages = stages_of(evidence, t)
     chances = {name: 0.0 for name in (*known_effects(), "none", "unknown")}
     best: dict[str, tuple[Option, int]] = {}
+    most: dict[str, float] = {}
     chances["none"] = float(np.prod([1.0 - s.gap for s in stages])) if stages else 0.0
     odds = np.array([s.gap * t.stage**i for i, s in enumerate(stages)])
     odds = odds / max(odds.sum(), 1e-300) * (1.0 - chances["none"])
@@ -57,10 +58,10 @@ def decide(evidence: Evidence, thresholds: Thresholds | None = None) -> Verdict:
             parts = _parts(option)
             for i, (one, part) in enumerate(zip(option.actives, parts, strict=True)):
                 name = one.effect.id
-                chances[name] += mass * (1.0 - unknown) * float(weight) * part
-                held = best.get(name)
-                if held is None or option.excess < held[0].excess:
-                    best[name] = (option, i)
+                own = mass * (1.0 - unknown) * float(weight) * part
+                chances[name] += own
+                if own > most.get(name, -1.0):  # not that of a residual that shows nothing
+                    best[name], most[name] = (option, i), own
     total = sum(chances.values())
     chances = {name: float(p / total) for name, p in chances.items()}
     return _verdict(stages, chances, best)
