@@ -127,6 +127,16 @@ def test_without_forces_what_comes_nearest_is_told_of_the_motion(
     assert f"nearest to {shown} comes torque_ripple, but it leaves 88% of the excess" in said
 
 
+@pytest.mark.parametrize(("after", "there"), [(1.0, True), (1.3, False)])
+def test_motion_that_v_does_not_follow_between_samples_excuses_the_accelerations(
+    after: float, there: bool
+) -> None:
+    check = SensorCheck(after, after, after, 1.0, ())
+    bodies = (balance(2.5), balance(2.49, "torque_ripple"))
+    found = evidence(check=check, nominal=None, fits=(), bodies=bodies, motion=MOVING)
+    assert (stages_of(found, T)[-1].gap > 0.5) is there
+
+
 def test_sensors_that_disagree_in_no_known_way_are_unknown() -> None:
     assert decide(evidence(check=SensorCheck(1.5, 1.5, 1.5, 1.5, ()))).verdict == "unknown"
 

@@ -60,7 +60,7 @@ def motion_balance(
     spread = k * law.contact * noise.x + c * noise.v
     force = modelled_force(window_of(run, WIDTH), law.modelled_n, spread)
     extra = quadrature(run, fused, fine_law(run, factors), WIDTH)
-    force = replace(force, average_n=force.average_n + extra)
+    force = replace(force, average_n=force.average_n + extra, correction_n=extra)
     return torque_balance(run, fused, inverse, force, WIDTH)
 
 

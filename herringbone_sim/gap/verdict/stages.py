@@ -212,6 +212,8 @@ def _bodies(evidence: Evidence, t: Thresholds) -> Stage | None:
     floor = t.excess_motion if moving else t.excess_torque_balance
     unsure = _unsure(evidence, t)
     least = floor + t.misfit * misfit + settled + unsure
+    if moving and evidence.check.after > evidence.check.geometry:
+        least += t.between * (evidence.check.after - evidence.check.geometry)
     high = t.peak * np.sqrt(1.0 + misfit + settled + unsure)
     excess = max(nominal.left_out - 1.0, 0.0)
     share = t.share * least / floor + t.pinned * evidence.balance_pinned / (1.0 + excess)

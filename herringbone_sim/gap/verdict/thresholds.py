@@ -22,6 +22,8 @@ class Thresholds:
         settled: of the excess that the best law takes off the balance, likewise.
         pinned: of the part of that which a free pin takes off, besides: another pin than the
             catalogue's leaves some; as much must an effect on the bodies explain beside it.
+        between: of what the sensors' disagreement has beyond geometry, added to the excess of the
+            motion: where v is not followed between samples, accelerations are not either.
         noise: added to all those where nobody tells the noise: it is known to that.
         peak: residual of the balance over its floor above which something is there.
         floor, floor_consistency: excess below which two hypotheses can't be told apart; all
@@ -48,6 +50,7 @@ class Thresholds:
     misfit: float
     settled: float
     pinned: float
+    between: float
     noise: float
     peak: float
     floor: float
