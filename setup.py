@@ -7,6 +7,7 @@ from setuptools import find_packages, setup
 
 NAME = "herringbone_sim"
 SHARE = f"share/{NAME}"
+EXECUTABLES = ("simulator", "analyze", "gap", "info", "recover", "replay", "show")
 HERE = Path(__file__).resolve().parent
 
 
@@ -54,9 +55,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            f"simulator = {NAME}.ros.main:main",
-            f"analyze = {NAME}.__main__:analyze",
-            f"gap = {NAME}.__main__:gap",
+            *(f"{verb} = {NAME}.__main__:executable" for verb in EXECUTABLES),
             f"chaos_control = {NAME}.examples.chaos_control:main",
         ],
     },

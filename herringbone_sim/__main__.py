@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 import warnings
 from collections.abc import Sequence
+from io import TextIOWrapper
+from pathlib import Path
 from typing import Any
 
 from herringbone_sim.core.parameters import ParameterWarning
@@ -29,6 +32,7 @@ VERBS = (
     "rig",
     "sweep",
     "map",
+    "compare",
     "orbits",
     "exponents",
     "basins",
@@ -36,6 +40,8 @@ VERBS = (
     "reproduce",
     "control",
 )
+
+EXECUTABLES = {"simulator": "run"}  # name for ``ros2 run`` -> verb, where they differ
 
 DESCRIPTION = """\
 Herringbone planetary gear dynamics: stream, steer, record, mirror, replay, analyse.
@@ -60,20 +66,55 @@ def parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code of the verb: 2 with one clear line when the input is wrong."""
+    """Exit code of the verb: 2 with one clear line when input or output can't be had.
+
+    Where whoever reads the output has gone, as ``head`` does, it ends quietly with 1.
+    """
+    try:
+        try:
+            return _run(argv)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _forget_output()
+        return 1
+    except OSError as error:
+        _forget_output()
+        named = error.filename or "the output"
+        print(f"error: {named} can't be used: {error.strerror or error}", file=sys.stderr)
+        return 2
+
+
+def _forget_output() -> None:
+    """Let the interpreter, which flushes once more when it ends, write what is left to nowhere."""
+    if sys.__stdout__ is not None and sys.stdout is sys.__stdout__:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.__stdout__.fileno())
+        os.close(nowhere)
+
+
+def _run(argv: Sequence[str] | None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            # Names of files and texts in them need not be characters that a terminal has.
+            stream.reconfigure(errors="backslashreplace")
     if " ".join(arguments[:2]) in VERBS:
         arguments[:2] = [" ".join(arguments[:2])]
     asked = arguments[:1]
     if not asked:
         parser().print_help()
         return 2
-    commands = parser(asked if asked and asked[0] in VERBS else VERBS)
-    args, rest = commands.parse_known_args(arguments)
-    if rest and not (hasattr(args, "rest") and rest[0] == "--ros-args"):
-        hint = "ROS arguments follow --ros-args" if hasattr(args, "rest") else "see --help"
-        commands.error(f"unknown arguments {' '.join(rest)}: {hint}")
-    args.rest = rest
+    own, of_ros = split_ros(arguments)
+    args, unknown = parser(asked if asked[0] in VERBS else VERBS).parse_known_args(own)
+    takes_ros = hasattr(args, "of_ros")
+    if not takes_ros:
+        unknown += of_ros
+    if unknown:
+        hint = "what is for ROS follows --ros-args" if takes_ros else "see --help"
+        print(f"error: unknown arguments {' '.join(unknown)}: {hint}", file=sys.stderr)
+        return 2
+    args.of_ros = of_ros
     with warnings.catch_warnings():
         _warn_once()
         try:
@@ -85,11 +126,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 130
 
 
+def split_ros(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Arguments of the command, and those of ROS: from ``--ros-args`` to ``--`` or the end."""
+    parts: tuple[list[str], list[str]] = [], []
+    inside = False
+    for word in arguments:
+        inside |= word == "--ros-args"
+        parts[inside].append(word)
+        inside &= word != "--"
+    return parts
+
+
 def _warn_once() -> None:
     """Say each warning once, in a line.
 
     The filter "once" would not do: what it remembers is a module's, and is forgotten whenever any
-    library changes the filters.
+    library changes the filters. Whether such a gear can be built is not said at each command, but
+    where a file is made or checked: ``rig make`` and ``parameters --check`` ask for it.
     """
     said: set[str] = set()
 
@@ -99,18 +152,14 @@ def _warn_once() -> None:
             said.add(text)
             print(text, file=sys.stderr)
 
-    warnings.simplefilter("always", ParameterWarning)
+    warnings.simplefilter("ignore", ParameterWarning)
     warnings.showwarning = show
 
 
-def gap() -> int:
-    """``ros2 run herringbone_sim gap``."""
-    return main(["gap", *sys.argv[1:]])
-
-
-def analyze() -> int:
-    """``ros2 run herringbone_sim analyze``."""
-    return main(["analyze", *sys.argv[1:]])
+def executable() -> int:
+    """``ros2 run herringbone_sim NAME``: the verb that the executable is called after."""
+    name = Path(sys.argv[0]).name
+    return main([EXECUTABLES.get(name, name), *sys.argv[1:]])
 
 
 if __name__ == "__main__":

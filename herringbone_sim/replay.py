@@ -100,21 +100,22 @@ def repeat(recording: Recording) -> Iterator[tuple[Array, int]]:
 
 
 def _start(recording: Recording) -> tuple[State, Parameters, tuple[Active, ...], Clock]:
-    content = recording.channels
-    try:
-        parameters, actives = gear_of_values(content["parameters"])
-        clock = Clock(**content.get("clock", {}))
-        stored = content["state"]
-        y = np.array(stored["y"], dtype=float)
-        state = State(
-            y, stored["cycle"], stored["index"], stored["t"], np.empty((0, len(y))), np.empty(0)
-        )
-    except (KeyError, TypeError) as error:
+    told = recording.channels
+    if told.state is None or not told.parameters:
         raise RecordingError(
-            f"{recording.name} does not say its parameters and initial state ({error}): only a "
-            "run of this simulator can be repeated"
-        ) from error
-    return state, parameters, actives, clock
+            f"{recording.name} does not say its parameters and initial state: only a run of this "
+            "simulator can be repeated"
+        )
+    parameters, actives = gear_of_values(told.parameters)
+    if told.state.index >= parameters.steps:
+        raise RecordingError(
+            f"{recording.name} starts at step {told.state.index} of a cycle of "
+            f"{parameters.steps}: its state and its parameters are not those of one run"
+        )
+    y = np.array(told.state.y)
+    nothing = np.empty((0, len(y)))
+    state = State(y, told.state.cycle, told.state.index, told.state.t, nothing, np.empty(0))
+    return state, parameters, actives, told.clock
 
 
 def _cuts(recording: Recording) -> list[tuple[int, dict[str, Any]]]:

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Set up .venv in this folder: `scripts/setup.sh` to run, `scripts/setup.sh test` to test as well.
+# Set up .venv in this folder: `scripts/setup.sh` to run, `scripts/setup.sh test` to test as well,
+# `scripts/setup.sh bench` to measure against other programs.
 # Safe to repeat; once all is there it returns at once. PYTHON=... chooses the interpreter.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -67,12 +68,27 @@ make_venv() {
 
 install_packages() {
   local file=requirements.txt
-  [ "$kind" = run ] || file=requirements-$kind.txt
+  [ "$kind" != test ] || file=requirements-test.txt
   say "installing $file (a minute or two)"
   quietly "$python" -m pip install --disable-pip-version-check --progress-bar off -r "$file" ||
     fail "pip could not install $file: is there a network, and room on the disk?"
   # The folder itself, so that `python -m herringbone_sim` works from anywhere.
   pwd >"$("$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/herringbone_sim.pth"
+}
+
+# Each peer on its own, as some are built from source: what does not install is named, and the
+# benchmarks go on without it. Returns 1 when one is missing.
+install_peers() {
+  local peer result=0
+  for peer in $(sed 's/#.*//; /^-/d; s/ //g' requirements-bench.txt requirements-bench-built.txt); do
+    if "$python" -m pip install --disable-pip-version-check --progress-bar off "$peer" >"$log" 2>&1; then
+      say "installed $peer"
+    else
+      say "not installed: $peer ($(grep -i error "$log" | tail -n 1)); the benchmarks go on without it"
+      result=1
+    fi
+  done
+  return $result
 }
 
 have_vulkan() {
@@ -114,8 +130,8 @@ digest() { cat "$@" | sha256sum | cut -d ' ' -f 1; }
 done_for() { [ -x "$python" ] && [ "$(cat "$venv/$1.stamp" 2>/dev/null)" = "$2" ]; }
 
 case $kind in
-  run | test) ;;
-  *) fail "usage: scripts/setup.sh [run|test]" ;;
+  run | test | bench) ;;
+  *) fail "usage: scripts/setup.sh [run|test|bench]" ;;
 esac
 
 packages=$(digest requirements*.txt scripts/setup.sh <(pwd))
@@ -124,8 +140,8 @@ if ! done_for "$kind" "$packages"; then
   "$python" -m pip --version >/dev/null 2>&1 && fits "$python" || make_venv
   install_packages
   install_vulkan
-  echo "$packages" >"$venv/$kind.stamp"
-  [ "$kind" = run ] || echo "$packages" >"$venv/run.stamp"
+  echo "$packages" >"$venv/run.stamp"
+  if [ "$kind" != bench ] || install_peers; then echo "$packages" >"$venv/$kind.stamp"; fi
 fi
 if ! done_for kernel "$kernel"; then
   warm_up

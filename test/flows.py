@@ -11,7 +11,7 @@ class Henon:
 
     n, period = 2, 1.0
 
-    def advance(self, y, tangents):
+    def advance(self, y, tangents, at=0):
         jacobian = np.array([[-2.8 * y[0], 1.0], [0.3, 0.0]])
         return np.array([1.0 - 1.4 * y[0] ** 2 + y[1], 0.3 * y[0]]), tangents @ jacobian.T
 
@@ -29,7 +29,7 @@ class Lorenz:
         out[0] = 10.0 * (y - x), x * (28.0 - w) - y, x * y - 8.0 / 3.0 * w
         return out
 
-    def advance(self, y, tangents):
+    def advance(self, y, tangents, at=0):
         z, h = np.vstack([y, tangents]), self.h
         for _ in range(self.steps):
             a = self.slope(z)
@@ -49,7 +49,7 @@ class CoupledLogistic:
     def __init__(self, eps):
         self.eps = eps
 
-    def advance(self, y, tangents):
+    def advance(self, y, tangents, at=0):
         f, slope = 4.0 * y * (1.0 - y), 4.0 - 8.0 * y
 
         def mix(a):

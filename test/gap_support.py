@@ -21,6 +21,7 @@ from herringbone_sim.gap.data.prepared import (
 )
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun
+from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
 
 NOMINAL = Parameters(model="full", samples_per_cycle=24)
@@ -77,7 +78,7 @@ def prepared(
     name: str = "run",
     nominal: Parameters = NOMINAL,
 ) -> PreparedRun:
-    recording = Recording(Path(name), name, series, {}, (), True, ())
+    recording = Recording(Path(name), name, series, Channels(), (), True, ())
     return prepare_run(CampaignRun(Path(name), point, role), recording, nominal, share)
 
 

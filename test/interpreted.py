@@ -13,13 +13,16 @@ from gears import UNEVEN, make
 
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.lanes import any_moves, any_series
 from herringbone_sim.core.lanes import run as lane_run
 from herringbone_sim.core.lanes import series as lane_series
 from herringbone_sim.core.lanes import switching as lane_switching
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.packed import make_work
-from herringbone_sim.core.run import cross
+from herringbone_sim.core.run import crosser
 from herringbone_sim.core.switching import leaves_at
+from herringbone_sim.effects.assemble import assemble
+from herringbone_sim.effects.written import read_effects
 
 COARSE = {"delta_T": 90.0, "steps_per_cycle": 4, "samples_per_cycle": 4}
 SWING = {"delta_T": 0.0, "initial_v": (-0.35,), "samples_per_cycle": 4}
@@ -34,6 +37,28 @@ CASES = {
     "runaway": ({"method": "rk4", "steps_per_cycle": 4, "samples_per_cycle": 4, "xi": 2.0}, 9, 0),
 }
 
+
+# Gears with effects: those of the first kind of kernel, and all that the second kind knows.
+EVENTS = (
+    "tooth_crack@sp:depth=0.3,member=sun,position=0.4,width=0.5; "
+    "tooth_spall@rp:height=4e-6,member=ring,position=0.3,width=0.4; torque_ripple:amplitude=0.2; "
+    "runout@rp:member=ring,amplitude=5e-6"
+)
+BENDS = (
+    "tooth_friction:mu=0.08; contact_nonlinearity@sp:exponent=1.1; "
+    "damping_law@rp:share=0.4,power=0.5,depth=1e-5; ring_flexibility@rp:stiffness=3e9"
+)
+JUMPS = "damping_law:share=0.4,power=0,depth=1e-5; bearing_clearance:clearance=1e-5"
+HOT = {"xi": 0.07, "delta_T": 90.0, "K": 0.1}
+SLOW = {"method": "rk4", "steps_per_cycle": 32}
+EFFECT_CASES = {
+    "events": (EVENTS, HOT, 20, 1),
+    "bends": (BENDS, HOT, 12, 1),
+    "jumps": (JUMPS, HOT, 16, 1),
+    "rk4": (f"{EVENTS}; tooth_friction:mu=0.08; {JUMPS}", HOT | SLOW, 10, 0),
+    "rk4_bends": (BENDS, HOT | SLOW, 10, 0),
+}
+EFFECT_BATCHES = {"events": (EVENTS, True), "bends": (BENDS, True), "jumps": (JUMPS, True)}
 
 POLYNOMIALS = [
     (0.0, 1.0, -2.0, 0.0),
@@ -86,7 +111,7 @@ def store(a, i, j, x):
 
 def read_lanes():
     """Let the interpreter run the lanes: vectors become arrays of NumPy."""
-    for module in (lane_run, lane_series, lane_switching):
+    for module in (lane_run, lane_series, lane_switching, any_series, any_moves):
         for name in vars(module).keys() & VECTOR.keys():
             setattr(module, name, VECTOR[name])
         module.store = store
@@ -109,6 +134,47 @@ def lanes(models_of):
     return found
 
 
+def ready_with_effects():
+    """(stepper, start, samples) of every gear with effects, by name."""
+    found = {}
+    for name, (text, values, n, k) in EFFECT_CASES.items():
+        stepper = Stepper(assemble(make(**values), read_effects(text)))
+        found[name] = stepper, stepper.start(k), n
+    return found
+
+
+def batches_with_effects():
+    """Models of the batches with effects, by name."""
+    return {
+        name: [assemble(make(**HOT), read_effects(text)), assemble(make(), read_effects(text))]
+        for name, (text, _) in EFFECT_BATCHES.items()
+    }
+
+
+def lanes_with_effects(models_of):
+    """Ends, exponents and contact of the batches with effects, by name."""
+    found = {}
+    for name, models in models_of.items():
+        batch = run_batch(models, None, 0, 1, 1, EFFECT_BATCHES[name][1])
+        parts = [batch.end, batch.contact, batch.exponents]
+        found[f"effect_lanes_{name}"] = np.concatenate([part.ravel() for part in parts])
+    return found
+
+
+def with_effects(cases):
+    """Rows, end states and tangents of gears with effects, and their map, by name."""
+    found = {}
+    for name, (stepper, start, n) in cases.items():
+        block = stepper.advance(start, n)
+        parts = [block.rows, block.end.y, block.end.growth, block.end.tangents]
+        model, p = stepper.model, stepper.model.parameters
+        y, tangents = start.y.copy(), np.eye(model.n_state)[: len(start.tangents)]
+        work = make_work(model.layout.n_mesh, model.layout.n_coordinate, p.order, model.n_own)
+        crosser(p.method, model.packed.plain)(model.packed, work, y, tangents, 0, 1, p.steps)
+        found[f"effects_{name}"] = np.concatenate([part.ravel() for part in (*parts, y, tangents)])
+    return found
+
+
 def whole_cycles(cases):
     """State and tangents after two cycles, without samples."""
     found = {}
@@ -118,7 +184,8 @@ def whole_cycles(cases):
         y, tangents = start.y.copy(), np.eye(model.layout.n_state)
         layout, p = model.layout, model.parameters
         work = make_work(layout.n_mesh, layout.n_coordinate, p.order)
-        cross(model.packed, work, y, tangents, 0, 2, p.steps, p.method == "rk4")
+        cross = crosser(p.method, model.packed.plain)
+        cross(model.packed, work, y, tangents, 0, 2, p.steps)
         found[f"cycles_{name}"] = np.vstack([y, tangents])
     return found
 
@@ -155,8 +222,9 @@ def results(cases):
 
 if __name__ == "__main__":
     cases, batches = ready(), lane_models()
+    others, more = ready_with_effects(), batches_with_effects()
     read_lanes()
-    found = lanes(batches)
+    found = lanes(batches) | lanes_with_effects(more) | with_effects(others)
     # Compiled code calls the C library; NumPy has a cosine of its own on some processors.
     np.cos, np.sin = math.cos, math.sin
     found |= results(cases) | whole_cycles(cases)

@@ -187,3 +187,48 @@ def test_an_output_that_is_a_file_is_refused(
     taken.write_text("")
     assert main(["analyze", str(run), "--out", str(taken)]) == 2
     assert "choose another --out" in capsys.readouterr().err
+
+
+NAMES = [
+    *("sun_planet_1_left", "50%", "sp#1", "a$b", "$$", "$x_{", "x^y^z", "{", "}", "\\frac"),
+    *("\\$", "a\\$b$", "~&<b>", "mesh with spaces", "Ω_ω", "sp1_L", "x" * 300, "_", "_L"),
+]
+
+
+@pytest.mark.parametrize("mesh", ["sun_planet_1_left", "$$x_{ 50%", "sp#1^"])
+def test_names_from_outside_are_drawn_as_they_are(tmp_path: Path, mesh: str) -> None:
+    series = _staircase(levels=1, dwell=60)
+    names = tuple(f"{n[:2]}{mesh}" if n in ("x_sp_L", "v_sp_L") else n for n in series.names)
+    run = _record(tmp_path, "run $50% #1_a^", TimeSeries(series.times, series.data, names))
+    assert main(["analyze", str(run), "--out", str(tmp_path / "out $_{")]) == 0
+    assert (tmp_path / "out $_{" / "figures" / "segment_001.png").stat().st_size > 5000
+
+
+def test_text_from_outside_stays_what_it_is_beside_formulas() -> None:
+    from matplotlib.figure import Figure
+    from matplotlib.mathtext import MathTextParser
+
+    from herringbone_sim.views.drawn_text import plain_text
+    from herringbone_sim.views.figures import Scale
+
+    for name in NAMES:
+        assert Scale().v_label(name)
+        for label in (plain_text(name), f"{plain_text(name)} / $b_c$", Scale().x_label(name)):
+            text = Figure().text(0, 0, label)
+            cleaned, is_formula = text._preprocess_math(label)
+            if is_formula:
+                MathTextParser("agg").parse(cleaned)
+    assert plain_text("50%_a") == "50%_a"
+    assert len(plain_text("x" * 300)) < 100
+    assert "\n" not in plain_text("a\nb")
+    assert Scale().x_label("sp1_L") == r"$x_{\mathrm{sp1}}^{\mathrm{L}}$ [µm]"
+
+
+def test_segments_that_are_all_too_short_for_a_spectrum_give_an_empty_table(
+    tmp_path: Path,
+) -> None:
+    run = _record(tmp_path, "run", harmonic_series(6, {1.0: 3e-5}))
+    assert main(["analyze", str(run), "--out", str(tmp_path / "out")]) == 0
+    header = (tmp_path / "out" / "spectrum.csv").read_text().strip()
+    assert header.startswith("segment,order,x_")
+    assert "\n" not in header

@@ -126,3 +126,15 @@ def test_sections_are_compared_whatever_point_comes_first():
     error, note = judge(np.array([0]), late[None])
     assert error == pytest.approx(1e-7)
     assert note == "same period at 1 of 1 periodic values"
+
+
+def test_what_a_campaign_did_not_measure_is_a_dash() -> None:
+    from benchmarks.faults.__main__ import table
+    from benchmarks.faults.trial import Trial
+
+    found = {"one": [Trial("a"), Trial("b")], "two": [Trial("a", 0.25, 3 << 20), Trial("b")]}
+    rows = [line.split("|") for line in table(found).splitlines()[2:]]
+    assert [[cell.strip() for cell in row[-3:-1]] for row in rows] == [
+        ["-", "-"],
+        ["0.2 s", "3 MiB"],
+    ]

@@ -98,3 +98,24 @@ def test_a_constant_of_another_module_reaches_the_code_compiled_before(tmp_path,
     assert told() == ["1", "1"]
     (package / "core" / "constant.py").write_text("ONE = 12\n")
     assert told() == ["12", "0"]
+
+
+def test_what_is_compiled_is_told_and_what_is_loaded_is_not(tmp_path):
+    source = (
+        "from numba import njit\n"
+        "from herringbone_sim.core.cache import told_of_compiling\n"
+        "@njit(cache=True)\n"
+        "def twice(x):\n"
+        "    return 2 * x\n"
+        "with told_of_compiling(lambda: print('compiling')):\n"
+        "    print(twice(2))\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(source)
+
+    def said():
+        command = [sys.executable, str(script)]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+
+    assert said() == ["compiling", "4"]
+    assert said() == ["4"]

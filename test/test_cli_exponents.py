@@ -13,7 +13,7 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.cli.basins import kept_sections
 from herringbone_sim.cli.parameter_options import (
     add_parameter_options,
-    parameters_from,
+    gear_from,
     settings,
 )
 from herringbone_sim.core.model import build
@@ -125,7 +125,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch):
 def parsed(*argv):
     parser = argparse.ArgumentParser()
     add_parameter_options(parser)
-    return parameters_from(parser.parse_args(argv))
+    return gear_from(parser.parse_args(argv))[0]
 
 
 def test_parameters_of_the_command_line():

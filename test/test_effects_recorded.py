@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,12 @@ import pytest
 import yaml
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.analysis.sections import Section
+from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.cli.gear import gear_of
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.sensors import Sensors
 from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.effects.written import effects_text, read_effects
@@ -83,8 +88,27 @@ def test_info_and_analyze_tell_the_effects(
     rows = [line.split() for line in said.splitlines() if line.strip()[:2] in ("1 ", "2 ")]
     assert [row[-3] for row in rows] == ["P1", "P1"]
     with_effect, without = (float(row[-1]) for row in rows)
-    assert max(with_effect, without) < 0.0
-    assert with_effect != without
+    assert max(with_effect, without) < -0.1
+    assert abs(with_effect - without) > 0.05
+
+
+def test_the_exponent_of_the_model_is_that_of_the_gear_with_its_effects() -> None:
+    """As of the parameter that says the same; the gear loses contact, so stiffness counts."""
+    values = {"delta_T": 85.0, "k_factor": [0.9]}
+    soft = read_effects("mean_stiffness:factor=0.9")
+    n = 200
+    section = Section(np.arange(n), np.arange(n, dtype=float), *np.zeros((2, n, 4)), ("none",))
+
+    def found(parameters: dict[str, object], sets: Sequence[tuple[Active, ...]]) -> float:
+        model = build(Parameters(delta_T=85.0))
+        point = {FREQUENCY: model.packed.Omega * model.scales.omega_n / (2 * np.pi)}
+        exponent = gear_of(parameters, True, sets).model_exponent
+        assert exponent is not None
+        return exponent(point, section)[0]
+
+    mine, wanted = found({"delta_T": 85.0}, (soft,)), found(values, ((),))
+    assert mine == pytest.approx(wanted, abs=1e-6)
+    assert abs(mine - found({"delta_T": 85.0}, ((),))) > 1e-4
 
 
 def test_a_file_with_a_list_becomes_one_that_ros_takes(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.misfit import other_laws
 from herringbone_sim.recording.campaign import CampaignRun
+from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
 from herringbone_sim.recording.writer import RunWriter
 
@@ -187,7 +188,7 @@ def test_a_clock_in_another_unit(
 
 
 def test_a_unit_that_the_recorder_declares(series: TimeSeries) -> None:
-    told = {"channels": [{"name": "x_sp1_L", "unit": "mm"}, {"name": "x_sp2_L", "unit": "m"}]}
+    told = Channels(units={"x_sp1_L": "mm", "x_sp2_L": "m"})
     recording = Recording(Path("run"), "run", series, told, (), True, ())
     run = prepare_run(CampaignRun(Path("run"), POINTS[0], "fit"), recording, NOMINAL, 0.01)
     (finding,) = run.findings

@@ -231,7 +231,8 @@ def test_another_operating_point_is_not_compared_and_starts_a_new_sum(stiff: Tim
 def test_noise_of_a_simulator_that_plays_the_rig_is_none() -> None:
     bench = Bench(noise=None)
     bench.rig.channels(json.dumps({"source": "simulator", "parameters": {}}))
-    bench.rig.channels("no JSON")
+    for hostile in ("no JSON", "[" * 100_000, "[1]", '{"a": ' + "9" * 5000 + "}"):
+        bench.rig.channels(hostile)
     assert bench.rig.simulated
     bench.send(bench.rig, sampled(STIFF, POINTS[2], 40))
     found = bench.comparison.look().residual
@@ -295,3 +296,25 @@ def test_without_forces_the_viewer_gets_the_bodies(stiff: TimeSeries, tmp_path: 
     assert mirror.state == "running"
     assert mirror.close().startswith("mirrored")
     assert "accelerations" in table(picture)
+
+
+def test_a_picture_that_cannot_be_drawn_is_told_and_the_next_is(
+    stiff: TimeSeries, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    importlib.import_module("rerun")
+    from herringbone_sim.views.live_mirror import LiveMirror
+
+    bench = Bench()
+    bench.send(bench.rig, stiff)
+    mirror = LiveMirror("save", "", tmp_path / "live.rrd")
+
+    def fail(*_: object) -> None:
+        raise ValueError("math domain error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(LiveMirror, "_send", fail)
+        mirror.show(bench.comparison.look())
+    assert mirror.state == "failed: math domain error"
+    mirror.show(bench.comparison.look())
+    assert mirror.state == "running"
+    assert mirror.close().startswith("mirrored")

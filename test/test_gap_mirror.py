@@ -116,3 +116,17 @@ def test_the_file_is_one_that_the_viewer_takes(
 def test_a_viewer_that_is_not_there_is_said(campaign: PreparedCampaign, found: Diagnosis) -> None:
     said = mirror_gap(Where("connect", "127.0.0.1:9", Path("gap.rrd")), campaign, found)
     assert said.startswith("not mirrored: no viewer answers at 127.0.0.1:9")
+
+
+def test_a_drawing_that_fails_never_costs_the_report(
+    campaign: PreparedCampaign,
+    found: Diagnosis,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("math domain error")
+
+    monkeypatch.setattr("herringbone_sim.views.gap_mirror.mirror", fail)
+    said = mirror_gap(Where("save", "", tmp_path / "gap.rrd"), campaign, found)
+    assert said == "not mirrored: math domain error"

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import os
+import signal
 import socket
 import subprocess
+import sys
 import time
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +148,75 @@ def test_time_that_starts_again_goes_on_and_is_told(tmp_path: Path) -> None:
     assert "starts again" in str(found["/events"])
 
 
+@pytest.mark.parametrize("value", [0.0, 5e-324, 1e300, np.nan, np.inf])
+def test_single_samples_of_anything_are_shown(tmp_path: Path, value: float) -> None:
+    """A slow simulation hands over a sample at a time, the first of them at rest."""
+    blocks = []
+    for i in range(3 * SAMPLES):
+        whole = make_block(start=i, cycles=1)
+        rows = whole.rows[:1].copy()
+        rows[:, 5:] = value
+        blocks.append(replace(whole, rows=rows, sections=rows[: i % SAMPLES == 0]))
+    save(tmp_path / "run.rrd", blocks)
+    assert "/section/frame/ticks" in read(tmp_path / "run.rrd")
+
+
+def test_times_that_are_no_numbers_are_shown_somehow(tmp_path: Path) -> None:
+    whole = make_block()
+    rows = whole.rows.copy()
+    rows[100:200, :2] = np.nan
+    save(tmp_path / "run.rrd", [whole, replace(whole, rows=rows), make_block(start=480)])
+
+
+def test_a_block_that_fails_is_told_once_and_the_next_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from herringbone_sim.views import rerun_stream
+
+    send = rerun_stream.RerunStream.send
+    seen: list[int] = []
+
+    def fragile(self: rerun_stream.RerunStream, block: MirrorBlock) -> None:
+        seen.append(block.wall_ns)
+        if len(seen) in (2, 3, 4):
+            raise ValueError("math domain error")
+        send(self, block)
+
+    monkeypatch.setattr(rerun_stream.RerunStream, "send", fragile)
+    told: list[str] = []
+    path = tmp_path / "run.rrd"
+    mirror = RerunMirror("save", REDUCED, path=path, scale=SCALE, report=told.append)
+    for i in range(8):
+        assert mirror.put(make_block(start=480 * i, events=(f"block {i}",)), wait_s=30.0)
+        if i == 3:
+            wait_for(mirror, "failed: math domain error")
+    mirror.close(60.0)
+    assert mirror.state == "off"
+    assert mirror.dropped == 3
+    assert len(told) == 1
+    assert "math domain error" in told[0]
+    events = str(read(path)["/events"])
+    assert "block 0" in events
+    assert "block 3" not in events
+    assert all(f"block {i}" in events for i in (4, 5, 6, 7))
+
+
+def test_a_file_that_can_be_written_later_is_written(tmp_path: Path) -> None:
+    (tmp_path / "here").write_text("in the way")
+    told: list[str] = []
+    path = tmp_path / "here" / "run.rrd"
+    mirror = RerunMirror("save", REDUCED, path=path, report=told.append)
+    wait_for(mirror, "failed")
+    (tmp_path / "here").unlink()
+    deadline = time.monotonic() + 30
+    while not mirror.put(make_block()) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    mirror.close(60.0)
+    assert mirror.state == "off"
+    assert len(told) == 1
+    assert "/displacement/sp" in read(path)
+
+
 def test_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from threading import Event
 
@@ -234,6 +308,104 @@ def test_port_that_is_taken_is_said() -> None:
         mirror.close(60.0)
 
 
+def listens(host: str, port: int) -> bool:
+    from herringbone_sim.views.rerun_sink import answers
+
+    return answers(host, port)
+
+
+@pytest.mark.parametrize(
+    ("address", "open_at"),
+    [
+        ("{port}", {"127.0.0.1"}),
+        ("127.0.0.1:{port}", {"127.0.0.1"}),
+        ("localhost:{port}", {"127.0.0.1"}),
+        ("127.0.0.2:{port}", {"127.0.0.2"}),
+        ("0.0.0.0:{port}", {"127.0.0.1", "127.0.0.2"}),
+    ],
+)
+def test_a_server_listens_where_it_was_asked_to(address: str, open_at: set[str]) -> None:
+    port = free_port()
+    mirror = RerunMirror("serve", REDUCED, address=address.format(port=port))
+    assert mirror.put(make_block(), wait_s=30.0)
+    try:
+        deadline = time.monotonic() + 60
+        while not any(listens(host, port) for host in open_at) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert mirror.state == "running"
+        heard = {host for host in ("127.0.0.1", "127.0.0.2") if listens(host, port)}
+    finally:
+        mirror.close(60.0)
+    assert heard == open_at
+    assert not any(listens(host, port) for host in open_at)
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "no.such.host.invalid"])
+def test_an_address_of_another_machine_is_not_served_at(host: str) -> None:
+    mirror = RerunMirror("serve", REDUCED, address=f"{host}:{free_port()}")
+    wait_for(mirror, "failed")
+    mirror.close(60.0)
+    assert host in mirror.state
+
+
+def test_a_server_ends_with_its_program_even_when_that_is_killed() -> None:
+    port = free_port()
+    program = (
+        "import os, signal\n"
+        "from herringbone_sim.views.rerun_sink import open_sink\n"
+        f"open_sink('serve', '{port}', None, '1GB')\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    killed = subprocess.Popen([sys.executable, "-c", program])
+    deadline = time.monotonic() + 60
+    while killed.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert killed.returncode == -signal.SIGKILL
+    while listens("127.0.0.1", port) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not listens("127.0.0.1", port)
+
+
+def test_what_a_viewer_said_lies_in_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from herringbone_sim.views.rerun_sink import last_words, nameless_file
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with nameless_file() as errors:
+        for text in ("first", "the port is lost"):
+            subprocess.run(["sh", "-c", f"echo {text} >&2"], stderr=errors, check=True)
+            assert last_words(errors) == f": {text}"
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_server_that_ends_is_told_and_started_again() -> None:
+    port = free_port()
+    told: list[str] = []
+    mirror = RerunMirror("serve", REDUCED, address=str(port), report=told.append)
+    assert mirror.put(make_block(), wait_s=30.0)
+    wait_for(mirror, "running")
+    deadline = time.monotonic() + 60
+    while not listens("127.0.0.1", port) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    (server,) = [pid for pid in pids() if f"--port\0{port}\0" in pid[1]]
+    os.kill(server[0], signal.SIGKILL)
+    wait_for(mirror, "failed")
+    wait_for(mirror, "running")
+    mirror.close(60.0)
+    assert len(told) == 1
+
+
+def pids() -> list[tuple[int, str]]:
+    """Processes of the viewer's program on this machine with their command lines."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if "rerun" in (folder / "exe").readlink().name:
+                found.append((int(folder.name), (folder / "cmdline").read_text()))
+    return found
+
+
 def test_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     mirror = RerunMirror("save", REDUCED, path=tmp_path / "file" / "run.rrd")
@@ -269,3 +441,19 @@ def test_block_of_wrong_shape_is_refused() -> None:
         MirrorBlock(0, ("t", "K"), np.zeros((3, 1)), np.zeros((0, 2)))
     with pytest.raises(ParameterError, match="'t'"):
         MirrorBlock(0, ("K",), np.zeros((3, 1)), np.zeros((0, 1)))
+
+
+def test_a_failure_that_repeats_is_told_rarely_with_its_count(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from herringbone_sim.views import rerun_mirror
+
+    now = [100.0]
+    monkeypatch.setattr(rerun_mirror, "monotonic", lambda: now[0])
+    lines: list[str] = []
+    told = rerun_mirror.Told(lines.append)
+    for _ in range(25):
+        told("failed: a")
+        now[0] += 1.0
+    told("failed: b")
+    assert lines == ["failed: a", "failed: a (11 times)", "failed: a (21 times)", "failed: b"]

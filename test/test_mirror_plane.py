@@ -106,3 +106,44 @@ def test_both_branches_of_a_hysteresis_stay_in_the_bifurcation() -> None:
     points = store.points()
     for k in np.unique(points[:, 0]):
         assert set(points[points[:, 0] == k, 1]) == {1.0, -1.0}
+
+
+DEGENERATE = {
+    "one point at rest": [0.0],
+    "many at rest": [0.0, 0.0, -0.0],
+    "the least there is": [5e-324],
+    "one far out": [1e200],
+    "both ends of what there is": [-1.7e308, 1.7e308],
+    "infinite": [np.inf, -np.inf, 0.0],
+    "no number": [np.nan],
+    "none": [],
+}
+
+
+@pytest.mark.parametrize("kind", DEGENERATE)
+@pytest.mark.parametrize("least_span", [0.0, 0.1])
+def test_any_values_have_an_axis_with_ticks(kind: str, least_span: float) -> None:
+    limits = limits_for(np.array(DEGENERATE[kind]), least_span=least_span)
+    for again in (limits, limits_for(np.array(DEGENERATE[kind]), limits, least_span)):
+        assert again[0] < again[1]
+        assert np.isfinite(again[1] - again[0])
+        at = ticks(again)
+        assert 1 <= len(at) <= 20
+        assert np.isfinite(at).all()
+
+
+@pytest.mark.parametrize(
+    "limits", [(0.0, 0.0), (1.0, -1.0), (np.nan, 1.0), (0.0, np.inf), (-1.7e308, 1.7e308)]
+)
+def test_what_is_no_range_has_no_ticks(limits: tuple[float, float]) -> None:
+    assert len(ticks(limits)) == 0
+
+
+@pytest.mark.parametrize("x", [0.0, 5e-324, 1e-300, 1.7e308, np.nan, np.inf])
+def test_any_parameter_has_a_bin(x: float) -> None:
+    kept = Bifurcation()
+    kept.add(np.array([x]), np.array([1.0]), np.array([0]))
+    kept.add(np.array([1.0]), np.array([2.0]), np.array([0]))
+    kept.add(np.array([x]), np.array([3.0]), np.array([0]))
+    points = kept.points()
+    assert len(points) == (3 if np.isfinite(x) else 1)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from herringbone_sim.__main__ import main
 from herringbone_sim.cli import show
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.layout import Layout
@@ -18,6 +19,7 @@ from herringbone_sim.core.model import build, half_backlashes
 from herringbone_sim.core.parameters import Parameters, to_mapping
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
 from herringbone_sim.recording.writer import RunWriter
 from herringbone_sim.views.replay import block_edges, layout_of, prepare, replay_blocks
@@ -108,7 +110,7 @@ def test_regime_is_a_period_once_the_motion_has_settled(gear: Parameters) -> Non
     linear = build(gear.changed({"b": 0.0, "delta_T": 0.0, "k_amp": (0.01,), "xi": 0.2}))
     _, settled = simulate(linear, 400)
     samples, _ = simulate(linear, 100, settled)
-    recording = Recording(Path("none"), "none", samples, {}, (), True, ())
+    recording = Recording(Path("none"), "none", samples, Channels(), (), True, ())
     blocks = list(replay_blocks(recording, prepare(recording), 20, 400))
     assert blocks[-1].regime == "P1"
 
@@ -119,7 +121,7 @@ def test_foreign_names_without_phase_or_parameters_can_be_shown() -> None:
         times, np.column_stack([np.sin(times), np.cos(times)]), ("x_sp2_L", "T_x")
     )
     change = ParameterChange(0.001, 1_000_000, "/rig", {"K": 0.2, "note": "text"})
-    recording = Recording(Path("none"), "none", samples, {}, (change,), True, ())
+    recording = Recording(Path("none"), "none", samples, Channels(), (change,), True, ())
     replay = prepare(recording)
     assert replay.layout == Layout(2, numbered=True)
     assert replay.scale is None
@@ -132,8 +134,8 @@ def test_foreign_names_without_phase_or_parameters_can_be_shown() -> None:
 
 def test_parameters_of_another_program_are_told_not_fatal() -> None:
     samples = TimeSeries(np.arange(3.0), np.zeros((3, 1)), ("F_rp_R",))
-    channels = {"parameters": {"stiffness": 3}}
-    replay = prepare(Recording(Path("none"), "none", samples, channels, (), True, ()))
+    told = Channels(parameters={"stiffness": 3})
+    replay = prepare(Recording(Path("none"), "none", samples, told, (), True, ()))
     assert replay.gear is None
     assert "stiffness" in " ".join(replay.notes)
 
@@ -175,14 +177,12 @@ def test_show_says_what_is_wrong(
     words: tuple[str, ...],
     match: str,
 ) -> None:
-    args = arguments(str(run), "--save", str(tmp_path / "run.rrd"), *words)
-    assert args.func(args) == 1
+    assert main(["show", str(run), "--save", str(tmp_path / "run.rrd"), *words]) == 2
     assert match in capsys.readouterr().err
 
 
 def test_show_of_nothing_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    args = arguments(str(tmp_path / "missing"), "--save", str(tmp_path / "run.rrd"))
-    assert args.func(args) == 1
+    assert main(["show", str(tmp_path / "missing"), "--save", str(tmp_path / "run.rrd")]) == 2
     assert "missing" in capsys.readouterr().err
 
 
@@ -193,8 +193,7 @@ def test_picture_is_drawn_or_the_missing_driver_is_said(
     monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path / "none.json"))
     monkeypatch.setenv("VK_ICD_FILENAMES", str(tmp_path / "none.json"))
     png = tmp_path / "run.png"
-    args = arguments(str(run), "--screenshot", str(png), "--blocks", "4")
-    if args.func(args) == 0:
+    if main(["show", str(run), "--screenshot", str(png), "--blocks", "4"]) == 0:
         assert png.read_bytes().startswith(b"\x89PNG")
     else:
         assert "Vulkan" in capsys.readouterr().err

@@ -5,16 +5,31 @@ from __future__ import annotations
 import ast
 import importlib
 import runpy
+import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import setuptools
+from catkin_pkg.changelog import get_changelog_from_path
+from catkin_pkg.changelog_generator import FORTHCOMING_LABEL
+from catkin_pkg.package import parse_package
+from catkin_pkg.package_version import get_forthcoming_label, rename_section
 
 from herringbone_sim import __version__
+from herringbone_sim.__main__ import EXECUTABLES, VERBS
 
+# Where the key of rosdep is not python3-NAME, and where the name for pip is another.
+ROSDEP = {
+    "catkin_pkg": "python3-catkin-pkg-modules",
+    "mcap": "mcap-ros2-support",
+    "mcap_ros2": "mcap-ros2-support",
+    "rosbags": "python3-rosbags-pip",
+}
+BY_PIP = {"rerun": "rerun-sdk"}
 ROOT = Path(__file__).resolve().parents[1]
 ROS_PACKAGES = {
     "rclpy",
@@ -49,7 +64,28 @@ def entry_points() -> list[str]:
 def test_version_is_the_same_everywhere() -> None:
     assert manifest().findtext("version") == __version__
     assert (distribution().name, distribution().version) == ("herringbone_sim", __version__)
-    assert f"\n{__version__} " in (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+
+
+def test_the_changelog_becomes_that_of_a_release_as_ros_tools_do_it(tmp_path: Path) -> None:
+    """As ``catkin_prepare_release``: find what is to come, name it, and read it again."""
+    text = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+    assert get_forthcoming_label(text) == FORTHCOMING_LABEL
+    path = tmp_path / "CHANGELOG.rst"
+    path.write_text(rename_section(text, FORTHCOMING_LABEL, f"{__version__} (2026-01-31)"))
+    released = get_changelog_from_path(str(path), "herringbone_sim")
+    assert [heading for heading, _, _ in released.foreach_version()] == [__version__]
+    (bullets,) = released.get_content_of_version(__version__)
+    assert len(list(bullets)) > 20
+
+
+def test_the_manifest_is_one_that_ros_tools_read() -> None:
+    found: list[str] = []
+    package = parse_package(str(ROOT / "package.xml"), warnings=found)
+    package.validate(warnings=found)
+    assert found == []
+    assert package.urls
+    assert package.authors
+    assert all(url.url.startswith("https://") for url in package.urls)
 
 
 def test_manifest_is_an_ament_python_package_of_format_3() -> None:
@@ -62,22 +98,54 @@ def test_manifest_is_an_ament_python_package_of_format_3() -> None:
 
 
 def test_manifest_names_every_ros_package_that_is_imported() -> None:
-    imported = set()
-    for path in (ROOT / "herringbone_sim").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                imported.add(node.module.partition(".")[0])
-            elif isinstance(node, ast.Import):
-                imported |= {alias.name.partition(".")[0] for alias in node.names}
+    imported = imported_by((ROOT / "herringbone_sim").rglob("*.py"))
     declared = {element.text for element in manifest().iter("exec_depend")}
     messages = {name for name in imported if name.endswith(("_msgs", "_srvs", "_interfaces"))}
     assert messages | (imported & {"rclpy"}) <= declared
     assert declared >= ROS_PACKAGES
 
 
+def imported_by(paths: Iterable[Path]) -> set[str]:
+    """Top names of all that files import."""
+    found = set()
+    for path in paths:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.partition(".")[0])
+            elif isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+    return found
+
+
+def test_what_the_tests_import_is_installed_by_what_is_documented() -> None:
+    """``rosdep install`` and the line of pip in docs/ros2.md, before ``colcon test``."""
+    tests = list((ROOT / "test").rglob("*.py"))
+    own = {path.stem for path in tests} | {"herringbone_sim", "benchmarks", "faults"}
+    others = imported_by(tests) - own - set(sys.stdlib_module_names)
+    declared = {
+        element.text
+        for kind in ("exec_depend", "test_depend")
+        for element in manifest().iter(kind)
+    }
+    installed = (ROOT / "docs" / "ros2.md").read_text(encoding="utf-8")
+    lacking = {
+        name
+        for name in others
+        if name not in declared
+        and ROSDEP.get(name, f"python3-{name}") not in declared
+        and f"{BY_PIP.get(name, name)}" not in installed
+    }
+    assert lacking == set()
+    assert "python3-pytest-timeout" in declared  # pytest knows the option `timeout` by it
+
+
 def test_executables_of_ros2_run() -> None:
     names = [entry.partition(" = ")[0] for entry in entry_points()]
-    assert names == ["simulator", "analyze", "gap", "chaos_control"]
+    assert names == [
+        *("simulator", "analyze", "gap", "info", "recover", "replay", "show"),
+        "chaos_control",
+    ]
+    assert {EXECUTABLES.get(name, name) for name in names[:-1]} <= set(VERBS)
 
 
 @pytest.mark.parametrize("entry", entry_points())

@@ -16,6 +16,7 @@ from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import (
     load_parameters,
     parameter_text,
+    ros_text,
     save_parameters,
 )
 
@@ -179,3 +180,12 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "p.yaml").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(ParameterError, match=r"p\.yaml: no YAML"):
         load_parameters(tmp_path / "p.yaml")
+
+
+@pytest.mark.parametrize("text", ["1e5", "1e-3", "0x1F", "on", "null", "~", "7", "1_000", "a: b"])
+def test_texts_that_look_like_something_else_stay_quoted_for_ros(written, text):
+    values = ros_text(written(parameters(f"record_name: '{text}'")))
+    (line,) = [line.strip() for line in values.splitlines() if "record_name" in line]
+    assert line.endswith(f'"{text}"')
+    again = written(values)
+    assert ros_text(again) == values

@@ -25,10 +25,12 @@ def both(tmp_path_factory):
     path = os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
     command = [sys.executable, str(HERE / "interpreted.py"), str(out)]
-    subprocess.run(command, env=environment, check=True, timeout=200)
+    subprocess.run(command, env=environment, check=True, timeout=600)
     with np.load(out) as found:
         cases, batches = interpreted.ready(), interpreted.lane_models()
         compiled = interpreted.results(cases) | interpreted.whole_cycles(cases)
+        compiled |= interpreted.with_effects(interpreted.ready_with_effects())
+        compiled |= interpreted.lanes_with_effects(interpreted.batches_with_effects())
         return compiled | interpreted.lanes(batches), dict(found)
 
 
@@ -54,3 +56,15 @@ def test_interpreted_and_compiled_lanes_agree(both, case):
     compiled, read = (found[f"lanes_{case}"] for found in both)
     assert np.array_equal(np.isnan(compiled), np.isnan(read))
     assert np.nanmax(np.abs(compiled - read)) < 1e-8
+
+
+@pytest.mark.parametrize("case", interpreted.EFFECT_CASES)
+def test_interpreted_and_compiled_effects_agree(both, case):
+    compiled, read = (found[f"effects_{case}"] for found in both)
+    np.testing.assert_allclose(compiled, read, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("case", interpreted.EFFECT_BATCHES)
+def test_interpreted_and_compiled_lanes_with_effects_agree(both, case):
+    compiled, read = (found[f"effect_lanes_{case}"] for found in both)
+    np.testing.assert_allclose(compiled, read, atol=1e-6)

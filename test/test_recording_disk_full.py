@@ -89,6 +89,20 @@ def test_a_full_disk_ends_the_recording_once_and_keeps_what_is_written(
     assert read_recording(writer.path).complete
 
 
+@pytest.mark.parametrize("room", [0, 100, 200_000])
+def test_the_early_end_counts_only_what_was_flushed(tmp_path, monkeypatch, room):
+    writer = new_run(tmp_path)
+    writer.write_samples(make_rows(0, 500))
+    writer.flush()
+    FullDisk(monkeypatch, room)
+    writer.write_samples(make_rows(500, 10_500))
+    with pytest.raises(RecordingError, match="500 of 10500 samples were flushed"):
+        writer.flush()
+    monkeypatch.undo()
+    assert writer.samples_kept == 500
+    assert len(read_recording(writer.path).samples) >= 500
+
+
 @pytest.mark.parametrize("room", [0, 100, 2000])
 def test_a_disk_that_is_full_only_at_the_end_loses_no_sample(tmp_path, monkeypatch, room):
     writer = new_run(tmp_path)

@@ -46,7 +46,7 @@ def test_a_bag_of_a_rig_is_read(tmp_path, compressed):
     recording = read_recording(rosbags_run(tmp_path / "rig_run", compressed))
     np.testing.assert_array_equal(recording.samples.data, ALL)
     np.testing.assert_array_equal(recording.samples.times, ALL[:, 0])
-    assert (recording.name, recording.channels) == ("rig_run", {"source": "rig"})
+    assert (recording.name, recording.channels.content) == ("rig_run", {"source": "rig"})
     assert (recording.changes, recording.complete, recording.notes) == ((), True, ())
 
 
@@ -211,7 +211,7 @@ def test_time_that_stands_or_is_no_number_is_refused(tmp_path, time):
 )
 def test_missing_or_odd_channels_are_a_note(tmp_path, text, said):
     recording = read_recording(foreign_file(tmp_path / "a.mcap", BLOCKS, channels=text))
-    assert recording.channels == {}
+    assert recording.channels.content == {}
     assert said in " ".join(recording.notes)
 
 
@@ -256,7 +256,7 @@ def test_a_run_that_is_still_being_written_is_read_up_to_its_last_flush(tmp_path
     writer.write_samples(make_rows(2000, 2100))
     recording = read_recording(writer.path)
     assert len(recording.samples) == 2000
-    assert recording.channels == CHANNELS
+    assert recording.channels.content == CHANNELS
     writer.close()
     assert len(read_recording(writer.path).samples) == 2100
 

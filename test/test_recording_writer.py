@@ -34,7 +34,7 @@ def test_all_topics_come_back(tmp_path, n):
     recording = read_recording(write_run(tmp_path, n))
     np.testing.assert_array_equal(recording.samples.data, make_rows(0, n))
     assert recording.samples.names == NAMES
-    assert recording.channels == CHANNELS
+    assert recording.channels.content == CHANNELS
     (change,) = recording.changes
     assert (change.t_ns, change.node, change.values) == (
         10_000_000,

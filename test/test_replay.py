@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,41 @@ def test_one_spoilt_bit_is_found_and_placed(tmp_path: Path) -> None:
     verdict = verify(read_recording(write(tmp_path, spoil=11)))
     assert verdict.first_difference == 5 * 16 + 11
     assert 0.0 < verdict.largest_difference < 1e-15
+
+
+def _stored(**odd: Any) -> dict[str, Any]:
+    return {"y": [0.0] * 12, "cycle": 0, "index": 0, "t": 0.0} | odd
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        (_stored(y=[0.0] * 11), "holds a state of 11 numbers"),
+        (_stored(y=[[0.0] * 12]), "initial state"),
+        (_stored(y=["a"] * 12), "initial state"),
+        (_stored(y=7), "initial state"),
+        (_stored(index=16), "starts at step 16 of a cycle of 16"),
+        (_stored(index=-1), "initial state"),
+        (_stored(index=2**63), "initial state"),
+        (_stored(cycle=1.5), "initial state"),
+        (_stored(cycle=2**64), "initial state"),
+        (_stored(t="0"), "initial state"),
+        ([], "initial state"),
+    ],
+)
+def test_a_state_that_no_gear_has_is_refused(tmp_path: Path, state: Any, said: str) -> None:
+    with pytest.raises(RecordingError, match=said):
+        verify(read_recording(write(tmp_path, state=state)))
+
+
+@pytest.mark.parametrize("content", [{"parameters": []}, {"clock": {"t_s": []}}, {"clock": 3}])
+def test_parameters_and_clocks_of_a_wrong_kind_are_told(
+    tmp_path: Path, content: dict[str, Any]
+) -> None:
+    recording = read_recording(write(tmp_path, **content))
+    assert any(f"{next(iter(content))} in the channels message" in n for n in recording.notes)
+    with suppress(RecordingError):
+        verify(recording)
 
 
 def test_a_recording_without_its_state_is_refused(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
@@ -13,8 +14,8 @@ import pytest
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
-from herringbone_sim.errors import ParameterError
-from herringbone_sim.runtime import Delivery, Loop, check_pace, sample_period_s
+from herringbone_sim.errors import HerringboneError, ParameterError
+from herringbone_sim.runtime import Delivery, Loop, Stepped, check_pace, sample_period_s
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -167,10 +168,11 @@ def test_pause_step_resume_lose_and_repeat_no_sample(model: Model, runs: list[Ru
     runs.append(run)
     run.loop.start()
     for cycles in (1, 3, 400):
-        assert run.loop.step(cycles) == ""
+        assert run.loop.step(cycles).cut == ""
     assert run.loop.state.cycle == 404
     run.loop.resume()
-    assert "pause" in run.loop.step(1)
+    with pytest.raises(HerringboneError, match="call pause first"):
+        run.loop.step(1)
     run.until(len(run.got) + 3)
     run.loop.pause()
     run.loop.close()
@@ -194,8 +196,10 @@ def test_divergence_pauses_and_names_time_and_parameters(runs: list[Run]) -> Non
     run = Run(build(p), real_time_factor=0.0, paused=True)
     runs.append(run)
     run.loop.start()
-    said = run.loop.step(100_000)
-    assert "diverged" in said
+    came = run.loop.step(100_000)
+    assert "diverged" in came.cut
+    assert came.t_s == run.loop.t_s
+    assert came.cycles < 100_000
     assert run.loop.paused
     assert "t = " in run.faults[0]
     assert "xi=2.0" in run.faults[0]
@@ -291,26 +295,68 @@ def test_step_counts_cycles_when_the_sample_grid_changes(model: Model, runs: lis
     run = Run(model, paused=True)
     runs.append(run)
     run.loop.start()
-    assert run.loop.step(2) == ""
+    assert run.loop.step(2).cut == ""
     for grid in (64, 10, 16):
         before = run.loop.state.cycle
         values = {"samples_per_cycle": grid}
         run.loop.submit(build(model.parameters.changed(values)), values)
-        assert run.loop.step(3) == ""
+        assert run.loop.step(3).cut == ""
         assert run.loop.state.cycle == before + 3
         assert run.loop.state.index == 0
+
+
+def long_step(run: Run) -> Future[Stepped]:
+    """A step of far more cycles than a test can wait for, well under way."""
+    run.loop.start()
+    came = ThreadPoolExecutor(1).submit(run.loop.step, 10**6)
+    run.until(len(run.got) + 3)
+    return came
+
+
+@pytest.mark.parametrize("end", ["pause", "resume", "reset"])
+def test_a_long_step_is_cut_short_and_tells_what_it_did(
+    model: Model, runs: list[Run], end: str
+) -> None:
+    run = Run(model, paused=True)
+    runs.append(run)
+    step = long_step(run)
+    ends: dict[str, Callable[[], object]] = {
+        "pause": run.loop.pause,
+        "resume": run.loop.resume,
+        "reset": lambda: run.loop.call(lambda *_: run.loop.reset()),
+    }
+    ends[end]()
+    came = step.result(10.0)
+    assert came.cut == f"interrupted by {end}"
+    stood = next(i for i, d in enumerate(run.got) if d.block.end.t == came.t_s)
+    rows = sum(len(d.block.rows) for d in run.got[: stood + 1])
+    assert came.cycles == pytest.approx(rows / 16, abs=1e-9)
+    assert run.loop.paused == (end != "resume")
+
+
+def test_one_step_at_a_time_and_none_after_the_end(model: Model, runs: list[Run]) -> None:
+    run = Run(model, paused=True)
+    runs.append(run)
+    step = long_step(run)
+    with pytest.raises(HerringboneError, match="a step is under way"):
+        run.loop.step(1)
+    run.loop.close()
+    assert step.result(10.0).cut == "the simulation ended"
+    for ask in (lambda: run.loop.step(1), lambda: run.loop.call(lambda *_: 0)):
+        with pytest.raises(HerringboneError, match="has ended"):
+            ask()
 
 
 def test_a_reset_drops_what_was_changed_while_paused(model: Model, runs: list[Run]) -> None:
     run = Run(model, paused=True)
     runs.append(run)
     run.loop.start()
-    assert run.loop.step(5) == ""
+    assert run.loop.step(5).cut == ""
     run.loop.submit(build(model.parameters.changed({"K": 0.3})), {"K": 0.3})
     while run.loop.model.parameters.K != 0.3:
         time.sleep(0.002)
     run.loop.call(lambda *_: run.loop.reset())
-    assert run.loop.step(1) == ""
+    assert run.loop.step(1).cut == ""
     assert run.got[-1].restarted
     assert run.got[-1].changes == ()
     assert run.got[-1].block.rows[0, 0] == 0.0

@@ -125,7 +125,3 @@ def test_the_commands_take_a_file_with_effects(
     assert load_result(load_store(out / "fixed")).sweep.effects == SOFT
     two = ["--over", "delta_T=80:90:2", "--over", "K=0:0.1:2"]
     assert main(["map", *common, *two, "--out", str(tmp_path / "map")]) == 0
-    asked = ["--over", "delta_T", "--from", "80", "--to", "90", "--start", "85"]
-    orbits = ["orbits", "--parameters", str(file), *asked, "--out", str(tmp_path / "orbits")]
-    assert main(orbits) == 2
-    assert "for want of tangents" in capsys.readouterr().err

@@ -54,6 +54,28 @@ def test_a_broken_file_is_made_again(tmp_path, length):
     assert work.times == 2
 
 
+def test_an_altered_file_is_named_and_made_again(tmp_path, capsys):
+    work = Work()
+    Kept(tmp_path).once(["a"], work)
+    (path,) = tmp_path.iterdir()
+    good = path.read_bytes()
+    for at in range(0, len(good), 7):
+        path.write_bytes(good[:at] + bytes([good[at] ^ 1]) + good[at + 1 :])
+        assert Kept(tmp_path).once(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
+        told = capsys.readouterr().err
+        assert str(path) in told
+        assert "computed again" in told
+    assert work.times == 1 + len(range(0, len(good), 7))
+
+
+def test_other_arrays_in_the_place_of_the_kept_ones_are_not_believed(tmp_path):
+    work = Work()
+    Kept(tmp_path).once(["a"], work)
+    (path,) = tmp_path.iterdir()
+    np.savez(path, x=np.array([5.0, 6.0, 7.0]), reasons=("", ""))
+    assert Kept(tmp_path).once(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
+
+
 def test_digest_tells_all_parts_apart(gear):
     paper = gear().parameters
     y = np.arange(4.0)

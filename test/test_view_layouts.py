@@ -40,7 +40,9 @@ def regime_keys() -> set[str]:
     monitor = RegimeMonitor()
     monitor.update(block, model)
     delivery = Delivery(model=model, block=block, changes=(), restarted=False)
-    return {value.key for value in regime_status(monitor.regime(model), model, delivery).values}
+    status = regime_status(NODE, monitor.regime(model), model, delivery)
+    assert (status.name, status.hardware_id) == (f"{NODE}: regime", NODE)
+    return {value.key for value in status.values}
 
 
 def plotjuggler() -> ET.Element:
@@ -59,7 +61,7 @@ def plotjuggler_series() -> set[str]:
 
 
 def test_plotjuggler_curves_are_series_of_the_node(regime_keys: set[str]) -> None:
-    regime = f"{NODE}/regime/reduced/herringbone_sim: regime/"
+    regime = f"{NODE}/regime/{NODE}/{NODE}: regime/"
     known = plotjuggler_series() | {regime + key for key in regime_keys}
     names = {
         curve.get(key)

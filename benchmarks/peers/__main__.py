@@ -12,7 +12,7 @@
 Costs are processor time where one core is used, time on the wall for two; compilation is not
 counted. Left and right are alike in all three works: rows called half integrate one for both, as
 our batches do by themselves and the peers by equations written for it. Peers that are missing are
-named and left out (``pip install -r requirements-bench.txt``).
+named and left out (``bash scripts/setup.sh bench``).
 """
 
 from __future__ import annotations
@@ -157,10 +157,7 @@ def print_machine(missing: Sequence[str]) -> None:
             continue
     print(f"Python {platform.python_version()}, {', '.join(told)}; {measure.cpu_name()}")
     if missing:
-        print(
-            f"not installed and left out: {', '.join(missing)} "
-            "(pip install -r requirements-bench.txt)"
-        )
+        print(f"not installed and left out: {', '.join(missing)} (bash scripts/setup.sh bench)")
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.core.timeseries import Array, TimeSeries
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.errors import AnalysisError, listed
 
 MIN_SAMPLES = 32
 
@@ -94,7 +94,7 @@ def _turns(series: TimeSeries) -> Array:
     if "phase" not in series:
         raise AnalysisError(
             "no channel 'phase', and nothing tells the mesh cycles without it: record the phase, "
-            f"or give the mesh frequency (--mesh-frequency); channels: {', '.join(series.names)}"
+            f"or give the mesh frequency (--mesh-frequency); channels: {listed(series.names)}"
         )
     turns = series["phase"] / (2 * np.pi)
     steps = np.diff(turns)
@@ -114,7 +114,7 @@ def _why_no_motion(series: TimeSeries, found: list[str]) -> str:
         return f"every displacement holds NaN or infinity ({names}): record at least one whole"
     return (
         "no displacement to analyse: at least one channel x_sp..., x_rp... is needed, got "
-        f"{', '.join(series.names)}"
+        f"{listed(series.names)}"
     )
 
 
@@ -140,7 +140,7 @@ def _notes(
     derived = [f"v_{mesh}" for mesh, rate in rates.items() if rate is None]
     notes = []
     if broken:
-        notes.append(f"left out, as they hold NaN or infinity: {', '.join(broken)}")
+        notes.append(f"left out, as they hold NaN or infinity: {listed(broken)}")
     if derived:
-        notes.append(f"worked out from displacements by differences: {', '.join(derived)}")
+        notes.append(f"worked out from displacements by differences: {listed(derived)}")
     return tuple(notes)

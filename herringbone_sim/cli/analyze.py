@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -165,8 +166,7 @@ def _analyse(path: Path, name: str, folder: Path, args: argparse.Namespace) -> A
 def _parameters(recording: Recording, path: Path | None) -> Mapping[str, Any]:
     if path:
         return values_of_gear(*load_gear(path))
-    recorded = recording.channels.get("parameters", {})
-    return recorded if isinstance(recorded, dict) else {}
+    return recording.channels.parameters
 
 
 def _effects(recording: Recording, parameters: Mapping[str, Any]) -> list[str]:
@@ -213,7 +213,7 @@ def _facts(recording: Recording, results: Sequence[SegmentResult]) -> list[str]:
         f"{len(samples)} samples of {len(samples.names)} channels",
         f"{cycles:.0f} mesh cycles",
         f"{len(results)} segments" if len(results) > 1 else "1 segment",
-        "finished" if recording.complete else "cut off, read up to its end",
+        "finished" if recording.complete else "not whole, read as far as it goes",
     ]
 
 
@@ -262,7 +262,7 @@ def _folder_names(paths: Sequence[Path]) -> list[str]:
     """Names of the runs, numbered where two are the same."""
     names: list[str] = []
     for path in paths:
-        stem = path.stem if path.suffix == ".mcap" else path.resolve().name
+        stem = path.stem if path.suffix == ".mcap" else Path(os.path.abspath(path)).name
         taken = sum(name == stem or name.startswith(f"{stem}~") for name in names)
         names.append(f"{stem}~{taken + 1}" if taken else stem)
     return names

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from
+from herringbone_sim.cli.parameter_options import add_parameter_options, model_from, tell_gear
 from herringbone_sim.cli.workers import add_workers, workers_from
-from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.basins import (
     Basins,
@@ -27,6 +27,7 @@ from herringbone_sim.dynamics.basins import (
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.opinions import identify
+from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.kept import Kept
 from herringbone_sim.views.basin_figures import basins_figure
@@ -81,7 +82,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the starts, print the shares, write tables and figure."""
     _check(args)
     workers = workers_from(args)
-    model = build(parameters_from(args))
+    model = model_from(args)
+    tell_gear(model)
     unfinished = args.out / "unfinished"
     sections_of = kept_sections(unfinished, model, args.transient, args.points, workers)
     starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
@@ -92,11 +94,12 @@ def run(args: argparse.Namespace) -> int:
         plane = explore_slice(model, sections_of, args.slice, args.reach, attractors, bar)
     all_attractors = (plane[1] if plane else shared).attractors
     shared = Basins(all_attractors, shared.labels)
-    known = [identify(model, one) for one in all_attractors]
+    last = args.transient + args.points - 1
+    known = [identify(model, one, at=last) for one in all_attractors]
     names = [named(kind, one) for (kind, _), one in zip(known, all_attractors, strict=True)]
     rows = table(names, [growth for _, growth in known], shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
-    save(basins_figure(model, names, shared, plane), args.out, "basins")
+    save(basins_figure(model, names, shared, plane, last), args.out, "basins")
     shutil.rmtree(unfinished)
     print(text(rows, shared))
     print(f"written: {args.out / 'basins.csv'}, {args.out / 'basins.png'}")
@@ -127,7 +130,8 @@ def kept_sections(
     sections_of, kept = gear_sections(model, transient, points, workers), Kept(folder)
 
     def remembering(starts: Array) -> Array:
-        parts = ["sections", model.parameters, transient, points, starts]
+        effects = effects_text(model.effects)
+        parts = ["sections", model.parameters, effects, transient, points, starts]
         found: Array = kept.once(parts, lambda: {"sections": sections_of(starts)})["sections"]
         return found
 

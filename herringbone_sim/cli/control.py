@@ -9,10 +9,15 @@ from typing import Any
 from tqdm import tqdm
 
 from herringbone_sim.cli.control_parts import FULL, PARTS, QUICK
-from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from, settings
+from herringbone_sim.cli.parameter_options import (
+    add_parameter_options,
+    gear_from,
+    settings,
+    tell_gear,
+)
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.control.runs import Runs
-from herringbone_sim.core.model import build
+from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.grid import for_sweeps
 
@@ -60,13 +65,14 @@ def run(args: argparse.Namespace) -> int:
     if unknown := set(chosen) - set(PARTS):
         raise AnalysisError(f"--only takes {', '.join(PARTS)}, got {', '.join(sorted(unknown))}")
     workers = workers_from(args)
-    base = for_sweeps(parameters_from(args), settings(args.set))
+    base, actives = gear_from(args)
+    base = for_sweeps(base, settings(args.set))
     if base.model != "reduced":
         raise AnalysisError("control needs model: reduced, got full: its K is that of Eq. (22)")
-    build(base)
+    tell_gear(build_with(base, actives))
     for part in chosen:
         with tqdm(desc=part, unit="run", total=0, disable=None) as bar:
-            runs = Runs(args.out / "data", workers, _planner(bar), bar.update)
+            runs = Runs(args.out / "data", workers, _planner(bar), bar.update, actives)
             lines = PARTS[part](runs, base, QUICK if args.quick else FULL, args.out)
         print("\n".join([part, *(f"  {line}" for line in lines)]))
     print(f"written: {args.out}")

@@ -12,10 +12,10 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.parameter_options import (
     add_parameter_options,
-    parameters_from,
+    model_from,
     settings,
+    tell_gear,
 )
-from herringbone_sim.core.model import build
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.opinions import Opinions, all_opinions
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
@@ -59,8 +59,14 @@ def add_parser(subparsers: Any) -> None:
     )
     add_parameter_options(parser)
     add = parser.add_argument
-    add("--cycles", type=int, default=2000, metavar="N", help="periods averaged over [2000]")
-    add("--transient", type=int, default=1000, metavar="N", help="periods left out first [1000]")
+    add("--cycles", type=int, default=2000, metavar="N", help="mesh cycles averaged over [2000]")
+    add(
+        "--transient",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="mesh cycles left out first [1000]",
+    )
     add("--seed", type=int, default=0, metavar="N", help="of the 0-1 test's frequencies [0]")
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
     parser.set_defaults(func=run)
@@ -73,8 +79,9 @@ def run(args: argparse.Namespace) -> int:
             f"--cycles must be {LEAST} or more and --transient 0 or more, "
             f"got {args.cycles} and {args.transient}"
         )
-    model = build(parameters_from(args))
+    model = model_from(args)
     make_folder(args.out)
+    tell_gear(model)
     with tqdm(total=STEPS, unit="method", disable=None) as bar:
 
         def step(name: str) -> None:

@@ -73,7 +73,7 @@ def gap(args: argparse.Namespace) -> int:
         found = diagnose(prepared, say)
     write_report(args.out / "report.json", found.report)
     save_augmented(args.out / "augmented.yaml", nominal, found.augmented, prepared.rig)
-    page = write_gap_page(found.report, args.out, gap_arrays(found.evidence))
+    page = write_gap_page(found.report, args.out, gap_arrays(found.evidence), args.nominal)
     print(summary(found))
     names = ("residual.csv", "report.json", "augmented.yaml")
     print(f"written: {', '.join(str(args.out / name) for name in names)}, {page}")

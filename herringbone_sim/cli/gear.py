@@ -91,8 +91,8 @@ def _exponent(
         machine = stepper(model, sets[int(point.get(EFFECTS, 0.0))])
         if isinstance(machine, EffectStepper):
             return _growth(machine, y, int(section.cycles[0]), cycles)
-        start = replace(machine.start(), y=y)
-        return largest_exponent(model, cycles, ALIGNING_CYCLES, start)
+        start = replace(machine.start(), y=y, cycle=int(section.cycles[0]))
+        return largest_exponent(machine.model, cycles, ALIGNING_CYCLES, start)
     except (ParameterError, DivergenceError):
         return float("nan"), float("nan")
 

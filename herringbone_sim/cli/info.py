@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from herringbone_sim.errors import listed, shown
 from herringbone_sim.recording.info import OPERATING, Channel, RunInfo, recording_info
 
 _SHOWN = 10
@@ -80,11 +81,11 @@ def _overview(info: RunInfo) -> list[tuple[str, str]]:
         ("run", f"{info.name} ({info.path})"),
         ("recorded by", origin or "unknown"),
         *(
-            [("effects", str(info.parameters["effects"]))]
+            [("effects", _written(info.parameters["effects"]))]
             if info.parameters.get("effects")
             else []
         ),
-        ("file", "finished" if info.complete else "cut off: 'recover' rebuilds its index"),
+        ("file", _state(info)),
         ("duration", span),
         ("samples", f"{info.n_samples} ({_counted(info)})"),
         ("sample rate", _number(info.sample_rate_hz, "Hz")),
@@ -94,7 +95,15 @@ def _overview(info: RunInfo) -> list[tuple[str, str]]:
     ]
 
 
+def _state(info: RunInfo) -> str:
+    if info.missing_files:
+        return f"not whole: {listed([_written(name) for name in info.missing_files])} is missing"
+    return "finished" if info.complete else "cut off: 'recover' rebuilds its index"
+
+
 def _counted(info: RunInfo) -> str:
+    if info.missing_files:
+        return "of the files that are there"
     if info.samples_counted is None:
         return "the writer left no count"
     same = info.samples_counted == info.n_samples
@@ -116,16 +125,21 @@ def _operating(info: RunInfo) -> list[str]:
             span = f"{channel.minimum:.6g}"
             span += "" if channel.constant else f" to {channel.maximum:.6g}"
             rows.append((channel.name, f"{span} {channel.unit}".rstrip(" -")))
-    rows += [("Omega", f"{info.parameters['Omega']}")] if "Omega" in info.parameters else []
+    rows += [("Omega", shown(info.parameters["Omega"]))] if "Omega" in info.parameters else []
     return _table(rows)
 
 
 def _changes(info: RunInfo) -> list[str]:
     return _shortened(
-        f"t = {change.t_s:.9g} s  {change.node}  "
-        + ", ".join(f"{name} = {value!r}" for name, value in change.values.items())
+        f"t = {change.t_s:.9g} s  {_written(change.node)}  "
+        + listed([f"{_written(name)} = {shown(value)}" for name, value in change.values.items()])
         for change in info.changes
     )
+
+
+def _written(value: object) -> str:
+    """Text from a file as it stands there, or as it can be shown."""
+    return value if isinstance(value, str) and value.isprintable() else shown(value)
 
 
 def _gaps(info: RunInfo) -> list[str]:

@@ -9,7 +9,7 @@ from herringbone_sim.cli.parameter_options import add_parameter_options
 from herringbone_sim.cli.sweep_options import (
     add_sweep_options,
     chunk_from,
-    observation_from,
+    looked_at,
     run_all,
     swept_gear,
     tell,
@@ -84,8 +84,8 @@ def draw_map(args: argparse.Namespace) -> int:
         raise ParameterError(
             f"a map needs two values or more on each axis, got {sizes}: raise --size or give more"
         )
-    look, chunk = observation_from(args, mesh=""), chunk_from(args)
     base, effects = swept_gear(args)
+    look, chunk = looked_at(args, (base, effects), axes, mesh=""), chunk_from(args)
     asked = Sweep(base, axes, look, args.start, chunk, effects)
     store = open_store(args.out, asked)
     run_all([store], args)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from herringbone_sim.analysis.periods import find_period
-from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from
+from herringbone_sim.cli.parameter_options import add_parameter_options, gear_from, tell_gear
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import Options, explore
 from herringbone_sim.dynamics.curve import Family
@@ -28,7 +29,7 @@ from herringbone_sim.views.figures import save
 from herringbone_sim.views.orbit_figures import orbit_figure
 from herringbone_sim.views.orbit_tables import summary, write_orbits
 
-WINDOW, RETURNS = 160, 2000  # mesh cycles in which a period, a near return, is looked for
+WINDOW, RETURNS = 160, 2000  # periods of the forcing in which a period, a return, is looked for
 MAX_PERIOD = 64
 DESCRIPTION = """\
 Follow a periodic orbit over a parameter by pseudo-arclength continuation, through its folds and
@@ -74,7 +75,7 @@ def add_parser(subparsers: Any) -> None:
         required=True,
         metavar="VALUE[:N]",
         help="where an orbit is found: the motion there, which must be periodic, or with :N an "
-        "orbit of N mesh cycles near it, stable or not",
+        "orbit of N periods of the forcing near it, stable or not",
     )
     add("--max-period", type=int, default=4, metavar="N", help="of doubled orbits (default: 4)")
     add("--asymmetric", action="store_true", help="follow orbits whose left and right differ too")
@@ -86,10 +87,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Follow the orbits of ``args`` and write them; errors of the package when it can't be."""
-    p = parameters_from(args)
-    family, watch = gear_family(p, args.over, args.low, args.high)
-    mesh = _mesh(args.mesh, p)
-    starts = [(v, find_start(Gears(p, args.over), family, v, n, args)) for v, n in args.start]
+    p, actives = gear_from(args)
+    family, watch = gear_family(p, args.over, args.low, args.high, actives)
+    mesh, gears = _mesh(args.mesh, p), Gears(p, args.over, actives)
+    _tell(gears(args.low))
+    starts = [(v, find_start(gears, family, v, n, args)) for v, n in args.start]
     make_folder(args.out)
     options = Options(max_period=args.max_period, asymmetric=args.asymmetric)
 
@@ -102,6 +104,12 @@ def run(args: argparse.Namespace) -> int:
         print(f"stopped at {len(found)} branches: lower --max-period, or the range")
     print(f"written: {args.out / 'orbits.png'}")
     return 0
+
+
+def _tell(flow: GearFlow) -> None:
+    tell_gear(flow.model)
+    if flow.cycles > 1:
+        print(f"the forcing repeats after {flow.cycles} mesh cycles: P1 takes as many")
 
 
 def _mesh(name: str | None, p: Parameters) -> int:
@@ -132,7 +140,8 @@ def find_start(
     if not family.low <= value <= family.high:
         raise ParameterError(f"--start must lie in {family.low:g} .. {family.high:g}, got {name}")
     flow = gears(value)
-    states = _periodic(flow, settle(flow, flow.start(), args.settle), period, name)
+    settled = settle(flow, flow.start(), math.ceil(args.settle / flow.cycles))
+    states = _periodic(flow, settled, period, name)
     orbit = find_orbit(flow, states, mirror=family.mirror)
     if not orbit.found:
         raise AnalysisError(

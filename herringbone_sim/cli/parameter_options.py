@@ -1,4 +1,4 @@
-"""``--parameters FILE --set NAME=VALUE``: the gear of a verb."""
+"""``--parameters FILE --set NAME=VALUE --effects TEXT``: the gear of a verb."""
 
 from __future__ import annotations
 
@@ -7,20 +7,35 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from herringbone_sim.core.batch import alike_halves
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, meaning
+from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.recording.parameter_file import load_gear, load_parameters
+from herringbone_sim.recording.parameter_file import load_gear
+
+UNLIKE = (
+    "left and right of this gear are not alike: both are integrated, and there are no exponents "
+    "within symmetry and across it"
+)
 
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--parameters`` and ``--set``; ``parameters_from`` reads them."""
+    """Add ``--parameters``, ``--set`` and ``--effects``; ``gear_from`` reads them."""
     parser.add_argument(
         "--parameters",
         type=Path,
         metavar="FILE",
         help="parameter file, such as config/paper.yaml (default: the nominal rig)",
     )
+    add_set_option(parser)
+    add_effects_option(parser)
+
+
+def add_set_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--set``; ``settings`` reads it."""
     parser.add_argument(
         "--set",
         action="append",
@@ -30,24 +45,45 @@ def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def parameters_from(args: argparse.Namespace) -> Parameters:
-    """Parameters of the file, changed by what was set.
-
-    Raises:
-        ParameterError: no such file, no such name, or a set that no gear can have.
-    """
-    base = load_parameters(args.parameters) if args.parameters else Parameters()
-    return base.changed(settings(args.set))
+def add_effects_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--effects``; ``effects_from`` reads it."""
+    parser.add_argument(
+        "--effects",
+        metavar="TEXT",
+        help="effects of the gear in the place of those in the file, such as "
+        "'tooth_crack@sp/all/L:depth=0.3; runout@rp:amplitude=2e-5,member=ring'; '' for none",
+    )
 
 
 def gear_from(args: argparse.Namespace) -> tuple[Parameters, tuple[Active, ...]]:
-    """Parameters as ``parameters_from``, and the effects that the file holds.
+    """Parameters of the file, changed by what was set; effects as given, else those of the file.
 
     Raises:
-        ParameterError: as there, or an effect that there is not.
+        ParameterError: no such file, name or effect, or a set that no gear can have.
     """
     base, actives = load_gear(args.parameters) if args.parameters else (Parameters(), ())
-    return base.changed(settings(args.set)), actives
+    return base.changed(settings(args.set)), effects_from(args, actives)
+
+
+def effects_from(args: argparse.Namespace, of_file: tuple[Active, ...]) -> tuple[Active, ...]:
+    """The effects of ``--effects``, or those of the file; ParameterError for what is none."""
+    return of_file if args.effects is None else read_effects(args.effects)
+
+
+def model_from(args: argparse.Namespace) -> Model:
+    """The gear of ``gear_from``, put together; ParameterError where there can be none."""
+    return build_with(*gear_from(args))
+
+
+def tell_gear(model: Model) -> None:
+    """Print the effects of a gear, and whether its halves part; nothing for one of equal halves.
+
+    A motion of a gear whose halves differ is integrated on both, and has no transverse exponents.
+    """
+    if model.effects:
+        print(f"with effects: {effects_text(model.effects)}")
+    if not alike_halves(model):
+        print(UNLIKE)
 
 
 def settings(texts: Sequence[str]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from herringbone_sim.errors import listed
 from herringbone_sim.recording.recover import RecoveryReport, recover
 
 _DESCRIPTION = """\
@@ -37,9 +38,14 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Recover ``args.run`` and print what became of it; RecordingError if it can't be done."""
-    print(as_text(recover(args.run, args.out)))
-    return 0
+    """Recover ``args.run`` and print what became of it; 1 if there are no samples in it.
+
+    Raises:
+        RecordingError: it can't be done.
+    """
+    report = recover(args.run, args.out)
+    print(as_text(report))
+    return 0 if report.samples else 1
 
 
 def as_text(report: RecoveryReport) -> str:
@@ -48,11 +54,17 @@ def as_text(report: RecoveryReport) -> str:
 
 
 def _verdict(report: RecoveryReport) -> str:
+    names = listed(report.paths)
+    if not report.samples:
+        when = "" if report.was_complete else " it was cut off before the first was on the disk:"
+        return f"{names} holds no samples:{when} record it again"
+    if report.missing:
+        return f"{names} is good now, but not the whole run"
     if not report.changed:
-        return f"{report.path} is complete: left as it is"
+        return f"{names} is complete: left as it is"
     if report.was_complete:
-        return f"{report.path} was finished, and is complete now"
-    return f"{report.path} was cut off, and is complete now"
+        return f"{names} was finished, and is complete now"
+    return f"{names} was cut off, and is complete now"
 
 
 def _kept(report: RecoveryReport) -> str:
@@ -65,12 +77,13 @@ def _kept(report: RecoveryReport) -> str:
 def _missing(report: RecoveryReport) -> list[str]:
     lines = []
     if not report.was_complete:
+        tail = report.bytes_dropped
         lines.append(
             "missing: what had not reached the disk (of this simulator at most the last half "
-            f"second), and {report.bytes_dropped} bytes at the end of the file"
+            f"second){f', and {tail} bytes at the end of the file' if tail else ''}"
         )
     if report.chunks_dropped:
         lines.append(f"missing: {report.chunks_dropped} damaged records inside the file")
-    if report.original:
-        lines.append(f"the file as it was is kept as {report.original}")
+    if report.originals:
+        lines.append(f"the file as it was is kept as {listed(report.originals)}")
     return lines + [f"note: {note}" for note in report.notes]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import signal
 from pathlib import Path
 
-from herringbone_sim.recording.reader import read_recording
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.recording.reader import Recording, read_recording
 from herringbone_sim.replay import verify
 
 DESCRIPTION = """\
@@ -15,6 +17,14 @@ Repeat a recorded run.
            change, and compares every bit of every sample (needs no ROS);
 --publish  sends the recording over the topics of the node, at a chosen speed (needs ROS 2).
 """
+# Options of --publish, and what they are where they are not given.
+PLAYING = {
+    "speed": 1.0,
+    "start": 0.0,
+    "loop": False,
+    "clock": None,
+    "node_name": "herringbone_sim",
+}
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -29,26 +39,69 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--verify", action="store_true", help="integrate again and compare")
     what.add_argument("--publish", action="store_true", help="send over the topics")
-    parser.add_argument(
-        "--speed", type=float, default=1.0, help="recorded over wall time [%(default)s]"
-    )
-    parser.add_argument(
-        "--node-name", default="herringbone_sim", help="whose topics [%(default)s]"
-    )
+    _add_playing(parser.add_argument_group("with --publish"))
     parser.set_defaults(func=replay)
 
 
+def _add_playing(group: argparse._ArgumentGroup) -> None:
+    """Options as ``ros2 bag play`` has them."""
+    add = group.add_argument
+    add(
+        "--speed",
+        type=float,
+        default=PLAYING["speed"],
+        help="recorded over wall time [%(default)s]",
+    )
+    add(
+        "--start",
+        "--start-offset",
+        type=float,
+        default=PLAYING["start"],
+        metavar="SECONDS",
+        help="leave out so much of the beginning [%(default)s]",
+    )
+    add("-l", "--loop", action="store_true", help="begin again at the end, until Ctrl-C")
+    add(
+        "--clock",
+        type=float,
+        nargs="?",
+        const=40.0,
+        metavar="HZ",
+        help="send the time of the recording on /clock as well, %(const)s times a second",
+    )
+    add("--node-name", default=PLAYING["node_name"], help="whose topics [%(default)s]")
+
+
 def replay(args: argparse.Namespace) -> int:
-    """Exit code 0, or 1 when the repetition differs."""
+    """Exit code 0, 1 when the repetition differs, 128 and the signal that ended a sending."""
+    _check_playing(args)
     recording = read_recording(args.run)
     for note in recording.notes:
         print(f"note: {note}")
-    if args.publish:
-        from herringbone_sim.ros.replay import publish
+    return _publish(recording, args) if args.publish else _verify(recording)
 
-        sent = publish(recording, args.speed, args.node_name)
-        print(f"{recording.name}: {sent} samples sent")
-        return 0
+
+def _check_playing(args: argparse.Namespace) -> None:
+    """ParameterError where --verify comes with what only a sending has."""
+    given = [name for name, usual in PLAYING.items() if getattr(args, name) != usual]
+    if args.verify and given:
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise ParameterError(f"{words} must come with --publish, got --verify: leave it out")
+
+
+def _publish(recording: Recording, args: argparse.Namespace) -> int:
+    from herringbone_sim.ros.replay import Playing, publish
+
+    if args.clock is not None and not args.clock > 0.0:
+        raise ParameterError(f"--clock must be positive, got {args.clock}: 40 is usual")
+    playing = Playing(args.speed, args.start, args.loop, args.clock or 0.0)
+    sent = publish(recording, playing, args.node_name)
+    ended = f"; ended by {signal.Signals(sent.signal).name}" if sent.signal else ""
+    print(f"{recording.name}: {sent.samples} of {sent.of} samples sent{ended}")
+    return 128 + sent.signal if sent.signal else 0
+
+
+def _verify(recording: Recording) -> int:
     verdict = verify(recording)
     about = f"{verdict.samples} samples, {verdict.changes} parameter changes"
     if verdict.identical:
@@ -57,6 +110,6 @@ def replay(args: argparse.Namespace) -> int:
     print(
         f"{recording.name}: differs from sample {verdict.first_difference} on, by "
         f"{verdict.largest_difference:.3g} at most ({about}); recorded by version "
-        f"{recording.channels.get('version', 'unknown')}"
+        f"{recording.channels.version or 'unknown'}"
     )
     return 1

@@ -9,8 +9,15 @@ from pathlib import Path
 from tqdm import tqdm
 
 from herringbone_sim.cli.demo import config
+from herringbone_sim.cli.parameter_options import (
+    add_effects_option,
+    effects_from,
+    tell_gear,
+)
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.scaling import scales
+from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper import reproduction
 from herringbone_sim.paper.motions import recorded
@@ -24,7 +31,7 @@ from herringbone_sim.paper.scenarios import (
     motion_name,
 )
 from herringbone_sim.paper.staircase import Reading
-from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views import figures, paper_figures
 from herringbone_sim.views.csv_file import write_csv
@@ -73,6 +80,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help=f"damping ratio of section 4, scenarios C to E; {SECTION_4_XI_PRINTED:g} is printed "
         f"(default: {SECTION_4_XI:g})",
     )
+    add_effects_option(parser)
     add_workers(parser)
     parser.set_defaults(func=reproduce)
 
@@ -81,7 +89,9 @@ def reproduce(args: argparse.Namespace) -> int:
     """Run it all, write it all, print what was right."""
     _check(args)
     scenarios = reproduction.chosen(args.only)
-    reading = Reading(load_parameters(args.parameters or config("paper.yaml")), args.xi)
+    base, of_file = load_gear(args.parameters or config("paper.yaml"))
+    reading = Reading(base, args.xi, effects_from(args, of_file))
+    tell_gear(build_with(base, reading.effects))
     workers = workers_from(args)
     make_folder(args.out / "figures")
     with tqdm(total=_total(scenarios, args), unit="run", disable=None, smoothing=0.05) as bar:
@@ -124,6 +134,7 @@ def _facts(args: argparse.Namespace, reading: Reading, checked: Sequence[Checked
         f"reading: {args.parameters or 'config/paper.yaml'}, b_c = {p.b_c:g} m, gamma = "
         f"{p.gamma:g} /K, alpha' = {p.alpha_w:g} deg",
         f"xi of section 4: {reading.xi:g} (printed: {SECTION_4_XI_PRINTED:g})",
+        *([f"with effects: {effects_text(reading.effects)}"] if reading.effects else []),
         f"{args.values} values a sweep",
         f"K = 0.3 is a torque of {torque:.3g} N m on the carrier",
     ]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from herringbone_sim.errors import ParameterError
 
-FORMS = "spawn, connect[=HOST:PORT], serve[=PORT], save[=FILE.rrd]"
+FORMS = "spawn, connect[=HOST:PORT], serve[=[HOST:]PORT], save[=FILE.rrd]"
 MODES = tuple(form.partition("[")[0] for form in FORMS.split(", "))
 
 

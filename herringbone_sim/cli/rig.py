@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.parameters import Parameters, obstacle_text, obstacles
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.effects.written import parse_effect
 from herringbone_sim.errors import ParameterError, RecordingError
@@ -102,6 +102,8 @@ def make(args: argparse.Namespace) -> int:
         seed=args.seed,
         later=args.later,
     )
+    for rule in obstacles(nominal):
+        print(f"note: {obstacle_text(rule)}")
     label = make_campaign(args.out, plan, name)
     seal = write_label(labels, name, label)
     print(f"written: {args.out} ({args.runs} runs)")

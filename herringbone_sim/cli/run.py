@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from herringbone_sim.recording.parameter_file import ros_text
+from herringbone_sim.version import VERSION
 
 DESCRIPTION = """\
 Start the simulator node. All after --ros-args goes to ROS 2, for example
@@ -33,7 +34,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         metavar="FILE",
         help="parameter file, also with effects as a list; what follows --ros-args wins",
     )
-    parser.set_defaults(func=run, rest=[])
+    parser.add_argument("--version", action="version", version=VERSION)
+    parser.set_defaults(func=run, of_ros=[])
 
 
 def run(args: argparse.Namespace) -> int:
@@ -47,9 +49,9 @@ def run(args: argparse.Namespace) -> int:
         )
         return 2
     if args.parameters is None:
-        return main(["herringbone_sim", *args.rest])
+        return main(["herringbone_sim", *args.of_ros])
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "parameters.yaml"
         file.write_text(ros_text(args.parameters), encoding="utf-8")
         of_file = ["--ros-args", "--params-file", str(file), "--"]
-        return main(["herringbone_sim", *of_file, *args.rest])
+        return main(["herringbone_sim", *of_file, *args.of_ros])

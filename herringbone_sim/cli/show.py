@@ -46,8 +46,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--serve",
         nargs="?",
         const="9876",
-        metavar="PORT",
-        help="wait for viewers at a port, 9876 by default, until Ctrl-C",
+        metavar="[HOST:]PORT",
+        help="wait for viewers of this machine at a port, 9876 by default, until Ctrl-C; HOST is "
+        "0.0.0.0 for those of other machines too",
     )
     where.add_argument("--connect", metavar="HOST:PORT", help="send to a viewer that is open")
     add_drawing_options(parser)
@@ -81,20 +82,16 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
 
 
 def show(args: argparse.Namespace) -> int:
-    """Run the sub-command; 0 when everything was shown."""
-    try:
-        size = parse_size(args.size)
-        with tempfile.TemporaryDirectory() as folder:
-            rrd = args.save or Path(folder) / "run.rrd"
-            only_picture = args.screenshot and not (args.spawn or args.serve or args.connect)
-            mirror_run(args, "save" if args.save or only_picture else mode_of(args), rrd)
-            if args.screenshot:
-                if not (args.save or only_picture):
-                    mirror_run(args, "save", rrd)
-                draw(rrd, args.screenshot, size)
-    except HerringboneError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    """Run the sub-command; 0 when everything was shown, HerringboneError when not."""
+    size = parse_size(args.size)
+    with tempfile.TemporaryDirectory() as folder:
+        rrd = args.save or Path(folder) / "run.rrd"
+        only_picture = args.screenshot and not (args.spawn or args.serve or args.connect)
+        mirror_run(args, "save" if args.save or only_picture else mode_of(args), rrd)
+        if args.screenshot:
+            if not (args.save or only_picture):
+                mirror_run(args, "save", rrd)
+            draw(rrd, args.screenshot, size)
     return 0
 
 
@@ -119,6 +116,7 @@ def mirror_run(args: argparse.Namespace, mode: str, rrd: Path) -> None:
         scale=replay.scale,
         burst_cycles=args.burst,
         mesh=args.mesh,
+        report=lambda text: print(f"warning: mirror {text}", file=sys.stderr),
     )
     for block in replay_blocks(recording, replay, args.burst, args.blocks):
         if not mirror.put(block, wait_s=60.0):
@@ -128,6 +126,8 @@ def mirror_run(args: argparse.Namespace, mode: str, rrd: Path) -> None:
     mirror.close(60.0)
     if mirror.state.startswith("failed"):
         raise HerringboneError(f"{args.run} was not shown: {mirror.state}")
+    if mirror.dropped:
+        raise HerringboneError(f"{mirror.dropped} blocks of {args.run} were not shown")
     if mode == "save" and args.save:
         print(f"wrote {rrd}")
 

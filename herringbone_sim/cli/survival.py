@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from herringbone_sim.cli.basins import kept_sections
-from herringbone_sim.cli.parameter_options import add_parameter_options, parameters_from
+from herringbone_sim.cli.parameter_options import add_parameter_options, gear_from, tell_gear
 from herringbone_sim.cli.workers import add_workers, workers_from
-from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import random_starts
 from herringbone_sim.dynamics.survival import Survival, survival
+from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.views.csv_file import write_csv
 from herringbone_sim.views.figures import save
@@ -81,9 +82,10 @@ def run(args: argparse.Namespace) -> int:
             f"--transient 0 or more, got {args.values}, {args.low} to {args.high}, {args.starts} "
             f"and {args.transient}"
         )
-    p, workers = parameters_from(args), workers_from(args)
+    (p, actives), workers = gear_from(args), workers_from(args)
     values = np.linspace(args.low, args.high, args.values)
-    models = [build(p.changed({args.over: float(value)})) for value in values]
+    models = [build_with(p.changed({args.over: float(v)}), actives) for v in values]
+    tell_gear(models[0])
     with ThreadPoolExecutor(workers) as pool:
         told = pool.map(lambda one: _at(one, args), models)
         found = list(tqdm(told, total=len(models), unit="value", disable=None))
@@ -99,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
 def _at(model: Model, args: argparse.Namespace) -> Survival:
     sections_of = kept_sections(args.out / "unfinished", model, args.transient, POINTS)
     starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
-    return survival(model, sections_of, starts)
+    return survival(model, sections_of, starts, at=args.transient + POINTS - 1)
 
 
 def table(values: Array, found: Sequence[Survival]) -> list[tuple[Any, ...]]:

@@ -10,7 +10,7 @@ from herringbone_sim.cli.parameter_options import add_parameter_options
 from herringbone_sim.cli.sweep_options import (
     add_sweep_options,
     chunk_from,
-    observation_from,
+    looked_at,
     run_all,
     swept_gear,
     tell,
@@ -25,6 +25,7 @@ WAYS = {
     "up": ("up",),
     "down": ("down",),
     "both": ("up", "down"),
+    "held": ("fixed", "up", "down"),
     "ramp": ("ramp_up", "ramp_down"),
     "all": ("fixed", "up", "down", "ramp_up", "ramp_down"),
 }
@@ -36,6 +37,7 @@ each, and a bifurcation diagram. A value is reached
   up     from where the value below it ended: a continuation, which keeps to its motion
   down   from where the value above it ended
   both   up and down: where they differ, there is hysteresis
+  held   fixed, up and down
   ramp   while the parameter moves a little every mesh cycle, --cycles of them from one value to
          the next, up and down, through the same change that the node makes
   all    all of these
@@ -82,7 +84,7 @@ def sweep(args: argparse.Namespace) -> int:
     """Run, draw and tell; exit code 0."""
     base, effects = swept_gear(args)
     axes = tuple(axis_from_text(text) for text in args.over)
-    look = observation_from(args, args.mesh or base.layout.meshes[0])
+    look = looked_at(args, (base, effects), axes, args.mesh or base.layout.meshes[0])
     stores = [
         open_store(args.out / way, Sweep(base, axes, look, way, chunk_from(args, way), effects))
         for way in WAYS[args.start]

@@ -8,16 +8,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from herringbone_sim.cli.parameter_options import gear_from, settings
+from herringbone_sim.analysis.periods import MIN_REPEATS
+from herringbone_sim.cli.parameter_options import gear_from, settings, tell_gear
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.effects.written import effects_text
+from herringbone_sim.dynamics.flow import effect_cycles
+from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.written import effects_text, read_effects
+from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import CHUNK, Observation, for_sweeps
+from herringbone_sim.sweeps.grid import CHUNK, Axis, Observation, for_sweeps
 from herringbone_sim.sweeps.store import Result, Store
 
 CHAIN = 16
 LEAST_SHARE = 5e-4  # of the values; rarer periods are not told
+REPEATS = 2 * MIN_REPEATS  # periods of the effects looked at: twice one is told too
+LATEST = 100  # mesh cycles of a period of the effects beyond which so many take too long
 
 
 def add_sweep_options(parser: argparse.ArgumentParser) -> None:
@@ -34,9 +40,9 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
     add(
         "--cycles",
         type=int,
-        default=default.cycles,
         metavar="CYCLES",
-        help="mesh cycles observed then [%(default)s]",
+        help=f"mesh cycles observed then [{default.cycles}, or {REPEATS} periods of effects that "
+        "repeat later than each cycle]",
     )
     add("--no-exponents", action="store_true", help="leave the Lyapunov exponents out")
     add(
@@ -67,11 +73,37 @@ def swept_gear(args: argparse.Namespace) -> tuple[Parameters, str]:
     return for_sweeps(base, settings(args.set)), effects_text(actives)
 
 
-def observation_from(args: argparse.Namespace, mesh: str) -> Observation:
-    """How each value is looked at; all cycles observed are section points, 100 at most."""
-    points = min(args.cycles, Observation().points)
-    chosen = Observation(args.transient, args.cycles, points, not args.no_exponents)
+def observation_from(args: argparse.Namespace, mesh: str, forcing: int = 1) -> Observation:
+    """How each value is looked at; all cycles observed are section points, 100 at most.
+
+    Args:
+        forcing: mesh cycles after which effects repeat: there are ten times as many points then.
+    """
+    most = max(Observation().points, REPEATS * forcing if forcing <= LATEST else 0)
+    cycles = most if args.cycles is None else args.cycles
+    chosen = Observation(args.transient, cycles, min(cycles, most), not args.no_exponents)
+    if chosen.points < MIN_REPEATS * forcing:
+        print(
+            f"the effects repeat after {forcing} mesh cycles, and {chosen.points} are looked at: "
+            f"no period is told from fewer than {MIN_REPEATS * forcing} (--cycles)"
+        )
     return replace(chosen, mesh=mesh)
+
+
+def looked_at(
+    args: argparse.Namespace, gear: tuple[Parameters, str], axes: Sequence[Axis], mesh: str
+) -> Observation:
+    """How the values of a gear with effects are looked at; prints what is special about it."""
+    base, effects = gear
+    try:
+        p = base.changed({axis.name: axis.values[0] for axis in axes})
+        model = build_with(p, read_effects(effects))
+    except ParameterError:  # no gear there, or effects with laws of their own
+        if effects:
+            print(f"with effects: {effects}")
+        return observation_from(args, mesh)
+    tell_gear(model)
+    return observation_from(args, mesh, effect_cycles(model))
 
 
 def run_all(stores: Sequence[Store], args: argparse.Namespace) -> None:
@@ -90,8 +122,6 @@ def run_all(stores: Sequence[Store], args: argparse.Namespace) -> None:
 
 def tell(result: Result) -> None:
     """Print the shares of the periods, and how often which reason to fail was met."""
-    if result.sweep.effects:
-        print(f"with effects: {result.sweep.effects}")
     period = result["period"]
     values, counts = np.unique(period[np.isfinite(period)], return_counts=True)
     pairs = zip(values, counts / period.size, strict=True)

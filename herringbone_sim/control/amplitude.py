@@ -8,6 +8,7 @@ held up to the largest K tried.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -68,6 +69,7 @@ class Survey:
         states: (n, s, n_state) what they are.
         look: how long each motion was looked at.
         motions: of all runs, flattened from (n, m, s).
+        forcing: mesh cycles after which effects repeat; 1 without.
     """
 
     base: Parameters
@@ -77,6 +79,7 @@ class Survey:
     states: Array
     look: Look
     motions: Motions
+    forcing: int = 1
 
     def of(self, name: str) -> Array:
         """An attribute of the motions as (n, m, s)."""
@@ -89,10 +92,14 @@ class Survey:
         chosen = [i for i, name in enumerate(self.starts.names) if name in FROM[who]]
         periods = self.of("period")[:, :, chosen]
         rows = [
-            repeats(row, cycles_wanted(self.base.changed({self.axis.name: value}), wanted))
+            repeats(row, self.wanted_at({self.axis.name: value}, wanted))
             for value, row in zip(self.axis.values, periods, strict=True)
         ]
         return np.asarray(np.all(rows, axis=2), dtype=bool)
+
+    def wanted_at(self, values: Mapping[str, float], wanted: int) -> int:
+        """``cycles_wanted`` where these values vary."""
+        return cycles_wanted(self.base.changed(values), wanted, self.forcing)
 
 
 @dataclass(frozen=True)
@@ -114,10 +121,14 @@ class Least:
     half_width: float
 
 
-def cycles_wanted(gear: Parameters, wanted: int) -> int:
-    """Mesh cycles of so many periods of the forcing; 0 where mesh and control share no period."""
+def cycles_wanted(gear: Parameters, wanted: int, forcing: int = 1) -> int:
+    """Mesh cycles of so many periods of the forcing; 0 where mesh and control share no period.
+
+    Args:
+        forcing: mesh cycles after which effects repeat.
+    """
     try:
-        return wanted * cycles_of(gear.control_order)
+        return wanted * math.lcm(forcing, cycles_of(gear.control_order))
     except ParameterError:
         return 0
 
@@ -136,7 +147,8 @@ def survey(
     states = start_states(runs, gears, starts)
     sets = [gear.changed({"K": k}) for gear in gears for k in K for _ in starts.names]
     begin = np.repeat(states[:, None], len(K), axis=1).reshape(len(sets), -1)
-    return Survey(base, axis, K, starts, states, look, runs.observe(sets, begin, look))
+    motions = runs.observe(sets, begin, look)
+    return Survey(base, axis, K, starts, states, look, motions, runs.forcing(gears[0]))
 
 
 def least_amplitudes(
@@ -212,7 +224,7 @@ def _reached(
     starts = over.states[index][:, chosen].reshape(len(gears) * len(chosen), -1)
     sets = [gear for gear in gears for _ in chosen]
     periods = runs.observe(sets, starts, over.look).period.reshape(len(gears), -1)
-    cycles = [cycles_wanted(gear, wanted) for gear in gears]
+    cycles = [cycles_wanted(gear, wanted, over.forcing) for gear in gears]
     rows = [repeats(row, one) for row, one in zip(periods, cycles, strict=True)]
     return np.asarray(np.all(rows, axis=1), dtype=bool)
 

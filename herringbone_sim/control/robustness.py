@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from herringbone_sim.control.amplitude import Survey, survey
 from herringbone_sim.control.runs import Look, Runs, repeats
 from herringbone_sim.control.starts import Starts, start_states
-from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.basins import random_starts, wilson
 from herringbone_sim.sweeps.grid import Axis
@@ -33,7 +32,7 @@ class Gathered:
 
     Attributes:
         values: the parameters that vary, by name.
-        wanted: the motion repeats after so many mesh cycles.
+        wanted: the motion repeats after so many mesh cycles, or periods of the effects.
         starts: how many.
         reached: how many repeat so, left and right alike.
         parted: how many repeat so, left and right apart.
@@ -57,8 +56,8 @@ class Survival:
     Attributes:
         what: key of ``DIFFERENCES``.
         difference: of the halves: a share, of a phase the share of a mesh cycle.
-        wanted: the motion is to repeat after so many mesh cycles.
-        period: of the motion from the zero start; 0 aperiodic, NaN failed.
+        wanted: the motion is to repeat after so many mesh cycles, or periods of the effects.
+        period: of the motion from the zero start, in the same; 0 aperiodic, NaN failed.
         from_zero, from_running: whether it repeats so, from these starts.
         parted: how many of so many random starts with unlike halves lead to it.
         starts: how many these were.
@@ -113,15 +112,15 @@ def gathered(
 ) -> list[Gathered]:
     """How many of the same random starts with unlike halves reach each motion at each place."""
     gears = [base.changed(place) for place in places]
-    begin = [random_starts(build(g), starts, np.random.default_rng(seed)) for g in gears]
+    begin = [random_starts(runs.build(g), starts, np.random.default_rng(seed)) for g in gears]
     sets = [gear for gear in gears for _ in range(starts)]
     motions = runs.observe(sets, np.concatenate(begin), look)
-    alike = motions.alike.reshape(-1, starts)
+    alike, forcing = motions.alike.reshape(-1, starts), runs.forcing(gears[0])
     return [
         _gathered(place, one, int((t & a).sum()), int((t & ~a).sum()), starts)
         for one in wanted
         for place, t, a in zip(
-            places, motions.repeats(one).reshape(-1, starts), alike, strict=True
+            places, motions.repeats(one * forcing).reshape(-1, starts), alike, strict=True
         )
     ]
 
@@ -154,7 +153,7 @@ def survival(
     states = start_states(runs, gears, Starts(alike=0, parted=starts))
     sets = [gear for gear in gears for _ in range(states.shape[1])]
     motions = runs.observe(sets, states.reshape(len(sets), -1), look)
-    period = motions.period.reshape(len(gears), -1)
+    period = motions.period.reshape(len(gears), -1) / runs.forcing(gears[0])
     asymmetry = motions.asymmetry.reshape(len(gears), -1)
     return [
         _survival(what, size, wanted, p, a)

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.batch import run_batch
-from herringbone_sim.core.model import build
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.dynamics.flow import effect_cycles
+from herringbone_sim.effects.assemble import acting, build_with
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.kept import Kept
 from herringbone_sim.sweeps.observe import asymmetries, contact_loss
 from herringbone_sim.sweeps.periods import find_periods
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 CHUNK = 128
 ALIKE = 0.01  # RMS of left less right in b_c up to which they move alike
@@ -32,15 +36,21 @@ class Look:
 
     Attributes:
         transient: mesh cycles left out first.
-        cycles: mesh cycles looked at; a period needs 5 repeats in them.
+        cycles: periods of the effects looked at (mesh cycles without them); a period of the
+            motion needs 5 repeats in them.
         exponents: whether to work out Lyapunov exponents.
-        max_period: largest period tried, mesh cycles.
+        max_period: largest period tried, in the same.
     """
 
     transient: int = 800
     cycles: int = 100
     exponents: bool = False
     max_period: int = 16
+
+    def over(self, forcing: int) -> Look:
+        """The same for effects that repeat only after so many mesh cycles."""
+        cycles, longest = self.cycles * forcing, self.max_period * forcing
+        return replace(self, cycles=cycles, max_period=longest)
 
 
 @dataclass(frozen=True)
@@ -96,6 +106,7 @@ class Runs:
         workers: threads.
         planned: told the number of runs before they begin.
         done: told the number of runs after each chunk.
+        actives: effects of every gear.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -107,9 +118,19 @@ class Runs:
         workers: int = 2,
         planned: Callable[[int], object] = lambda runs: None,
         done: Callable[[int], object] = lambda runs: None,
+        actives: Sequence[Active] = (),
     ) -> None:
         self._kept, self._workers = Kept(folder), workers
         self._planned, self._done = planned, done
+        self._actives = acting(actives)
+
+    def build(self, one: Parameters) -> Model:
+        """The gear of a parameter set; ParameterError where there can be none."""
+        return build_with(one, self._actives)
+
+    def forcing(self, one: Parameters) -> int:
+        """Mesh cycles after which the effects repeat, whatever the control does; 1 without."""
+        return effect_cycles(self.build(one))
 
     def observe(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
         """Motions of n gears of one layout.
@@ -127,39 +148,46 @@ class Runs:
             return _joined([self._told(one) for one in found])
 
     def _chunk(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
-        parts = [NAMES, sets, starts, look]
-        return Motions(**self._kept.once(parts, lambda: vars(_run(sets, starts, look))))
+        parts = [NAMES, sets, effects_text(self._actives), starts, look]
+        return Motions(**self._kept.once(parts, lambda: vars(self._run(sets, starts, look))))
+
+    def _run(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
+        """One chunk; a gear that can't exist is NaN throughout."""
+        built = [self._built(one) for one in sets]
+        motions = _empty(len(sets), starts.shape[1])
+        whole: list[bool] = np.asarray(np.isfinite(starts).all(axis=1)).tolist()
+        models = {i: model for i, model in enumerate(built) if model is not None and whole[i]}
+        if models:
+            rows = np.array(list(models), dtype=np.int64)
+            longer = look.over(self.forcing(sets[int(rows[0])]))
+            _fill(motions, rows, list(models.values()), starts[rows], longer)
+        return motions
+
+    def _built(self, one: Parameters) -> Model | None:
+        try:
+            return self.build(one)
+        except ParameterError:
+            return None
 
     def _told(self, motions: Motions) -> Motions:
         self._done(len(motions.period))
         return motions
 
 
-def _run(sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
-    """One chunk; a gear that can't exist is NaN throughout."""
-    motions = _empty(len(sets), starts.shape[1])
-    models = {i: model for i, one in enumerate(sets) if (model := _built(one)) is not None}
-    rows = np.array([i for i in models if np.isfinite(starts[i]).all()], dtype=np.int64)
-    if len(rows):
-        chosen = [models[int(i)] for i in rows]
-        length = (look.transient, look.cycles, look.cycles, look.exponents)
-        batch = run_batch(chosen, starts[rows], *length)
-        motions.period[rows] = find_periods(batch.sections, look.max_period)
-        for name in ("exponent", "exponent_error"):
-            getattr(motions, name)[rows] = getattr(batch, f"{name}s")
-        motions.within[rows], motions.transverse[rows] = batch.within, batch.transverse
-        motions.asymmetry[rows] = asymmetries(batch.sections)
-        motions.contact_loss[rows] = contact_loss(batch.contact)
-        motions.apart[rows] = batch.contact[:, :, 1].mean(axis=1)
-        motions.end[rows] = batch.end
-    return motions
-
-
-def _built(one: Parameters) -> Any:
-    try:
-        return build(one)
-    except ParameterError:
-        return None
+def _fill(
+    motions: Motions, rows: Indices, models: Sequence[Model], starts: Array, look: Look
+) -> None:
+    """Run gears and put what they came to into their rows."""
+    length = (look.transient, look.cycles, look.cycles, look.exponents)
+    batch = run_batch(models, starts, *length)
+    motions.period[rows] = find_periods(batch.sections, look.max_period)
+    for name in ("exponent", "exponent_error"):
+        getattr(motions, name)[rows] = getattr(batch, f"{name}s")
+    motions.within[rows], motions.transverse[rows] = batch.within, batch.transverse
+    motions.asymmetry[rows] = asymmetries(batch.sections[..., : models[0].layout.n_state])
+    motions.contact_loss[rows] = contact_loss(batch.contact)
+    motions.apart[rows] = batch.contact[:, :, 1].mean(axis=1)
+    motions.end[rows] = batch.end
 
 
 def _empty(n: int, n_state: int) -> Motions:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.control.amplitude import Survey, cycles_wanted, survey
+from herringbone_sim.control.amplitude import Survey, survey
 from herringbone_sim.control.runs import LEAST_EXPONENT, Look, Runs
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.parameters import Parameters
@@ -58,22 +58,22 @@ def phases(n: int) -> tuple[float, ...]:
 def shape_map(runs: Runs, base: Parameters, axis: Axis, K: Array, look: Look) -> Shape:
     """Periods and exponents over one axis of the control and over K, from the zero start."""
     found = survey(runs, base, axis, K, Starts(0, 0, running=False), look)
-    unit = np.array([cycles_wanted(base.changed({axis.name: v}), 1) for v in axis.values])
+    unit = np.array([found.wanted_at({axis.name: v}, 1) for v in axis.values])
     names = ("exponent", "exponent_error", "transverse", "within", "apart")
     exponent, error, transverse, within, apart = (found.of(name)[:, :, 0] for name in names)
-    period = in_periods(found.of("period")[:, :, 0], unit[:, None], K)
+    period = in_periods(found.of("period")[:, :, 0], unit[:, None], K, found.forcing)
     own = np.where(np.isnan(within), exponent, within)
     chaotic = (period == 0) & (own > np.maximum(2.0 * error, LEAST_EXPONENT))
     return Shape(axis, K, period, exponent, error, transverse, chaotic, apart)
 
 
-def in_periods(cycles: Array, unit: Array, K: Array) -> Array:
-    """Periods of mesh cycles (n, m) in units of the forcing (n, 1), 1 where K is 0.
+def in_periods(cycles: Array, unit: Array, K: Array, free: int = 1) -> Array:
+    """Periods of mesh cycles (n, m) in units of the forcing (n, 1), ``free`` where K is 0.
 
     A period that is no whole number of them is none of the forced motion, but a near miss within
     the tolerance: 0. So is every one where mesh and control share no period (unit 0).
     """
-    unit = np.where(K == 0.0, 1, unit)
+    unit = np.where(K == 0.0, free, unit)
     whole = (unit > 0) & (np.mod(cycles, np.maximum(unit, 1)) == 0)
     result: Array = np.where(np.isnan(cycles), np.nan, np.where(whole, cycles, 0.0))
     return result / np.maximum(unit, 1)
@@ -116,5 +116,5 @@ def around_cancelling(runs: Runs, base: Parameters, n: int, look: Look) -> Surve
 
 def quiet(over: Survey) -> NDArray[np.bool_]:
     """Whether a motion of a survey has period 1 and never loses contact (n, m, s)."""
-    still = (over.of("period") == 1) & (over.of("contact_loss") == 0)
+    still = (over.of("period") == over.forcing) & (over.of("contact_loss") == 0)
     return np.asarray(still, dtype=bool)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.control.runs import Look, Runs
-from herringbone_sim.core.model import build, initial_state, state
+from herringbone_sim.core.model import initial_state
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.dynamics.basins import random_starts
+from herringbone_sim.dynamics.basins import random_starts, state_at
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Starts:
 
 def start_states(runs: Runs, sets: Sequence[Parameters], starts: Starts) -> Array:
     """States (n, n_start, n_state) for n gears; NaN where the gear without control failed."""
-    models = [build(one) for one in sets]
+    models = [runs.build(one) for one in sets]
     columns = [np.array([initial_state(model) for model in models])]
     if starts.running:
         free = [one.changed({"K": 0.0}) for one in sets]
@@ -57,7 +57,7 @@ def start_states(runs: Runs, sets: Sequence[Parameters], starts: Starts) -> Arra
     n_class = models[0].layout.n_classes
     for _ in range(starts.alike):
         x, v = np.tile(rng.uniform(-starts.reach, starts.reach, (2, 2, 1, n_class)), (1, 1, 2, 1))
-        columns.append(np.array([state(model, x.ravel(), v.ravel(), 0.0) for model in models]))
+        columns.append(np.array([state_at(model, x.ravel(), v.ravel()) for model in models]))
     for i in range(starts.parted):
         seed = [starts.seed, 1 + i]
         draws = (np.random.default_rng(seed) for _ in models)

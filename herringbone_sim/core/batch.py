@@ -6,7 +6,6 @@ same to the bit, alone or among others, in whatever order.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.integrate import Stepper
-from herringbone_sim.core.lanes.packed import constants, make_work
-from herringbone_sim.core.lanes.run import run_lanes
+from herringbone_sim.core.lanes.packed import constants, make_work, shape_of
+from herringbone_sim.core.lanes.run import run_any_lanes, run_lanes
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.core.parameters import Parameters
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -33,7 +31,8 @@ class Batch:
 
     Attributes:
         sections: (n, points, n_state) states at phase 0 of the last cycles, dimensionless.
-        end: (n, n_state) states after the last cycle.
+        end: (n, n_state + 2 s) states after the last cycle, those of s further coordinates of
+            effects behind the others.
         exponents: (n,) largest Lyapunov exponent per tau; NaN when none was asked for.
         exponent_errors: (n,) standard error of its mean over 10 batches of cycles.
         within: (n,) the same for perturbations that keep left and right alike; NaN for a motion
@@ -73,6 +72,7 @@ def run_batch(
     cycles: int = 100,
     points: int = 100,
     exponents: bool = False,
+    before: Indices | None = None,
 ) -> Batch:
     """Run every model for ``transient`` and then ``cycles`` mesh cycles.
 
@@ -81,11 +81,14 @@ def run_batch(
 
     Args:
         models: n models of one layout and order; n may be 0 only with ``starts``.
-        starts: (n, n_state) states at phase 0; the models' own initial states by default.
+        starts: (n, n_state) states at phase 0, or (n, n_state + 2 s) with s further coordinates;
+            the models' own initial states by default, further coordinates at rest.
         transient: mesh cycles left out before anything is observed.
         cycles: mesh cycles over which exponents and contact are averaged, at least 1.
         points: section points kept, of the last cycles; at most ``cycles``.
         exponents: whether to carry tangent vectors along.
+        before: (n,) mesh cycles that each has run earlier, 0 by default: the control, and effects
+            once a revolution, go on from there.
 
     Raises:
         ValueError: the models differ in layout, order or method, or the lengths make no sense.
@@ -94,31 +97,28 @@ def run_batch(
     layout = models[0].layout
     if starts is None:
         starts = np.array([initial_state(model) for model in models])
-    found = _empty(len(models), points, layout)
+    n_all = models[0].n_state
+    rest = np.zeros((len(models), max(n_all - starts.shape[1], 0)))
+    starts = np.nan_to_num(np.concatenate([starts, rest], axis=1))
+    found = _empty(len(models), points, layout, n_all)
     mirror = layout_mirror(layout)
-    alike = np.array([_alike(m, y, mirror) for m, y in zip(models, starts, strict=True)])
+    alike = np.array(
+        [
+            np.array_equal(y[: layout.n_state], y[mirror]) and alike_halves(m)
+            for m, y in zip(models, starts, strict=True)
+        ]
+    )
     reasons = np.array([""] * len(models), dtype=object)
+    before = np.zeros(len(models), dtype=np.int64) if before is None else before
     for sides in (1, 2):
         chosen = np.flatnonzero(alike == (sides == 1))
         if len(chosen):
             length = _Length(transient, cycles, points, (3 - sides) * exponents)
             group = [models[int(i)] for i in chosen]
             run = _run_rk4 if models[0].parameters.method == "rk4" else _run_lanes
-            reasons[chosen] = run(found, chosen, group, starts[chosen], sides, length)
+            begin = starts[chosen], before[chosen]
+            reasons[chosen] = run(found, chosen, group, begin, sides, length)
     return replace(found, reasons=tuple(reasons))
-
-
-def at_cycle(p: Parameters, cycle: int) -> Parameters:
-    """The same gear with its control as it stands after some mesh cycles of a run.
-
-    A batch counts its cycles from 0; where one goes on from the end of another, this keeps the
-    phase of a control whose frequency is no whole multiple of the mesh frequency.
-    """
-    turns = p.control_order * cycle
-    part = turns - math.floor(turns)
-    if part == 0.0:
-        return p
-    return p.changed({"control_phase": math.remainder(p.control_phase + TWO_PI * part, TWO_PI)})
 
 
 def _check(models: Sequence[Model], transient: int, cycles: int, points: int) -> None:
@@ -127,7 +127,7 @@ def _check(models: Sequence[Model], transient: int, cycles: int, points: int) ->
             f"a batch needs transient >= 0, cycles >= 1 and points from 0 to cycles, got "
             f"transient {transient}, cycles {cycles}, points {points}"
         )
-    kinds = {(m.layout.channels, m.parameters.order, m.parameters.method) for m in models}
+    kinds = {(m.layout.channels, m.parameters.order, m.parameters.method, m.n_own) for m in models}
     if len(kinds) != 1:
         raise ValueError(
             f"a batch needs models of one layout, order and method, got {len(kinds)} kinds among "
@@ -142,26 +142,43 @@ def layout_mirror(layout: Layout) -> Indices:
     return np.concatenate([half, m + half])
 
 
-def _alike(model: Model, y: Array, mirror: Indices) -> bool:
-    """Whether left and right are the same to the bit."""
+def alike_halves(model: Model) -> bool:
+    """Whether left and right of a gear, effects included, are the same to the bit.
+
+    Further coordinates of effects are taken for unlike.
+    """
     p, c = model.packed, model.layout.n_classes
-    by_mesh = (p.stiffness, p.damping, p.b, p.e_mean, *p.k_cos, *p.k_sin, *p.e_cos, *p.e_sin)
+    m = model.layout.n_coordinate
+    one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
+    many = (p.k_cos, p.k_sin, p.e_cos, p.e_sin, p.d_cos, p.d_sin, p.window_k, p.window_d, p.law)
+    by_mesh = np.concatenate([np.array(one), *many]).reshape(-1, 2, 2, c)
     by_side = (p.inv_M_s, p.inv_M_p, p.load_q, p.control_q, p.control_r)
+    loads = np.concatenate([p.load_cos, p.load_sin])
     return (
-        np.array_equal(y, y[mirror])
-        and all(np.array_equal(*row.reshape(2, 2, c).swapaxes(0, 1)) for row in by_mesh)
+        not len(p.seat)
+        and np.array_equal(by_mesh[:, :, 0], by_mesh[:, :, 1])
         and all(np.array_equal(row[0], row[1]) for row in by_side)
+        and np.array_equal(loads, loads[:, layout_mirror(model.layout)[:m]])
+        and _alike_friction(model)
     )
 
 
-def _empty(n: int, points: int, layout: Layout) -> Batch:
+def _alike_friction(model: Model) -> bool:
+    """Whether friction does to the coordinates of one half what it does to the other."""
+    slide, m = model.packed.slide, model.layout.n_coordinate
+    c = model.layout.n_classes
+    kind = slide.reshape(len(slide), m, 2, 2, c)[:, :, :, ::-1].reshape(slide.shape)
+    return np.array_equal(slide, kind[:, layout_mirror(model.layout)[:m]])
+
+
+def _empty(n: int, points: int, layout: Layout, n_all: int) -> Batch:
     """Arrays of NaN."""
 
     def none(*shape: int) -> Array:
         return np.full((n, *shape), np.nan)
 
     sections, contact = none(points, layout.n_state), none(layout.n_mesh, 3)
-    return Batch(sections, none(layout.n_state), none(), none(), none(), none(), contact, ())
+    return Batch(sections, none(n_all), none(), none(), none(), none(), contact, ())
 
 
 def _one_half(layout: Layout) -> Indices:
@@ -182,30 +199,33 @@ def _run_lanes(
     found: Batch,
     chosen: Indices,
     models: Sequence[Model],
-    starts: Array,
+    begin: tuple[Array, Indices],
     sides: int,
     length: _Length,
 ) -> list[str]:
     """Values of one kind through the lanes into ``found``; returns their reasons."""
     layout, n, order = models[0].layout, len(models), models[0].parameters.order
-    taken = _one_half(layout) if sides == 1 else np.arange(layout.n_state)
-    table = constants(models, sides)
-    size, n_mesh = len(taken), table.shape[2]
-    begin = np.zeros((n, 1 + length.tangents, size))
-    begin[:, 0] = starts[:, taken]
-    begin[:, 1:] = np.random.default_rng(0).normal(size=size)
+    taken = _one_half(layout) if sides == 1 else np.arange(models[0].n_state)
+    shape = shape_of(models)
+    table = constants(models, sides, shape)
+    size, n_mesh = len(taken), layout.n_mesh // 2 * sides
+    starts = np.zeros((n, 1 + length.tangents, size))
+    starts[:, 0] = begin[0][:, taken]
+    starts[:, 1:] = np.random.default_rng(0).normal(size=size)
     sections = np.full((n, length.points, size), np.nan)
     end, contact = np.full((n, size), np.nan), np.full((n, n_mesh, 2), np.nan)
     growth = np.zeros((n, length.batches + 1, length.tangents))
     failed = np.zeros(n, dtype=np.bool_)
-    run_lanes(
+    lanes = run_any_lanes if shape.any else run_lanes
+    lanes(
         ((0,) * sides, (0,) * layout.n_classes),
-        make_work(table.shape[1], n_mesh, size // 2, order, length.tangents),
+        make_work(table, shape, n_mesh, sides, order, length.tangents),
         1.0 / np.maximum(np.arange(order + 2.0), 1.0),
         table,
         np.array([model.parameters.steps for model in models]),
-        begin,
-        any(model.packed.K != 0.0 for model in models),
+        starts,
+        begin[1],
+        shape.loads > 0 or any(model.packed.K != 0.0 for model in models),
         length.transient,
         length.cycles,
         sections,
@@ -215,7 +235,8 @@ def _run_lanes(
         failed,
     )
     whole = _from_half(layout) if sides == 1 else taken
-    found.sections[chosen], found.end[chosen] = sections[..., whole], end[..., whole]
+    found.sections[chosen] = sections[..., whole[: layout.n_state]]
+    found.end[chosen] = end[..., whole]
     _put_exponents(found, chosen, models, growth, length)
     steps = np.array([model.parameters.steps for model in models])
     _put_contact(found.contact, chosen, contact / (steps * length.cycles)[:, None, None], sides)
@@ -264,20 +285,22 @@ def _run_rk4(
     found: Batch,
     chosen: Indices,
     models: Sequence[Model],
-    starts: Array,
+    begin: tuple[Array, Indices],
     sides: int,
     length: _Length,
 ) -> list[str]:
     """The same by the paper's method, one value after another and without tangents."""
     return [
-        _one_rk4(found, i, model, y, length)
-        for i, model, y in zip(chosen, models, starts, strict=True)
+        _one_rk4(found, i, model, y, int(cycle), length)
+        for i, model, y, cycle in zip(chosen, models, *begin, strict=True)
     ]
 
 
-def _one_rk4(found: Batch, i: int, model: Model, y: Array, length: _Length) -> str:
+def _one_rk4(found: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
     stepper, per_cycle = Stepper(model), model.parameters.samples_per_cycle
-    block = stepper.advance(replace(stepper.start(), y=y), length.transient * per_cycle)
+    block = stepper.advance(
+        replace(stepper.start(), y=y, cycle=cycle), length.transient * per_cycle
+    )
     states, contact = [block.end], np.zeros((model.layout.n_mesh, 3))
     for _ in range(length.cycles):
         block = stepper.advance(states[-1], per_cycle)
@@ -286,7 +309,8 @@ def _one_rk4(found: Batch, i: int, model: Model, y: Array, length: _Length) -> s
         if block.diverged:
             return "diverged"
     kept = states[length.cycles - length.points : length.cycles]
-    found.sections[i] = np.array([state.y for state in kept]).reshape(found.sections[i].shape)
+    m = model.layout.n_state
+    found.sections[i] = np.array([state.y[:m] for state in kept]).reshape(found.sections[i].shape)
     found.end[i] = states[-1].y
     found.contact[i] = contact / contact[0].sum()
     return ""

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from numba import config
+from numba.core import event
 
 STAMP = "sources.sha256"
 ROOMS = (  # of functions and their constants
@@ -32,6 +34,27 @@ def forget_stale(package: Path, *sources: Path) -> None:
         places = [Path(config.CACHE_DIR) / _name(folder) for folder in folders]
         indices = (index for place in places for index in place.glob("*.nbi"))
         _forget(Path(config.CACHE_DIR) / _name(package), indices, now)
+
+
+class _OnStart(event.Listener):  # type: ignore[misc]
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self._tell = tell
+
+    def on_start(self, event: Any) -> None:
+        self._tell()
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+@contextlib.contextmanager
+def told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Call ``tell`` as soon as a function is compiled within the block, and at each further one.
+
+    A function that is loaded from the cache is not told of.
+    """
+    with event.install_listener("numba:compile", _OnStart(tell)):
+        yield
 
 
 def compiled_from(package: Path) -> list[Path]:

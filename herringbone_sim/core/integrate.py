@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
 from herringbone_sim.core.packed import TWO_PI, make_work
-from herringbone_sim.core.run import run
+from herringbone_sim.core.run import runner
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
 
@@ -80,16 +80,29 @@ class Stepper:
     def __init__(self, model: Model) -> None:
         layout, s = model.layout, model.scales
         self.model = model
-        self._work = make_work(layout.n_mesh, layout.n_coordinate, model.parameters.order)
+        self._work = make_work(
+            layout.n_mesh, layout.n_coordinate, model.parameters.order, model.n_own
+        )
+        self._run = runner(model.parameters.method, model.packed.plain)
         force = s.b_c * s.omega_n**2 / s.projection
         self._si = np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta])
         self._carrier = carrier_row(model) * s.b_c
 
+    @property
+    def compiled(self) -> bool:
+        """Whether this process has the kernel of such a gear ready."""
+        return bool(getattr(self._run, "signatures", True))
+
+    def alike(self, other: object) -> bool:
+        """Whether another stepper runs on the same kernel."""
+        return isinstance(other, Stepper) and other._run is self._run
+
     def start(self, tangents: int = 0) -> State:
         """Initial state, with so many tangent vectors."""
-        n = self.model.layout.n_state
+        n = self.model.n_state
         frame = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0][:tangents]
-        return State(initial_state(self.model), 0, 0, 0.0, frame.copy(), np.zeros(tangents))
+        y = np.concatenate([initial_state(self.model), np.zeros(2 * self.model.n_own)])
+        return State(y, 0, 0, 0.0, frame.copy(), np.zeros(tangents))
 
     def advance(self, state: State, n_samples: int) -> Block:
         """The next samples from a state on, the first one at the state itself.
@@ -104,7 +117,7 @@ class Stepper:
         y, tangents, growth = state.y.copy(), state.tangents.copy(), state.growth.copy()
         head = np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
         stride = p.steps // p.samples_per_cycle
-        t, filled, switches = run(
+        t, filled, switches = self._run(
             self.model.packed,
             self._work,
             y,
@@ -115,7 +128,6 @@ class Stepper:
             self.model.scales.omega_n,
             p.steps,
             stride,
-            p.method == "rk4",
             head,
             self._si,
             self._carrier,

@@ -7,6 +7,7 @@ as the paper writes them, misprints corrected; the tests hold the kernel against
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,9 @@ class Model:
         scales: radii, masses, scales (SI).
         half_backlash_m: (n_mesh,) b' in force [m], Eq. (3).
         damping_n_s_per_m: (n_mesh,) c [N s/m], Eq. (11).
-        packed: the same for the kernel, dimensionless.
+        bare: the same for the kernel, dimensionless, without effects.
+        packed: what the kernel runs: ``bare`` with what effects change in it.
+        effects: what changed it, as ``effects.assemble`` was given them; empty for the gear alone.
     """
 
     parameters: Parameters
@@ -40,7 +43,21 @@ class Model:
     scales: Scales
     half_backlash_m: Array
     damping_n_s_per_m: Array
+    bare: Packed
     packed: Packed
+    effects: tuple[Any, ...] = ()
+
+    @property
+    def n_own(self) -> int:
+        """Coordinates that effects add to those of the layout."""
+        return len(self.packed.seat)
+
+    @property
+    def n_state(self) -> int:
+        """Numbers of a state: as ``Layout.state_names``, then the further coordinates, their
+        displacements and their rates.
+        """
+        return self.layout.n_state + 2 * self.n_own
 
 
 def build(p: Parameters) -> Model:
@@ -52,7 +69,8 @@ def build(p: Parameters) -> Model:
     s = scales(p)
     half = half_backlashes(p, s)
     damping = mesh_damping(p, s)
-    return Model(p, p.layout, s, half, damping, _pack(p, s, half, damping))
+    packed = _pack(p, s, half, damping)
+    return Model(p, p.layout, s, half, damping, packed, packed)
 
 
 def half_backlashes(p: Parameters, s: Scales) -> Array:
@@ -110,6 +128,7 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
     layout = p.layout
     n = layout.n_mesh
     shift = mesh_phases(p)
+    h = max(len(p.k_amp), len(p.e_amp))
     stiffness = mean_stiffness(p) * s.projection / s.omega_n**2
     k_angle = [(j + 1) * shift + np.array(spread(p.phi_a, n)) for j in range(len(p.k_amp))]
     e_angle = [(j + 1) * shift + np.array(spread(p.phi_b, n)) for j in range(len(p.e_amp))]
@@ -126,11 +145,18 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
         multiplicity=p.n_planets / layout.n_classes,
         stiffness=stiffness,
         damping=damping * s.projection / s.omega_n,
-        k_cos=np.array([a * np.cos(t) for a, t in zip(k, k_angle, strict=True)]).reshape(-1, n),
-        k_sin=np.array([-a * np.sin(t) for a, t in zip(k, k_angle, strict=True)]).reshape(-1, n),
+        orders=np.arange(1.0, h + 1.0),
+        k_cos=_rows([a * np.cos(t) for a, t in zip(k, k_angle, strict=True)], h, n),
+        k_sin=_rows([-a * np.sin(t) for a, t in zip(k, k_angle, strict=True)], h, n),
         e_mean=p.e_mean + np.array(spread(p.e_offset, n)) / s.b_c,
-        e_cos=np.array([a * np.sin(t) for a, t in zip(e, e_angle, strict=True)]).reshape(-1, n),
-        e_sin=np.array([a * np.cos(t) for a, t in zip(e, e_angle, strict=True)]).reshape(-1, n),
+        e_cos=_rows([a * np.sin(t) for a, t in zip(e, e_angle, strict=True)], h, n),
+        e_sin=_rows([a * np.cos(t) for a, t in zip(e, e_angle, strict=True)], h, n),
+        d_mean=np.zeros(n),
+        d_cos=np.zeros((0, n)),
+        d_sin=np.zeros((0, n)),
+        windows=np.zeros((0, 3)),
+        window_k=np.zeros((0, n)),
+        window_d=np.zeros((0, n)),
         b=half / s.b_c,
         inv_M_s=1.0 / M_s,
         inv_M_p=1.0 / M_p,
@@ -141,15 +167,35 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
         control_r=on_rp.copy(),
         control_order=p.control_order,
         control_phase=p.control_phase,
+        load_orders=np.zeros(0),
+        load_cos=np.zeros((0, layout.n_coordinate)),
+        load_sin=np.zeros((0, layout.n_coordinate)),
+        plain=True,
+        law=np.array([1.0, 1.0, 0.0, 0.0, 1.0])[:, None] * np.ones(n),
+        slide=np.zeros((0, layout.n_coordinate, n)),
+        own_shift=np.zeros((0, n)),
+        own_force=np.zeros((layout.n_coordinate, n)),
+        own_hold=np.zeros((layout.n_coordinate, 0)),
+        seat=np.zeros((0, 4)),
         K=p.K,
         Omega=p.Omega,
     )
 
 
+def _rows(amplitudes: list[Array], h: int, n: int) -> Array:
+    """Amplitudes (h, n) of the harmonics, zero for those that are not given."""
+    rows = np.zeros((h, n))
+    rows[: len(amplitudes)] = np.array(amplitudes).reshape(-1, n)
+    return rows
+
+
 def errors_at(model: Model, phase: float) -> tuple[Array, Array]:
-    """e and de/dtau (n_mesh,) of all meshes at a phase [rad], in units of b_c, Eqs. (9), (10)."""
-    p = model.packed
-    orders = np.arange(1, len(p.e_cos) + 1)[:, None]
+    """e and de/dtau (n_mesh,) of all meshes at a phase [rad], in units of b_c, Eqs. (9), (10).
+
+    They are the gear's own: what effects displace is no part of x and v.
+    """
+    p = model.bare
+    orders = p.orders[:, None]
     cos, sin = np.cos(orders * phase), np.sin(orders * phase)
     e = p.e_mean + np.sum(p.e_cos * cos + p.e_sin * sin, axis=0)
     rate = p.Omega * np.sum(orders * (p.e_sin * cos - p.e_cos * sin), axis=0)
@@ -207,7 +253,7 @@ def carry_over(old: Model, new: Model, y: Array, phase: float) -> Array:
     With errors that differ between planets only the ring meshes and planet 1 are kept to the bit.
     """
     same = all(
-        np.array_equal(getattr(old.packed, name), getattr(new.packed, name))
+        np.array_equal(getattr(old.bare, name), getattr(new.bare, name))
         for name in ("e_mean", "e_cos", "e_sin", "Omega")
     )
     return y if same else state(new, *relative(old, y, phase), phase)
@@ -291,7 +337,7 @@ def jacobian(model: Model, y: Array, phase: float) -> Array:
     m = model.layout.n_coordinate
     n = model.layout.n_mesh
     x, _ = relative(model, y, phase)
-    orders = np.arange(1, len(packed.k_cos) + 1)[:, None]
+    orders = packed.orders[:, None]
     k = packed.stiffness + np.sum(
         packed.k_cos * np.cos(orders * phase) + packed.k_sin * np.sin(orders * phase), axis=0
     )

@@ -27,6 +27,8 @@ forget_stale(PACKAGE, *compiled_from(PACKAGE))
 # counting of a dozen arrays a call cost a third of the time.
 compiled: Any = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 inlined: Any = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)
+# Becomes a part of its callers before they are compiled, and is not compiled by itself.
+embedded: Any = njit(nogil=True, error_model="numpy", inline="always", _nrt=False)
 
 
 class Packed(NamedTuple):
@@ -37,11 +39,19 @@ class Packed(NamedTuple):
         multiplicity: planets that one class stands for.
         stiffness: (n,) mean mesh stiffness times the projection over omega_n^2 [kg].
         damping: (n,) mesh damping times the projection over omega_n [kg].
+        orders: (h,) of the mesh frequency, whole or not, of the harmonics of k and e.
         k_cos: (h, n) cosine amplitudes of the harmonics of k (Eq. 7), as stiffness.
         k_sin: (h, n) sine amplitudes.
-        e_mean: (n,) mean error (Eq. 9).
-        e_cos: (g, n) cosine amplitudes of the harmonics of e.
-        e_sin: (g, n) sine amplitudes.
+        e_mean: (n,) mean error (Eq. 9), less the displacement d_mean of effects.
+        e_cos: (h, n) cosine amplitudes of the harmonics of e, less d_cos.
+        e_sin: (h, n) sine amplitudes, less d_sin.
+        d_mean: (n,) displacement that effects add to the deflection, and samples do not show.
+        d_cos: (h, n) cosine amplitudes of its harmonics; no row where it has none.
+        d_sin: (h, n) sine amplitudes.
+        windows: (w, 3) events that come once in a while: mesh cycles between them, mesh cycle of
+            the first, width in mesh cycles.
+        window_k: (w, n) share of k that an event takes, at its middle.
+        window_d: (w, n) displacement that it adds, at its middle.
         b: (n,) half-backlash b' in force (Eq. 3).
         inv_M_s: (2,) of the sun halves [1/kg].
         inv_M_p: (2, c) of the planet halves [1/kg].
@@ -53,6 +63,19 @@ class Packed(NamedTuple):
         control_order: control frequency over mesh frequency.
         control_phase: rad.
         K: control amplitude.
+        load_orders: (l,) of the mesh frequency, of the harmonics of further torques.
+        load_cos: (l, m + s) cosine amplitudes of the accelerations that they give the coordinates.
+        load_sin: (l, m + s) sine amplitudes.
+        plain: whether all that follows is empty: force is linear between switches of contact.
+        law: (5, n) force of a mesh, k f (|f| / law[0])^(law[1] - 1) + c v [1 - law[2] + law[2]
+            (|f| / law[4])^law[3]]; exponents 1 and share 0 give k f + c v.
+        slide: (2, m, n) accelerations of the coordinates by friction for a force 1 of a mesh,
+            its first part and that in proportion to the turn s from the pitch point; or (0, m, n).
+        own_shift: (s, n) displacement of the meshes by s further coordinates.
+        own_force: (m + s, n) what mesh forces take off the accelerations, in addition.
+        own_hold: (m + s, s) what the springs of the further coordinates take off.
+        seat: (s, 4) those springs: stiffness, damping, half of the free play, rounding of its
+            corners; a rounding of 0 is a linear spring without play.
         Omega: mesh frequency over omega_n.
     """
 
@@ -60,11 +83,18 @@ class Packed(NamedTuple):
     multiplicity: float
     stiffness: Array
     damping: Array
+    orders: Array
     k_cos: Array
     k_sin: Array
     e_mean: Array
     e_cos: Array
     e_sin: Array
+    d_mean: Array
+    d_cos: Array
+    d_sin: Array
+    windows: Array
+    window_k: Array
+    window_d: Array
     b: Array
     inv_M_s: Array
     inv_M_p: Array
@@ -75,8 +105,38 @@ class Packed(NamedTuple):
     control_r: Array
     control_order: float
     control_phase: float
+    load_orders: Array
+    load_cos: Array
+    load_sin: Array
+    plain: bool
+    law: Array
+    slide: Array
+    own_shift: Array
+    own_force: Array
+    own_hold: Array
+    seat: Array
     K: float
     Omega: float
+
+
+class AnyWork(NamedTuple):
+    """Scratch of a gear that is not plain; p, n and s as in ``Work`` and ``Packed``."""
+
+    rate: Array  # (p + 1, n) series of the rate of deflection
+    depth: Array  # (p + 1, n) series of |f|
+    spring: Array  # (p + 1, n) series of the spring's part of the force over k, by its law
+    damper: Array  # (p + 1, n) series of the factor on c v, by its law
+    force: Array  # (p + 1, n) series of the mesh force
+    soft: Array  # (p + 1, n) series of the derivative of the force by the deflection
+    damp: Array  # (p + 1, n) series of the derivative by the rate
+    power: Array  # (p + 1, n) series of a power of |f|
+    hold: Array  # (p + 1, s) series of the springs' forces on further coordinates
+    give: Array  # (p + 1, s) series of their derivative by the displacement
+    corner: Array  # (6, p + 1, s) series of both corners of a free play
+    deep: Array  # (n,) 1 where the law bends, 0 where |f| is so small that it is taken linear
+    sign: Array  # (n,) of the mesh force
+    at: Array  # (3, n) where in the step contact, depth, sign switch
+    jump: Array  # (n,) of the mesh force at a switch
 
 
 class Work(NamedTuple):
@@ -87,12 +147,13 @@ class Work(NamedTuple):
     error_rate: Array  # (n,) de/dtau at one phase
     cos: Array  # (p + 1,) series of one harmonic
     sin: Array  # (p + 1,)
+    product: Array  # (p + 1,) series of one stiffness times that of a window
     inverse: Array  # (p + 2,) 1 / i
-    load: Array  # (p + 1, m) series of the outer acceleration
+    load: Array  # (p + 1, m + s) series of the outer acceleration
     none_n: Array  # (p + 1, n) zeros
-    none_m: Array  # (p + 1, m) zeros
-    q: Array  # (p + 1, m) series of the displacements
-    v: Array  # (p + 1, m) series of the velocities
+    none_m: Array  # (p + 1, m + s) zeros
+    q: Array  # (p + 1, m + s) series of the displacements
+    v: Array  # (p + 1, m + s) series of the velocities
     x: Array  # (p + 1, n) series of the deflections
     f: Array  # (p + 1, n) the same where in contact, else 0
     contact: Array  # (n,) -1 back, 0 separated, 1 drive
@@ -103,13 +164,20 @@ class Work(NamedTuple):
     end_slope: Array  # (n,) its rate
     closed: Array  # (n,) 1 in contact, 0 separated
     force: Array  # (n,) one order of the mesh forces
-    rate: Array  # (4, n_state) stages of RK4
-    stage: Array  # (n_state,)
+    rate: Array  # (4, n_state + 2 s) stages of RK4
+    stage: Array  # (n_state + 2 s,)
+    push: Array  # (m + s,) accelerations at one phase
+    any: AnyWork  # of forces that are not linear between switches
 
 
-def make_work(n_mesh: int, n_coordinate: int, order: int) -> Work:
-    """Scratch for a run (order is that of the Taylor series; RK4 takes any)."""
+def make_work(n_mesh: int, n_coordinate: int, order: int, n_own: int = 0) -> Work:
+    """Scratch for a run (order is that of the Taylor series; RK4 takes any).
+
+    Args:
+        n_own: further coordinates, as rows of ``Packed.seat``.
+    """
     p = order + 1
+    n_all = n_coordinate + n_own
 
     def zeros(*shape: int) -> Array:
         return np.zeros(shape)
@@ -120,12 +188,13 @@ def make_work(n_mesh: int, n_coordinate: int, order: int) -> Work:
         error_rate=zeros(n_mesh),
         cos=zeros(p),
         sin=zeros(p),
+        product=zeros(p),
         inverse=1.0 / np.maximum(np.arange(p + 1.0), 1.0),
-        load=zeros(p, n_coordinate),
+        load=zeros(p, n_all),
         none_n=zeros(p, n_mesh),
-        none_m=zeros(p, n_coordinate),
-        q=zeros(p, n_coordinate),
-        v=zeros(p, n_coordinate),
+        none_m=zeros(p, n_all),
+        q=zeros(p, n_all),
+        v=zeros(p, n_all),
         x=zeros(p, n_mesh),
         f=zeros(p, n_mesh),
         contact=zeros(n_mesh),
@@ -136,6 +205,24 @@ def make_work(n_mesh: int, n_coordinate: int, order: int) -> Work:
         end_slope=zeros(n_mesh),
         closed=zeros(n_mesh),
         force=zeros(n_mesh),
-        rate=zeros(4, 2 * n_coordinate),
-        stage=zeros(2 * n_coordinate),
+        rate=zeros(4, 2 * n_all),
+        stage=zeros(2 * n_all),
+        push=zeros(n_all),
+        any=AnyWork(
+            rate=zeros(p, n_mesh),
+            depth=zeros(p, n_mesh),
+            spring=zeros(p, n_mesh),
+            damper=zeros(p, n_mesh),
+            force=zeros(p, n_mesh),
+            soft=zeros(p, n_mesh),
+            damp=zeros(p, n_mesh),
+            power=zeros(p, n_mesh),
+            hold=zeros(p, n_own),
+            give=zeros(p, n_own),
+            corner=zeros(6, p, n_own),
+            deep=zeros(n_mesh),
+            sign=zeros(n_mesh),
+            at=zeros(3, n_mesh),
+            jump=zeros(n_mesh),
+        ),
     )

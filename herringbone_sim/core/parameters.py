@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from herringbone_sim.core.layout import Layout
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, shown
 
 Value = bool | int | float | str | tuple[float, ...]
 INFINITY = math.inf
@@ -210,7 +210,7 @@ def meaning(name: str) -> Meaning:
     """Unit, text and range of a parameter; ParameterError when there is none of that name."""
     item = Parameters.__dataclass_fields__.get(name)
     if item is None:
-        raise ParameterError(f"no parameter {name!r}; there are {', '.join(names())}")
+        raise ParameterError(f"no parameter {shown(name)}; there are {', '.join(names())}")
     found: Meaning = item.metadata["meaning"]
     return found
 
@@ -241,7 +241,7 @@ def coerce(name: str, value: Any) -> Value:
     except (TypeError, ValueError, OverflowError):
         kind = "a list of numbers" if isinstance(default, tuple) else type(default).__name__
         raise ParameterError(
-            f"{name} must be {kind}, got {value!r}: give it as in config/rig.yaml"
+            f"{name} must be {kind}, got {shown(value)}: give it as in config/rig.yaml"
         ) from None
 
 
@@ -277,22 +277,22 @@ def _check(name: str, value: Any, about: Meaning) -> None:
     if about.choices:
         if value not in about.choices:
             raise ParameterError(
-                f"{name} must be one of {', '.join(about.choices)}, got {value!r}"
+                f"{name} must be one of {', '.join(about.choices)}, got {shown(value)}"
             )
         return
     default = Parameters.__dataclass_fields__[name].default
     number: Any = numbers.Integral if isinstance(default, int) else numbers.Real
     if isinstance(value, tuple) is not isinstance(default, tuple):
-        raise ParameterError(f"{name} must be {type(default).__name__}, got {value!r}")
+        raise ParameterError(f"{name} must be {type(default).__name__}, got {shown(value)}")
     for one in value if isinstance(value, tuple) else (value,):
         if isinstance(one, bool) or not isinstance(one, number):
-            raise ParameterError(f"{name} must be {number.__name__.lower()}, got {one!r}")
+            raise ParameterError(f"{name} must be {number.__name__.lower()}, got {shown(one)}")
         if not math.isfinite(one):
-            raise ParameterError(f"{name} [{about.unit}] must be finite, got {one!r}")
+            raise ParameterError(f"{name} [{about.unit}] must be finite, got {shown(one)}")
         if not about.low <= one <= about.high:
             raise ParameterError(
                 f"{name} [{about.unit}] must lie in {about.low:g} .. {about.high:g}, "
-                f"got {one!r}: choose a value inside"
+                f"got {shown(one)}: choose a value inside"
             )
 
 
@@ -327,7 +327,7 @@ def _least_gap_deg(p: Parameters) -> float:
 def _check_gear(p: Parameters) -> None:
     if sum(abs(share) for share in p.k_amp) >= 1.0:
         raise ParameterError(
-            f"k_amp must sum to less than 1 or stiffness turns negative, got {p.k_amp}"
+            f"k_amp must sum to less than 1 or stiffness turns negative, got {shown(p.k_amp)}"
         )
     if p.z_r <= p.z_s:
         raise ParameterError(
@@ -365,7 +365,11 @@ def obstacles(p: Parameters) -> list[str]:
     return rules
 
 
+def obstacle_text(rule: str) -> str:
+    """A sentence on a rule of ``obstacles``."""
+    return f"no such gear can be assembled: {rule}; it runs all the same"
+
+
 def _warn(rules: Sequence[str], stacklevel: int) -> None:
     for rule in rules:
-        text = f"no such gear can be assembled: {rule}; it runs all the same"
-        warnings.warn(text, ParameterWarning, stacklevel)
+        warnings.warn(obstacle_text(rule), ParameterWarning, stacklevel)

@@ -6,6 +6,8 @@ import numpy as np
 
 from herringbone_sim.core.packed import TWO_PI, compiled, inlined
 
+ON_EDGE = 1e-12  # mesh cycles: rounding of where a step ends, after some thousand cycles
+
 
 @inlined
 def deflections(p, coordinate, x):
@@ -45,72 +47,225 @@ def accelerate(p, force, acceleration):
 
 
 @inlined
-def control_angle(p, phase, cycle):
-    """Argument of the control, order * phase + control_phase (Eq. 20), cycles taken modulo one."""
-    turns = p.control_order * cycle
-    return TWO_PI * (turns - np.floor(turns)) + p.control_order * phase + p.control_phase
+def angle_of(order, phase, cycle):
+    """Angle [rad] of a harmonic of any order at a phase of a mesh cycle, whole turns left out."""
+    turns = order * cycle
+    return TWO_PI * (turns - np.floor(turns)) + order * phase
 
 
 @inlined
-def excite(p, w, phase):
+def control_angle(p, phase, cycle):
+    """Argument of the control, order * phase + control_phase (Eq. 20), cycles taken modulo one."""
+    return angle_of(p.control_order, phase, cycle) + p.control_phase
+
+
+@inlined
+def cycles_from_event(window, phase, cycle):
+    """Mesh cycles from the middle of the nearest event of a row of ``Packed.windows``."""
+    s = cycle + phase / TWO_PI - window[1]
+    return s - window[0] * np.floor(s / window[0] + 0.5)
+
+
+@inlined
+def cycles_to_edge(window, phase, cycle):
+    """Mesh cycles to the next edge of an event; one that is as near as rounding is passed."""
+    s = cycles_from_event(window, phase, cycle)
+    half = 0.5 * window[2]
+    if s < -half - ON_EDGE:
+        return -half - s
+    if s < half - ON_EDGE:
+        return half - s
+    return window[0] - half - s
+
+
+@inlined
+def excite(p, w, phase, cycle):
     """k, e and de/dtau of all meshes at a phase into order 0 of the series (Eqs. 7-10)."""
     n = 4 * len(p.classes)
     for m in range(n):
         w.k[0, m] = p.stiffness[m]
         w.error[0, m] = p.e_mean[m]
         w.error_rate[m] = 0.0
-    for j in range(p.k_cos.shape[0]):
-        cos = np.cos((j + 1) * phase)
-        sin = np.sin((j + 1) * phase)
+    for j in range(p.orders.size):
+        angle = angle_of(p.orders[j], phase, cycle)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
         for m in range(n):
             w.k[0, m] += p.k_cos[j, m] * cos + p.k_sin[j, m] * sin
-    for j in range(p.e_cos.shape[0]):
-        cos = np.cos((j + 1) * phase)
-        sin = np.sin((j + 1) * phase)
-        for m in range(n):
             w.error[0, m] += p.e_cos[j, m] * cos + p.e_sin[j, m] * sin
             rate = p.e_sin[j, m] * cos - p.e_cos[j, m] * sin
-            w.error_rate[m] += (j + 1) * p.Omega * rate
+            w.error_rate[m] += p.orders[j] * p.Omega * rate
+    for j in range(p.windows.shape[0]):
+        bump, slope = window_at(p, j, phase, cycle)
+        for m in range(n):
+            w.k[0, m] *= 1.0 - p.window_k[j, m] * bump
+            w.error[0, m] -= p.window_d[j, m] * bump
+            w.error_rate[m] -= p.window_d[j, m] * slope
 
 
 @inlined
-def mesh_forces(p, w, y, phase):
+def window_at(p, j, phase, cycle):
+    """Height of event j at a phase, 1 at its middle and 0 outside, and its rate by tau."""
+    s = cycles_from_event(p.windows[j], phase, cycle)
+    width = p.windows[j, 2]
+    if abs(s) < 0.5 * width:
+        angle = TWO_PI * s / width
+        return 0.5 + 0.5 * np.cos(angle), -0.5 * p.Omega / width * np.sin(angle)
+    return 0.0, 0.0
+
+
+@inlined
+def hide_displacement(p, w, y, phase, cycle):
+    """Take effects' displacement and its rate off ``w.end`` and ``w.at``: what samples show."""
+    n = 4 * len(p.classes)
+    shift_by_own(p, y, -1.0, w.end, w.at)
+    for m in range(n):
+        w.end[m] -= p.d_mean[m]
+    for j in range(p.d_cos.shape[0]):
+        angle = angle_of(p.orders[j], phase, cycle)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
+        for m in range(n):
+            w.end[m] -= p.d_cos[j, m] * cos + p.d_sin[j, m] * sin
+            rate = p.d_sin[j, m] * cos - p.d_cos[j, m] * sin
+            w.at[m] -= p.orders[j] * p.Omega * rate
+    for j in range(p.windows.shape[0]):
+        bump, slope = window_at(p, j, phase, cycle)
+        for m in range(n):
+            w.end[m] -= p.window_d[j, m] * bump
+            w.at[m] -= p.window_d[j, m] * slope
+
+
+@inlined
+def shift_by_own(p, y, sign, x, v):
+    """Add, or take off, what further coordinates displace the meshes by, and its rate."""
+    s = p.seat.shape[0]
+    first = 4 + 4 * len(p.classes)
+    for j in range(s):
+        for m in range(x.size):
+            x[m] += sign * p.own_shift[j, m] * y[first + j]
+            v[m] += sign * p.own_shift[j, m] * y[first + s + j]
+
+
+@inlined
+def force_law(p, m, k, f, v):
+    """Force of mesh m for a deflection f beyond its play and a rate v, by ``Packed.law``."""
+    spring = f
+    damper = 1.0
+    if f != 0.0 and p.law[1, m] != 1.0:
+        spring = f * (abs(f) / p.law[0, m]) ** (p.law[1, m] - 1.0)
+    if p.law[2, m] != 0.0:
+        share = (abs(f) / p.law[4, m]) ** p.law[3, m] if f != 0.0 else 0.0
+        damper = 1.0 - p.law[2, m] + p.law[2, m] * share
+    return k * spring + p.damping[m] * damper * v
+
+
+@inlined
+def pitch_side(phase, turn):
+    """Turn of a flank from its pitch point at a phase, -0.5 to 0.5, and on which side it is.
+
+    A step, which begins there and takes part ``turn`` of a mesh cycle, never crosses the pitch
+    point: its middle tells the side.
+    """
+    start = phase / TWO_PI
+    middle = start + 0.5 * turn
+    whole = np.floor(middle + 0.5)
+    return start - whole, 1.0 if middle > whole else -1.0
+
+
+@inlined
+def hold_law(p, j, displacement, rate):
+    """Force of the spring of further coordinate j, by ``Packed.seat``."""
+    play = displacement
+    if p.seat[j, 3] != 0.0:
+        u = (displacement - p.seat[j, 2]) / p.seat[j, 3]
+        d = (-displacement - p.seat[j, 2]) / p.seat[j, 3]
+        rise = max(u, 0.0) + np.log1p(np.exp(-abs(u)))
+        play = p.seat[j, 3] * (rise - max(d, 0.0) - np.log1p(np.exp(-abs(d))))
+    return p.seat[j, 0] * play + p.seat[j, 1] * rate
+
+
+@inlined
+def push_own(p, w, y, phase, acceleration):
+    """Add what friction does and what further coordinates do to the accelerations (m + s,)."""
+    s = p.seat.shape[0]
+    m = 2 + 2 * len(p.classes)
+    n = w.force.size
+    if p.slide.shape[0] > 0:
+        start, side = pitch_side(phase, 0.0)
+        for a in range(n):
+            g = side * abs(w.force[a])
+            for k in range(m):
+                acceleration[k] += g * (p.slide[0, k, a] + start * p.slide[1, k, a])
+    for k in range(m + s):
+        if s > 0:
+            for a in range(n):
+                acceleration[k] -= p.own_force[k, a] * w.force[a]
+            for j in range(s):
+                hold = hold_law(p, j, y[2 * m + j], y[2 * m + s + j])
+                acceleration[k] -= p.own_hold[k, j] * hold
+
+
+@inlined
+def mesh_forces(p, w, y, phase, cycle):
     """Deflection, its rate and the force k f(x) + c v of all meshes at a phase (Eqs. 1, 4, 12).
 
     Leaves them in ``w.end``, ``w.at`` and ``w.force``, in the kernel's units.
     """
-    excite(p, w, phase)
+    excite(p, w, phase, cycle)
     m_coordinate = 2 + 2 * len(p.classes)
     deflections(p, y[:m_coordinate], w.end)
-    deflections(p, y[m_coordinate:], w.at)
+    deflections(p, y[m_coordinate : 2 * m_coordinate], w.at)
+    shift_by_own(p, y, 1.0, w.end, w.at)
     for m in range(4 * len(p.classes)):
         x = w.end[m] - w.error[0, m]
         v = w.at[m] - w.error_rate[m]
         f = x - p.b[m] if x > p.b[m] else (x + p.b[m] if x < -p.b[m] else 0.0)
         w.end[m] = x
         w.at[m] = v
-        w.force[m] = w.k[0, m] * f + p.damping[m] * v
+        if p.plain:
+            w.force[m] = w.k[0, m] * f + p.damping[m] * v
+        else:
+            w.force[m] = force_law(p, m, w.k[0, m], f, v)
 
 
 @inlined
 def right_hand_side(p, w, y, phase, cycle, dy):
     """dy/dtau of Eqs. (18), (22) at a phase; the kinks of f are in it."""
-    m_coordinate = 2 + 2 * len(p.classes)
-    mesh_forces(p, w, y, phase)
+    m = 2 + 2 * len(p.classes)
+    s = p.seat.shape[0]
+    mesh_forces(p, w, y, phase, cycle)
     control = p.K * np.cos(control_angle(p, phase, cycle))
-    for k in range(m_coordinate):
-        dy[k] = y[m_coordinate + k]
+    push = w.push
     for side in range(2):
-        dy[m_coordinate + side] = p.load_q[side] - control * p.control_q[side]
+        push[side] = p.load_q[side] - control * p.control_q[side]
         for i in range(len(p.classes)):
-            k = m_coordinate + 2 + side * len(p.classes) + i
-            dy[k] = p.load_r - control * p.control_r[side]
-    accelerate(p, w.force, dy[m_coordinate:])
+            push[2 + side * len(p.classes) + i] = p.load_r - control * p.control_r[side]
+    for j in range(s):
+        push[m + j] = 0.0
+    for j in range(p.load_orders.size):
+        angle = angle_of(p.load_orders[j], phase, cycle)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
+        for k in range(m + s):
+            push[k] += p.load_cos[j, k] * cos + p.load_sin[j, k] * sin
+    accelerate(p, w.force, push)
+    if not p.plain:
+        push_own(p, w, y, phase, push)
+    for k in range(m):
+        dy[k] = y[m + k]
+        dy[m + k] = push[k]
+    for j in range(s):
+        dy[2 * m + j] = y[2 * m + s + j]
+        dy[2 * m + s + j] = push[m + j]
 
 
 @compiled
-def rk4_step(p, w, y, phase, cycle, h):
-    """Advance y by h with the classical Runge-Kutta method of order 4, as the paper did."""
+def rk4_step(p, w, y, tangents, phase, cycle, h):
+    """Advance y by h with the classical Runge-Kutta method of order 4, as the paper did.
+
+    It steps over kinks, so there are no switches to return, and leaves tangents alone.
+    """
     half = 0.5 * h
     middle = phase + p.Omega * half
     right_hand_side(p, w, y, phase, cycle, w.rate[0])
@@ -126,3 +281,4 @@ def rk4_step(p, w, y, phase, cycle, h):
     for k in range(y.size):
         inner = w.rate[1, k] + w.rate[2, k]
         y[k] += h / 6.0 * (w.rate[0, k] + 2.0 * inner + w.rate[3, k])
+    return 0

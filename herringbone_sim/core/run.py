@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from herringbone_sim.core.packed import TWO_PI, compiled
-from herringbone_sim.core.right_hand_side import mesh_forces, rk4_step
+from herringbone_sim.core.any_step import any_step
+from herringbone_sim.core.packed import TWO_PI, compiled, embedded
+from herringbone_sim.core.right_hand_side import hide_displacement, mesh_forces, rk4_step
 from herringbone_sim.core.taylor import taylor_step
 
 LIMIT = 1e6
@@ -15,10 +18,11 @@ LIMIT = 1e6
 def write_row(p, w, y, phase, cycle, head, si, carrier, row):
     """One sample: head, then x, v, F of the meshes, then u of the bodies; returns max |x|.
 
+    ``w`` is as ``mesh_forces`` leaves it; x and v are shown without the displacement of effects.
     ``carrier (n_coordinate,)`` gives u_c, which all other bodies share: left and right see the
     same operations. The largest |x| is NaN when any is.
     """
-    mesh_forces(p, w, y, phase)
+    hide_displacement(p, w, y, phase, cycle)
     n = 4 * len(p.classes)
     for k in range(head.size):
         row[k] = head[k]
@@ -61,8 +65,9 @@ def orthonormalise(tangents, growth):
             tangents[i, k] /= norm
 
 
-@compiled
-def run(
+@embedded
+def sample(
+    step,
     p,
     w,
     y,
@@ -73,7 +78,6 @@ def run(
     omega_n,
     steps,
     stride,
-    rk4,
     head,
     si,
     carrier,
@@ -82,7 +86,8 @@ def run(
 ):
     """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
 
-    ``place`` is (cycle, index) and moves on. The run stops after the row that is out of range.
+    ``step`` is the method. ``place`` is (cycle, index) and moves on. The run stops after the row
+    that is out of range.
     """
     h = TWO_PI / (p.Omega * steps)
     dt = h / omega_n
@@ -90,17 +95,15 @@ def run(
     for i in range(rows.shape[0]):
         phase = TWO_PI * place[1] / steps
         head[0] = t
-        largest = write_row(p, w, y, phase, place[0], head, si, carrier, rows[i])
+        mesh_forces(p, w, y, phase, place[0])
         for m in range(contact.shape[0]):
             contact[m, 1 + (w.end[m] > p.b[m]) - (w.end[m] < -p.b[m])] += 1
+        largest = write_row(p, w, y, phase, place[0], head, si, carrier, rows[i])
         if not largest < LIMIT:
             return t, i + 1, switches
         for _ in range(stride):
             phase = TWO_PI * place[1] / steps
-            if rk4:
-                rk4_step(p, w, y, phase, place[0], h)
-            else:
-                switches += taylor_step(p, w, y, tangents, phase, place[0], h)
+            switches += step(p, w, y, tangents, phase, place[0], h)
             t += dt
             place[1] += 1
             if place[1] == steps:
@@ -110,18 +113,118 @@ def run(
     return t, rows.shape[0], switches
 
 
-@compiled
-def cross(p, w, y, tangents, cycle, cycles, steps, rk4):
+@embedded
+def over_cycles(step, p, w, y, tangents, cycle, cycles, steps):
     """Advance y and tangents (k, n_state) in place over whole mesh cycles; no samples.
 
     Tangents keep their length: those of the unit matrix become the monodromy matrix, transposed.
-    RK4 leaves them alone. Same steps as ``run``: the same state to the bit.
+    RK4 leaves them alone. Same steps as ``sample``: the same state to the bit.
     """
     h = TWO_PI / (p.Omega * steps)
     for c in range(cycle, cycle + cycles):
         for index in range(steps):
-            phase = TWO_PI * index / steps
-            if rk4:
-                rk4_step(p, w, y, phase, c, h)
-            else:
-                taylor_step(p, w, y, tangents, phase, c, h)
+            step(p, w, y, tangents, TWO_PI * index / steps, c, h)
+
+
+# Each method is compiled by itself, when it is first used.
+@compiled
+def run_plain(
+    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+):
+    """``sample`` of a gear that is plain, by series."""
+    return sample(
+        taylor_step,
+        p,
+        w,
+        y,
+        tangents,
+        growth,
+        place,
+        t,
+        omega_n,
+        steps,
+        stride,
+        head,
+        si,
+        carrier,
+        rows,
+        contact,
+    )
+
+
+@compiled
+def run_any(
+    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+):
+    """``sample`` of any gear, by series."""
+    return sample(
+        any_step,
+        p,
+        w,
+        y,
+        tangents,
+        growth,
+        place,
+        t,
+        omega_n,
+        steps,
+        stride,
+        head,
+        si,
+        carrier,
+        rows,
+        contact,
+    )
+
+
+@compiled
+def run_rk4(
+    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+):
+    """``sample`` by the classical Runge-Kutta method."""
+    return sample(
+        rk4_step,
+        p,
+        w,
+        y,
+        tangents,
+        growth,
+        place,
+        t,
+        omega_n,
+        steps,
+        stride,
+        head,
+        si,
+        carrier,
+        rows,
+        contact,
+    )
+
+
+@compiled
+def cross_plain(p, w, y, tangents, cycle, cycles, steps):
+    """``over_cycles`` of a gear that is plain, by series."""
+    over_cycles(taylor_step, p, w, y, tangents, cycle, cycles, steps)
+
+
+@compiled
+def cross_any(p, w, y, tangents, cycle, cycles, steps):
+    """``over_cycles`` of any gear, by series."""
+    over_cycles(any_step, p, w, y, tangents, cycle, cycles, steps)
+
+
+@compiled
+def cross_rk4(p, w, y, tangents, cycle, cycles, steps):
+    """``over_cycles`` by the classical Runge-Kutta method."""
+    over_cycles(rk4_step, p, w, y, tangents, cycle, cycles, steps)
+
+
+def runner(method: str, plain: bool) -> Any:
+    """The compiled ``sample`` for a method and a kind of gear."""
+    return run_rk4 if method == "rk4" else run_plain if plain else run_any
+
+
+def crosser(method: str, plain: bool) -> Any:
+    """The compiled ``over_cycles`` for a method and a kind of gear."""
+    return cross_rk4 if method == "rk4" else cross_plain if plain else cross_any

@@ -9,8 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.packed import inlined
-from herringbone_sim.core.right_hand_side import accelerate, control_angle
+from herringbone_sim.core.packed import TWO_PI, inlined
+from herringbone_sim.core.right_hand_side import (
+    accelerate,
+    angle_of,
+    control_angle,
+    cycles_from_event,
+)
 
 
 @inlined
@@ -25,15 +30,42 @@ def expand_excitation(p, w, phase, cycle, h):
         for m in range(n):
             w.k[i, m] = 0.0
             w.error[i, m] = 0.0
-    harmonics = max(p.k_cos.shape[0], p.e_cos.shape[0])
-    for j in range(harmonics):
-        expand_harmonic(w, (j + 1) * phase, (j + 1) * p.Omega * h)
+    for j in range(p.orders.size):
+        expand_harmonic(w, angle_of(p.orders[j], phase, cycle), p.orders[j] * p.Omega * h)
         for four in range(len(p.classes)):
-            if j < p.k_cos.shape[0]:
-                add_harmonic(w, w.k, p.k_cos[j], p.k_sin[j], 4 * four)
-            if j < p.e_cos.shape[0]:
-                add_harmonic(w, w.error, p.e_cos[j], p.e_sin[j], 4 * four)
+            add_harmonic(w, w.k, p.k_cos[j], p.k_sin[j], 4 * four)
+            add_harmonic(w, w.error, p.e_cos[j], p.e_sin[j], 4 * four)
+    for j in range(p.windows.shape[0]):
+        expand_window(p, w, j, phase, cycle, h)
     expand_load(p, w, phase, cycle, h)
+
+
+@inlined
+def expand_window(p, w, j, phase, cycle, h):
+    """Apply event j to the series of k and e, if the step, which never crosses an edge, is in it.
+
+    The event is a raised cosine, 0.5 + 0.5 cos(2 pi s / width), of the mesh cycles s from its
+    middle.
+    """
+    width = p.windows[j, 2]
+    s = cycles_from_event(p.windows[j], phase, cycle)
+    turn = p.Omega * h
+    if abs(s + 0.5 * turn / TWO_PI) < 0.5 * width:
+        expand_harmonic(w, TWO_PI * s / width, turn / width)
+        for i in range(w.cos.size):
+            w.cos[i] *= 0.5
+        w.cos[0] += 0.5
+        for m in range(4 * len(p.classes)):
+            if p.window_k[j, m] != 0.0:
+                for i in range(w.cos.size):
+                    w.product[i] = w.k[i, m]
+                    for k in range(i + 1):
+                        w.product[i] -= p.window_k[j, m] * w.cos[k] * w.k[i - k, m]
+                for i in range(w.cos.size):
+                    w.k[i, m] = w.product[i]
+            if p.window_d[j, m] != 0.0:
+                for i in range(w.cos.size):
+                    w.error[i, m] -= p.window_d[j, m] * w.cos[i]
 
 
 @inlined
@@ -70,20 +102,28 @@ def add_harmonic(w, out, in_cos, in_sin, m):
 @inlined
 def expand_load(p, w, phase, cycle, h):
     """Series of the torques and of the control K cos(order * phase + control_phase), Eq. (20)."""
-    order = w.load.shape[0] - 1
+    last = w.load.shape[0] - 1
     c = len(p.classes)
     if p.K != 0.0:
         expand_harmonic(w, control_angle(p, phase, cycle), p.control_order * p.Omega * h)
-        for i in range(order + 1):
+        for i in range(last + 1):
+            for k in range(2 + 2 * c, w.load.shape[1]):
+                w.load[i, k] = 0.0
             control = p.K * w.cos[i]
             for side in range(2):
                 w.load[i, side] = -control * p.control_q[side]
                 for k in range(c):
                     w.load[i, 2 + side * c + k] = -control * p.control_r[side]
     else:
-        for i in range(order + 1):
-            for k in range(2 + 2 * c):
+        for i in range(last + 1):
+            for k in range(w.load.shape[1]):
                 w.load[i, k] = 0.0
+    for j in range(p.load_orders.size):
+        order = p.load_orders[j]
+        expand_harmonic(w, angle_of(order, phase, cycle), order * p.Omega * h)
+        for i in range(w.cos.size):
+            for k in range(w.load.shape[1]):
+                w.load[i, k] += p.load_cos[j, k] * w.cos[i] + p.load_sin[j, k] * w.sin[i]
     for side in range(2):
         w.load[0, side] += p.load_q[side]
         for k in range(c):

@@ -6,7 +6,8 @@ are never stepped over, so the order holds (measured in ``test/test_integrate.py
 
 from __future__ import annotations
 
-from herringbone_sim.core.packed import compiled, inlined
+from herringbone_sim.core.packed import TWO_PI, compiled, inlined
+from herringbone_sim.core.right_hand_side import cycles_to_edge
 from herringbone_sim.core.series import expand_excitation, expand_motion
 from herringbone_sim.core.switching import next_switch, polynomial, set_contact
 
@@ -50,6 +51,15 @@ def move_tangents(p, w, tangents, h, s):
         w.contact[m], w.now[m] = w.now[m], w.contact[m]
 
 
+@inlined
+def up_to_edge(p, phase, cycle, left):
+    """What is left of a step, or as much of it as lies before the next edge of an event."""
+    part = left
+    for j in range(p.windows.shape[0]):
+        part = min(part, cycles_to_edge(p.windows[j], phase, cycle) * TWO_PI / p.Omega)
+    return part
+
+
 @compiled
 def taylor_step(p, w, y, tangents, phase, cycle, h):
     """Advance y, and tangents (k, n_state) if any, by h; returns the switches passed.
@@ -60,20 +70,27 @@ def taylor_step(p, w, y, tangents, phase, cycle, h):
     left = h
     at = phase
     switches = 0
+    begins = True
     while True:
-        expand_excitation(p, w, at, cycle, left)
-        if switches == 0:
+        part = up_to_edge(p, at, cycle, left)
+        expand_excitation(p, w, at, cycle, part)
+        if begins:
             set_contact(p, w, y)
-        expand_motion(p, w, y, left, w.error, w.load, 1.0)
+            begins = False
+        expand_motion(p, w, y, part, w.error, w.load, 1.0)
         for m in range(4 * len(p.classes)):
             w.now[m] = w.contact[m]
         s = next_switch(p, w) if switches < MAX_SUBSTEPS else 2.0
         if s >= 1.0:
             take_end(w, y)
-            move_tangents(p, w, tangents, left, 1.0)
-            return switches
-        take_state(w, y, s)
-        move_tangents(p, w, tangents, left, s)
-        at += p.Omega * left * s
-        left -= left * s
-        switches += 1
+            move_tangents(p, w, tangents, part, 1.0)
+            if part == left:
+                return switches
+            at += p.Omega * part
+            left -= part
+        else:
+            take_state(w, y, s)
+            move_tangents(p, w, tangents, part, s)
+            at += p.Omega * part * s
+            left -= part * s
+            switches += 1

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.errors import AnalysisError, listed, shown
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class TimeSeries:
             )
         if len(set(self.names)) != len(self.names):
             twice = sorted({name for name in self.names if self.names.count(name) > 1})
-            raise AnalysisError(f"channel names must be unique, got twice: {', '.join(twice)}")
+            raise AnalysisError(f"channel names must be unique, got twice: {listed(twice)}")
         steps = np.diff(self.times)
         if steps.size and not np.all(steps > 0):
             at = int(np.argmax(~(steps > 0)))
@@ -57,7 +57,7 @@ class TimeSeries:
         try:
             return self.data[:, self.names.index(name)]
         except ValueError:
-            raise KeyError(f"no channel {name!r}; there are {', '.join(self.names)}") from None
+            raise KeyError(f"no channel {shown(name)}; there are {listed(self.names)}") from None
 
     def rows(self, start: int, stop: int) -> TimeSeries:
         """Samples start (included) to stop (excluded), as views."""

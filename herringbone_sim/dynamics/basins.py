@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from herringbone_sim.analysis.periods import TOLERANCE
 from herringbone_sim.core.batch import run_batch
-from herringbone_sim.core.model import Model, state
+from herringbone_sim.core.model import Model, initial_state, state
 from herringbone_sim.dynamics.attractors import Attractor, Exchange, attractor_of, recognise
 from herringbone_sim.dynamics.flow import symmetry
 
@@ -122,7 +122,15 @@ def random_starts(model: Model, n: int, rng: np.random.Generator, reach: float =
     """(n, n_state) states with all x and v of the meshes even in -reach .. reach, left and right
     each on its own; x in b_c, v in b_c omega_n."""
     x, v = rng.uniform(-reach, reach, (2, n, model.layout.n_mesh))
-    return np.array([state(model, *one, 0.0) for one in zip(x, v, strict=True)])
+    return np.array([state_at(model, *one) for one in zip(x, v, strict=True)])
+
+
+def state_at(model: Model, x: Array, v: Array) -> Array:
+    """State (n_state,) at phase 0 by x and v (n_mesh,) of the meshes; own states of effects are
+    as in the initial state."""
+    y = initial_state(model)
+    y[: model.layout.n_state] = state(model, x, v, 0.0)
+    return y
 
 
 def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array]:
@@ -136,7 +144,7 @@ def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array
     c, m = model.layout.n_classes, model.layout.n_mesh
     side = np.tile(np.repeat([0.5, -0.5], c), 2)
     starts = [
-        state(model, shared + difference * side, np.zeros(m), 0.0)
+        state_at(model, shared + difference * side, np.zeros(m))
         for difference in axis
         for shared in axis
     ]

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.analysis.lyapunov import LONGEST, Exponent, largest_exponent
-from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.analysis.periods import MIN_REPEATS, find_period
 from herringbone_sim.analysis.zero_one import ZeroOne, zero_one_test
 from herringbone_sim.core.model import Model, jacobian
 from herringbone_sim.dynamics.attractors import Attractor
-from herringbone_sim.dynamics.flow import GearFlow, settle, symmetry
+from herringbone_sim.dynamics.flow import GearFlow, effect_cycles, settle, symmetry
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
 from herringbone_sim.dynamics.transverse import SymmetricGrowth, symmetric_exponents
@@ -36,7 +36,8 @@ class Opinions:
         two_trajectories: (m, 2) largest exponent and its error at each of them.
         symmetric: within left-right symmetry and across it; None for a motion without it.
         section: (cycles, n) states at phase 0.
-        series: largest exponent by fits to that section alone, per period.
+        longest: period that is looked for in it, mesh cycles.
+        series: largest exponent by fits to that section alone, per mesh cycle.
         zero_one: 0-1 test of its first coordinate.
     """
 
@@ -46,6 +47,7 @@ class Opinions:
     two_trajectories: Array
     symmetric: SymmetricGrowth | None
     section: Array
+    longest: int
     series: Exponent
     zero_one: ZeroOne
 
@@ -53,10 +55,10 @@ class Opinions:
     def motion(self) -> str:
         """Kind of the motion in words; of a symmetric one, whether left and right stay alike."""
         if self.symmetric is None:
-            return kind_of(self.section, self.spectrum)
+            return kind_of(self.section, self.spectrum, self.longest)
         lasts = not _positive(self.symmetric.transverse)
         words = "left = right" if lasts else "left = right, transversally unstable"
-        return f"{kind_of(self.section, self.symmetric.within)}, {words}"
+        return f"{kind_of(self.section, self.symmetric.within, self.longest)}, {words}"
 
 
 def all_opinions(
@@ -69,9 +71,9 @@ def all_opinions(
     """Every method on the motion from the initial state on.
 
     Args:
-        model: see ``core.model.build``.
-        cycles: periods that each method averages over.
-        transient: periods left out before.
+        model: see ``effects.assemble``.
+        cycles: mesh cycles that each method averages over.
+        transient: mesh cycles left out before.
         seed: of the frequencies of the 0-1 test and the resampling of the recorded series.
         step: hears the name of each method before it runs.
 
@@ -79,19 +81,20 @@ def all_opinions(
         DivergenceError: the motion left the range of any gear.
         AnalysisError: too few cycles for a method.
     """
-    flow, exchange, rng = GearFlow(model), symmetry(model), np.random.default_rng(seed)
+    flow, exchange, rng = GearFlow(model, 1), symmetry(model), np.random.default_rng(seed)
     step("transient")
     y = settle(flow, flow.start(), transient)
     step("spectrum")
-    spectrum = lyapunov_spectrum(flow, y, cycles, TURNING)
+    spectrum = lyapunov_spectrum(flow, y, cycles, TURNING, at=transient)
     step("two trajectories")
-    pairs = over_distances(flow, y, DISTANCES, cycles, TURNING)
+    pairs = over_distances(flow, y, DISTANCES, cycles, TURNING, at=transient)
     step("left and right")
     symmetric = None
     if exchange is not None and np.array_equal(y, y[exchange]):
-        symmetric = symmetric_exponents(flow, y, exchange, cycles, TURNING, flow.n // 2)
+        half = flow.n // 2
+        symmetric = symmetric_exponents(flow, y, exchange, cycles, TURNING, half, transient)
     step("recorded series")
-    section = section_of(flow, y, cycles)
+    section = section_of(flow, y, cycles, transient)
     return Opinions(
         spectrum=spectrum,
         divergence=float(np.trace(jacobian(model, y, 0.0))),
@@ -99,22 +102,25 @@ def all_opinions(
         two_trajectories=pairs,
         symmetric=symmetric,
         section=section,
+        longest=LONGEST * effect_cycles(model),
         series=largest_exponent(section, rng),
         zero_one=zero_one_test(section[:, 0], rng),
     )
 
 
-def section_of(flow: GearFlow, y: Array, periods: int) -> Array:
-    """States (periods, n) at phase 0, from y on."""
-    points, none = np.empty((periods, flow.n)), np.zeros((0, flow.n))
-    for point in points:
+def section_of(flow: GearFlow, y: Array, cycles: int, at: int = 0) -> Array:
+    """States (cycles, n) at phase 0, from y on, when ``at`` mesh cycles have passed."""
+    points, none = np.empty((cycles, flow.n)), np.zeros((0, flow.n))
+    for i, point in enumerate(points):
         point[:] = y
-        y, _ = flow.advance(y, none)
+        y, _ = flow.advance(y, none, at + i)
     return points
 
 
-def kind_of(section: Array, spectrum: Growth) -> str:
+def kind_of(section: Array, spectrum: Growth, longest: int = LONGEST) -> str:
     """``P2``, ``quasi-periodic``, ``chaotic``, or ``hyperchaotic`` (two positive exponents).
+
+    Periods are in mesh cycles; up to ``longest`` of them are looked for.
 
     An exponent is told from zero from 4 standard errors and 5e-4 on. A motion that does not
     repeat and has no positive one is quasi-periodic when the largest is zero, and ``a long
@@ -123,24 +129,29 @@ def kind_of(section: Array, spectrum: Growth) -> str:
     positive = _positive(spectrum)
     if positive:
         return "chaotic" if positive == 1 else "hyperchaotic"
-    period = find_period(section, max_period=LONGEST).value
+    period = find_period(section, max_period=longest).value
     if period:
         return f"P{period}"
     return "a long period" if spectrum.exponents[0] < -_floor(spectrum)[0] else "quasi-periodic"
 
 
 def identify(
-    model: Model, attractor: Attractor, periods: int = 1000, transient: int = 200
+    model: Model, attractor: Attractor, cycles: int = 1000, transient: int = 200, at: int = 0
 ) -> tuple[str, Growth]:
     """Kind of the motion on an attractor as ``kind_of``, and growth of two perturbations.
 
     A symmetric motion is named by the perturbations that keep it so.
+
+    Args:
+        at: mesh cycles that had passed at the last of its points.
     """
-    flow, exchange, y = GearFlow(model), symmetry(model), attractor.points[-1]
-    whole = growth = lyapunov_spectrum(flow, y, periods, transient, k=2)
+    flow, exchange, y = GearFlow(model, 1), symmetry(model), attractor.points[-1]
+    whole = growth = lyapunov_spectrum(flow, y, cycles, transient, k=2, at=at)
     if exchange is not None and np.array_equal(y, y[exchange]):
-        growth = symmetric_exponents(flow, y, exchange, periods, transient, k=2).within
-    return kind_of(section_of(flow, whole.end, 5 * LONGEST), growth), whole
+        growth = symmetric_exponents(flow, y, exchange, cycles, transient, k=2, at=at).within
+    longest = max(LONGEST, 2 * effect_cycles(model))
+    section = section_of(flow, whole.end, MIN_REPEATS * longest, at + transient + cycles)
+    return kind_of(section, growth, longest), whole
 
 
 def _positive(growth: Growth) -> int:

@@ -18,7 +18,12 @@ Array = NDArray[np.float64]
 
 
 def lyapunov_spectrum(
-    flow: Flow, y: Array, periods: int = 1000, transient: int = 200, k: int | None = None
+    flow: Flow,
+    y: Array,
+    periods: int = 1000,
+    transient: int = 200,
+    k: int | None = None,
+    at: int = 0,
 ) -> Growth:
     """The k largest exponents of the motion from y on; all n by default.
 
@@ -28,6 +33,7 @@ def lyapunov_spectrum(
         periods: averaged over.
         transient: periods in which the vectors turn into their directions, left out.
         k: exponents wanted, 1 .. n.
+        at: periods that have passed before y, see ``Flow``.
 
     Raises:
         AnalysisError: k out of range.
@@ -39,15 +45,15 @@ def lyapunov_spectrum(
     frame, _ = orthonormalised(np.random.default_rng(0).normal(size=(k, flow.n)))
     logarithms = np.empty((periods, k))
     for i in range(-transient, periods):
-        y, frame, growth = grow(flow, y, frame)
+        y, frame, growth = grow(flow, y, frame, at + transient + i)
         if i >= 0:
             logarithms[i] = growth
     return descending(logarithms, flow.period, y)
 
 
-def grow(flow: Flow, y: Array, frame: Array) -> tuple[Array, Array, Array]:
+def grow(flow: Flow, y: Array, frame: Array, at: int = 0) -> tuple[Array, Array, Array]:
     """State (n,), orthonormal frame (k, n) and logarithms of its growth (k,) a period later."""
-    y, tangents = flow.advance(y, frame)
+    y, tangents = flow.advance(y, frame, at)
     frame, lengths = orthonormalised(tangents)
     with np.errstate(divide="ignore"):
         return y, frame, np.log(lengths)

@@ -48,17 +48,18 @@ class Survival:
         return np.array([[c / self.starts, *wilson(int(c), self.starts)] for c in self.counts])
 
 
-def survival(model: Model, sections_of: Sections, starts: Array) -> Survival:
+def survival(model: Model, sections_of: Sections, starts: Array, at: int = 0) -> Survival:
     """Fate of the starts and stability of the motion from rest, that is from the initial state.
 
     Args:
         model: see ``core.model.build``.
         sections_of: see ``basins.explore``.
         starts: (n_starts, n_state) states.
+        at: mesh cycles that have passed at the last point of a section.
     """
     rest = initial_state(model)
     found = explore(sections_of, np.vstack([rest, starts]), symmetry(model))
-    kinds = [identify(model, one, PERIODS, TURNING)[0] for one in found.attractors]
+    kinds = [identify(model, one, PERIODS, TURNING, at)[0] for one in found.attractors]
     first, labels = found.labels[0], found.labels[1:]
     fates = [
         _fate(i == first, kind, one)
@@ -79,13 +80,13 @@ def _fate(from_rest: bool, kind: str, attractor: Attractor) -> int:
 
 
 def _stability(model: Model, y: Array) -> tuple[Array, Array]:
-    flow, exchange = GearFlow(model), symmetry(model)
+    flow, exchange = GearFlow(model, 1), symmetry(model)
     none = np.full(2, np.nan)
     if exchange is None:
         return none, none
     try:
         y = settle(flow, y, SETTLING)
-        found = symmetric_exponents(flow, y, exchange, PERIODS, TURNING)
+        found = symmetric_exponents(flow, y, exchange, PERIODS, TURNING, at=SETTLING)
     except (AnalysisError, DivergenceError):
         return none, none
     pairs = [

@@ -43,6 +43,7 @@ def symmetric_exponents(
     periods: int = 1000,
     transient: int = 200,
     k: int = 1,
+    at: int = 0,
 ) -> SymmetricGrowth:
     """The k largest exponents within the symmetry and across it.
 
@@ -53,6 +54,7 @@ def symmetric_exponents(
         periods: averaged over.
         transient: periods left out before.
         k: exponents of each kind.
+        at: periods that have passed before y, see ``Flow``.
 
     Raises:
         AnalysisError: the state is not symmetric, or the flow does not keep it so.
@@ -63,7 +65,7 @@ def symmetric_exponents(
     logarithms = np.empty((periods, 2 * k))
     for i in range(-transient, periods):
         _check(y, exchange)
-        y, tangents = flow.advance(y, frames)
+        y, tangents = flow.advance(y, frames, at + transient + i)
         frames, lengths = _split(tangents, exchange)
         if i >= 0:
             with np.errstate(divide="ignore"):

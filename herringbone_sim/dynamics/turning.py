@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.integrate import State, Stepper
-from herringbone_sim.core.model import build, relative
+from herringbone_sim.core.model import Model, relative
+from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.dynamics.flow import Flow, GearFlow
 from herringbone_sim.dynamics.orbits import is_symmetric
+from herringbone_sim.effects.assemble import changed
 from herringbone_sim.errors import AnalysisError
 
 Array = NDArray[np.float64]
@@ -91,12 +93,38 @@ def _passes(heights: Array, level: float) -> int:
 
 
 def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
-    """Displacements and rates (samples, n_mesh) over the orbit, dimensionless."""
-    model = build(flow.model.parameters.changed({"samples_per_cycle": SAMPLES}))
+    """Deflections and rates (samples, n_mesh) over the orbit, dimensionless."""
+    p = flow.model.parameters.changed({"samples_per_cycle": SAMPLES})
+    model = changed(flow.model, p)
     stepper, n, s = Stepper(model), model.layout.n_mesh, model.scales
-    rows = []
-    for y in points:
+    count = SAMPLES * flow.cycles
+    added, rate = displacement(model, np.arange(count) / SAMPLES)
+    x, v = np.empty((2, len(points), count, n))
+    for i, y in enumerate(points):
         state = State(y, 0, 0, 0.0, np.zeros((0, len(y))), np.zeros(0))
-        rows.append(stepper.advance(state, SAMPLES * flow.cycles).rows)
-    whole = np.concatenate(rows)
-    return whole[:, 5 : 5 + n] / s.b_c, whole[:, 5 + n : 5 + 2 * n] / s.velocity_m_per_s
+        rows = stepper.advance(state, count).rows
+        x[i] = rows[:, 5 : 5 + n] / s.b_c + added
+        v[i] = rows[:, 5 + n : 5 + 2 * n] / s.velocity_m_per_s + rate
+    return x.reshape(-1, n), v.reshape(-1, n)
+
+
+def displacement(model: Model, cycles: Array) -> tuple[Array, Array]:
+    """What effects add to the deflections, and samples do not show: d and dd/dtau (k, n_mesh).
+
+    Args:
+        cycles: (k,) mesh cycles since phase 0.
+    """
+    p = model.packed
+    d = np.tile(p.d_mean, (len(cycles), 1))
+    rate = np.zeros_like(d)
+    for order, cos, sin in zip(p.orders, p.d_cos, p.d_sin, strict=False):
+        angle = TWO_PI * np.mod(order * cycles, 1.0)[:, None]
+        d += cos * np.cos(angle) + sin * np.sin(angle)
+        rate += order * p.Omega * (sin * np.cos(angle) - cos * np.sin(angle))
+    for (period, middle, width), height in zip(p.windows, p.window_d, strict=True):
+        s = (np.mod(cycles - middle + 0.5 * period, period) - 0.5 * period)[:, None]
+        inside = np.abs(s) < 0.5 * width
+        angle = TWO_PI * s / width
+        d += height * inside * (0.5 + 0.5 * np.cos(angle))
+        rate -= height * inside * 0.5 * p.Omega / width * np.sin(angle)
+    return d, rate

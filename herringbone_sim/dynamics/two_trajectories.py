@@ -31,6 +31,7 @@ def two_trajectory_exponent(
     distance: float = DISTANCE,
     every: int = 1,
     direction: Array | None = None,
+    at: int = 0,
 ) -> Growth:
     """Largest exponent of the motion from y on.
 
@@ -43,6 +44,7 @@ def two_trajectory_exponent(
         every: periods between two renormalisations.
         direction: (n,) of the first distance; a random one by default. One that keeps a symmetry
             of the flow sees the exponent within it.
+        at: periods that have passed before y, see ``Flow``.
 
     Raises:
         AnalysisError: the distance is not positive, or the two trajectories became one.
@@ -50,8 +52,8 @@ def two_trajectory_exponent(
     """
     if not distance > 0.0:
         raise AnalysisError(f"distance must be positive, got {distance}: try {DISTANCE:g}")
-    path = _path(flow, y, (transient + periods) // every, every)
-    logarithms = _growth(flow, path, distance, every, direction)[transient // every :]
+    path = _path(flow, y, (transient + periods) // every, every, at)
+    logarithms = _growth(flow, path, distance, every, direction, at)[transient // every :]
     return Growth(logarithms[:, None], every * flow.period, path[-1])
 
 
@@ -61,13 +63,14 @@ def over_distances(
     distances: Sequence[float] = DISTANCES,
     periods: int = 400,
     transient: int = 100,
+    at: int = 0,
 ) -> Array:
     """Exponent and standard error (m, 2) at each distance; NaN where the two became one."""
     found = np.full((len(distances), 2), np.nan)
-    path = _path(flow, y, transient + periods)
+    path = _path(flow, y, transient + periods, at=at)
     for i, distance in enumerate(distances):
         try:
-            logarithms = _growth(flow, path, distance)[transient:]
+            logarithms = _growth(flow, path, distance, at=at)[transient:]
         except AnalysisError:
             continue
         growth = Growth(logarithms[:, None], flow.period, path[-1])
@@ -75,16 +78,21 @@ def over_distances(
     return found
 
 
-def _path(flow: Flow, y: Array, steps: int, every: int = 1) -> Array:
+def _path(flow: Flow, y: Array, steps: int, every: int = 1, at: int = 0) -> Array:
     """States (steps + 1, n) of the first trajectory, so many periods apart."""
     path = [y]
-    for _ in range(steps):
-        path.append(settle(flow, path[-1], every))
+    for i in range(steps):
+        path.append(settle(flow, path[-1], every, at + i * every))
     return np.array(path)
 
 
 def _growth(
-    flow: Flow, path: Array, distance: float, every: int = 1, direction: Array | None = None
+    flow: Flow,
+    path: Array,
+    distance: float,
+    every: int = 1,
+    direction: Array | None = None,
+    at: int = 0,
 ) -> Array:
     """Logarithmic growth (steps,) of the distance of the second trajectory between states."""
     apart = np.random.default_rng(0).normal(size=flow.n) if direction is None else direction
@@ -93,7 +101,7 @@ def _growth(
     for i, (y, ahead) in enumerate(pairwise(path)):
         other = y + apart
         start = float(np.linalg.norm(other - y))  # rounded: not quite the distance asked for
-        apart = settle(flow, other, every) - ahead
+        apart = settle(flow, other, every, at + i * every) - ahead
         length = float(np.linalg.norm(apart))
         if not min(start, length) > 0.0:
             raise AnalysisError(

@@ -10,7 +10,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.effect import Active, Option
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, listed
 
 Array = NDArray[np.float64]
 CHANNELS = Option("channels", "channels concerned: names, or x, v, F of the locus", ("F",))
@@ -36,8 +36,8 @@ def channels_of(series: TimeSeries, one: Active) -> tuple[str, ...]:
     missing = [name for name in named if name not in series]
     if missing:
         raise ParameterError(
-            f"{one.effect.id} concerns {', '.join(missing)}, the recording has "
-            f"{', '.join(series.names)}: name channels that it has"
+            f"{one.effect.id} concerns {listed(missing)}, the recording has "
+            f"{listed(series.names)}: name channels that it has"
         )
     return named
 

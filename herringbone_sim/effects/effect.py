@@ -13,7 +13,8 @@ from herringbone_sim.core.layout import KINDS, SIDES, Layout
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.law import no_drive, no_excite, no_react
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.effects.slots import Slots
+from herringbone_sim.errors import ParameterError, listed, shown
 
 Array = NDArray[np.float64]
 Options = Mapping[str, Any]
@@ -72,8 +73,8 @@ class Locus:
         ):
             if value not in (*known, "all"):
                 raise ParameterError(
-                    f"{name} of a locus must be one of {', '.join((*known, 'all'))}, "
-                    f"got {value!r}: name meshes of the gear (model: full tells planets apart)"
+                    f"{name} of a locus must be one of {', '.join((*known, 'all'))}, got "
+                    f"{shown(value)}: name meshes of the gear (model: full tells planets apart)"
                 )
         chosen = [
             float(
@@ -90,6 +91,7 @@ class Locus:
 
 ALL = Locus()
 Place = Callable[[Model, Array, Options], Array]
+Fill = Callable[[Slots, tuple[float, ...], Array, Options], None]
 Distort = Callable[[Array, TimeSeries, tuple[str, ...]], TimeSeries]
 
 
@@ -112,6 +114,8 @@ class Effect:
         loci: patterns of where it may sit, as (mesh, planet, side): each part a name, ``all`` for
             all together, or ``*`` for every single one in turn.
         options: choices beside the parameters.
+        fill: (slots, theta, mask (n_mesh,), options) writes the effect into the slots of the gear,
+            see ``effects.slots``; None for one whose laws no slot holds.
         place: rows ``site`` (rows, n_mesh) from the model, the mask of the locus and the options.
         excite, react, drive: compiled, see ``effects.law``.
         states: (model) -> number of states of its own.
@@ -126,6 +130,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     loci: tuple[tuple[str, str, str], ...] = (("all", "all", "all"),)
     options: tuple[Option, ...] = ()
+    fill: Fill | None = None
     place: Place = plain_place
     excite: Any = no_excite
     react: Any = no_react
@@ -215,18 +220,18 @@ def active(
     if values:
         known = [*(p.name for p in effect.parameters), *(o.name for o in effect.options)]
         raise ParameterError(
-            f"{effect.id} has no {', '.join(sorted(values))}; it has {', '.join(known)}"
+            f"{effect.id} has no {listed(sorted(map(str, values)))}; it has {', '.join(known)}"
         )
     return Active(effect, theta, locus, tuple(options.items()))
 
 
 def _number(effect: Effect, p: Parameter, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ParameterError(f"{p.name} of {effect.id} must be a number, got {value!r}")
+        raise ParameterError(f"{p.name} of {effect.id} must be a number, got {shown(value)}")
     if value != p.neutral and not p.low <= value <= p.high:
         raise ParameterError(
             f"{p.name} [{p.unit}] of {effect.id} must lie in {p.low:g} .. {p.high:g}, "
-            f"got {value!r}: choose a value inside"
+            f"got {shown(value)}: choose a value inside"
         )
     return float(value)
 
@@ -235,6 +240,6 @@ def _choice(effect: Effect, option: Option, value: Any) -> Any:
     value = tuple(value) if isinstance(value, list) else value
     if option.choices and value not in option.choices:
         raise ParameterError(
-            f"{option.name} of {effect.id} must be one of {option.choices}, got {value!r}"
+            f"{option.name} of {effect.id} must be one of {option.choices}, got {shown(value)}"
         )
     return value

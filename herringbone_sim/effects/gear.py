@@ -127,7 +127,7 @@ def _pointer(function: Any, signature: Any) -> Any:
 
 def gear_table(model: Model) -> Array:
     """(4 + 4 orders, n_mesh): mean k, c, b', mean e, then cosine and sine of k and e by order."""
-    p, s = model.packed, model.scales
+    p, s = model.bare, model.scales
     stiff = s.omega_n**2 / s.projection
     orders = max(len(p.k_cos), len(p.e_cos))
     table = np.zeros((4 + 4 * orders, model.layout.n_mesh))

@@ -15,7 +15,7 @@ from types import ModuleType
 
 from herringbone_sim.effects import catalogue
 from herringbone_sim.effects.effect import Effect
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, shown
 
 GROUP = "herringbone_sim.effects"
 VARIABLE = "HERRINGBONE_EFFECTS"
@@ -39,7 +39,7 @@ def effect(name: str) -> Effect:
     known = effects()
     if name not in known:
         raise ParameterError(
-            f"no effect {name!r}; there are {', '.join(known)}; own ones are files listed in "
+            f"no effect {shown(name)}; there are {', '.join(known)}; own ones are files listed in "
             f"{VARIABLE}"
         )
     return known[name]

@@ -20,6 +20,7 @@ from herringbone_sim.core import integrate
 from herringbone_sim.core.integrate import Block, State, Stepper, carrier_row
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.assemble import acting, assemble, in_slots, own_coordinates
 from herringbone_sim.effects.channels import distort
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
@@ -105,6 +106,15 @@ class EffectStepper:
         fastest = np.abs(np.linalg.eigvals((slopes[1:] - slopes[0]) / DEFLECTION_M)).max()
         return float(fastest / self.model.scales.omega_n)
 
+    @property
+    def compiled(self) -> bool:
+        """Whether this process has the kernel of gears with laws of their own ready."""
+        return bool(getattr(run, "signatures", True))
+
+    def alike(self, other: object) -> bool:
+        """Whether another stepper runs on the same kernel."""
+        return isinstance(other, EffectStepper)
+
     def start(self, tangents: int = 0) -> State:
         """Initial state, effects' own states at rest, with a second trajectory or without.
 
@@ -179,14 +189,10 @@ Machine = Stepper | EffectStepper
 
 
 def stepper(model: Model, actives: Sequence[Active]) -> Machine:
-    """The stepper of a gear: that of the core where no effect acts on the machine."""
-    acting = [one for one in actives if one.effect.level != "sensor"]
-    return EffectStepper(model, acting) if acting else Stepper(model)
-
-
-def compiled() -> bool:
-    """Whether this process has the kernel of gears with effects ready."""
-    return bool(getattr(run, "signatures", True))
+    """The stepper of a gear: that of the core where its slots hold all effects."""
+    if in_slots(actives):
+        return Stepper(assemble(model, actives))
+    return EffectStepper(model, acting(actives))
 
 
 def change(old: Machine, new: Machine, state: State) -> State:
@@ -198,29 +204,46 @@ def change(old: Machine, new: Machine, state: State) -> State:
     """
     n = old.model.layout.n_state
     moved = integrate.change(old.model, new.model, replace(state, y=state.y[:n]))
-    before = _own(old, state.y[n:])
-    at_rest = np.zeros(new.laws.n_own if isinstance(new, EffectStepper) else 0)
-    for key, values in _own(new, at_rest).items():
-        if key in before and before[key].shape == values.shape:
-            values[:] = before[key]
-    y = np.concatenate([moved.y, at_rest])
+    before = _own(old, state.y)
+    y = np.concatenate([moved.y, new.start().y[n:]])
+    for key, (indices, unit) in _own_places(new).items():
+        if key in before and before[key].shape == indices.shape:
+            y[indices] = before[key] / unit
     if not len(state.tangents):
         return replace(moved, y=y, tangents=np.zeros((0, y.size)))
     fresh = new.start(len(state.tangents))
     return replace(moved, y=y, tangents=fresh.tangents, growth=fresh.growth)
 
 
-def _own(machine: Machine, values: Array) -> dict[tuple[object, ...], Array]:
-    """Own states by effect, place and how many such ones stand before it: views of values."""
-    found: dict[tuple[object, ...], Array] = {}
+def _own(machine: Machine, y: Array) -> dict[tuple[object, ...], Array]:
+    """Own states, displacements and rates in SI units, by effect and place."""
+    return {key: y[at] * unit for key, (at, unit) in _own_places(machine).items()}
+
+
+def _own_places(machine: Machine) -> dict[tuple[object, ...], tuple[NDArray[np.int64], Array]]:
+    """Indices (k, 2) of an effect's own displacements and rates in a state, and their units.
+
+    The key is the effect, its place, and how many such ones stand before it.
+    """
+    model, n = machine.model, machine.model.layout.n_state
     if isinstance(machine, EffectStepper):
-        first = machine.laws.first
-        for i, one in enumerate(machine.actives):
-            same = sum(
-                (a.effect.id, a.locus) == (one.effect.id, one.locus) for a in machine.actives[:i]
-            )
-            found[one.effect.id, one.locus, same] = values[first[i] : first[i + 1]]
-    return found
+        actives, sizes, unit = machine.actives, np.diff(machine.laws.first) // 2, np.ones(2)
+        pairs = np.arange(machine.laws.n_own).reshape(-1, 2)
+    else:
+        actives, sizes = model.effects, np.array(own_coordinates(model), dtype=int)
+        unit = np.array([model.scales.b_c, model.scales.velocity_m_per_s])
+        pairs = np.arange(2 * model.n_own).reshape(2, -1).T
+    edges = np.cumsum([0, *sizes])
+    return {
+        (one.effect.id, one.locus, _before(actives, i)): (n + pairs[edges[i] : edges[i + 1]], unit)
+        for i, one in enumerate(actives)
+    }
+
+
+def _before(actives: Sequence[Active], i: int) -> int:
+    """How many effects of the same kind at the same place stand before one."""
+    mine = actives[i].effect.id, actives[i].locus
+    return sum((one.effect.id, one.locus) == mine for one in actives[:i])
 
 
 def simulate(

@@ -13,7 +13,7 @@ from typing import Any
 
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, listed, shown
 
 FORM = (
     "write it like 'tooth_crack@sp/1/L:depth=0.3,member=sun; runout@rp:amplitude=2e-5', or as a "
@@ -32,7 +32,7 @@ def read_effects(content: Any) -> tuple[Active, ...]:
     if isinstance(content, str):
         return tuple(parse_effect(part) for part in content.split(";") if part.strip())
     if not isinstance(content, list):
-        raise ParameterError(f"effects must be a text or a list, got {content!r}: {FORM}")
+        raise ParameterError(f"effects must be a text or a list, got {shown(content)}: {FORM}")
     return tuple(_read(entry) for entry in content)
 
 
@@ -48,7 +48,7 @@ def parse_effect(text: str) -> Active:
     pairs = [part.partition("=") for part in tail.split(",") if part.strip()]
     if len(parts) > 3 or not all(parts) or not all(equals for _, equals, _ in pairs):
         raise ParameterError(
-            f"an effect is ID@MESH/PLANET/SIDE:NAME=VALUE,..., got {text.strip()!r}: {FORM}"
+            f"an effect is ID@MESH/PLANET/SIDE:NAME=VALUE,..., got {shown(text.strip())}: {FORM}"
         )
     one = effect(name.strip())
     lists = {o.name for o in one.options if isinstance(o.start, tuple)}
@@ -56,7 +56,7 @@ def parse_effect(text: str) -> Active:
     values: dict[str, Any] = {}
     for key, _, value in ((k.strip(), e, v.strip()) for k, e, v in pairs):
         if key in values:
-            raise ParameterError(f"{key} of {one.id} stands twice: leave one out")
+            raise ParameterError(f"{shown(key)} of {one.id} stands twice: leave one out")
         whole = value if key in texts else _number(value)
         values[key] = tuple(value.split("+")) if key in lists else whole
     return active(one, Locus(*parts), values)
@@ -73,16 +73,18 @@ def _number(text: str) -> float | int | str:
 
 def _read(entry: Any) -> Active:
     if not isinstance(entry, Mapping) or "effect" not in entry:
-        raise ParameterError(f"an effect must be a mapping with its id, got {entry!r}: {FORM}")
+        raise ParameterError(
+            f"an effect must be a mapping with its id, got {shown(entry)}: {FORM}"
+        )
     strangers = set(entry) - {"effect", "locus", "parameters"}
     if strangers:
-        raise ParameterError(f"an effect has no {', '.join(sorted(strangers))}: {FORM}")
+        raise ParameterError(f"an effect has no {listed(sorted(map(str, strangers)))}: {FORM}")
     locus, values = entry.get("locus") or {}, entry.get("parameters") or {}
     if not isinstance(locus, Mapping) or not isinstance(values, Mapping):
-        raise ParameterError(f"locus and parameters must be mappings, got {entry!r}: {FORM}")
+        raise ParameterError(f"locus and parameters must be mappings, got {shown(entry)}: {FORM}")
     odd = set(locus) - {"mesh", "planet", "side"}
     if odd:
-        raise ParameterError(f"a locus has no {', '.join(sorted(odd))}: {FORM}")
+        raise ParameterError(f"a locus has no {listed(sorted(map(str, odd)))}: {FORM}")
     place = Locus(**{part: str(name) for part, name in locus.items()})
     return active(effect(str(entry["effect"])), place, values)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from herringbone_sim.gap.verdict.augmented import from_parameters
 from herringbone_sim.gap.verification.senses import measure_senses
 from herringbone_sim.gap.verification.verify import measure
 from herringbone_sim.gap.verification.written import written_attractor, written_gap, written_senses
+from herringbone_sim.recording.safe_json import JsonError, read_json
 
 Say = Callable[[str], None]
 SCHEMA = "herringbone_sim/gap-verify/1"
@@ -32,14 +32,30 @@ REPEATED = ("metric", "unit", "nominal", "augmented", "noise_floor", "closure")
 def read_report(path: Path) -> dict[str, Any]:
     """A report of an earlier diagnosis; AnalysisError when there is none."""
     try:
-        made = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        made = read_json(path)
+    except (OSError, JsonError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
         raise AnalysisError(
-            f"{path} can't be read ({error}): give the folder that `gap CAMPAIGN --out` wrote"
+            f"{path} can't be read ({reason}): give the folder that `gap CAMPAIGN --out` wrote"
         ) from None
-    if not isinstance(made, dict) or made.get("gap", {}).get("metric") not in METRICS:
+    if not _is_report(made):
         raise AnalysisError(f"{path} is no report of a gap: give the folder that `gap` wrote")
     return made
+
+
+def _is_report(made: Mapping[str, Any]) -> bool:
+    """Whether all of a report that is used here has its type."""
+    gap, effects = made.get("gap"), made.get("effects")
+    if not isinstance(gap, dict) or not isinstance(effects, list):
+        return False
+    senses = gap.get("senses") or {}
+    return (
+        gap.get("metric") in METRICS
+        and isinstance(senses, dict)
+        and all(isinstance(one, dict) for one in senses.values())
+        and all(isinstance(one, str) for one in effects)
+        and all(isinstance(made.get(name), str) for name in ("campaign", "verdict"))
+    )
 
 
 def repeat(

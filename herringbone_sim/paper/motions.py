@@ -9,11 +9,13 @@ import numpy as np
 from herringbone_sim.analysis.pipeline import Gear, Options, SegmentResult, analyze_series
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.core.integrate import State, simulate
-from herringbone_sim.core.model import Model, build, relative
-from herringbone_sim.paper.reproduction import Point
+from herringbone_sim.core.model import Model, relative
+from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.paper.reproduction import POINT_CYCLES, POINT_SETTLE, Point
 from herringbone_sim.paper.scenarios import Array
 
 CYCLES, SAMPLES = 480, 64
+RUN = POINT_SETTLE + POINT_CYCLES  # mesh cycles behind the end of a point's run
 
 
 def recorded(point: Point) -> SegmentResult:
@@ -22,12 +24,13 @@ def recorded(point: Point) -> SegmentResult:
     Raises:
         DivergenceError: the motion left the range of any gear.
     """
-    model = build(point.parameters.changed({"samples_per_cycle": SAMPLES}))
-    n = len(point.end)
-    start = State(point.end, 0, 0, 0.0, np.zeros((0, n)), np.zeros(0))
+    p = point.parameters.changed({"samples_per_cycle": SAMPLES})
+    model, n = build_with(p, point.effects), len(point.end)
+    start = State(point.end, RUN, 0, 0.0, np.zeros((0, n)), np.zeros(0))
     series, _ = simulate(model, CYCLES, start)
     scales = model.scales
-    half = {"sp": model.half_backlash_m[0], "rp": model.half_backlash_m[-1]}
+    border = model.packed.b * scales.b_c
+    half = {"sp": float(border[0]), "rp": float(border[-1])}
     gear = Gear(scales.b_c, scales.omega_n, half_backlash_m=lambda _: half)
     options = Options(transient_cycles=0, noise_share=0.0)
     (result,) = analyze_series(series, options=options, gear=gear)
@@ -37,7 +40,7 @@ def recorded(point: Point) -> SegmentResult:
 
 def _section(model: Model, states: Array, like: Section) -> Section:
     """States at phase 0 as a section in metres."""
-    pairs = [relative(model, y, 0.0) for y in states]
+    pairs = [relative(model, y[: model.layout.n_state], 0.0) for y in states]
     scale = model.scales
     return replace(
         like,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.core.batch import Batch, run_batch
-from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.written import effects_text
 from herringbone_sim.paper.regimes import POINTS
 from herringbone_sim.paper.scenarios import Array
 from herringbone_sim.sweeps.kept import Kept
@@ -30,6 +32,8 @@ class Request:
         sets: n parameter sets of one layout.
         starts: (n, n_state) states at phase 0; None for the sets' own.
         transient, cycles, points, exponents: see ``run_batch``.
+        before: mesh cycles that each has run earlier.
+        effects: of every gear.
     """
 
     sets: tuple[Parameters, ...]
@@ -38,6 +42,8 @@ class Request:
     cycles: int = POINTS
     points: int = POINTS
     exponents: bool = False
+    before: int = 0
+    effects: tuple[Active, ...] = ()
 
     def chunks(self) -> list[Request]:
         """The same in pieces of at most 32 sets."""
@@ -45,7 +51,7 @@ class Request:
 
     def _part(self, first: int, stop: int) -> Request:
         starts = None if self.starts is None else self.starts[first:stop]
-        return Request(self.sets[first:stop], starts, *self.length)
+        return replace(self, sets=self.sets[first:stop], starts=starts)
 
     @property
     def length(self) -> tuple[int, int, int, bool]:
@@ -54,7 +60,8 @@ class Request:
     @property
     def parts(self) -> list[Any]:
         """All that the result hangs on."""
-        return [NAMES, self.sets, self.starts, self.length]
+        rest = [self.before, effects_text(self.effects)]
+        return [NAMES, self.sets, self.starts, self.length, *rest]
 
 
 class Observer:
@@ -98,7 +105,9 @@ class Observer:
 
 
 def _run(chunk: Request) -> Batch:
-    return run_batch([build(one) for one in chunk.sets], chunk.starts, *chunk.length)
+    models = [build_with(one, chunk.effects) for one in chunk.sets]
+    before = np.full(len(models), chunk.before)
+    return run_batch(models, chunk.starts, *chunk.length, before=before)
 
 
 def _starts(n: int) -> range:

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.core.batch import Batch
-from herringbone_sim.core.model import build, initial_state
+from herringbone_sim.core.model import initial_state
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper.boundaries import INNER, ROUNDS, Boundary, bisect, locate
 from herringbone_sim.paper.checks import Evidence, Obtained, check
@@ -51,6 +53,7 @@ class Point:
         end: (n_state,) state at phase 0 after them.
         motion: period, 0 aperiodic.
         exponent: largest, per tau.
+        effects: of the gear.
     """
 
     statement: MotionAt
@@ -59,6 +62,7 @@ class Point:
     end: Array
     motion: int
     exponent: float
+    effects: tuple[Active, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -98,14 +102,16 @@ def points(observer: Observer, scenarios: Sequence[Scenario], reading: Reading) 
         for one in wanted
     )
     length = (POINT_SETTLE, POINT_CYCLES, POINT_CYCLES, True)
-    batch = observer.batch(Request(sets, None, *length))
+    asked = Request(sets, None, *length, effects=reading.effects)
+    batch = observer.batch(asked)
     motions = motions_of(batch)
-    return [_point(one, sets[i], batch, i, int(motions[i])) for i, one in enumerate(wanted)]
+    return [_point(one, asked, batch, i, int(motions[i])) for i, one in enumerate(wanted)]
 
 
-def _point(one: MotionAt, parameters: Parameters, batch: Batch, i: int, motion: int) -> Point:
+def _point(one: MotionAt, asked: Request, batch: Batch, i: int, motion: int) -> Point:
+    states = batch.sections[i], batch.end[i]
     exponent = float(batch.exponents[i])
-    return Point(one, parameters, batch.sections[i], batch.end[i], motion, exponent)
+    return Point(one, asked.sets[i], *states, motion, exponent, asked.effects)
 
 
 def evidence(
@@ -138,7 +144,7 @@ def ways(reading: Reading) -> tuple[Way, ...]:
     Random displacements added to the set's own start, alike on both sides (``symmetric``) or not,
     by their standard deviation in b_c; and the paper's method with 50 to 800 steps a cycle.
     """
-    zero = initial_state(build(reading.parameters))
+    zero = initial_state(build_with(reading.parameters, reading.effects))
     sizes = (SMALL, LARGE, LARGE)
     starts = [zero + _symmetric(len(zero), size, seed) for seed, size in enumerate(sizes, 1)]
     starts += [zero + _any(len(zero), size, seed) for seed, size in enumerate(sizes, 4)]

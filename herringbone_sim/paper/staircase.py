@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from herringbone_sim.core.batch import Batch, at_cycle
+from herringbone_sim.core.batch import Batch
 from herringbone_sim.core.model import build, relative
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.effect import Active
 from herringbone_sim.paper.observe import Observer, Request
 from herringbone_sim.paper.regimes import Sweep, motions_of
 from herringbone_sim.paper.scenarios import Array, Scenario
@@ -25,10 +26,12 @@ class Reading:
     Attributes:
         parameters: the set of Sec. 3, as ``config/paper.yaml``.
         xi: damping ratio of section 4; 0.10 is printed.
+        effects: of the gear; the paper's has none.
     """
 
     parameters: Parameters
     xi: float
+    effects: tuple[Active, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,13 +64,14 @@ def request(
     base = reading.parameters.changed(way.changes)
     sets = tuple(one.parameters(base, float(value), reading.xi) for value in values)
     starts = None if way.start is None else np.repeat(way.start[None], len(sets), axis=0)
-    extra = {"cycles": cycles} if cycles else {}
-    return Request(sets, starts, SETTLE, exponents=exponents, **extra)
+    asked = Request(sets, starts, SETTLE, exponents=exponents, effects=reading.effects)
+    return replace(asked, cycles=cycles) if cycles else asked
 
 
 def sweep_of(values: Array, batch: Batch, asked: Request) -> Sweep:
     """Motions, section displacements and exponents of a batch."""
-    errors = relative(build(asked.sets[0]), np.zeros(batch.end.shape[1]), 0.0)[0]
+    model = build(asked.sets[0])
+    errors = relative(model, np.zeros(model.layout.n_state), 0.0)[0]
     x = batch.sections[:, :, 0] - batch.sections[:, :, 2] + errors[0]
     exponents = np.stack(
         [batch.exponents, batch.exponent_errors, batch.within, batch.transverse], axis=1
@@ -101,9 +105,9 @@ def continuations(
     batches, asked, cycle = [], [], 0
     for column in grids.T:
         pairs = zip(scenarios, column, strict=True)
-        sets = [one.parameters(reading.parameters, v, reading.xi) for one, v in pairs]
-        now = tuple(at_cycle(one, cycle) for one in sets)
-        asked.append(Request(now, starts, SETTLE if starts is None else STAY))
+        sets = tuple(one.parameters(reading.parameters, v, reading.xi) for one, v in pairs)
+        settle = SETTLE if starts is None else STAY
+        asked.append(Request(sets, starts, settle, before=cycle, effects=reading.effects))
         cycle += asked[-1].transient + asked[-1].cycles
         batches.append(observer.batch(asked[-1]))
         starts = batches[-1].end

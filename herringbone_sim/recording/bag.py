@@ -1,23 +1,26 @@
-"""A rosbag2 bag with one MCAP file, while it is being written."""
+"""The MCAP files of a rosbag2 bag, while they are being written."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
 from mcap.writer import CompressionType, Writer
 
 from herringbone_sim.recording.cdr import Buffer
+from herringbone_sim.recording.safe_yaml import parse_yaml
 from herringbone_sim.recording.schemas import MessageType, dump_yaml
+from herringbone_sim.recording.stream import Stream, Written
 
 CHUNK_SIZE = 1 << 20
 LIBRARY = "herringbone_sim"
 METADATA_NAME = "metadata.yaml"
 METADATA_VERSION = 9
+# In ``custom_data``: files that were missing when the run was recovered, one a line.
+MISSING_KEY = "herringbone_sim_missing_files"
 
 
 @dataclass(frozen=True)
@@ -64,39 +67,58 @@ class Tally:
 
 
 def bag_metadata(file_name: str, tallies: Iterable[Tally]) -> dict[str, Any]:
-    """Content of ``rosbag2_bagfile_information``: rosbag2 wants each of these keys."""
-    told = list(tallies)
-    used = [tally for tally in told if tally.count]
-    first_ns = min((tally.first_ns for tally in used), default=0)
-    last_ns = max((tally.last_ns for tally in used), default=0)
-    count = sum(tally.count for tally in told)
-    span: dict[str, Any] = {
-        "duration": {"nanoseconds": last_ns - first_ns},
-        "starting_time": {"nanoseconds_since_epoch": first_ns},
-        "message_count": count,
-    }
+    """``rosbag2_bagfile_information`` of a bag of one file."""
+    return split_metadata({file_name: tuple(tallies)})
+
+
+def split_metadata(
+    files: Mapping[str, Sequence[Tally]], missing: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Content of ``rosbag2_bagfile_information``: rosbag2 wants each of these keys.
+
+    Args:
+        files: tallies of each file of the bag by its name, in the order of time.
+        missing: names of files of the bag that are not there any more.
+    """
+    every = [tally for tallies in files.values() for tally in tallies]
     return {
         "version": METADATA_VERSION,
         "storage_identifier": "mcap",
-        **_copy(span),
-        "topics_with_message_count": [_topic_metadata(tally) for tally in told],
+        **_span(every),
+        "topics_with_message_count": [_topic_metadata(tally) for tally in _by_topic(every)],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file_name],
-        "files": [{"path": file_name, **_copy(span)}],
-        "custom_data": None,
+        "relative_file_paths": list(files),
+        "files": [{"path": name, **_span(tallies)} for name, tallies in files.items()],
+        "custom_data": {MISSING_KEY: "\n".join(missing)} if missing else None,
         "ros_distro": "jazzy",
     }
 
 
-def _copy(span: Mapping[str, Any]) -> dict[str, Any]:
-    """Own objects for each place, or YAML would write anchors, which rosbag2 does not."""
-    return {key: dict(value) if isinstance(value, dict) else value for key, value in span.items()}
+def _span(tallies: Sequence[Tally]) -> dict[str, Any]:
+    """Own objects at each call, or YAML would write anchors, which rosbag2 does not."""
+    used = [tally for tally in tallies if tally.count]
+    first_ns = min((tally.first_ns for tally in used), default=0)
+    last_ns = max((tally.last_ns for tally in used), default=0)
+    return {
+        "duration": {"nanoseconds": last_ns - first_ns},
+        "starting_time": {"nanoseconds_since_epoch": first_ns},
+        "message_count": sum(tally.count for tally in used),
+    }
+
+
+def _by_topic(tallies: Iterable[Tally]) -> list[Tally]:
+    """One tally a topic, of all files together."""
+    found: dict[str, Tally] = {}
+    for tally in tallies:
+        whole = found.setdefault(tally.topic.name, Tally(tally.topic))
+        whole.count += tally.count
+    return list(found.values())
 
 
 def _topic_metadata(tally: Tally) -> dict[str, Any]:
     topic = tally.topic
-    qos = yaml.safe_load(topic.metadata.get("offered_qos_profiles", "")) or []
+    qos = parse_yaml(topic.metadata.get("offered_qos_profiles", "")) or []
     return {
         "topic_metadata": {
             "name": topic.name,
@@ -123,52 +145,36 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
         raise
 
 
-class _Stream:
-    """A new file, unbuffered, that can fall back to its last whole record."""
-
-    def __init__(self, path: Path) -> None:
-        self.handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        self.position = 0
-        self.whole = 0
-
-    def write(self, content: Buffer) -> int:
-        rest = memoryview(content)
-        while rest:
-            written = os.write(self.handle, rest)
-            self.position += written
-            rest = rest[written:]
-        return len(content)
-
-    def tell(self) -> int:
-        return self.position
-
-    def flush(self) -> None:
-        os.fsync(self.handle)
-
-    def cut(self) -> None:
-        os.ftruncate(self.handle, self.whole)
-
-    def close(self) -> None:
-        handle, self.handle = self.handle, -1
-        if handle >= 0:
-            os.close(handle)
-
-
 class Bag:
-    """Writes one MCAP file and, when finished, the ``metadata.yaml`` beside it.
+    """Writes one MCAP file of a bag.
 
     Compression is lz4: on float64 samples it takes a third of the time of the zstd of ``mcap``.
-    Every method may raise OSError; then only ``abandon`` may follow.
+    Every method may raise OSError, FileLostError where the file is not what was written; then only
+    ``end`` (of a file that was moved away), ``close`` and ``abandon`` may follow.
     """
 
     def __init__(self, path: Path) -> None:
         """Create ``path``, which must not exist."""
-        self.path = path
-        self._stream = _Stream(path)
+        self._stream = Stream(path)
         self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE, compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library=LIBRARY)
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._tallies: dict[int, Tally] = {}
+        self._complete = False
+
+    @property
+    def path(self) -> Path:
+        return self._stream.path
+
+    @property
+    def complete(self) -> bool:
+        """Whether the file has its index."""
+        return self._complete
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file so far."""
+        return self._stream.position
 
     @property
     def tallies(self) -> tuple[Tally, ...]:
@@ -196,15 +202,25 @@ class Bag:
 
     def flush(self) -> None:
         """Bring all messages to the disk, so that they survive a kill and a power cut."""
+        self._stream.check()
         self._writer.flush()
         self._stream.whole = self._stream.position
+        self._stream.check()
 
     def add_record(self, name: str, content: Mapping[str, str]) -> None:
         """Append a metadata record."""
         self._writer.add_metadata(name, dict(content))
 
-    def finish(self, file_name: str | None = None) -> None:
-        """Append rosbag2's record and the index, close, and write ``metadata.yaml``.
+    def rename(self, path: Path) -> None:
+        """Give the file the name by which it is to be found, which must be free."""
+        self._stream.rename(path)
+
+    def check(self) -> Written:
+        """The file as it is now."""
+        return self._stream.check()
+
+    def end(self, file_name: str | None = None) -> None:
+        """Append rosbag2's record and the index, all on the disk; ``close`` is to follow.
 
         Args:
             file_name: name that the file will have, where it is to be renamed.
@@ -214,7 +230,9 @@ class Bag:
         self._writer.finish()
         self._stream.flush()
         self._stream.whole = self._stream.position
-        write_metadata(self.path.parent, information)
+        self._complete = True
+
+    def close(self) -> None:
         self._stream.close()
 
     def abandon(self) -> None:

@@ -8,12 +8,15 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from herringbone_sim.errors import RecordingError
+from herringbone_sim.errors import RecordingError, shown
+from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
 
 POINT = ("delta_T", "K", "T_1", "Omega")
 ROLES = ("fit", "held_out")
+# Faults that a message tells, one reason each; there is one an entry.
+MOST_TOLD = 3
+# Names of files can't be longer.
+MOST_OF_A_NAME = 255
 FIELDS = f"path, role ({' or '.join(ROLES)}) and {', '.join(POINT)}"
 
 
@@ -54,18 +57,27 @@ def read_campaign(folder: Path) -> Campaign:
     """
     file = folder / "campaign.yaml"
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-        entries, rig = list(content["runs"]), str(content["rig"])
-        noise = dict(content.get("noise") or {})
+        content = read_yaml(file)
+        lacking = [name for name in ("rig", "runs") if name not in content]
+        if lacking:
+            raise ValueError(f"{' and '.join(lacking)} is missing")
+        entries, rig, noise = content["runs"], _name(content["rig"]), content.get("noise") or {}
+        if not isinstance(entries, list):
+            raise ValueError(f"runs must be a list, got {shown(entries)}")
+        if not isinstance(noise, dict):
+            raise ValueError(f"noise must be a mapping, got {shown(noise)}")
     except OSError as error:
         raise RecordingError(f"can't read {file}: {error.strerror}: name a campaign") from error
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise RecordingError(f"{file} must list rig and runs: {error!r}: mend it") from error
+    except YamlError as error:
+        raise RecordingError(f"{file}: {error}: mend it") from None
+    except ValueError as error:
+        raise RecordingError(f"{file} must list rig and runs: {error}: mend it") from None
     if not entries:
         raise RecordingError(f"{file} lists no runs: a campaign has at least one")
     runs, faults = _runs(folder, entries)
     if not runs:
-        told = "; ".join(f"{name}: {reason}" for name, reason in faults)
+        told = "; ".join(f"{name}: {reason}" for name, reason in faults[:MOST_TOLD])
+        told += f"; and {len(faults) - MOST_TOLD} more" if len(faults) > MOST_TOLD else ""
         raise RecordingError(f"{file} lists no run of a campaign that can be used: {told}")
     return Campaign(rig, _noise_share(file, noise), tuple(runs), tuple(faults))
 
@@ -74,11 +86,13 @@ def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list
     runs: list[CampaignRun] = []
     faults = []
     for i, entry in enumerate(entries):
-        name = str(entry.get("path", f"entry {i}")) if isinstance(entry, dict) else f"entry {i}"
+        name = _told_name(entry, i)
         try:
             run = _run(folder, entry)
         except (TypeError, ValueError) as error:
-            faults.append((name, f"campaign.yaml must give it {FIELDS}, got {entry}: {error}"))
+            faults.append(
+                (name, f"campaign.yaml must give it {FIELDS}, got {shown(entry)}: {error}")
+            )
             continue
         if any(run.path == other.path for other in runs):
             faults.append((name, "campaign.yaml lists it twice: the second entry is not used"))
@@ -90,6 +104,25 @@ def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list
     return runs, faults
 
 
+def _told_name(entry: Any, i: int) -> str:
+    path = entry.get("path") if isinstance(entry, dict) else None
+    try:
+        return f"entry {i}" if path is None else _name(path)
+    except ValueError:
+        return f"entry {i}"
+
+
+def _name(value: object) -> str:
+    """Name of a rig, or of a run's folder; ValueError where it can't be one."""
+    odd = value is None or isinstance(value, (bool, list, dict))
+    if odd or len(str(value)) > MOST_OF_A_NAME or not str(value).isprintable():
+        raise ValueError(
+            f"a name must be a text of {MOST_OF_A_NAME} characters that can be printed, got "
+            f"{shown(value)}"
+        )
+    return str(value)
+
+
 def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
     if not isinstance(entry, Mapping):
         raise TypeError("an entry is a mapping of names to values")
@@ -98,11 +131,11 @@ def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
         hint = " (K is 0 without control)" if "K" in lacking else ""
         raise ValueError(f"{', '.join(lacking)} is missing{hint}")
     if entry["role"] not in ROLES:
-        raise ValueError(f"role {entry['role']!r} is none of {', '.join(ROLES)}")
+        raise ValueError(f"role {shown(entry['role'])} is none of {', '.join(ROLES)}")
     point = {name: float(entry[name]) for name in POINT}
     if not all(map(isfinite, point.values())):
         raise ValueError("an operating point must be finite")
-    return CampaignRun(folder / str(entry["path"]), point, entry["role"])
+    return CampaignRun(folder / _name(entry["path"]), point, entry["role"])
 
 
 def _noise_share(file: Path, noise: Mapping[str, Any]) -> float | None:
@@ -112,6 +145,6 @@ def _noise_share(file: Path, noise: Mapping[str, Any]) -> float | None:
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
         raise RecordingError(
             f"noise.rms_share of {file} must be a share of the RMS between 0 and 1, 0.01 for "
-            f"40 dB, got {share!r}: mend it, or leave noise out where it is unknown"
+            f"40 dB, got {shown(share)}: mend it, or leave noise out where it is unknown"
         )
     return float(share)

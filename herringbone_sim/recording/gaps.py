@@ -8,6 +8,9 @@ import numpy as np
 
 from herringbone_sim.recording.cdr import Array
 
+# A double counts no further in ones.
+MOST_MISSING = 2.0**53
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -33,15 +36,17 @@ def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
         times: (n,) times [s].
         counter: (n,) the phase [rad], or whatever advances evenly.
     """
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(counter)
-    if len(steps) < 2:
-        return ()
-    before, after = np.r_[steps[1], steps[:-1]], np.r_[steps[1:], steps[-2]]
-    usual = np.maximum(before, after)
-    wide = np.flatnonzero((usual > 0) & np.isfinite(steps) & (steps > 1.5 * usual))
+        if len(steps) < 2:
+            return ()
+        before, after = np.r_[steps[1], steps[:-1]], np.r_[steps[1:], steps[-2]]
+        usual = np.maximum(before, after)
+        wide = np.flatnonzero((usual > 0) & np.isfinite(steps) & (steps > 1.5 * usual))
+        ratios = np.minimum(steps[wide] / usual[wide], MOST_MISSING)
     return tuple(
-        Gap(int(i) + 1, float(times[i]), round(float(steps[i] / usual[i])) - 1) for i in wide
+        Gap(int(i) + 1, float(times[i]), round(float(ratio)) - 1)
+        for i, ratio in zip(wide, ratios, strict=True)
     )
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from herringbone_sim.errors import listed
 from herringbone_sim.recording.cdr import Array
 from herringbone_sim.recording.gaps import Gap, sample_gaps
-from herringbone_sim.recording.load import ParameterChange, RawRecording, load
+from herringbone_sim.recording.load import load
+from herringbone_sim.recording.raw import ParameterChange, RawRecording
 from herringbone_sim.recording.reader import first_jump
 
 OPERATING = ("K", "delta_T", "T_1")
@@ -55,7 +58,8 @@ class RunInfo:
         time_jump: sample at which time does not increase; None if it always does.
         parameters: of the model, as recorded.
         source, model, version: who recorded it, as far as the ``channels`` topic says.
-        complete: whether the file was finished.
+        complete: whether every file is there and was finished.
+        missing_files: names of those that ``metadata.yaml`` tells of and are not there.
         samples_counted: by the writer; None if it doesn't say.
         bytes_on_disk, bytes_of_samples: size of the files, and of the samples unpacked.
         notes: a sentence on everything odd.
@@ -77,8 +81,9 @@ class RunInfo:
     changes: tuple[ParameterChange, ...]
     gaps: tuple[Gap, ...]
     time_jump: int | None
-    parameters: dict[str, Any]
+    parameters: Mapping[str, Any]
     complete: bool
+    missing_files: tuple[str, ...]
     samples_counted: int | None
     bytes_on_disk: int
     bytes_of_samples: int
@@ -108,13 +113,13 @@ def summarise(raw: RawRecording) -> RunInfo:
     return RunInfo(
         path=raw.path,
         name=raw.name,
-        source=str(raw.channels.get("source", "")),
-        model=str(raw.channels.get("model", "")),
-        version=str(raw.channels.get("version", "")),
+        source=raw.channels.source,
+        model=raw.channels.model,
+        version=raw.channels.version,
         n_samples=len(times),
         t_first_s=float(times[0]),
         t_last_s=float(times[-1]),
-        duration_s=float(times[-1] - times[0]),
+        duration_s=float(times[-1]) - float(times[0]),
         sample_rate_hz=rate,
         samples_per_cycle=_TWO_PI / phase_step if phase_step else None,
         mesh_hz=phase_step / _TWO_PI * rate if phase_step and rate else None,
@@ -122,8 +127,9 @@ def summarise(raw: RawRecording) -> RunInfo:
         changes=raw.changes,
         gaps=sample_gaps(raw.names, raw.rows),
         time_jump=jump,
-        parameters=_mapping(raw.channels.get("parameters")),
+        parameters=raw.channels.parameters,
         complete=raw.complete,
+        missing_files=raw.missing_files,
         samples_counted=raw.counted,
         bytes_on_disk=raw.bytes_on_disk,
         bytes_of_samples=raw.rows.nbytes,
@@ -131,14 +137,11 @@ def summarise(raw: RawRecording) -> RunInfo:
     )
 
 
-def _mapping(content: object) -> dict[str, Any]:
-    return dict(content) if isinstance(content, dict) else {}
-
-
 def _median_step(values: Array) -> float | None:
-    steps = np.diff(values)
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(values)
     middle = float(np.median(steps)) if len(steps) else float("nan")
-    return middle if middle > 0 else None
+    return middle if 0 < middle < np.inf else None
 
 
 def _phase_step(raw: RawRecording) -> float | None:
@@ -147,18 +150,8 @@ def _phase_step(raw: RawRecording) -> float | None:
     return _median_step(raw.rows[:, raw.names.index("phase")])
 
 
-def _units(raw: RawRecording) -> dict[str, str]:
-    told = raw.channels.get("channels")
-    entries = told if isinstance(told, list) else []
-    return {
-        str(entry.get("name")): str(entry.get("unit", ""))
-        for entry in entries
-        if isinstance(entry, dict)
-    }
-
-
 def _channels(raw: RawRecording) -> tuple[Channel, ...]:
-    units = _units(raw)
+    units = raw.channels.units
     return tuple(
         _channel(name, units.get(name, ""), raw.rows[:, column])
         for column, name in enumerate(raw.names)
@@ -170,7 +163,8 @@ def _channel(name: str, unit: str, values: Array) -> Channel:
     nans = len(values) - len(finite)
     if not len(finite):
         return Channel(name, unit, nans, None, None, None)
-    low, high, mean = float(finite.min()), float(finite.max()), float(finite.mean())
+    with np.errstate(over="ignore"):
+        low, high, mean = float(finite.min()), float(finite.max()), float(finite.mean())
     return Channel(name, unit, nans, low, high, mean)
 
 
@@ -185,5 +179,5 @@ def _jump_notes(times: Array, jump: int | None) -> list[str]:
 def _channel_notes(channels: tuple[Channel, ...]) -> list[str]:
     broken = [f"{channel.name} ({channel.nans})" for channel in channels if channel.nans]
     still = [c.name for c in channels if c.constant and c.name not in OPERATING]
-    notes = [f"no finite number in some samples of {', '.join(broken)}"] if broken else []
-    return notes + ([f"constant throughout: {', '.join(still)}"] if still else [])
+    notes = [f"no finite number in some samples of {listed(broken)}"] if broken else []
+    return notes + ([f"constant throughout: {listed(still)}"] if still else [])

@@ -13,8 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.errors import RecordingError
+from herringbone_sim.errors import RecordingError, shown
 from herringbone_sim.recording.cdr import Array, Buffer, CdrReader, CdrWriter, checked
+
+# A sample of more channels does not fit into a message of 64 kB, which UDP sends in one piece.
+MOST_CHANNELS = 8000
 
 Value = bool | int | float | str | bytes | list[bool] | list[int] | list[float] | list[str] | None
 
@@ -66,21 +69,28 @@ def decode_samples(message: Buffer) -> tuple[tuple[str, ...], Array]:
         RecordingError: the layout is not that of the ``samples`` topic.
     """
     source = CdrReader(message)
-    dims = [(source.text(), source.one("I"), source.one("I")) for _ in range(source.one("I"))]
-    offset = source.one("I")
-    data = source.doubles()[offset:]
-    if len(dims) != 2:
+    n_dims = source.one("I")
+    if n_dims != 2:
         raise RecordingError(
-            f"samples need a layout of 2 dimensions (sample, channels), got {len(dims)}: "
+            f"samples need a layout of 2 dimensions (sample, channels), got {n_dims}: "
             "put the channel names, separated by commas, into the label of the second"
         )
-    n, names = dims[0][1], tuple(name.strip() for name in dims[1][0].split(","))
-    if dims[1][1] != len(names) or n * len(names) != len(data):
+    (_, n, _), (label, c, _) = ((source.text(), source.one("I"), source.one("I")) for _ in "nc")
+    offset = source.one("I")
+    data = source.doubles()[offset:]
+    n_names = label.count(",") + 1
+    if c != n_names or n * c != len(data) or c > MOST_CHANNELS:
         raise RecordingError(
-            f"samples need size(sample) x size(channels) values and one name a channel, got "
-            f"{n} x {dims[1][1]}, {len(names)} names and {len(data)} values: mend the layout"
+            f"samples need size(sample) x size(channels) values and one name a channel, at most "
+            f"{MOST_CHANNELS}, got {n} x {c}, {n_names} names and {len(data)} values: mend the "
+            "layout"
         )
-    return names, data.reshape(n, len(names))
+    return _names(label), data.reshape(n, c)
+
+
+@lru_cache(maxsize=8)
+def _names(label: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in label.split(","))
 
 
 @dataclass(frozen=True)
@@ -164,7 +174,7 @@ def _type_of(value: object) -> str:
             return f"{kinds.pop()}s"
     raise RecordingError(
         "a parameter must be a bool, int, float, str, bytes or a list of one of these kinds, "
-        f"got {value!r}: convert it before it is recorded"
+        f"got {shown(value)}: convert it before it is recorded"
     )
 
 

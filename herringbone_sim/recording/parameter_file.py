@@ -6,7 +6,7 @@ Beside the parameters a file may hold ``effects``: as a text, which ROS takes, o
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,8 @@ from herringbone_sim.core.parameters import (
 )
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text, read_effects
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, shown
+from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
 
 EFFECTS = "effects"
 NODE = "herringbone_sim"
@@ -30,23 +31,12 @@ _FORM = f"write '/**:' or '{NODE}:', under it 'ros__parameters:', under it 'name
 _OFTEN = 1e-3, 1e6
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe YAML in which a number with an exponent needs no dot, and no key stands twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key) for key, _ in node.value]
-        twice = [key for i, key in enumerate(keys) if key in keys[:i]]
-        if twice:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"{twice[0]!r} stands twice", node.start_mark
-            )
-        return super().construct_mapping(node, deep)
+class _Quoting(yaml.SafeDumper):
+    """Quotes every text: 1e5 or on is a text to one reader of YAML, and none to another."""
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+.0123456789"),
+_Quoting.add_representer(
+    str, lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", text, style='"')
 )
 
 
@@ -60,9 +50,8 @@ def load_parameters(path: Path | str) -> Parameters:
     parameters, actives = load_gear(path)
     if actives:
         raise ParameterError(
-            f"{path}: the gear has effects ({', '.join(one.effect.id for one in actives)}), which "
-            "this command can't do, for want of tangents and of halves that are alike: leave them "
-            "out, or take run, sweep or map, which do them (sweep tells the largest exponent)"
+            f"{path}: the gear has effects ({', '.join(one.effect.id for one in actives)}), and a "
+            "nominal gear is meant, which has none: leave them out of the file"
         )
     return parameters
 
@@ -73,13 +62,9 @@ def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
     Raises:
         ParameterError: as ``load_parameters``, or an effect that there is not.
     """
-    path = Path(path)
+    values = read_values(Path(path))
     try:
-        return gear_of_values(_values(yaml.load(path.read_text(encoding="utf-8"), _Loader)))
-    except OSError as error:
-        raise ParameterError(f"{path}: {error.strerror}: give a parameter file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path}: no YAML: {error}: {_FORM}") from None
+        return gear_of_values(values)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
 
@@ -106,19 +91,15 @@ def ros_text(path: Path | str) -> str:
     Raises:
         ParameterError: no such file, or not of this form.
     """
-    path = Path(path)
+    values = read_values(Path(path))
     try:
-        values = _values(yaml.load(path.read_text(encoding="utf-8"), _Loader))
         if EFFECTS in values:
             values[EFFECTS] = effects_text(read_effects(values[EFFECTS]))
-    except OSError as error:
-        raise ParameterError(f"{path}: {error.strerror}: give a parameter file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path}: no YAML: {error}: {_FORM}") from None
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
     kept = {name: value for name, value in values.items() if value != []}
-    return yaml.safe_dump({"/**": {"ros__parameters": kept}}, sort_keys=False)
+    document = {"/**": {"ros__parameters": kept}}
+    return str(yaml.dump(document, Dumper=_Quoting, sort_keys=False, width=math.inf))
 
 
 def save_parameters(
@@ -164,15 +145,25 @@ def _text(value: Any) -> str:
     return next(text for n in range(1, 18) if float(text := f"{value:.{n}e}") == value)
 
 
-def _values(document: Any) -> dict[str, Any]:
-    if not isinstance(document, dict):
-        raise ParameterError(f"the file must hold a mapping, got {document!r}: {_FORM}")
+def read_values(path: Path) -> dict[str, Any]:
+    """Names and values of a file; ParameterError, which begins with the file."""
+    try:
+        return _values(read_yaml(path))
+    except OSError as error:
+        raise ParameterError(f"{path}: {error.strerror}: give a parameter file") from None
+    except YamlError as error:
+        raise ParameterError(f"{path}: {error}: {_FORM}") from None
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+
+
+def _values(document: Mapping[Any, Any]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for node, content in document.items():
         if str(node).rsplit("/", 1)[-1] not in (NODE, "*", "**"):
-            raise ParameterError(f"{node!r} is not this node: {_FORM}")
+            raise ParameterError(f"{shown(node)} is not this node: {_FORM}")
         if not isinstance(content, dict) or list(content) != ["ros__parameters"]:
-            raise ParameterError(f"{node!r} must hold ros__parameters alone: {_FORM}")
+            raise ParameterError(f"{shown(node)} must hold ros__parameters alone: {_FORM}")
         inner = content["ros__parameters"]
         if not isinstance(inner, dict) or not all(isinstance(key, str) for key in inner):
             raise ParameterError(f"ros__parameters must hold names and values: {_FORM}")

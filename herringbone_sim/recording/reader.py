@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.cdr import Array
-from herringbone_sim.recording.load import ParameterChange, iter_sample_blocks, load
+from herringbone_sim.recording.channels import Channels
+from herringbone_sim.recording.load import iter_sample_blocks, load
+from herringbone_sim.recording.raw import ParameterChange
 
 __all__ = ["ParameterChange", "Recording", "first_jump", "iter_sample_blocks", "read_recording"]
 
@@ -24,7 +26,7 @@ class Recording:
         path: as it was named: a run folder or a .mcap file.
         name: of the run.
         samples: full-rate samples.
-        channels: content of the ``channels`` topic; empty if there is none.
+        channels: what the ``channels`` topic says; empty if there is none.
         changes: parameter changes in the order of the file.
         complete: whether the file was finished.
         notes: a sentence on everything odd.
@@ -35,7 +37,7 @@ class Recording:
     path: Path
     name: str
     samples: TimeSeries
-    channels: dict[str, Any]
+    channels: Channels
     changes: tuple[ParameterChange, ...]
     complete: bool
     notes: tuple[str, ...]
@@ -44,31 +46,42 @@ class Recording:
 
 def first_jump(times: Array) -> int | None:
     """Index of the first sample that is not later than the one before; None if there is none."""
-    steps = np.diff(times)
-    late = ~(steps > 0)
+    late = _late(times)
     return int(np.argmax(late)) + 1 if late.any() else None
+
+
+def _late(times: Array) -> NDArray[np.bool_]:
+    """Whether each sample (n - 1,) behind the first is not later, by a finite time."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(times)
+    return ~((steps > 0) & np.isfinite(steps))
 
 
 def longest_stretch(times: Array) -> slice:
     """Samples of the longest stretch over which time (n,) increases."""
-    breaks = np.flatnonzero(~(np.diff(times) > 0)) + 1
+    breaks = np.flatnonzero(_late(times)) + 1
     edges = np.concatenate([[0], breaks, [len(times)]])
     at = int(np.diff(edges).argmax())
     return slice(int(edges[at]), int(edges[at + 1]))
 
 
-def read_recording(path: Path | str, cut_at_jump: bool = False) -> Recording:
+def read_recording(
+    path: Path | str, cut_at_jump: bool = False, most_bytes: int | None = None
+) -> Recording:
     """Read a run folder or a .mcap file, written by this package or by a rig.
 
     Args:
         path: run folder or .mcap file.
         cut_at_jump: keep the longest stretch over which time increases.
+        most_bytes: memory that the samples may take; 40 times what is on the disk, or 256 MiB
+            where that is more, if not given.
 
     Raises:
         RecordingError: nothing there, no samples, channels that change or belong to two nodes,
-            a message that is no valid CDR, or time that does not increase.
+            a message that is no valid CDR, time that does not increase, or more than
+            ``most_bytes``.
     """
-    raw = load(path)
+    raw = load(path, most_bytes)
     times, rows = raw.times, raw.rows
     jump = first_jump(times)
     before, after = (float(times[jump - 1]), float(times[jump])) if jump else (0.0, 0.0)

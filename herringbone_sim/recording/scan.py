@@ -9,12 +9,10 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
-import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
@@ -22,18 +20,40 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from herringbone_sim.errors import RecordingError
+from herringbone_sim.errors import RecordingError, shown
 from herringbone_sim.recording.bag import Topic
+from herringbone_sim.recording.chunk import (
+    MOST_BYTES,
+    MOST_RATIO,
+    RECORD,
+    Room,
+    UnknownCompressionError,
+    records,
+)
+from herringbone_sim.recording.files import check_file
 
-_RECORD = struct.Struct("<BQ")
-_CHUNK = struct.Struct("<QQQII")
+# A robot has some hundred topics, and rosbag2 describes each in metadata.yaml.
+MOST_TOPICS = 4096
+# Of all their definitions together: that of a large message has some 50 kB.
+MOST_DEFINED_BYTES = 64 << 20
+# Odd places of a file that are told one by one.
+MOST_NOTES = 10
+
 _MESSAGE = struct.Struct("<HIQQ")
-_TAIL = _RECORD.size + 20 + len(MCAP0_MAGIC)
+_FOOTER = struct.Struct("<QQI")
+_TAIL = RECORD.size + _FOOTER.size + len(MCAP0_MAGIC)
+_BEHIND_CRC = len(MCAP0_MAGIC) + 4
+# As plain numbers: they are compared with a byte of each of millions of records.
+_MESSAGE_CODE = int(Opcode.MESSAGE)
+_ENDS = frozenset(map(int, (Opcode.DATA_END, Opcode.FOOTER)))
+_OF_SUMMARY = frozenset(map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)))
+_TAKEN = frozenset(
+    map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA))
+)
 _DAMAGE = (zstandard.ZstdError, EndOfFile, RuntimeError, ValueError, struct.error, MemoryError)
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """A message as it lies in the file; times in ns."""
 
     topic: Topic
@@ -45,18 +65,21 @@ class Found:
 class Scan:
     """One pass over a file; the attributes are final when ``messages`` is exhausted.
 
+    Args:
+        path: the file.
+        most_bytes: most that is unpacked of a chunk, and read of any other record, at once.
+
     Attributes:
         topics: channels met so far, by number.
         metadata: metadata records, name and content, in order.
-        complete: whether the file was finished.
+        complete: whether the file was finished, and its index is whole.
         size: bytes of the file.
         kept: bytes up to the end of the last whole record.
         damaged: records, chunks above all, left out.
         skipped: attachments, and messages of a channel that was never announced.
-        notes: a sentence on everything odd.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, most_bytes: int = MOST_BYTES) -> None:
         self.path = path
         self.topics: dict[int, Topic] = {}
         self.metadata: list[tuple[str, dict[str, str]]] = []
@@ -65,32 +88,46 @@ class Scan:
         self.kept = 0
         self.damaged = 0
         self.skipped = 0
-        self.notes: list[str] = []
+        self._room = Room(most_bytes, most_bytes)
         self._schemas: dict[int, Schema] = {}
+        self._defined: dict[tuple[int, bytes], bytes] = {}
+        self._defined_bytes = 0
+        self._notes: list[str] = []
+        self._index_damaged = False
+        self._unknown: UnknownCompressionError | None = None
         self._ended = False
+        self._n_messages = 0
+        self._counted: int | None = None
 
     def messages(self) -> Iterator[Found]:
         """Every message that is whole, in the order of the file.
 
         Raises:
-            RecordingError: no MCAP file, or a compression that nobody knows.
+            RecordingError: no MCAP file, a compression that nobody knows, or too many topics.
         """
+        with self._open() as stream:
+            self._check_magic(stream)
+            self._read_summary(stream)
+            self._ended = False
+            for opcode, body in self._records(stream, _TAKEN):
+                yield from self._take_whole(opcode, body)
+        if self._unknown and not self._n_messages:
+            raise RecordingError(f"{self.path}: {self._unknown}") from self._unknown
+        if self._ended:
+            self.kept = self.size
+        self.complete &= self._ended
+
+    def _open(self) -> BinaryIO:
+        """The file; a pipe or a device is not opened, for reading may hang or change it."""
+        check_file(self.path)
         try:
             self.size = self.path.stat().st_size
-            stream = self.path.open("rb")
+            self._room.left = max(self._room.chunk, MOST_RATIO * self.size)
+            return self.path.open("rb")
         except OSError as error:
             raise RecordingError(
                 f"can't open {self.path} ({error.strerror}): name a run folder or a .mcap file"
             ) from error
-        with stream:
-            self._check_magic(stream)
-            self._read_summary(stream)
-            self._ended = False
-            for opcode, body in self._records(stream):
-                yield from self._take_whole(opcode, body)
-        if self._ended:
-            self.kept = self.size
-        self.complete &= self._ended
 
     def _check_magic(self, stream: BinaryIO) -> None:
         start = stream.read(len(MCAP0_MAGIC))
@@ -104,119 +141,159 @@ class Scan:
     def _read_summary(self, stream: BinaryIO) -> None:
         """Take the channels of a finished file from its end: their first copy may be damaged."""
         start = stream.tell()
-        stream.seek(max(self.size - _TAIL, start))
+        at = max(self.size - _TAIL, start)
+        stream.seek(at)
         tail = stream.read()
-        self.complete = tail[:1] == bytes([Opcode.FOOTER]) and tail.endswith(MCAP0_MAGIC)
-        if self.complete and (summary := struct.unpack_from("<Q", tail, _RECORD.size)[0]):
-            stream.seek(summary)
-            for opcode, body in self._records(stream):
-                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        if tail[:1] == bytes([Opcode.FOOTER]) and tail.endswith(MCAP0_MAGIC):
+            summary, _, crc = _FOOTER.unpack_from(tail, RECORD.size)
+            self.complete = summary == 0 or start <= summary <= at
+            if summary and self.complete and crc:
+                self.complete = _checksum(stream, summary, self.size - _BEHIND_CRC) == crc
+            if summary and self.complete:
+                stream.seek(summary)
+                for opcode, body in self._records(stream, _OF_SUMMARY):
                     list(self._take_whole(opcode, body))
+            self._index_damaged = not self.complete
         stream.seek(start)
         self.kept = start
+        self._defined.clear()
 
-    def _records(self, stream: BinaryIO) -> Iterator[tuple[int, memoryview]]:
-        """Records from here to the end of the section, or to the first that is not whole."""
-        while len(head := stream.read(_RECORD.size)) == _RECORD.size:
-            opcode, length = _RECORD.unpack(head)
-            if opcode == 0 or length > self.size - stream.tell():
+    def _records(
+        self, stream: BinaryIO, taken: frozenset[int]
+    ) -> Iterator[tuple[int, memoryview]]:
+        """Records of some kinds, to the end of the section or the first that is not whole."""
+        at, most = stream.tell(), self._room.chunk
+        while len(head := stream.read(RECORD.size)) == RECORD.size:
+            opcode, length = RECORD.unpack(head)
+            at += RECORD.size + length
+            if opcode == 0 or at > self.size:
                 return
-            body = memoryview(stream.read(length))
-            self.kept = stream.tell()
-            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+            self.kept = at
+            if opcode in _ENDS:
                 self._ended = True
                 return
-            yield opcode, body
+            if opcode in taken and length <= most:
+                body = memoryview(stream.read(length))
+                if len(body) < length:
+                    return
+                yield opcode, body
+                continue
+            if opcode in taken:
+                self._leave_out(length, f"at most {most} bytes are read at once")
+            self.skipped += opcode == Opcode.ATTACHMENT
+            if length:
+                stream.seek(at)
 
     def _take_whole(self, opcode: int, body: memoryview) -> Iterator[Found]:
+        """Messages of a record, as far as it is whole."""
         try:
-            yield from self._take(opcode, body)
+            if opcode == _MESSAGE_CODE:
+                yield from self._message(body)
+            elif opcode == Opcode.CHUNK:
+                for inner, record in records(body, self._room):
+                    if inner == _MESSAGE_CODE:
+                        yield from self._message(record)
+                    else:
+                        self._define(inner, record)
+            else:
+                self._note_record(opcode, body)
         except _DAMAGE as error:
-            self.damaged += 1
-            self.notes.append(
-                f"a record of {len(body)} bytes that ends at byte {self.kept} is damaged "
-                f"({error}) and left out"
+            if isinstance(error, UnknownCompressionError):
+                self._unknown = error
+            self._leave_out(len(body), str(error) or type(error).__name__)
+
+    def _leave_out(self, length: int, why: str) -> None:
+        self.damaged += 1
+        if self.damaged <= MOST_NOTES:
+            self._notes.append(
+                f"a record of {length} bytes that ends at byte {self.kept} is damaged ({why}) and "
+                "left out"
             )
 
-    def _take(self, opcode: int, body: memoryview) -> Iterator[Found]:
-        if opcode == Opcode.CHUNK:
-            for inner, record in list(_split(_content(body))):
-                yield from self._take(inner, record)
-        elif opcode == Opcode.MESSAGE:
-            yield from self._message(body)
-        elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(_fields(body))
-            self._schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            self._channel(Channel.read(_fields(body)))
-        elif opcode == Opcode.METADATA:
+    def _message(self, body: memoryview) -> tuple[Found] | tuple[()]:
+        channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
+        self._n_messages += 1
+        topic = self.topics.get(channel)
+        if topic is None:
+            self.skipped += 1
+            return ()
+        return (Found(topic, log_ns, publish_ns, body[_MESSAGE.size :]),)
+
+    def _note_record(self, opcode: int, body: memoryview) -> None:
+        if opcode == Opcode.METADATA:
             record = Metadata.read(_fields(body))
             self.metadata.append((record.name, record.metadata))
-        elif opcode == Opcode.ATTACHMENT:
-            self.skipped += 1
-
-    def _message(self, body: memoryview) -> Iterator[Found]:
-        channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
-        if channel in self.topics:
-            yield Found(self.topics[channel], log_ns, publish_ns, body[_MESSAGE.size :])
+        elif opcode == Opcode.STATISTICS:
+            (self._counted,) = struct.unpack_from("<Q", body)
         else:
-            self.skipped += 1
+            self._define(opcode, body)
 
-    def _channel(self, channel: Channel) -> None:
-        schema = self._schemas.get(channel.schema_id, Schema(0, b"", "", ""))
-        self.topics[channel.id] = Topic(
-            channel.topic,
-            schema.name,
-            schema.data,
-            schema.encoding,
-            channel.message_encoding,
-            channel.metadata,
-        )
+    def _define(self, opcode: int, body: memoryview) -> None:
+        """Take a schema or a channel; files repeat them, as before each chunk."""
+        key = (opcode, bytes(body[:2]))
+        content = bytes(body)
+        if self._defined.get(key) == content:
+            return
+        self._defined_bytes += len(body)
+        if len(self.topics) > MOST_TOPICS or self._defined_bytes > MOST_DEFINED_BYTES:
+            raise RecordingError(
+                f"a recording may have {MOST_TOPICS} topics and {MOST_DEFINED_BYTES >> 20} MiB of "
+                f"definitions, {self.path} has more: choose the topics that are recorded"
+            )
+        self._defined[key] = content
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(_fields(body))
+            self._schemas[schema.id] = schema
+        else:
+            channel = Channel.read(_fields(body))
+            if not channel.topic.isprintable():
+                raise ValueError(f"no topic has the name {shown(channel.topic)}")
+            schema = self._schemas.get(channel.schema_id, Schema(0, b"", "", ""))
+            self.topics[channel.id] = Topic(
+                channel.topic,
+                schema.name,
+                schema.data,
+                schema.encoding,
+                channel.message_encoding,
+                channel.metadata,
+            )
+
+    @property
+    def notes(self) -> list[str]:
+        """A sentence on everything odd."""
+        more = self.damaged - MOST_NOTES
+        notes = self._notes + ([f"{more} more records are damaged and left out"] * (more > 0))
+        if self._counted is not None and self._counted != self._n_messages:
+            notes.append(
+                f"{self.path.name} says that it holds {self._counted} messages, "
+                f"{self._n_messages} of them were found"
+            )
+        return notes
 
     def end_notes(self) -> list[str]:
-        """A sentence on an end that is missing."""
+        """A sentence on an end that is missing or damaged."""
         if self.complete:
             return []
+        if self._index_damaged:
+            return [
+                f"the index of {self.path.name} is damaged and not used; 'python -m "
+                "herringbone_sim recover' rebuilds it"
+            ]
+        tail = self.size - self.kept
+        left_out = f"its last {tail} of {self.size} bytes are no whole record and left out; "
         return [
-            f"the file {self.path.name} was not finished: its last {self.size - self.kept} of "
-            f"{self.size} bytes are no whole record and left out; 'python -m herringbone_sim "
-            "recover' rebuilds its index"
+            f"the file {self.path.name} was not finished: {left_out if tail else ''}'python -m "
+            "herringbone_sim recover' rebuilds its index"
         ]
+
+
+def _checksum(stream: BinaryIO, start: int, end: int) -> int:
+    stream.seek(start)
+    crc, left = 0, end - start
+    while left > 0 and (piece := stream.read(min(left, 1 << 20))):
+        crc, left = zlib.crc32(piece, crc), left - len(piece)
+    return crc
 
 
 def _fields(body: memoryview) -> ReadDataStream:
     return ReadDataStream(BytesIO(body))
-
-
-def _content(body: memoryview) -> memoryview:
-    """Records of a chunk, decompressed; ValueError where the checksum disagrees."""
-    _, _, size, crc, name_length = _CHUNK.unpack_from(body)
-    start = _CHUNK.size + name_length
-    compression = str(body[_CHUNK.size : start], "utf-8")
-    (length,) = struct.unpack_from("<Q", body, start)
-    packed = body[start + 8 : start + 8 + length]
-    if compression == "":
-        content: bytes | memoryview = packed
-    elif compression == "lz4":
-        content = lz4.frame.decompress(packed)
-    elif compression == "zstd":
-        content = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-    else:
-        raise RecordingError(
-            f"chunks may be compressed with lz4, zstd or not at all, got {compression!r}: "
-            "convert the file with 'mcap compress'"
-        )
-    if crc and zlib.crc32(content) != crc:
-        raise ValueError("its checksum disagrees")
-    return memoryview(content)
-
-
-def _split(content: memoryview) -> Iterator[tuple[int, memoryview]]:
-    at = 0
-    while at < len(content):
-        opcode, length = _RECORD.unpack_from(content, at)
-        at += _RECORD.size
-        if at + length > len(content):
-            raise ValueError("a record in it is longer than the chunk")
-        yield opcode, content[at : at + length]
-        at += length

@@ -1,21 +1,20 @@
-"""Recording of a run: a bag that survives a kill, a full disk and a wrong name.
+"""Recording of a run: a bag that survives a kill, a full disk, a wrong name and a deletion.
 
 The caller, one thread, hands in blocks of samples, states and parameter changes, calls ``flush``
-every half second, and ``close`` at the end.
+every half second, ``next_file`` where a file is large enough, and ``close`` at the end.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.recording.bag import Bag, Topic
+from herringbone_sim.recording.bag import Topic
 from herringbone_sim.recording.cdr import Array, Buffer
 from herringbone_sim.recording.messages import (
     JointState,
@@ -25,6 +24,14 @@ from herringbone_sim.recording.messages import (
     encode_parameter_event,
     encode_samples,
     encode_string,
+)
+from herringbone_sim.recording.run_files import RECORD_NAME, RunFiles
+from herringbone_sim.recording.run_folder import (
+    channels_text,
+    check_channels,
+    check_name,
+    make_run_folder,
+    reason,
 )
 from herringbone_sim.recording.schemas import (
     FLOAT64_MULTI_ARRAY,
@@ -36,8 +43,8 @@ from herringbone_sim.recording.schemas import (
 
 __all__ = ["RECORD_NAME", "RunWriter", "encode_samples", "split_rows", "stamp_ns"]
 
+SAMPLES, STATE, EVENTS = 1, 2, 3  # places of the topics of a file; 0 is channels
 MESSAGE_LIMIT = 64_000
-RECORD_NAME = "herringbone_sim"
 
 
 def stamp_ns(t_s: float) -> int:
@@ -66,78 +73,19 @@ def split_rows(n: int, c: int, label_bytes: int | None = None) -> list[slice]:
     return [slice(start, min(start + most, n)) for start in range(0, n, most)]
 
 
-def _check_name(name: str) -> None:
-    led_out = name in ("", ".", "..") or any(mark in name for mark in "/\\") or Path(name).drive
-    if led_out or name != name.strip() or not name.isprintable():
-        raise RecordingError(
-            f"the name of a run must be that of one folder inside record_dir, got {name!r}: "
-            "leave out separators, '..' and spaces at its ends"
-        )
-
-
-def _check_channels(names: Sequence[str]) -> None:
-    odd = [name for name in names if not name.strip() or "," in name or name != name.strip()]
-    if odd or "t" not in names or len(set(names)) != len(names):
-        raise RecordingError(
-            "channel names must be unique, without commas, and one must be 't', got "
-            f"{', '.join(map(repr, names)) or 'none'}: mend the names"
-        )
-
-
-def _json(channels: Mapping[str, Any]) -> str:
-    try:
-        return json.dumps(channels, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise RecordingError(
-            f"the content of channels must be plain JSON with finite numbers, got {error}: "
-            "convert it before it is recorded"
-        ) from error
-
-
-def _make_folder(record_dir: Path, name: str) -> Path:
-    folder = record_dir / name
-    try:
-        record_dir.mkdir(parents=True, exist_ok=True)
-        folder.mkdir()
-    except FileExistsError as error:
-        what = f"the run {folder} exists" if folder.exists() else f"{record_dir} is not a folder"
-        raise RecordingError(
-            f"{what}: a recording never overwrites; choose another name or record_dir"
-        ) from error
-    except (OSError, ValueError) as error:
-        raise RecordingError(
-            f"can't create the run folder {folder} ({_reason(error)}): choose a record_dir that "
-            "can be written"
-        ) from error
-    return folder
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__
-
-
 class RunWriter:
     """Writes one run; made by ``RunWriter.create``.
 
     The first failure of the disk raises RecordingError, cuts the file behind its last whole
     record, and ends the recording: what was written stays readable, every later write is refused
-    with RecordingError, and ``close`` does nothing.
+    with RecordingError, and ``close`` does nothing. A file that others deleted, replaced, cut or
+    moved away while it was written does the same with RecordingLostError.
     """
 
-    def __init__(self, bag: Bag, prefix: str, channel_names: tuple[str, ...], start_ns: int):
-        self._bag = bag
+    def __init__(self, files: RunFiles, channel_names: tuple[str, ...], start_ns: int):
+        self._files = files
         self._names = channel_names
         self._start_ns = start_ns
-        self._samples_written = 0
-        self._ended: str | None = None
-        samples = Topic.of(f"{prefix}/samples", FLOAT64_MULTI_ARRAY, qos_profile(10))
-        state = Topic.of(f"{prefix}/state", JOINT_STATE, qos_profile(10))
-        channels = Topic.of(f"{prefix}/channels", STRING, qos_profile(1, latched=True))
-        events = Topic.of("/parameter_events", PARAMETER_EVENT, qos_profile(1000))
-        self._channels = bag.add_topic(channels)
-        self._samples = bag.add_topic(samples)
-        self._state = bag.add_topic(state)
-        self._events = bag.add_topic(events)
 
     @classmethod
     def create(
@@ -148,6 +96,7 @@ class RunWriter:
         channels: Mapping[str, Any],
         channel_names: tuple[str, ...],
         start_ns: int,
+        t_s: float = 0.0,
     ) -> RunWriter:
         """Create ``record_dir/name/name_0.mcap`` and write the ``channels`` message.
 
@@ -158,40 +107,62 @@ class RunWriter:
             channels: content of the ``channels`` topic, to be written as JSON.
             channel_names: c names of the columns of a block; one is ``t``.
             start_ns: wall time [ns] of t = 0.
+            t_s: time [s] of the first sample.
 
         Raises:
             RecordingError: a name that exists or leads out of ``record_dir``, channel names that
                 no recording can have, or a folder that can't be written.
         """
-        _check_name(name)
-        _check_channels(channel_names)
+        check_name(name)
+        check_channels(channel_names)
         split_rows(1, len(channel_names), len(",".join(channel_names).encode()))
-        text = _json(channels)
+        text = channels_text(channels)
         prefix = f"/{topic_prefix.strip('/')}" if topic_prefix.strip("/") else ""
-        folder = _make_folder(Path(record_dir).absolute(), name)
+        folder = make_run_folder(Path(record_dir).absolute(), name)
+        writer = cls(RunFiles(folder, _topics(prefix)), channel_names, start_ns)
         try:
-            bag = Bag(folder / f"{name}_0.mcap")
+            writer._files.open(writer._log_ns(t_s), encode_string(text))
         except OSError as error:
             with suppress(OSError):
                 folder.rmdir()
             raise RecordingError(
-                f"can't create a file in {folder} ({_reason(error)}): choose a record_dir that "
+                f"can't create a file in {folder} ({reason(error)}): choose a record_dir that "
                 "can be written"
             ) from error
-        writer = cls(bag, prefix, channel_names, start_ns)
-        writer._write(writer._channels, 0.0, encode_string(text), None)
-        writer.flush()
         return writer
 
     @property
     def path(self) -> Path:
         """Absolute path of the run folder."""
-        return self._bag.path.parent
+        return self._files.folder
 
     @property
     def samples_written(self) -> int:
         """Samples taken so far: the counter that proves that none was lost."""
-        return self._samples_written
+        return self._files.written
+
+    @property
+    def samples_kept(self) -> int:
+        """Samples known to lie on the disk: those flushed, less those lost since."""
+        return self._files.kept
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """A sentence on each file that is no longer what was written.
+
+        Those of files that were finished before are found at each ``flush``, and raise nothing.
+        """
+        return tuple(self._files.losses)
+
+    @property
+    def file_bytes(self) -> int:
+        """Size of the file that is being written."""
+        return self._files.size
+
+    @property
+    def file_first_s(self) -> float:
+        """Time [s] of the first sample of the file that is being written; NaN before it."""
+        return self._files.first_s
 
     def write_samples(self, block: Array, publish_ns: int | None = None) -> None:
         """Write a block (n, c) of samples, split into messages below 64 kB.
@@ -208,17 +179,16 @@ class RunWriter:
         times = block[:, self._names.index("t")]
         label_bytes = len(",".join(self._names).encode())
         for rows in split_rows(len(block), len(self._names), label_bytes):
-            message = encode_samples(self._names, block[rows])
-            self.write_serialized_samples(
-                message, float(times[rows.start]), rows.stop - rows.start, publish_ns
-            )
+            message, first_s = encode_samples(self._names, block[rows]), float(times[rows.start])
+            self._write(SAMPLES, first_s, message, publish_ns)
+            self._files.count(rows.stop - rows.start, first_s, float(times[rows.stop - 1]))
 
     def write_serialized_samples(
         self, message: Buffer, t_s: float, n: int, publish_ns: int | None = None
     ) -> None:
         """Write a message of ``encode_samples`` with n samples, the first at t_s [s]."""
-        self._write(self._samples, t_s, message, publish_ns)
-        self._samples_written += n
+        self._write(SAMPLES, t_s, message, publish_ns)
+        self._files.count(n, t_s, t_s)
 
     def write_state(
         self,
@@ -231,7 +201,7 @@ class RunWriter:
     ) -> None:
         """Write displacement [m], its rate [m/s] and force [N], each (m,), of m meshes at t_s."""
         state = JointState(self._stamp(t_s), names, position, velocity, effort)
-        self._write(self._state, t_s, encode_joint_state(state), publish_ns)
+        self._write(STATE, t_s, encode_joint_state(state), publish_ns)
 
     def write_parameter_event(
         self,
@@ -242,12 +212,30 @@ class RunWriter:
     ) -> None:
         """Write accepted changes, with the simulation time [s] at which they took effect."""
         event = ParameterEvent(self._stamp(t_s), node_name, changed)
-        self._write(self._events, t_s, encode_parameter_event(event), publish_ns)
+        self._write(EVENTS, t_s, encode_parameter_event(event), publish_ns)
 
     def flush(self) -> None:
-        """Bring everything to the disk: call it every half second."""
-        with self._writing():
-            self._bag.flush()
+        """Bring everything to the disk, and see that it is there: call it every half second.
+
+        Raises:
+            RecordingLostError: the file is no longer what was written.
+            RecordingError: the disk fails.
+        """
+        self._files.flush()
+
+    def next_file(self, channels: Mapping[str, Any], t_s: float) -> None:
+        """Finish the file and go on in the next one, ``NAME_1.mcap`` after ``NAME_0.mcap``.
+
+        Args:
+            channels: content of the ``channels`` topic with the state at the next sample, so
+                that the file can be repeated alone.
+            t_s: time [s] of the next sample.
+
+        Raises:
+            RecordingLostError: the file is no longer what was written.
+            RecordingError: the disk fails.
+        """
+        self._files.next(self._log_ns(t_s), encode_string(channels_text(channels)))
 
     def close(self, health: Mapping[str, str] | None = None) -> None:
         """Finish the file and write ``metadata.yaml``; nothing if the recording has ended.
@@ -256,16 +244,11 @@ class RunWriter:
             health: what else to keep in the file, as counters of dropped blocks.
 
         Raises:
+            RecordingLostError: the file is no longer what was written.
             RecordingError: the disk fails only now.
         """
-        if self._ended:
-            return
-        self.flush()
-        with self._writing():
-            counts = {"samples_written": str(self._samples_written)}
-            self._bag.add_record(RECORD_NAME, {**(health or {}), **counts})
-            self._bag.finish()
-        self._ended = f"the recording {self.path} is closed: start another"
+        if not self._files.ended:
+            self._files.close(health or {})
 
     def _stamp(self, t_s: float) -> int:
         if not np.isfinite(t_s):
@@ -275,25 +258,19 @@ class RunWriter:
             )
         return stamp_ns(t_s)
 
-    def _write(self, channel: int, t_s: float, message: Buffer, publish_ns: int | None) -> None:
-        log_ns = self._start_ns + self._stamp(t_s)
-        with self._writing():
-            published = log_ns if publish_ns is None else publish_ns
-            self._bag.write(channel, log_ns, published, message)
+    def _write(self, topic: int, t_s: float, message: Buffer, publish_ns: int | None) -> None:
+        log_ns = self._log_ns(t_s)
+        self._files.write(topic, log_ns, log_ns if publish_ns is None else publish_ns, message)
 
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        if self._ended:
-            raise RecordingError(self._ended)
-        try:
-            yield
-        except OSError as error:
-            with suppress(OSError):
-                self._bag.abandon()
-            failed = f"the recording {self.path} ended early ({_reason(error)})"
-            self._ended = f"{failed}: free the disk and start another"
-            raise RecordingError(
-                f"{failed} after {self._samples_written} samples; what is on disk stays readable: "
-                f"free the disk, run 'python -m herringbone_sim recover {self.path}', and start "
-                "another"
-            ) from error
+    def _log_ns(self, t_s: float) -> int:
+        return self._start_ns + self._stamp(t_s)
+
+
+def _topics(prefix: str) -> list[Topic]:
+    """What each file of a run holds, in the order of the numbers above."""
+    return [
+        Topic.of(f"{prefix}/channels", STRING, qos_profile(1, latched=True)),
+        Topic.of(f"{prefix}/samples", FLOAT64_MULTI_ARRAY, qos_profile(10)),
+        Topic.of(f"{prefix}/state", JOINT_STATE, qos_profile(10)),
+        Topic.of("/parameter_events", PARAMETER_EVENT, qos_profile(1000)),
+    ]

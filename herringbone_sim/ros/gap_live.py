@@ -7,16 +7,15 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -28,7 +27,8 @@ from herringbone_sim.gap.stream.listening import Comparison, Ear, Picture
 from herringbone_sim.recording.messages import JointState as Values
 from herringbone_sim.recording.messages import encode_joint_state
 from herringbone_sim.recording.writer import stamp_ns
-from herringbone_sim.ros.streams import LATCHED, STREAM
+from herringbone_sim.ros.guarded import GuardedNode, one_line
+from herringbone_sim.ros.qos import LATCHED, STREAM
 from herringbone_sim.views.live_text import data
 
 NAME = "gap"
@@ -57,7 +57,7 @@ class Plan:
     for_s: float = float("inf")
 
 
-class GapNode(Node):  # type: ignore[misc]
+class GapNode(GuardedNode):
     """Feeds two ears from topics and publishes what is found: ``~/residual``, ``~/difference``,
     ``~/place``.
 
@@ -67,12 +67,23 @@ class GapNode(Node):  # type: ignore[misc]
 
     def __init__(self, plan: Plan, **options: Any) -> None:
         super().__init__(NAME, **options)
-        rig, simulator = (Ear(f"{one.rstrip('/')}/samples") for one in (plan.rig, plan.simulator))
+        prefixes = [one.rstrip("/") for one in (plan.rig, plan.simulator)]
+        rig, simulator = (Ear(f"{prefix}/samples") for prefix in prefixes)
         self.comparison = Comparison(rig, simulator, plan.nominal, plan.noise_share)
         self._listeners = [_Listener(self, ear) for ear in (rig, simulator)]
+        self._ears = {
+            f"{ear.topic.removesuffix('/samples')}: simulator": ear for ear in (rig, simulator)
+        }
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._hear, STREAM)
         self._residual = self.create_publisher(JointState, "~/residual", STREAM)
         self._difference = self.create_publisher(JointState, "~/difference", STREAM)
         self._place = self.create_publisher(String, "~/place", STREAM)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            ear = self._ears.get(status.name)
+            if ear:
+                ear.says(one_line(status.message))
 
     def look(self) -> Picture:
         """What is known now; published too."""
@@ -109,7 +120,7 @@ class GapNode(Node):  # type: ignore[misc]
 class _Listener:
     """Subscriptions of one ear, as reliable as the publisher."""
 
-    def __init__(self, node: Node, ear: Ear) -> None:
+    def __init__(self, node: GapNode, ear: Ear) -> None:
         self._node, self._ear = node, ear
         self._reliable = True
         try:
@@ -167,8 +178,10 @@ def _look_on(
     show: Callable[[Picture, tuple[str, ...]], None],
 ) -> None:
     executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
-    thread = threading.Thread(target=_spin, args=(executor,), name="listener", daemon=True)
+    over = threading.Event()
+    thread = threading.Thread(
+        target=node.serve, args=(executor, lambda: not over.is_set()), name="listener", daemon=True
+    )
     thread.start()
     end = time.monotonic() + plan.for_s
     pause = plan.every_s
@@ -180,10 +193,6 @@ def _look_on(
             if time.monotonic() >= end:
                 return
     finally:
-        executor.shutdown(timeout_sec=5.0)
+        over.set()
         thread.join(5.0)
-
-
-def _spin(executor: SingleThreadedExecutor) -> None:
-    with suppress(ExternalShutdownException):
-        executor.spin()
+        executor.shutdown(timeout_sec=5.0)

@@ -10,15 +10,17 @@ from collections.abc import Sequence
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.ros.node import SimulatorNode
+from herringbone_sim.ros.guarded import one_line
+from herringbone_sim.ros.node import THREADS, SimulatorNode
 
 OF_ROS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
+ANSWERS_S = 2.0  # for services that still run to send their answer at the end
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -32,16 +34,13 @@ def main(args: Sequence[str] | None = None) -> int:
     node = None
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = make_node()
+        # Whether such a gear can be built was said when its file was made.
+        warnings.simplefilter("ignore", ParameterWarning)
+        node = SimulatorNode()
         node.get_logger().info(f"running the {node.get_parameter('model').value} model")
-        executor = MultiThreadedExecutor(num_threads=2)
-        executor.add_node(node)
-        while not stop.is_set() and rclpy.ok():
-            executor.spin_once(timeout_sec=0.2)
-    except ExternalShutdownException:
-        pass
+        spin(node, stop)
     except (HerringboneError, ParameterException, *OF_ROS) as error:
-        print(f"herringbone_sim: {error}", file=sys.stderr)
+        print(f"herringbone_sim: {one_line(str(error))}", file=sys.stderr)
         return 2
     finally:
         if node is not None:
@@ -50,15 +49,12 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def make_node() -> SimulatorNode:
-    """The node, with warnings about the gear in its log."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", ParameterWarning)
-        node = SimulatorNode()
-    for text in sorted({str(w.message) for w in caught}):
-        node.get_logger().warning(text)
-    warnings.simplefilter("ignore", ParameterWarning)
-    return node
+def spin(node: SimulatorNode, stop: threading.Event) -> None:
+    """Serve until the end is wanted, then let services that still run answer."""
+    executor = MultiThreadedExecutor(num_threads=THREADS, context=node.context)
+    node.serve(executor, lambda: not stop.is_set())
+    node.loop.close()
+    executor.shutdown(timeout_sec=ANSWERS_S)
 
 
 if __name__ == "__main__":

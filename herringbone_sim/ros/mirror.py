@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,12 @@ class Mirror:
         self._label = ""
 
     @classmethod
-    def of(cls, model: Model, options: Mapping[str, Any]) -> Mirror:
-        """Mirror with the node's ``mirror*`` parameters; ParameterError when they can't be."""
+    def of(cls, model: Model, options: Mapping[str, Any], report: Callable[[str], None]) -> Mirror:
+        """Mirror with the node's ``mirror*`` parameters; ParameterError when they can't be.
+
+        Args:
+            report: is told what fails.
+        """
         s = model.scales
         return cls(
             RerunMirror(
@@ -36,6 +40,7 @@ class Mirror:
                 path=Path(options["mirror_path"]) if options["mirror"] == "save" else None,
                 memory_limit=options["mirror_memory"],
                 scale=Scale(s.b_c, half_backlash(model), s.omega_n),
+                report=lambda text: report(f"mirror {text}"),
             )
         )
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import rclpy
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import (
+    CallbackGroup,
+    MutuallyExclusiveCallbackGroup,
+    ReentrantCallbackGroup,
+)
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterException
-from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
@@ -25,21 +24,29 @@ from herringbone_sim.core import parameters as core
 from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.effects.sensors import check_effects
-from herringbone_sim.effects.written import effects_text, read_effects
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import HerringboneError, ParameterError, RecordingError
+from herringbone_sim.recording.node_parameters import check, known, unknown
 from herringbone_sim.recording.parameter_file import EFFECTS
 from herringbone_sim.ros import parameters as ros_parameters
+from herringbone_sim.ros.guarded import GuardedNode, with_names
 from herringbone_sim.ros.mirror import Mirror
-from herringbone_sim.ros.recorder import Recorder
-from herringbone_sim.ros.streams import STREAM, Decimator, Streams
+from herringbone_sim.ros.qos import STREAM, open_publisher, open_subscription
+from herringbone_sim.ros.recorder import Limits, Recorder, run_name
+from herringbone_sim.ros.sim_clock import SimClock
+from herringbone_sim.ros.status import simulator_status
+from herringbone_sim.ros.streams import Decimator, Streams
 from herringbone_sim.runtime import Delivery, Loop, check_pace
 
 NAME = "herringbone_sim"
 COMMANDS = ("K", "delta_T")
 PACE = ("real_time_factor", "publish_rate")
+THREADS = 4  # of an executor: for a step, another service, parameters and commands, the timers
+COMPILING = "compiling the kernel, once on this machine: 15 s or more, samples come after that"
+COMPILING_EFFECTS = "compiling the effects, once on this machine: 30 s or more, the motion goes on"
 
 
-class SimulatorNode(Node):  # type: ignore[misc]
+class SimulatorNode(GuardedNode):
     """Integrates a herringbone planetary gear in real time and lets others steer it.
 
     Raises:
@@ -49,18 +56,16 @@ class SimulatorNode(Node):  # type: ignore[misc]
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         ros_parameters.declare(self)
-        self.add_pre_set_parameters_callback(self._convert)
         self._target = ros_parameters.read_model(self)
         actives = ros_parameters.read_actives(self)
-        self._service_group = MutuallyExclusiveCallbackGroup()
-        self._rejected, self._last_rejected, self._fault = 0, "", ""
+        self.fault = self._told = ""
         model = build(self._target)
         factor = self._get("real_time_factor")
         check_pace(model, factor)
         self._decimate = Decimator(self._get("publish_rate"))
         full_name = self.get_fully_qualified_name()
         self.recorder = Recorder(full_name, self._decimate, self.get_logger().error)
-        self.mirror = Mirror.of(model, self._mirror_options())
+        self.mirror = Mirror.of(model, self._mirror_options(), self._mirror_failed)
         self.streams = Streams(self, self._decimate, self._mirror_on)
         self.loop = Loop(
             model,
@@ -84,45 +89,44 @@ class SimulatorNode(Node):  # type: ignore[misc]
         self.add_on_set_parameters_callback(self._validate)
         self.add_post_set_parameters_callback(self._act)
         for name in COMMANDS:
-            self.create_subscription(Float64, f"~/cmd/{name}", self._command(name), STREAM)
-        services = {
-            "pause": self._pause,
-            "resume": self._resume,
-            "step": self._step,
-            "reset": self._reset,
-            "record/start": self._record_start,
-            "record/stop": self._record_stop,
-        }
-        for name, serve in services.items():
-            answer = _answering(serve)
-            self.create_service(Trigger, f"~/{name}", answer, callback_group=self._service_group)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+            open_subscription(self, Float64, f"~/cmd/{name}", self._command(name), STREAM)
+        group, group_of_step = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
+        self._offer("step", self._step, group_of_step)
+        self._offer("pause", self._pause, group)
+        self._offer("resume", self._resume, group)
+        self._offer("reset", self._reset, group)
+        self._offer("record/start", self._record_start, group)
+        self._offer("record/stop", self._record_stop, group)
+        self._diagnostics = open_publisher(self, DiagnosticArray, "/diagnostics", STREAM)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._diagnose, clock=steady)
-        self._clock_publisher = None
-        if self._get("publish_clock"):
-            self._open_clock(steady)
-        self.streams.start()
+        timers = MutuallyExclusiveCallbackGroup()
+        self.create_timer(1.0, self._diagnose, timers, clock=steady)
+        clock = self._get("publish_clock")
+        self._sim_clock = SimClock(self, steady, timers, lambda: self.loop.t_s) if clock else None
+        loop = self.loop
+        self.streams.start(loop.model, loop.state, loop.actives, loop.clock)
         if self._get("record"):
             self._record_first()
         self.loop.start()
 
-    def _open_clock(self, steady: Clock) -> None:
-        time.sleep(0.5)
-        if self.count_publishers("/clock"):
-            self.get_logger().error(
-                "another node publishes /clock: this one does not; stop the other or leave "
-                "publish_clock false"
-            )
-            return
-        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
-        self.create_timer(0.01, self._tick, clock=steady)
+    def _tell_time(self) -> None:
+        if self._sim_clock:
+            self._sim_clock.tick()
 
-    def _tick(self) -> None:
-        if self._clock_publisher is not None:
-            seconds, part = divmod(round(self.loop.t_s * 1e9), 10**9)
-            stamp = Time(sec=seconds, nanosec=part)
-            self._clock_publisher.publish(ClockMessage(clock=stamp))
+    def _offer(self, name: str, serve: Callable[[], str], group: CallbackGroup) -> None:
+        """A service around a verb that returns its answer or raises."""
+
+        def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                response.message = serve()
+                response.success = True
+            except HerringboneError as error:
+                response.message = str(error)
+            except Exception as error:
+                response.message = self.failed(name, error)
+            return response
+
+        self.create_service(Trigger, f"~/{name}", answer, callback_group=group)
 
     def _record_first(self) -> None:
         try:
@@ -139,12 +143,13 @@ class SimulatorNode(Node):  # type: ignore[misc]
         self._decimate.speed = self.loop.pace.reached or 1.0
         self.mirror.show(deliveries, regime)
 
-    def _failed(self, text: str) -> None:
-        self._fault = text
-        self.get_logger().error(text)
+    def _mirror_failed(self, text: str) -> None:
+        if self.context.ok():
+            self.get_logger().error(text)
 
-    def _convert(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        return [ros_parameters.as_double(p) for p in parameters]
+    def _failed(self, text: str) -> None:
+        self.fault = text
+        self.get_logger().error(text)
 
     def _validate(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
@@ -154,20 +159,28 @@ class SimulatorNode(Node):  # type: ignore[misc]
         return SetParametersResult(successful=True)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As in rclpy; every refusal, also by range or type, is counted and reported."""
-        try:
-            result = super().set_parameters_atomically(parameter_list)
-        except ParameterException as error:
-            self._reject(str(error))
-            raise
+        """As in rclpy; every refusal, also of a name, type or range, is counted and answered.
+
+        A read-only parameter may be set to what it is: that changes nothing.
+        """
+        strangers = [p.name for p in parameter_list if not self.has_parameter(p.name)]
+        if strangers:
+            result = SetParametersResult(reason=unknown(strangers[0]))
+        else:
+            wanted = [ros_parameters.adapted(p) for p in parameter_list]
+            news = [p for p in wanted if not ros_parameters.stands(self, p)]
+            if wanted and not news:
+                return SetParametersResult(successful=True)
+            result = super().set_parameters_atomically(news)
         if not result.successful:
-            self._reject(result.reason)
+            reason = with_names(result.reason, [one.name for one in parameter_list])
+            result.reason = self.refuse(reason)
         return result
 
     def _check(self, values: dict[str, Any]) -> None:
         for name, value in values.items():
-            if ros_parameters.known(name):
-                ros_parameters.check(name, value)
+            if known(name):
+                check(name, value)
         of_model = {k: v for k, v in values.items() if k in core.live_names()}
         factor = values.get("real_time_factor", self._get("real_time_factor"))
         model = build(self._target.changed(of_model))
@@ -187,11 +200,6 @@ class SimulatorNode(Node):  # type: ignore[misc]
         if "publish_rate" in values:
             self._decimate.publish_rate = values["publish_rate"]
 
-    def _reject(self, reason: str) -> None:
-        self._rejected += 1
-        self._last_rejected = reason
-        self.get_logger().warning(f"refused: {reason}")
-
     def _command(self, name: str) -> Any:
         def take(message: Float64) -> None:
             parameter = Parameter(name, Parameter.Type.DOUBLE, message.data)
@@ -204,44 +212,45 @@ class SimulatorNode(Node):  # type: ignore[misc]
         return f"paused at t = {self.loop.call(lambda _, state: state.t):.9g} s"
 
     def _resume(self) -> str:
-        if self._fault:
-            raise HerringboneError(f"{self._fault}: call reset first")
+        if self.fault:
+            raise HerringboneError(f"{self.fault}: call reset first")
         self.loop.resume()
         return f"running from t = {self.loop.t_s:.9g} s"
 
     def _step(self) -> str:
-        if self._fault:
-            raise HerringboneError(f"{self._fault}: call reset first")
-        cycles = self._get("step_cycles")
-        refused = self.loop.step(cycles)
-        if refused:
-            raise HerringboneError(refused)
-        self._tick()
-        return f"advanced {cycles} mesh cycles to t = {self.loop.t_s:.9g} s"
+        if self.fault:
+            raise HerringboneError(f"{self.fault}: call reset first")
+        wanted = self._get("step_cycles")
+        came = self.loop.step(wanted)
+        self._tell_time()
+        if came.cut:
+            raise HerringboneError(
+                f"advanced {came.cycles:.9g} of {wanted} mesh cycles to t = {came.t_s:.9g} s: "
+                f"{came.cut}"
+            )
+        return f"advanced {wanted} mesh cycles to t = {came.t_s:.9g} s"
 
     def _reset(self) -> str:
         name = self._next_name()
         said = self.loop.call(lambda *_: self._reset_now(name))
-        self._tick()
+        self._tell_time()
         return f"reset to t = 0 s{said}"
 
     def _reset_now(self, name: str) -> str:
         """Reset in any case; what came of a recording that was running."""
-        recording, said = self.recorder.path, ""
-        if recording:
-            try:
-                self.recorder.stop()
-            except RecordingError as error:
-                said = f"; the recording had ended: {error}"
+        ended = self.recorder.end() if self.recorder.path else None
         self.loop.reset()
-        self._fault = ""
-        if recording and not said:
-            try:
-                path = self._start_recording(self.loop.model, self.loop.state, name)
-                said = f"; recording goes on in {path}"
-            except RecordingError as error:
-                said = f"; not recording: {error}"
-        return said
+        self.fault = ""
+        if isinstance(ended, RecordingError):
+            return f"; the recording had ended: {ended}"
+        if ended is None:
+            return ""
+        said = f"; recorded before: {ended}" if ended.losses else ""
+        try:
+            path = self._start_recording(self.loop.model, self.loop.state, name)
+        except RecordingError as error:
+            return f"{said}; not recording: {error}"
+        return f"{said}; recording goes on in {path}"
 
     def _record_start(self) -> str:
         name = self._next_name()
@@ -253,85 +262,45 @@ class SimulatorNode(Node):  # type: ignore[misc]
             folder = Path(self._get("record_dir")).expanduser()
         except RuntimeError as error:
             raise RecordingError(f"record_dir {self._get('record_dir')!r}: {error}") from error
-        now = self.loop.actives, self.loop.clock
+        limits = Limits(self._get("record_max_mb"), self._get("record_max_s"))
+        now = self.loop.actives, self.loop.clock, limits
         return self.recorder.start(folder, name or self._next_name(), model, state, *now)
 
     def _next_name(self) -> str:
-        given = str(self._get("record_name"))
-        stamp = time.strftime("%Y-%m-%d_%H-%M-%S") + f"-{time.time_ns() // 10**6 % 1000:03d}"
-        return given if given and not self.recorder.path else f"{given or 'run'}_{stamp}"
+        return run_name(str(self._get("record_name")), bool(self.recorder.path))
 
     def _record_stop(self) -> str:
-        path, written, offered = self.recorder.stop()
-        return f"{written} samples written, {offered - written} lost, to {path}"
+        outcome = self.recorder.stop()
+        if outcome.lost:
+            raise RecordingError(str(outcome))
+        return str(outcome)
 
     def _diagnose(self) -> None:
-        if not self.loop.ready:
-            self.get_logger().info("compiling the kernel, once: about 15 s", once=True)
-        message = DiagnosticArray(status=[self._status()])
+        if self.loop.compiling:
+            self._say_once(COMPILING_EFFECTS if self.loop.ready else COMPILING)
+        message = DiagnosticArray(status=[simulator_status(self)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _status(self) -> DiagnosticStatus:
-        wanted, reached = self._get("real_time_factor"), self.loop.pace.reached
-        values = {
-            "t": f"{self.loop.t_s:.9g}",
-            "paused": str(self.loop.paused).lower(),
-            "effects": effects_text(self.loop.actives),
-            "real_time_factor": repr(wanted),
-            "real_time_factor_reached": f"{0.0 if self.loop.paused else reached:.4f}",
-            "overruns": str(self.loop.pace.overruns),
-            "samples": str(self.loop.pace.samples),
-            "dropped_blocks": str(self.streams.dropped),
-            "recorder": self.recorder.error or str(self.recorder.path or "off"),
-            "recorded_samples": str(self.recorder.samples),
-            "mirror": self.mirror.state,
-            "mirror_dropped_blocks": str(self.mirror.dropped),
-            "rejected_commands": str(self._rejected),
-            "last_rejected_command": self._last_rejected,
-            "fault": self._fault,
-        }
-        level, text = DiagnosticStatus.OK, "running" if self.loop.ready else "compiling the kernel"
-        late = self.loop.ready and wanted > 0 and not self.loop.paused and reached < 0.9 * wanted
-        if late or self.mirror.state.startswith("failed"):
-            level, text = DiagnosticStatus.WARN, "behind" if late else self.mirror.state
-        if self._fault or self.recorder.error:
-            level, text = DiagnosticStatus.ERROR, self._fault or self.recorder.error
-        return DiagnosticStatus(
-            level=level,
-            name=f"{self.get_name()}: simulator",
-            message=text,
-            hardware_id=self._target.model,
-            values=[KeyValue(key=k, value=v) for k, v in values.items()],
-        )
+    def _say_once(self, text: str) -> None:
+        if text != self._told:
+            self._told = text
+            self.get_logger().info(text)
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulation over wall time, as wanted."""
+        return float(self._get("real_time_factor"))
 
     def destroy_node(self) -> None:
         """End the loop, finish the recording and the mirror, then the node."""
         self.loop.close()
         if self.recorder.path:
-            try:
-                path, written, offered = self.recorder.stop()
-                text = f"{written} samples written, {offered - written} lost, to {path}"
-                if rclpy.ok(context=self.context):
-                    self.get_logger().info(text)
-            except RecordingError as error:
-                print(error)
+            ended = self.recorder.end()
+            if isinstance(ended, RecordingError) or ended.losses:
+                print(ended)
+            elif rclpy.ok(context=self.context):
+                self.get_logger().info(str(ended))
         self.streams.close()
         self.mirror.close()
         super().destroy_node()
-
-
-def _answering(serve: Any) -> Any:
-    """Service callback around a verb that returns its answer or raises."""
-
-    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            response.message = serve()
-            response.success = True
-        except HerringboneError as error:
-            response.message, response.success = str(error), False
-        except Exception as error:
-            response.message, response.success = f"this is an error of ours: {error!r}", False
-        return response
-
-    return answer

@@ -1,92 +1,264 @@
-"""Send a recording over the topics of the node, at a chosen speed."""
+"""Send a recording over the topics of the node, at a chosen speed, as ``ros2 bag play`` would."""
 
 from __future__ import annotations
 
 import json
+import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
 
 import numpy as np
 import rclpy
+from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
+from tqdm import tqdm
 
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, shown
 from herringbone_sim.recording.messages import JointState as StateSample
 from herringbone_sim.recording.messages import encode_joint_state, encode_samples
 from herringbone_sim.recording.reader import Recording
 from herringbone_sim.recording.writer import split_rows, stamp_ns
-from herringbone_sim.ros.streams import LATCHED, STREAM
+from herringbone_sim.ros.qos import LATCHED, STREAM
 
 TURN_S = 0.02
 DISCOVERY_S = 2.0
+MOST_CLOCK_HZ = 1000.0
 ON_SECTION = 1e-6
 
 
-def publish(recording: Recording, speed: float, node_name: str = "herringbone_sim") -> int:
+@dataclass(frozen=True)
+class Playing:
+    """How a recording is sent.
+
+    Attributes:
+        speed: recorded over wall time; 1 is the machine's own time.
+        start_s: what is left out at its beginning [s].
+        loop: whether it begins again, there, at its end.
+        clock_hz: rate of ``/clock`` [1/s], the time of the recording; 0 sends none.
+
+    Raises:
+        ParameterError: a number that can't be.
+    """
+
+    speed: float = 1.0
+    start_s: float = 0.0
+    loop: bool = False
+    clock_hz: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value, fits, rule, hint in (
+            ("speed", self.speed, self.speed > 0.0, "positive", "1 is real time"),
+            ("start", self.start_s, self.start_s >= 0.0, "0 or more", "0 leaves out nothing"),
+            (
+                "clock",
+                self.clock_hz,
+                0.0 <= self.clock_hz <= MOST_CLOCK_HZ,
+                f"at most {MOST_CLOCK_HZ:g} Hz",
+                "40 is usual",
+            ),
+        ):
+            if not (isfinite(value) and fits):
+                raise ParameterError(f"{name} must be finite and {rule}, got {value}: {hint}")
+
+
+@dataclass
+class Stop:
+    """The signal that asked for an end, 0 as long as none has."""
+
+    number: int = 0
+
+
+@dataclass(frozen=True)
+class Sent:
+    """Samples sent, of how many (in all rounds), and the signal that ended it, 0 for none."""
+
+    samples: int
+    of: int
+    signal: int
+
+
+def publish(recording: Recording, playing: Playing, node_name: str = "herringbone_sim") -> Sent:
     """Publish ``~/channels``, ``~/samples``, ``~/section`` and ``~/state`` of a run.
 
-    ``~/state`` is taken at phase 0, so it is a section and never an alias. Returns samples sent.
+    ``~/state`` is taken at phase 0, so it is a section and never an alias. SIGINT and SIGTERM end
+    it; to be called in the main thread.
 
     Args:
-        speed: recorded over wall time; 1 is the machine's own time.
         node_name: whose topics; two nodes of one name confuse subscribers.
+
+    Raises:
+        ParameterError: a name that ROS doesn't take, a start behind the end, a second clock.
     """
-    if not (np.isfinite(speed) and speed > 0.0):
-        raise ParameterError(f"speed must be finite and positive, got {speed!r}: 1 is real time")
-    rclpy.init()
-    try:
-        node = Node(node_name)
-    except (InvalidNodeNameException, InvalidNamespaceException) as error:
-        rclpy.try_shutdown()
-        raise ParameterError(f"node name {node_name!r} is not one ROS takes: {error}") from error
-    try:
-        return _send(node, recording, speed)
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
-def _send(node: Node, recording: Recording, speed: float) -> int:
-    channels = node.create_publisher(String, "~/channels", LATCHED)
-    samples = node.create_publisher(Float64MultiArray, "~/samples", STREAM)
-    section = node.create_publisher(Float64MultiArray, "~/section", STREAM)
-    state = node.create_publisher(JointState, "~/state", STREAM)
-    channels.publish(String(data=json.dumps(recording.channels)))
     series = recording.samples
-    meshes = tuple(name[2:] for name in series.names if name.startswith("x_"))
-    whole = bool(meshes) and all(f"{a}_{m}" in series for a in "vF" for m in meshes)
-    of_section = tuple(n for n in series.names if n in ("t", "phase") or n[:2] in ("x_", "v_"))
-    turns = series["phase"] / TWO_PI if "phase" in series else np.full(len(series), 0.5)
-    on_section = np.abs(turns - np.round(turns)) < ON_SECTION
-    _wait_for_listeners(node)
-    began, first, at = time.monotonic(), series.times[0], 0
-    while at < len(series) and rclpy.ok():
-        due = first + (time.monotonic() - began) * speed
-        end = max(int(np.searchsorted(series.times, due, side="right")), at)
+    length_s = float(series.times[-1] - series.times[0])
+    if playing.start_s > length_s:
+        raise ParameterError(
+            f"start must lie in the recording of {length_s:g} s, got {playing.start_s:g}"
+        )
+    with stop_on_signals() as stop:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            node = _node(node_name)
+            try:
+                return _Player(node, recording, playing, stop).play()
+            finally:
+                node.destroy_node()
+        finally:
+            rclpy.try_shutdown()
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Stop]:
+    """Take SIGINT and SIGTERM as the wish to stop, while inside."""
+    stop = Stop()
+
+    def take(number: int, _: object) -> None:
+        stop.number = number
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, take) for number in numbers]
+    try:
+        yield stop
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _node(name: str) -> Node:
+    try:
+        return Node(name)
+    except (InvalidNodeNameException, InvalidNamespaceException) as error:
+        raise ParameterError(
+            f"node name {shown(name)} is not one ROS takes: {str(error).splitlines()[0]}"
+        ) from error
+
+
+@dataclass
+class _Player:
+    """A node with the topics of a recording, and how far it has been sent."""
+
+    node: Node
+    recording: Recording
+    playing: Playing
+    stop: Stop
+    sent: int = 0
+    clock_due_s: float = 0.0
+    clock: Any = None
+
+    def __post_init__(self) -> None:
+        node, series = self.node, self.recording.samples
+        self.channels = node.create_publisher(String, "~/channels", LATCHED)
+        self.samples = node.create_publisher(Float64MultiArray, "~/samples", STREAM)
+        self.section = node.create_publisher(Float64MultiArray, "~/section", STREAM)
+        self.state = node.create_publisher(JointState, "~/state", STREAM)
+        self.meshes = tuple(name[2:] for name in series.names if name.startswith("x_"))
+        self.whole = bool(self.meshes) and all(
+            f"{a}_{m}" in series for a in "vF" for m in self.meshes
+        )
+        self.of_section = tuple(
+            n for n in series.names if n in ("t", "phase") or n[:2] in ("x_", "v_")
+        )
+        turns = series["phase"] / TWO_PI if "phase" in series else np.full(len(series), 0.5)
+        self.on_section = np.abs(turns - np.round(turns)) < ON_SECTION
+        first_s = float(series.times[0]) + self.playing.start_s
+        self.first = int(np.searchsorted(series.times, first_s - 1e-9))
+
+    def play(self) -> Sent:
+        """Send it, in rounds if that is wanted."""
+        if self.playing.clock_hz:
+            self._open_clock()
+        self.channels.publish(String(data=json.dumps(self.recording.channels.content)))
+        topic, count = self.samples.topic_name, len(self.recording.samples) - self.first
+        seconds = float(np.ptp(self.recording.samples.times[self.first :]))
+        rounds = ", again and again" if self.playing.loop else ""
+        print(
+            f"{self.recording.name}: sending {seconds:.4g} s on {topic}, in "
+            f"{seconds / self.playing.speed:.4g} s{rounds}",
+            flush=True,
+        )
+        self._wait_for_listeners()
+        all_of_it = 0
+        with tqdm(total=count, unit="sample", unit_scale=True, disable=None) as bar:
+            while not all_of_it or (self.playing.loop and not self.stop.number):
+                all_of_it += count
+                bar.reset()
+                self._round(bar)
+        if not self.stop.number:
+            self.samples.wait_for_all_acked(Duration(seconds=DISCOVERY_S))
+        return Sent(self.sent, all_of_it, self.stop.number)
+
+    def _open_clock(self) -> None:
+        limit, others = time.monotonic() + DISCOVERY_S, 0
+        while not others and time.monotonic() < limit and not self.stop.number:
+            time.sleep(TURN_S)
+            others = self.node.count_publishers("/clock")
+        if others:
+            raise ParameterError(
+                "another node publishes /clock: two of them make time jump; stop that one, or "
+                "leave --clock out"
+            )
+        self.clock = self.node.create_publisher(Clock, "/clock", 10)
+
+    def _round(self, bar: tqdm) -> None:
+        times = self.recording.samples.times
+        turn_s = min(TURN_S, 1.0 / self.playing.clock_hz) if self.playing.clock_hz else TURN_S
+        began, at = time.monotonic(), self.first
+        while at < len(times) and not self.stop.number:
+            due = times[self.first] + (time.monotonic() - began) * self.playing.speed
+            end = max(int(np.searchsorted(times, due, side="right")), at)
+            self._tick(float(min(due, times[-1])))
+            self._send(at, end)
+            bar.update(end - at)
+            at = end
+            rclpy.spin_once(self.node, timeout_sec=turn_s)
+
+    def _tick(self, t_s: float) -> None:
+        now = time.monotonic()
+        if self.clock is not None and now >= self.clock_due_s:
+            self.clock_due_s = now + 1.0 / self.playing.clock_hz
+            seconds, part = divmod(stamp_ns(t_s), 10**9)
+            self.clock.publish(Clock(clock=Time(sec=seconds, nanosec=part)))
+
+    def _send(self, at: int, end: int) -> None:
+        series = self.recording.samples
         for rows in split_rows(end - at, len(series.names), len(",".join(series.names))):
+            if self.stop.number:
+                return
             block = series.data[at + rows.start : at + rows.stop]
-            samples.publish(encode_samples(series.names, block))
-        points = at + np.flatnonzero(on_section[at:end])
+            self.samples.publish(encode_samples(series.names, block))
+            self.sent += len(block)
+        points = at + np.flatnonzero(self.on_section[at:end])
         if len(points):
-            section.publish(encode_samples(of_section, series.columns(of_section)[points]))
-        if len(points) and whole:
+            self._send_section(points)
+
+    def _send_section(self, points: np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
+        series = self.recording.samples
+        self.section.publish(
+            encode_samples(self.of_section, series.columns(self.of_section)[points])
+        )
+        if self.whole:
             row = {name: series[name][points[-1]] for name in series.names}
-            x, v, force = (np.array([row[f"{a}_{m}"] for m in meshes]) for a in "xvF")
+            x, v, force = (np.array([row[f"{a}_{m}"] for m in self.meshes]) for a in "xvF")
             stamp = stamp_ns(float(series.times[points[-1]]))
-            state.publish(encode_joint_state(StateSample(stamp, meshes, x, v, force)))
-        at = end
-        rclpy.spin_once(node, timeout_sec=TURN_S)
-    samples.wait_for_all_acked(Duration(seconds=DISCOVERY_S))
-    return at
+            self.state.publish(encode_joint_state(StateSample(stamp, self.meshes, x, v, force)))
 
-
-def _wait_for_listeners(node: Node) -> None:
-    """Give subscribers time to find the topics; go on without them after that."""
-    limit = time.monotonic() + DISCOVERY_S
-    while time.monotonic() < limit and not node.count_subscribers(f"{node.get_name()}/samples"):
-        rclpy.spin_once(node, timeout_sec=TURN_S)
-    rclpy.spin_once(node, timeout_sec=0.2)
+    def _wait_for_listeners(self) -> None:
+        """Give subscribers time to find the topics; go on without them after that."""
+        limit = time.monotonic() + DISCOVERY_S
+        topic = self.samples.topic_name
+        while time.monotonic() < limit and not (
+            self.node.count_subscribers(topic) or self.stop.number
+        ):
+            rclpy.spin_once(self.node, timeout_sec=TURN_S)
+        rclpy.spin_once(self.node, timeout_sec=0.2)

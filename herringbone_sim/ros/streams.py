@@ -6,35 +6,30 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from queue import Empty, Full, Queue
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 from herringbone_sim.analysis.monitor import Regime, RegimeMonitor
+from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import Model
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.sensors import Clock
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.recording.messages import JointState as StateSample
 from herringbone_sim.recording.messages import encode_joint_state, encode_samples
 from herringbone_sim.recording.writer import split_rows, stamp_ns
+from herringbone_sim.ros.qos import LATCHED, STREAM, open_publisher
 from herringbone_sim.ros.recorder import channels_content
-from herringbone_sim.runtime import Delivery, sample_period_s
+from herringbone_sim.runtime import Change, Delivery, sample_period_s
 
-STREAM = QoSProfile(
-    reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=10
-)
-LATCHED = QoSProfile(
-    reliability=ReliabilityPolicy.RELIABLE,
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
 QUEUE_BLOCKS = 32
 REGIME_S = 0.1
 ENOUGH_PER_CYCLE = 8
@@ -96,11 +91,11 @@ class Streams:
         self._decimate = decimate
         self._onward = onward
         self._node = node
-        self._samples = node.create_publisher(Float64MultiArray, "~/samples", STREAM)
-        self._state = node.create_publisher(JointState, "~/state", STREAM)
-        self._section = node.create_publisher(Float64MultiArray, "~/section", STREAM)
-        self._channels = node.create_publisher(String, "~/channels", LATCHED)
-        self._regime = node.create_publisher(DiagnosticArray, "~/regime", STREAM)
+        self._samples = open_publisher(node, Float64MultiArray, "~/samples", STREAM)
+        self._state = open_publisher(node, JointState, "~/state", STREAM)
+        self._section = open_publisher(node, Float64MultiArray, "~/section", STREAM)
+        self._channels = open_publisher(node, String, "~/channels", LATCHED)
+        self._regime = open_publisher(node, DiagnosticArray, "~/regime", STREAM)
         self._monitor = RegimeMonitor()
         self._told = 0.0
         self._batch: list[Delivery] = []
@@ -108,7 +103,9 @@ class Streams:
         self._queue: Queue[Delivery | None] = Queue(QUEUE_BLOCKS)
         self._thread = threading.Thread(target=self._run, name="streams", daemon=True)
 
-    def start(self) -> None:
+    def start(self, model: Model, state: State, actives: Sequence[Active], clock: Clock) -> None:
+        """Tell ``~/channels`` of what comes, long before the first samples where it compiles."""
+        self._publish_channels(channels_content(model, state, actives, clock), ())
         self._thread.start()
 
     def close(self) -> None:
@@ -137,7 +134,10 @@ class Streams:
         content = channels_content(
             delivery.model, delivery.block.start, delivery.actives, delivery.clock
         )
-        content["changes"] = [{"t": c.t_s, "values": dict(c.values)} for c in delivery.changes]
+        self._publish_channels(content, delivery.changes)
+
+    def _publish_channels(self, content: dict[str, Any], changes: Sequence[Change]) -> None:
+        content["changes"] = [{"t": c.t_s, "values": dict(c.values)} for c in changes]
         self._channels.publish(String(data=json.dumps(content)))
 
     def _run(self) -> None:
@@ -194,14 +194,19 @@ class Streams:
         self._told = time.monotonic()
         model = self._batch[-1].model
         self.regime = self._monitor.regime(model)
-        message = DiagnosticArray(status=[regime_status(self.regime, model, self._batch[-1])])
+        name = self._node.get_fully_qualified_name()
+        message = DiagnosticArray(
+            status=[regime_status(name, self.regime, model, self._batch[-1])]
+        )
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._regime.publish(message)
-        self._onward(self._batch, self.regime)
-        self._batch = []
+        batch, self._batch = self._batch, []
+        self._onward(batch, self.regime)
 
 
-def regime_status(regime: Regime, model: Model, delivery: Delivery) -> DiagnosticStatus:
+def regime_status(
+    node_name: str, regime: Regime, model: Model, delivery: Delivery
+) -> DiagnosticStatus:
     """The regime as a diagnostic status: message is the label, values the figures."""
     p = model.parameters
     values = {
@@ -212,6 +217,7 @@ def regime_status(regime: Regime, model: Model, delivery: Delivery) -> Diagnosti
         "K": repr(p.K),
         "delta_T": repr(p.delta_T),
         "xi": repr(p.xi),
+        "model": p.model,
         "effects": effects_text(delivery.actives),
     }
     for mesh, (back, apart, drive) in zip(model.layout.meshes, regime.contact, strict=False):
@@ -220,8 +226,8 @@ def regime_status(regime: Regime, model: Model, delivery: Delivery) -> Diagnosti
         values[f"back_contact_{mesh}"] = f"{back:.4f}"
     return DiagnosticStatus(
         level=DiagnosticStatus.OK,
-        name="herringbone_sim: regime",
+        name=f"{node_name}: regime",
         message=regime.label,
-        hardware_id=p.model,
+        hardware_id=node_name,
         values=[KeyValue(key=k, value=v) for k, v in values.items()],
     )

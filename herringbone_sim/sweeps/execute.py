@@ -24,6 +24,7 @@ from herringbone_sim.sweeps.chains import (
     part_before,
 )
 from herringbone_sim.sweeps.cluster import cluster
+from herringbone_sim.sweeps.kept import told
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import Store
 
@@ -39,6 +40,7 @@ def run_stores(
     """Compute and write every part that is missing.
 
     Ctrl-C ends it after the parts under way; what was written stays, and the next call goes on.
+    Parts that are damaged are named on stderr and computed again.
 
     Args:
         stores: sweeps that run side by side.
@@ -50,6 +52,8 @@ def run_stores(
     """
     values = sum(store.sweep.size for store in stores)
     lacking = [store.missing() for store in stores]
+    for store, parts in zip(stores, lacking, strict=True):
+        _tell_damaged(store, parts)
     to_do = sum(
         len(s.sweep.part(n)) for s, parts in zip(stores, lacking, strict=True) for n in parts
     )
@@ -69,6 +73,17 @@ def run_stores(
                 bar.update(len(table["index"]))
                 following.extend(_next(store, job.part, table))
             waiting.extendleft(_tasks(following))
+
+
+def _tell_damaged(store: Store, lacking: Sequence[int]) -> None:
+    """Name the parts that are there and can't be believed."""
+    paths = [store.path(part) for part in lacking]
+    names = [path.name for path in paths if path.exists()]
+    if names:
+        told(
+            f"{store.folder / 'parts'}: {', '.join(names)} can't be believed (damaged, or written "
+            "without a checksum by an earlier version): computed again"
+        )
 
 
 def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:

@@ -7,21 +7,24 @@ import math
 import numbers
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, from_mapping, meaning, to_mapping
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.effects.gear import laws
+from herringbone_sim.effects.stepper import stepper
 from herringbone_sim.effects.written import read_effects
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, shown
+from herringbone_sim.recording.safe_json import parse_json
 
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
 KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
 CHUNK = 256
 ALIKE = ("n_planets", "order")  # what all values of one batch share
+_Made = TypeVar("_Made", "Observation", "Sweep")
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ class Sweep:
             meshes = ", ".join(self.base.layout.meshes)
             raise ParameterError(f"mesh must be one of {meshes}, got {mesh!r}")
         if self.effects:
-            laws(build(self.base), self.actives)
+            stepper(build(self.base), self.actives)
 
     @property
     def actives(self) -> tuple[Active, ...]:
@@ -128,8 +131,8 @@ class Sweep:
     @property
     def n_state(self) -> int:
         """States that a value starts from and ends in, own states of effects included."""
-        own = laws(build(self.base), self.actives).n_own if self.effects else 0
-        return self.base.layout.n_state + own
+        start: State = stepper(build(self.base), self.actives).start()
+        return len(start.y)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -206,15 +209,34 @@ def sweep_from_json(text: str) -> Sweep:
         ParameterError: the text holds no sweep.
     """
     try:
-        found = json.loads(text)
-        found = {"effects": ""} | found
+        found = {"effects": ""} | parse_json(text)
         known: dict[str, Any] = {item.name: found[item.name] for item in fields(Sweep)}
         known["base"] = from_mapping(found["base"])
-        known["axes"] = tuple(Axis(a["name"], tuple(a["values"])) for a in found["axes"])
-        known["observation"] = Observation(**found["observation"])
-        return Sweep(**known)
-    except (ValueError, TypeError, KeyError) as error:
+        known["axes"] = tuple(_axis(one) for one in found["axes"])
+        known["observation"] = _typed(Observation(**found["observation"]))
+        return _typed(Sweep(**known))
+    except KeyError as error:
+        raise ParameterError(f"no description of a sweep: it has no {error}") from None
+    except (ValueError, TypeError, AttributeError) as error:
         raise ParameterError(f"no description of a sweep: {error}") from None
+
+
+def _axis(found: Mapping[str, Any]) -> Axis:
+    name, values = found["name"], found["values"]
+    if not isinstance(name, str) or not isinstance(values, list):
+        raise TypeError(f"an axis must have a name and a list of values, got {shown(found)}")
+    if not all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in values):
+        raise TypeError(f"the values of {shown(name)} must be numbers, got {shown(values)}")
+    return Axis(name, tuple(float(one) for one in values))
+
+
+def _typed(made: _Made) -> _Made:
+    """What was made, if its plain values have the types of their defaults."""
+    for item in fields(made):
+        kind, value = type(item.default), getattr(made, item.name)
+        if kind in (bool, int, str) and type(value) is not kind:
+            raise TypeError(f"{item.name} must be {kind.__name__}, got {shown(value)}")
+    return made
 
 
 def axis_from_text(text: str) -> Axis:

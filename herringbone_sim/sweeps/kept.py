@@ -1,7 +1,8 @@
 """Arrays that took long to make, kept in a folder: what was done before is read, not done again.
 
 Each is a file named by the digest of all that it hangs on, so work that was stopped goes on where
-it was, and what other parameters or another kernel gave is never mistaken for it.
+it was, and what other parameters or another kernel gave is never mistaken for it. It ends in the
+checksum of its content, which is not looked at where that fails.
 """
 
 from __future__ import annotations
@@ -9,10 +10,11 @@ from __future__ import annotations
 import errno
 import functools
 import hashlib
+import io
 import json
 import os
+import sys
 import threading
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,12 +22,15 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from tqdm import tqdm
 
 from herringbone_sim.core import cache
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.version import VERSION
 
 Arrays = dict[str, Any]
+
+CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,8 @@ class Kept:
     def once(self, parts: Sequence[Any], work: Callable[[], Mapping[str, Any]]) -> Arrays:
         """Arrays by name: read where they are kept and whole, else made and kept.
 
+        A file whose checksum fails is named on stderr.
+
         Args:
             parts: all that the arrays hang on, see ``digest``.
             work: makes them.
@@ -58,8 +65,10 @@ class Kept:
             return known
         made: Arrays = {name: np.asarray(values) for name, values in work().items()}
         if path:
+            packed = io.BytesIO()
+            np.savez(packed, **made)
             with whole(path) as file:
-                np.savez(file, **made)
+                file.write(packed.getvalue() + hashlib.sha256(packed.getvalue()).digest())
         return made
 
 
@@ -102,12 +111,22 @@ def whole(path: Path) -> Iterator[BinaryIO]:
 
 
 def _read(path: Path) -> Arrays | None:
-    """Arrays of a file; None when there is none, or a broken one."""
+    """Arrays of a file; None when there is none, or a damaged one, which is told."""
     try:
-        with np.load(path) as file:
-            return {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        content = path.read_bytes()
+    except OSError:
         return None
+    packed, checksum = content[:-CHECKSUM_BYTES], content[-CHECKSUM_BYTES:]
+    if hashlib.sha256(packed).digest() != checksum:
+        told(f"{path} is damaged (its checksum fails): what it held is computed again")
+        return None
+    with np.load(io.BytesIO(packed)) as file:
+        return {name: file[name] for name in file.files}
+
+
+def told(text: str) -> None:
+    """Say something on stderr, above a progress bar where there is one."""
+    tqdm.write(text, file=sys.stderr)
 
 
 @functools.cache

@@ -29,8 +29,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.batch import Batch, at_cycle, run_batch
+from herringbone_sim.analysis.periods import MAX_PERIOD
+from herringbone_sim.core.batch import Batch, run_batch
 from herringbone_sim.core.model import Model, build, initial_state, relative
+from herringbone_sim.dynamics.flow import effect_cycles
+from herringbone_sim.effects.assemble import assemble, in_slots
 from herringbone_sim.effects.batch import run_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
@@ -78,23 +81,26 @@ def observe(asked: Sequence[Asked]) -> list[Table]:
     """
     tables = [empty_table(one.sweep, one.indices) for one in asked]
     actives = asked[0].sweep.actives
-    found = [build_all(one.sweep, one.indices, 0 if actives else one.cycle) for one in asked]
+    found = [build_all(one.sweep, one.indices) for one in asked]
     models = [[model for model in built if model is not None] for built, _ in found]
     whole = [model for chosen in models for model in chosen]
     look = asked[0].sweep.observation
     starts = [_starts(one, built) for one, (built, _) in zip(asked, found, strict=True)]
     length = (look.transient, look.cycles, look.points, look.exponents)
-    batch = None
-    if whole and actives:
-        before = np.repeat([one.cycle for one in asked], [len(chosen) for chosen in models])
-        batch = run_effects(whole, actives, np.concatenate(starts), before, *length)
+    batch, longest = None, MAX_PERIOD
+    before = np.repeat([one.cycle for one in asked], [len(chosen) for chosen in models])
+    if whole and in_slots(actives):
+        gears = [assemble(model, actives) for model in whole]
+        batch = run_batch(gears, np.concatenate(starts), *length, before=before)
+        longest = MAX_PERIOD * max(effect_cycles(gear) for gear in gears)
     elif whole:
-        batch = run_batch(whole, np.concatenate(starts), *length)
+        batch = run_effects(whole, actives, np.concatenate(starts), before, *length)
     first = 0
     for one, table, (built, reasons), chosen in zip(asked, tables, found, models, strict=True):
         rows = [i for i, model in enumerate(built) if model is not None]
         if rows and batch is not None:
             mine = _slice(batch, first, first + len(rows))
+            table["period"][rows] = find_periods(mine.sections, longest)
             _fill(table, rows, one.sweep, chosen, mine)
             for i, reason in zip(rows, mine.reasons, strict=True):
                 reasons[i] = reason
@@ -117,15 +123,13 @@ def empty_table(sweep: Sweep, indices: Sequence[int]) -> Table:
     return table
 
 
-def build_all(
-    sweep: Sweep, indices: Sequence[int], cycle: int = 0
-) -> tuple[list[Model | None], list[str]]:
-    """Models of some values after so many cycles, None where there can be none, and why."""
+def build_all(sweep: Sweep, indices: Sequence[int]) -> tuple[list[Model | None], list[str]]:
+    """Models of some values, None where there can be none, and why."""
     models: list[Model | None] = []
     reasons: list[str] = []
     for index in indices:
         try:
-            models.append(build(at_cycle(sweep.parameters_at(index), cycle)))
+            models.append(build(sweep.parameters_at(index)))
             reasons.append("")
         except ParameterError as error:
             models.append(None)
@@ -185,12 +189,11 @@ def _slice(batch: Batch, first: int, stop: int) -> Batch:
 def _fill(
     table: Table, rows: list[int], sweep: Sweep, models: Sequence[Model], batch: Batch
 ) -> None:
-    table["period"][rows] = find_periods(batch.sections)
     table["exponent"][rows] = batch.exponents
     table["exponent_error"][rows] = batch.exponent_errors
     table["within"][rows] = batch.within
     table["transverse"][rows] = batch.transverse
-    table["asymmetry"][rows] = asymmetries(batch.sections)
+    table["asymmetry"][rows] = asymmetries(batch.sections[..., : sweep.base.layout.n_state])
     table["contact_loss"][rows] = contact_loss(batch.contact)
     shares = np.mean(batch.contact.reshape(len(models), 2, -1, 3), axis=2)
     for i, kind in enumerate(("sun", "ring")):

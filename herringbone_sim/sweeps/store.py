@@ -1,7 +1,12 @@
-"""A sweep in a folder: ``sweep.json`` and one Parquet file a part, each written whole or not."""
+"""A sweep in a folder: ``sweep.json`` and one Parquet file a part, each written whole or not.
+
+Each part keeps the checksum of its values in the metadata of its schema; one that fails it, or has
+none, does not count.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from dataclasses import dataclass
@@ -14,11 +19,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
 from herringbone_sim.sweeps.grid import Axis, Sweep, differences, sweep_from_json
 from herringbone_sim.sweeps.kept import digest, make_folder, whole
 from herringbone_sim.sweeps.observe import SCALARS, Array, Table
 
 FILE = "sweep.json"
+CHECKSUM = b"sha256"  # key in the metadata of the schema of a part
 NOT_RUN = "not run yet"
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(e[-+]?\d+)?")
 
@@ -51,18 +58,20 @@ class Store:
     def write(self, part: int, table: Table) -> None:
         """Write a part, whole or not at all."""
         columns = {name: _column(values) for name, values in table.items()}
+        sealed = pa.table(columns, metadata={CHECKSUM: checksum(table)})
         with whole(self.path(part)) as file:
-            pq.write_table(pa.table(columns), file, compression="zstd")
+            pq.write_table(sealed, file, compression="zstd")
 
     def read_part(self, part: int) -> Table | None:
         """The table of one part, as it was written; None where there is none, or a damaged one."""
         try:
             found = pq.read_table(self.path(part))
             table = {name: _array(found.column(name)) for name in found.column_names}
+            sealed = (found.schema.metadata or {}).get(CHECKSUM) == checksum(table).encode()
             mine = np.array_equal(table["index"], self.sweep.part(part))
-        except (pa.ArrowException, OSError, KeyError):
+        except (pa.ArrowException, OSError, KeyError, ValueError):
             return None
-        return table if mine else None
+        return table if sealed and mine else None
 
 
 @dataclass(frozen=True)
@@ -173,12 +182,12 @@ def load_store(folder: Path | str) -> Store:
     """Folder of a sweep that was begun; AnalysisError when there is none in it."""
     described = Path(folder) / FILE
     try:
-        text = described.read_text(encoding="utf-8")
+        text = json_text(described)
         sweep = sweep_from_json(text)
-        return Store(Path(folder), sweep, str(json.loads(text).get("kernel", "")))
+        return Store(Path(folder), sweep, str(parse_json(text).get("kernel", "")))
     except OSError as error:
         raise AnalysisError(f"{described}: {error.strerror}: give the folder of a sweep") from None
-    except ParameterError as error:
+    except (ParameterError, JsonError) as error:
         raise AnalysisError(f"{described}: {error}: choose another folder") from None
 
 
@@ -198,6 +207,24 @@ def load_result(store: Store) -> Result:
             reasons[rows.start : rows.stop] = table["reason"]
     shaped = {name: x.reshape(*sweep.shape, *x.shape[1:]) for name, x in columns.items()}
     return Result(sweep, shaped, reasons.reshape(sweep.shape))
+
+
+def checksum(table: Table) -> str:
+    """SHA-256 of the names, types, shapes and values of a table; one NaN is as good as another."""
+    found = hashlib.sha256()
+    for name, values in sorted(table.items()):
+        content = _content(values)
+        found.update(f"{name} {values.dtype} {values.shape} {len(content)} ".encode())
+        found.update(content)
+    return found.hexdigest()
+
+
+def _content(values: NDArray[Any]) -> bytes:
+    if values.dtype == object:
+        return json.dumps(values.tolist(), default=str).encode()
+    if values.dtype.kind == "f":
+        values = np.where(np.isnan(values), np.nan, values)
+    return values.tobytes()
 
 
 def _column(values: NDArray[Any]) -> Any:

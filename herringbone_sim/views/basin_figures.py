@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from herringbone_sim.core.integrate import Stepper
-from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import Basins
+from herringbone_sim.effects.assemble import changed
 from herringbone_sim.views.figures import BLUE, GREEN, GREY, INK, ORANGE, STYLE
 
 Array = NDArray[np.float64]
@@ -29,6 +30,7 @@ def basins_figure(
     names: Sequence[str],
     shared: Basins,
     plane: tuple[Array, Basins] | None = None,
+    at: int = 0,
 ) -> Figure:
     """Slice beside the shares, above a phase portrait of each attractor.
 
@@ -37,6 +39,7 @@ def basins_figure(
         names: of the attractors.
         shared: of random starts.
         plane: axis and basins of a slice, with the attractors of ``shared`` first.
+        at: mesh cycles that had passed at the last point of each attractor.
     """
     attractors = (plane[1] if plane else shared).attractors
     columns = max(min(len(attractors), PORTRAITS), 3)
@@ -53,7 +56,7 @@ def basins_figure(
         for portrait in portraits[len(attractors) :]:
             portrait.set_visible(False)
         for i, (portrait, one) in enumerate(zip(portraits, attractors, strict=False)):
-            draw_portrait(portrait, model, one.points[-1], COLOURS[i], names[i])
+            draw_portrait(portrait, model, (one.points[-1], at), COLOURS[i], names[i])
         portraits[0].set_ylabel(r"$\dot x$ / $b_c\,\omega_n$")
         return figure
 
@@ -98,12 +101,19 @@ def draw_shares(axes: Axes, names: Sequence[str], basins: Basins) -> None:
     axes.spines["left"].set_visible(False)
 
 
-def draw_portrait(axes: Axes, model: Model, y: Array, colour: str, name: str) -> None:
-    """Rate over displacement of the left sun mesh, grey beneath it the right one."""
+def draw_portrait(
+    axes: Axes, model: Model, start: tuple[Array, int], colour: str, name: str
+) -> None:
+    """Rate over displacement of the left sun mesh, grey beneath it the right one.
+
+    Args:
+        start: state (n_state,) at phase 0, and mesh cycles that have passed there.
+    """
     layout, scales = model.layout, model.scales
-    fine = build(model.parameters.changed({"samples_per_cycle": PER_CYCLE}))
+    fine = changed(model, model.parameters.changed({"samples_per_cycle": PER_CYCLE}))
     stepper = Stepper(fine)
-    rows = stepper.advance(replace(stepper.start(), y=np.array(y)), CYCLES * PER_CYCLE).rows
+    begin = replace(stepper.start(), y=np.array(start[0]), cycle=start[1])
+    rows = stepper.advance(begin, CYCLES * PER_CYCLE).rows
     left, right = layout.meshes[0], layout.meshes[layout.n_mesh // 4]
     for mesh, look, width in ((right, GREY, 0.9), (left, colour, 0.6)):
         x = rows[:, layout.channels.index(f"x_{mesh}")] / scales.b_c

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from herringbone_sim.sweeps.diagram import Branch, Diagram
-from herringbone_sim.views.figures import BLUE, GREY, INK, ORANGE, STYLE, mesh_label
+from herringbone_sim.views.drawn_text import mesh_symbol
+from herringbone_sim.views.figures import BLUE, GREY, INK, ORANGE, STYLE
 from herringbone_sim.views.maps import axis_label, save_figure
 
 Array = NDArray[np.float64]
@@ -68,7 +69,7 @@ def draw_branches(axes: Axes, diagram: Diagram, branches: list[Branch], title: s
             x, y = branch.point_values[rows].ravel(), branch.points[rows].ravel()
             axes.scatter(x, y, s=size, color=colour, linewidths=0, rasterized=True)
         axes.scatter([], [], s=12, color=colour, linewidths=0, label=label)
-    axes.set(title=title, ylabel=f"$x_{{{mesh_label(diagram.mesh)}}}$ / $b_c$")
+    axes.set(title=title, ylabel=f"{mesh_symbol('x', diagram.mesh)} / $b_c$")
     if len(branches) > 1:
         _legend(axes, ncols=len(branches))
 

@@ -19,6 +19,7 @@ from herringbone_sim.analysis.motion import Motion
 from herringbone_sim.analysis.pipeline import SegmentResult
 from herringbone_sim.analysis.segments import FREQUENCY
 from herringbone_sim.core.timeseries import Array
+from herringbone_sim.views.drawn_text import mesh_symbol, plain_text
 
 BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#22262c", "#9aa1ab"
 STYLE: Any = {
@@ -99,22 +100,16 @@ class Scale:
         return r"time $\tau = \omega_n t$" if self.bare else "time [ms]"
 
     def x_label(self, mesh: str) -> str:
-        return f"$x_{{{mesh_label(mesh)}}}$" + (r" / $b_c$" if self.bare else " [µm]")
+        return mesh_symbol("x", mesh) + (r" / $b_c$" if self.bare else " [µm]")
 
     def v_label(self, mesh: str) -> str:
         unit = r" / $b_c\,\omega_n$" if self.bare else " [m/s]"
-        return rf"$\dot x_{{{mesh_label(mesh)}}}$" + unit
-
-
-def mesh_label(mesh: str) -> str:
-    """Subscript and superscript of a mesh name in mathtext: ``sp1_L`` -> ``sp1}^{L``."""
-    body, _, side = mesh.partition("_")
-    return rf"\mathrm{{{body}}}}}^{{\mathrm{{{side}}}"
+        return mesh_symbol(r"\dot x", mesh) + unit
 
 
 def parameter_label(name: str) -> str:
     """Axis label of a parameter with symbol and unit."""
-    return PARAMETER_LABELS.get(name, name)
+    return PARAMETER_LABELS.get(name, plain_text(name))
 
 
 def motion_figure(result: SegmentResult, mesh: str, scale: Scale) -> Figure:
@@ -138,7 +133,7 @@ def motion_figure(result: SegmentResult, mesh: str, scale: Scale) -> Figure:
 def motion_title(result: SegmentResult) -> str:
     """Segment number, period and operating point in one line."""
     point = [
-        f"{PARAMETER_SYMBOLS.get(name, name)} = {value:.5g}"
+        f"{PARAMETER_SYMBOLS.get(name, plain_text(name))} = {value:.5g}"
         for name, value in result.segment.point.items()
         if np.isfinite(value) and not (name == "control_phase" and value == 0)
     ]

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from herringbone_sim.core.layout import KINDS, SIDES
 from herringbone_sim.core.timeseries import Array
 from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.drawn_text import plain_text
 from herringbone_sim.views.figures import BLUE, GREY, ORANGE, STYLE, save
 from herringbone_sim.views.gear_drawing import MESHES, PLANETS
 from herringbone_sim.views.report import Picture
@@ -97,8 +98,8 @@ def shares_figure(shares: Mapping[str, Mapping[str, float]]) -> Figure:
         axes.set_visible(False)
     for axes, (factor, values) in zip(panels, shares.items(), strict=False):
         axes.bar(range(len(values)), list(values.values()), color=BLUE, width=0.7)
-        axes.set_xticks(range(len(values)), list(values))
-        axes.set_title(factor.replace("_", " "))
+        axes.set_xticks(range(len(values)), list(map(plain_text, values)))
+        axes.set_title(plain_text(factor.replace("_", " ")))
         axes.set_ylim(0.0, None)
     return figure
 

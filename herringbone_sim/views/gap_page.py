@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -26,7 +27,9 @@ POINT = (
 SHOWN_CAUSES, LEAST_SHOWN = 6, 0.005
 
 
-def write_gap_page(report: Part, folder: Path, arrays: GapArrays | None = None) -> Path:
+def write_gap_page(
+    report: Part, folder: Path, arrays: GapArrays | None = None, nominal: Path | None = None
+) -> Path:
     """Write ``report.html`` (nothing outside it) and ``figures/``; returns the page.
 
     Args:
@@ -34,6 +37,8 @@ def write_gap_page(report: Part, folder: Path, arrays: GapArrays | None = None) 
             is told as not known.
         folder: made when it is new; a page of earlier is overwritten.
         arrays: what the figures beneath show; without them there are none.
+        nominal: parameter file of the rig, for the command that compares it with the augmented
+            gear in the folder; without it none is told.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -41,12 +46,20 @@ def write_gap_page(report: Part, folder: Path, arrays: GapArrays | None = None) 
     make_folder(folder)
     pictures = write_gap_figures(folder, arrays) if arrays else []
     page = folder / "report.html"
-    page.write_text(gap_page(report, pictures), encoding="utf-8")
+    command = compare_command(nominal, folder) if nominal else ""
+    page.write_text(gap_page(report, pictures, command), encoding="utf-8")
     return page
 
 
-def gap_page(report: Part, pictures: Sequence[Picture] = ()) -> str:
-    """The whole page as text."""
+def compare_command(nominal: Path, folder: Path) -> str:
+    """Command that shows what the augmented gear of a diagnosis does that the nominal does not."""
+    files = [nominal, folder / "augmented.yaml"]
+    words = ["python", "-m", "herringbone_sim", "compare", *map(str, files)]
+    return shlex.join([*words, "--over", "delta_T=0:100:400", "--out", str(folder / "compared")])
+
+
+def gap_page(report: Part, pictures: Sequence[Picture] = (), command: str = "") -> str:
+    """The whole page as text; ``command`` as of ``compare_command``."""
     name = words.word(report.get("campaign"), "campaign of unknown name")
     body = [
         f'<p class="kicker">Gap diagnosis &nbsp;·&nbsp; {escape(name)}</p>',
@@ -59,6 +72,7 @@ def gap_page(report: Part, pictures: Sequence[Picture] = ()) -> str:
         _optional("In three senses, on held-out runs", senses_table(mapping(report.get("gap")))),
         f'<div class="two"><div><h2>What is not decidable</h2>{_undecidable(report)}</div>',
         f"<div><h2>What to measure next</h2>{_next(report)}</div></div>",
+        _optional("What the real gear will do", _compared(command)),
         _optional("Attractor", _attractor(mapping(report.get("attractor")))),
         _optional("Figures", "".join(picture_html(picture) for picture in pictures)),
         "<footer>The same in numbers: report.json, beside this page.</footer>",
@@ -139,6 +153,15 @@ def _next(report: Part) -> str:
     )
     why = words.plain(point.get("why") or f"Why this point is {NOT_KNOWN}.")
     return f'<div class="point">{cells}</div><p>{escape(words.capital(why))}</p>'
+
+
+def _compared(command: str) -> str:
+    if not command:
+        return ""
+    return (
+        "<p>Both gears over one another, bifurcations, exponents, contact and coexisting motions, "
+        f"are drawn by</p><pre><code>{escape(command)}</code></pre>"
+    )
 
 
 def _attractor(attractor: Part) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 STYLE = """
 body { max-width: 1120px; } h1 { font-size: 27px; line-height: 1.25; max-width: 48ch; }
+pre { white-space: pre-wrap; overflow-wrap: anywhere; }
 .kicker { color: var(--soft); font-size: 13px; margin: 0 0 6px; } code { font-size: .92em; }
 .answers { display: grid; grid-template-columns: repeat(3, 1fr); gap: 14px; margin: 20px 0 8px; }
 .answers div { background: var(--wash); border-radius: 8px; padding: 12px 16px; }

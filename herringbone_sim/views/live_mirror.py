@@ -49,6 +49,11 @@ class LiveMirror:
             self._sink.deliver()
         except (HerringboneError, RuntimeError) as error:
             self._fail(error)
+        except Exception as error:
+            # A picture that can't be drawn; the next one may be.
+            self.state = f"failed: {error}"
+        else:
+            self.state = "running"
 
     def close(self) -> str:
         """Finish; what became of it, in a line."""

@@ -9,7 +9,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, listed
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class MirrorBlock:
 
     def __post_init__(self) -> None:
         if "t" not in self.names:
-            raise ParameterError(f"a block needs a channel 't', got {', '.join(self.names)}")
+            raise ParameterError(f"a block needs a channel 't', got {listed(self.names)}")
         for label, array in (("rows", self.rows), ("sections", self.sections)):
             if array.ndim != 2 or array.shape[1] != len(self.names):
                 raise ParameterError(

@@ -16,6 +16,7 @@ from herringbone_sim.dynamics.cascade import Followed
 from herringbone_sim.dynamics.curve import BranchPoint
 from herringbone_sim.dynamics.orbits import Array
 from herringbone_sim.dynamics.turning import section
+from herringbone_sim.views.drawn_text import mesh_symbol
 from herringbone_sim.views.figures import (
     BLUE,
     GREEN,
@@ -23,7 +24,6 @@ from herringbone_sim.views.figures import (
     INK,
     ORANGE,
     STYLE,
-    mesh_label,
     parameter_label,
 )
 
@@ -63,7 +63,7 @@ def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: 
         figure = Figure(figsize=(7.2, 6.4))
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
         _draw_branches(above, followed, mesh)
-        above.set_ylabel(f"$x_{{{mesh_label(name)}}}$ / $b_c$ at phase 0")
+        above.set_ylabel(f"{mesh_symbol('x', name)} / $b_c$ at phase 0")
         _draw_multipliers(below, followed)
         below.set_xlabel(parameter_label(parameter))
         family = followed[0].curve.family

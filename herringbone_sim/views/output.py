@@ -81,7 +81,7 @@ def _tables(
     tables.write_segments(folder / "segments.csv", results)
     tables.write_poincare(folder / "poincare.csv", results)
     tables.write_lines(folder / "lines.csv", results)
-    tables.write_spectrum(folder / "spectrum.csv", chosen)
+    tables.write_spectrum(folder / "spectrum.csv", results[0].motion.meshes, chosen)
     return ["segments.csv", "poincare.csv", "lines.csv", "spectrum.csv"]
 
 

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from math import ceil, floor, log2, log10
+from math import ceil, floor, inf, log2, log10
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
+
+
+# Values beyond are not drawn: no motion has them, and limits that hold them overflow.
+MOST = 1e150
+# Values closer than this are one value: a round step between them is no number any more.
+LEAST_SPAN = 1e-150
+# Bins of a diagram are no narrower: nobody steers a parameter by less.
+LEAST_BIN = 2.0**-40
 
 
 def tick_step(span: float, count: int = 5) -> float:
@@ -21,21 +29,23 @@ def tick_step(span: float, count: int = 5) -> float:
 
 
 def ticks(limits: Range, count: int = 5) -> Array:
-    """Round values within limits, rising."""
+    """Round values within limits, rising; none where the limits are no range."""
+    if not 0.0 < limits[1] - limits[0] < inf:
+        return np.empty(0)
     step = tick_step(limits[1] - limits[0], count)
     first, last = ceil(limits[0] / step - 1e-9), floor(limits[1] / step + 1e-9)
     return np.arange(first, last + 1, dtype=np.float64) * step
 
 
 def limits_for(values: Array, before: Range | None = None, least_span: float = 1e-9) -> Range:
-    """Limits that hold all finite values with a margin.
+    """Limits that hold all finite values with a margin; never of zero span.
 
     Limits that still hold the values and are no more than three times too wide are kept, so that
     a live picture does not jump at every block.
     """
-    finite = values[np.isfinite(values)]
+    finite = values[np.abs(values) < MOST]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (-1.0, 1.0)
-    span = max(high - low, least_span, 1e-6 * max(abs(low), abs(high)))
+    span = max(high - low, least_span, 1e-6 * max(abs(low), abs(high)), LEAST_SPAN)
     if before and before[0] <= low and high <= before[1] and before[1] - before[0] <= 3 * span:
         return before
     middle = (low + high) / 2
@@ -96,7 +106,7 @@ class Bifurcation:
         points = list(zip(x[good].tolist(), y[good].tolist(), state[good].tolist(), strict=True))
         largest = max((abs(point[0]) for point in points), default=0.0)
         if largest >= self.bin_width * self._half and largest > 0:
-            self.bin_width = 2.0 ** (floor(log2(largest / self._half)) + 1)
+            self.bin_width = self._width_for(largest)
             before, self._bins = self._bins, {}
             for ways in before.values():
                 for way, kept in ways.items():
@@ -115,6 +125,9 @@ class Bifurcation:
     def points(self) -> Array:
         """All points (k, 3)."""
         return np.concatenate([self.page(page) for page in range(self.n_pages)])
+
+    def _width_for(self, largest: float) -> float:
+        return max(2.0 ** (floor(log2(max(largest, LEAST_BIN) / self._half)) + 1), LEAST_BIN)
 
     @property
     def _half(self) -> int:

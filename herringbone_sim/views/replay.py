@@ -166,9 +166,9 @@ def layout_of(names: tuple[str, ...]) -> Layout:
 
 def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, list[str]]:
     """Parameters that the recording holds, else the nominal rig on demand; and notes."""
-    held = recording.channels.get("parameters")
+    held = recording.channels.parameters
     try:
-        if isinstance(held, dict) and held:
+        if held:
             named = [f"effects: {held[EFFECTS]}"] if held.get(EFFECTS) else []
             return quiet_gear(held), named
     except ParameterError as error:

@@ -1,16 +1,18 @@
 """The live mirror: blocks go into a bounded queue, a thread of its own hands them to Rerun.
 
 Nothing here waits for a viewer: what does not fit is dropped and counted, what fails becomes
-``state``. The Rerun package is imported by that thread, so that a node without it, or with the
-mirror off, starts as fast as ever.
+``state``, is reported, and is tried again. The Rerun package is imported by that thread, so that a
+node without it, or with the mirror off, starts as fast as ever.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Full, Queue
 from threading import Event, Thread
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from herringbone_sim.core.layout import Layout
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
 MODES = ("off", "spawn", "connect", "serve", "save")
 POLL_S = 0.1
 RETRY_S = 2.0
+LONGEST_RETRY_S = 60.0
+# A failure that repeats is reported as often.
+REPEAT_S = 10.0
 FLUSH_S = 5.0
 
 
@@ -33,7 +38,8 @@ class RerunMirror:
     Args:
         mode: ``off``; ``spawn`` starts a viewer; ``connect`` sends to the viewer at ``address``
             and tries again every two seconds when none answers; ``serve`` waits for viewers at
-            the port in ``address``; ``save`` writes ``path``.
+            ``address``; ``save`` writes ``path``. What can't be opened is tried again, ever more
+            rarely; a viewer that was started and is closed stays closed.
         layout: names of the meshes.
         address: ``HOST:PORT``, ``PORT`` or ``rerun+http://HOST:PORT/proxy``; empty for Rerun's
             own 127.0.0.1:9876.
@@ -44,6 +50,8 @@ class RerunMirror:
         burst_cycles: mesh cycles at the end of each block that are shown at full rate.
         queue_blocks: blocks that may wait.
         mesh: the mesh of the phase plane, the first of the layout when empty.
+        report: is told each failure once, one that repeats every ``REPEAT_S`` seconds with how
+            often it was; called in a thread of the mirror.
 
     Raises:
         ParameterError: an unknown mode or mesh, ``save`` without a path, a size below 1.
@@ -61,6 +69,7 @@ class RerunMirror:
         burst_cycles: int = 20,
         queue_blocks: int = 8,
         mesh: str = "",
+        report: Callable[[str], None] = lambda _: None,
     ) -> None:
         check_options(mode, path, burst_cycles, queue_blocks)
         if mesh and mesh not in layout.meshes:
@@ -74,6 +83,9 @@ class RerunMirror:
         self._memory_limit = memory_limit
         self._drawing = (layout, scale, burst_cycles, mesh)
         self._state = "off" if mode == "off" else "running"
+        self._told = Told(report)
+        # Whether blocks may wait: until it is open, and while it is.
+        self._taking = True
         self._queue: Queue[MirrorBlock] = Queue(maxsize=queue_blocks)
         self._closing = Event()
         self._thread = Thread(target=self._run, name="rerun-mirror", daemon=True)
@@ -90,7 +102,7 @@ class RerunMirror:
         if self.mode == "off" or self._closing.is_set():
             return False
         with suppress(Full):
-            if self._state == "running":
+            if self._taking:
                 self._queue.put(block, block=wait_s > 0, timeout=wait_s or None)
                 return True
         self.dropped += 1
@@ -108,49 +120,107 @@ class RerunMirror:
             self._state = "off"
 
     def _run(self) -> None:
-        while True:
-            try:
-                self._mirror()
-                return
-            except Exception as error:
-                # Whatever a viewer does must not reach the integrator: this is the wall.
-                self._fail(error)
-            if self.mode != "connect" or self._closing.wait(RETRY_S):
-                return
+        pause_s = RETRY_S
+        while not self._attempt() and not self._closing.wait(pause_s):
+            if self.mode != "connect":
+                pause_s = min(2 * pause_s, LONGEST_RETRY_S)
 
-    def _mirror(self) -> None:
-        from herringbone_sim.views.rerun_sink import open_sink
-        from herringbone_sim.views.rerun_stream import RerunStream
-
-        sink = open_sink(self.mode, self.address, self._path, self._memory_limit)
+    def _attempt(self) -> bool:
+        """Mirror until it is closed or fails; whether there is nothing more to try."""
+        opened = False
         try:
-            self.address = sink.address
-            self._state = "running"
-            self._feed(sink, RerunStream(sink.recording, *self._drawing))
+            from herringbone_sim.views.rerun_sink import open_sink
+
+            sink = open_sink(self.mode, self.address, self._path, self._memory_limit)
+            opened = True
+            self._mirror(sink)
+        except Exception as error:
+            # Whatever a viewer does must not reach the integrator: this is the wall.
+            self._stop(error)
+            # To open a file again would empty it, and whoever closed a viewer wants none.
+            return opened and self.mode in ("save", "spawn")
+        return True
+
+    def _mirror(self, sink: Sink) -> None:
+        try:
+            self.address, self._state, self._taking = sink.address, "running", True
+            self._feed(sink)
         except Exception as error:
             # Letting go of a frozen viewer takes seconds: say so before.
-            self._fail(error)
+            self._state = failure(error)
             raise
         finally:
             sink.close(FLUSH_S)
 
-    def _feed(self, sink: Sink, stream: RerunStream) -> None:
+    def _feed(self, sink: Sink) -> None:
+        stream = self._stream(sink)
         while True:
             try:
-                stream.send(self._queue.get(timeout=POLL_S))
+                block = self._queue.get(timeout=POLL_S)
             except Empty:
                 if self._closing.is_set():
                     return
+            else:
+                stream = self._send(sink, stream, block)
             sink.deliver()
 
+    def _send(self, sink: Sink, stream: RerunStream, block: MirrorBlock) -> RerunStream:
+        """Draw a block; the stream for the next, a new one where this failed half way."""
+        try:
+            stream.send(block)
+        except Exception as error:
+            self.dropped += 1
+            self._fail(error)
+            return self._stream(sink)
+        self._state = "running"
+        return stream
+
+    def _stream(self, sink: Sink) -> RerunStream:
+        from herringbone_sim.views.rerun_stream import RerunStream
+
+        return RerunStream(sink.recording, *self._drawing)
+
     def _fail(self, error: Exception) -> None:
-        missing = isinstance(error, ModuleNotFoundError)
-        hint = ": install it with `pip install 'rerun-sdk==0.41.*'`" if missing else ""
-        self._state = f"failed: {error}{hint}"
+        self._state = failure(error)
+        self._told(self._state)
+
+    def _stop(self, error: Exception) -> None:
+        """Fail, and take no blocks until it is open again; those that wait are dropped."""
+        self._taking = False
+        self._fail(error)
         with suppress(Empty):
             while True:
                 self._queue.get_nowait()
                 self.dropped += 1
+
+
+def failure(error: Exception) -> str:
+    """State of a mirror that failed: the reason, and what to do where that is known."""
+    missing = isinstance(error, ModuleNotFoundError)
+    hint = ": install it with `pip install 'rerun-sdk==0.41.*'`" if missing else ""
+    return f"failed: {error}{hint}"
+
+
+class Told:
+    """Hands failures on: each once, one that repeats every ``REPEAT_S`` seconds with its count.
+
+    Args:
+        report: takes a line of text.
+    """
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._text = ""
+        self._count = 0
+        self._last_s = 0.0
+
+    def __call__(self, text: str) -> None:
+        new = text != self._text
+        self._count = 1 if new else self._count + 1
+        self._text = text
+        if new or monotonic() - self._last_s >= REPEAT_S:
+            self._last_s = monotonic()
+            self._report(text if new else f"{text} ({self._count} times)")
 
 
 def check_options(mode: str, path: Path | None, burst_cycles: int, queue_blocks: int) -> None:

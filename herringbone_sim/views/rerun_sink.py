@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import signal
 import socket
 import subprocess
 import tempfile
@@ -10,7 +13,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
-from typing import Any
+from typing import IO, Any
 from urllib.parse import urlsplit
 
 import rerun as rr
@@ -22,6 +25,17 @@ HOST, PORT = "127.0.0.1", 9876
 START_S = 20.0
 PROBE_S = 1.0
 STALL_S = 5.0
+LAST_BYTES = 4096  # a last line is looked for in so much
+
+
+# Runs a command until it ends, or until nobody holds the other end of its input any more: that end
+# closes with the program that has it, even when that is killed.
+WHILE_HELD = (
+    'exec 3<&0; "$@" 3<&- </dev/null & running=$!; (read _ <&3; kill $running) & holder=$!; '
+    "exec 3<&-; wait $running; ended=$?; kill $holder 2>/dev/null; exit $ended"
+)
+# Where to reach, on this machine, a server that listens on all interfaces.
+LOOPBACK_OF = {"0.0.0.0": HOST, "::": "::1"}
 
 
 class ViewerError(HerringboneError):
@@ -37,6 +51,7 @@ class Sink:
         address: where it goes, for people.
         endpoint: host and port of a viewer that must answer, or None.
         viewer: the viewer's process if it was started here.
+        server: the process that serves viewers, if one was started; it ends with this program.
         errors: file of what that process said.
     """
 
@@ -44,7 +59,8 @@ class Sink:
     address: str
     endpoint: tuple[str, int] | None = None
     viewer: subprocess.Popen[bytes] | None = None
-    errors: Path | None = None
+    server: subprocess.Popen[bytes] | None = None
+    errors: IO[bytes] | None = None
     _checked: float = field(default_factory=time.monotonic)
 
     def deliver(self) -> None:
@@ -55,8 +71,9 @@ class Sink:
             RuntimeError: nothing is taken any more.
         """
         self.recording.flush(timeout_sec=STALL_S)
-        if self.viewer and self.viewer.poll() is not None:
-            raise ViewerError(f"the viewer ended{last_words(self.errors)}")
+        for name, process in (("viewer", self.viewer), ("server", self.server)):
+            if process and process.poll() is not None:
+                raise ViewerError(f"the {name} ended{last_words(self.errors)}")
         if self.endpoint and time.monotonic() - self._checked > PROBE_S:
             self._checked = time.monotonic()
             if not answers(*self.endpoint):
@@ -68,6 +85,10 @@ class Sink:
             self.recording.flush(timeout_sec=timeout_s)
         finally:
             self.recording.disconnect()
+            if self.server:
+                end_server(self.server, timeout_s)
+            if self.errors:
+                self.errors.close()
 
 
 def open_sink(mode: str, address: str, path: Path | None, memory_limit: str) -> Sink:
@@ -83,7 +104,7 @@ def open_sink(mode: str, address: str, path: Path | None, memory_limit: str) -> 
         return save_to(recording, path)
     host, port = parse_address(address)
     if mode == "serve":
-        return serve_at(recording, port, memory_limit)
+        return serve_at(recording, host, port, memory_limit)
     if mode == "spawn" and not answers(host, port):
         return spawn_viewer(recording, port, memory_limit)
     return connect_to(recording, host, port)
@@ -102,11 +123,56 @@ def save_to(recording: Any, path: Path) -> Sink:
     return Sink(recording, str(path))
 
 
-def serve_at(recording: Any, port: int, memory_limit: str) -> Sink:
-    """Wait for viewers at a port of this machine."""
-    if answers(HOST, port):
-        raise ViewerError(f"port {port} is taken: choose another address")
-    return Sink(recording, recording.serve_grpc(grpc_port=port, server_memory_limit=memory_limit))
+def serve_at(recording: Any, host: str, port: int, memory_limit: str) -> Sink:
+    """Wait for viewers at an address of this machine, by a server in a process of its own.
+
+    A recording that serves by itself listens on all interfaces, whatever it is asked.
+    """
+    address = own_address(host, port)
+    command = [rerun_binary(), "--serve-grpc", "--bind", address, "--port", str(port)]
+    command += ["--server-memory-limit", memory_limit]
+    errors = nameless_file()
+    server = subprocess.Popen(
+        ["sh", "-c", WHILE_HELD, "sh", *command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=errors,
+        start_new_session=True,
+    )
+    near = LOOPBACK_OF.get(address, address)
+    await_answer(server, "server", errors, near, port)
+    sink = connect_to(recording, near, port)
+    sink.server, sink.errors = server, errors
+    return sink
+
+
+def end_server(server: subprocess.Popen[bytes], timeout_s: float) -> None:
+    """End a server that runs while its input is held, by force where it does not end so."""
+    if server.stdin:
+        server.stdin.close()
+    try:
+        server.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        os.killpg(server.pid, signal.SIGKILL)
+        server.wait()
+
+
+def own_address(host: str, port: int) -> str:
+    """IP address of a host name; ViewerError where this machine can't listen there."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        family, _, _, _, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise ViewerError(f"port {port} is taken: choose another address") from error
+        raise ViewerError(
+            f"nothing can listen at {host}:{port} ({error.strerror}): name an address of this "
+            f"machine, {HOST} for itself alone, 0.0.0.0 for all that reach it"
+        ) from error
+    return str(address[0])
 
 
 def connect_to(recording: Any, host: str, port: int) -> Sink:
@@ -115,7 +181,7 @@ def connect_to(recording: Any, host: str, port: int) -> Sink:
         raise ViewerError(
             f"no viewer answers at {host}:{port}: start one with `rerun --port {port}`"
         )
-    url = f"rerun+http://{host}:{port}/proxy"
+    url = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
     recording.connect_grpc(url)
     return Sink(recording, url, endpoint=(host, port))
 
@@ -124,28 +190,30 @@ def spawn_viewer(recording: Any, port: int, memory_limit: str) -> Sink:
     """Start a viewer of its own session, so that it outlives an interrupt of this program."""
     command = [rerun_binary(), "--bind", HOST, "--port", str(port)]
     command += ["--memory-limit", memory_limit]
-    errors = Path(tempfile.mkstemp(prefix="rerun-", suffix=".log")[1])
-    with errors.open("wb") as log:
-        viewer = subprocess.Popen(
-            [*command, "--expect-data-soon"],
-            stdout=subprocess.DEVNULL,
-            stderr=log,
-            start_new_session=True,
-        )
-    await_viewer(viewer, errors, port)
+    errors = nameless_file()
+    viewer = subprocess.Popen(
+        [*command, "--expect-data-soon"],
+        stdout=subprocess.DEVNULL,
+        stderr=errors,
+        start_new_session=True,
+    )
+    await_answer(viewer, "viewer", errors, HOST, port)
     sink = connect_to(recording, HOST, port)
     sink.viewer, sink.errors = viewer, errors
     return sink
 
 
-def await_viewer(viewer: subprocess.Popen[bytes], errors: Path, port: int) -> None:
-    """Return once the viewer answers; raises ViewerError when it ends or takes too long."""
+def await_answer(
+    process: subprocess.Popen[bytes], name: str, errors: IO[bytes], host: str, port: int
+) -> None:
+    """Return once a process answers; raises ViewerError when it ends or takes too long."""
     deadline = time.monotonic() + START_S
-    while not answers(HOST, port):
-        if viewer.poll() is not None:
-            raise ViewerError(f"the viewer did not start{last_words(errors)}")
+    while not answers(host, port):
+        if process.poll() is not None:
+            raise ViewerError(f"the {name} did not start{last_words(errors)}")
         if time.monotonic() > deadline:
-            raise ViewerError(f"the viewer did not answer within {START_S:g} s")
+            process.terminate()
+            raise ViewerError(f"the {name} did not answer within {START_S:g} s")
         time.sleep(0.1)
 
 
@@ -164,11 +232,21 @@ def rerun_binary() -> str:
     return found
 
 
-def last_words(errors: Path | None) -> str:
-    """Last line of what a program said on stderr, led by a colon; empty when it said nothing."""
+def nameless_file() -> IO[bytes]:
+    """A file that is gone when the last program that has it ends, this one or a viewer."""
+    return tempfile.TemporaryFile()
+
+
+def last_words(errors: IO[bytes] | None) -> str:
+    """Last line of what a program said on stderr, led by a colon; empty when it said nothing.
+
+    The place at which that program writes on is left where it is.
+    """
     if errors is None:
         return ""
-    lines = [line for line in errors.read_text(errors="replace").splitlines() if line.strip()]
+    size = os.fstat(errors.fileno()).st_size
+    said = os.pread(errors.fileno(), LAST_BYTES, max(size - LAST_BYTES, 0))
+    lines = [line for line in said.decode(errors="replace").splitlines() if line.strip()]
     return f": {lines[-1].strip()}" if lines else ""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from typing import Any
 
@@ -78,6 +78,7 @@ class RerunStream:
 
     def send(self, block: MirrorBlock) -> None:
         """Send the burst at the end of a block, its section points and its text."""
+        block = timed(block)
         if not len(block.rows):
             return
         restart = self._restart(block)
@@ -213,6 +214,15 @@ class RerunStream:
     def _borders(self, block: MirrorBlock) -> Mapping[str, float]:
         """Half backlash [m] by mesh kind, as far as it is known."""
         return {**(self.scale.b_half if self.scale else {}), **(block.b_half or {})}
+
+
+def timed(block: MirrorBlock) -> MirrorBlock:
+    """The block without the samples whose time is no number: they have no place."""
+    rows, sections = (
+        array[np.isfinite(array[:, block.names.index("t")])]
+        for array in (block.rows, block.sections)
+    )
+    return replace(block, rows=rows, sections=sections)
 
 
 def last_cycles(rows: Array, names: tuple[str, ...], cycles: int) -> int:

@@ -14,7 +14,8 @@ from rerun.experimental import ViewerClient
 from herringbone_sim.views.rerun_sink import (
     HOST,
     ViewerError,
-    await_viewer,
+    await_answer,
+    nameless_file,
     rerun_binary,
 )
 
@@ -39,7 +40,7 @@ def take_screenshot(
     port = free_port()
     command = [rerun_binary(), "--headless", "--bind", HOST, "--port", str(port)]
     command += ["--hide-welcome-screen", "--window-size", f"{size[0]}x{size[1]}", str(rrd)]
-    with tempfile.NamedTemporaryFile() as errors:
+    with nameless_file() as errors:
         viewer = subprocess.Popen(
             command,
             stdout=subprocess.DEVNULL,
@@ -47,7 +48,7 @@ def take_screenshot(
             env={**os.environ, "RUST_LOG": "error"},
         )
         try:
-            await_viewer(viewer, Path(errors.name), port)
+            await_answer(viewer, "viewer", errors, HOST, port)
             png.write_bytes(settled_picture(port, timeout_s))
         except (ViewerError, RuntimeError, OSError) as error:
             raise ViewerError(f"no picture of {rrd} ({error}): {VULKAN_HINT}") from error

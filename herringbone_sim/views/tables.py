@@ -75,9 +75,9 @@ def write_poincare(path: Path, results: Sequence[SegmentResult]) -> None:
     np.savetxt(path, data, fmt=formats, delimiter=",", header=",".join(names), comments="")
 
 
-def write_spectrum(path: Path, results: Sequence[SegmentResult]) -> None:
-    """Full spectra [m] of the given segments over mesh order."""
-    names = ["segment", "order", *(f"x_{mesh}" for mesh in results[0].motion.meshes)]
+def write_spectrum(path: Path, meshes: Sequence[str], results: Sequence[SegmentResult]) -> None:
+    """Full spectra [m] of the given segments, of which there may be none, over mesh order."""
+    names = ["segment", "order", *(f"x_{mesh}" for mesh in meshes)]
     spectra = [(r.number, r.spectrum) for r in results if r.spectrum is not None]
     rows: Iterable[Sequence[Cell]] = (
         [number, order, *amplitudes]

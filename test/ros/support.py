@@ -9,15 +9,21 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from herringbone_sim.ros.node import SimulatorNode
+from herringbone_sim.ros.node import THREADS, SimulatorNode
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -32,16 +38,21 @@ class Bench:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.client = Node("bench", context=self.context)
-        self.executor = MultiThreadedExecutor(3, context=self.context)
+        self.executor = MultiThreadedExecutor(THREADS + 1, context=self.context)
         self.executor.add_node(self.client)
         self.simulators: list[SimulatorNode] = []
         self._thread = threading.Thread(target=self.executor.spin, daemon=True)
         self._thread.start()
 
-    def simulator(self, namespace: str = "", **values: Any) -> SimulatorNode:
+    def simulator(
+        self, namespace: str = "", cli_args: list[str] | None = None, **values: Any
+    ) -> SimulatorNode:
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         node = SimulatorNode(
-            context=self.context, namespace=namespace, parameter_overrides=overrides
+            context=self.context,
+            namespace=namespace,
+            cli_args=cli_args,
+            parameter_overrides=overrides,
         )
         self.executor.add_node(node)
         self.simulators.append(node)
@@ -62,6 +73,12 @@ class Bench:
         self.client.destroy_client(caller)
         return future.result()
 
+    def begin(self, name: str, node: str = "/herringbone_sim") -> Any:
+        """Future of the answer of a service that takes its time."""
+        caller = self.client.create_client(Trigger, f"{node}/{name}")
+        assert caller.wait_for_service(20.0), f"no service {name}"
+        return caller.call_async(Trigger.Request())
+
     def call(self, name: str, node: str = "/herringbone_sim") -> Trigger.Response:
         return self.request(Trigger, f"{node}/{name}", Trigger.Request())
 
@@ -71,11 +88,31 @@ class Bench:
         request = SetParameters.Request(parameters=messages)
         return list(self.request(SetParameters, f"{node}/set_parameters", request).results)
 
+    def set_messages(self, *messages: Any, node: str = "/herringbone_sim") -> list[Any]:
+        """Parameter messages as they are; the results in order."""
+        request = SetParameters.Request(parameters=messages)
+        return list(self.request(SetParameters, f"{node}/set_parameters", request).results)
+
     def set_whole(self, node: str = "/herringbone_sim", **values: Any) -> Any:
         messages = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
         request = SetParametersAtomically.Request(parameters=messages)
         name = f"{node}/set_parameters_atomically"
         return self.request(SetParametersAtomically, name, request).result
+
+    def dump(self, node: str = "/herringbone_sim") -> dict[str, Any]:
+        """What ``ros2 param dump`` writes as YAML: names with dots are nested."""
+        asked = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
+        names = self.request(ListParameters, f"{node}/list_parameters", asked).result.names
+        request = GetParameters.Request(names=sorted(names))
+        found = self.request(GetParameters, f"{node}/get_parameters", request).values
+        content: dict[str, Any] = {}
+        for name, value in zip(sorted(names), found, strict=True):
+            *folders, last = name.split(".")
+            inner = content
+            for folder in folders:
+                inner = inner.setdefault(folder, {})
+            inner[last] = parameter_value_to_python(value)
+        return {node: {"ros__parameters": content}}
 
     def describe(self, *names: str) -> list[Any]:
         request = DescribeParameters.Request(names=list(names))

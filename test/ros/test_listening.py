@@ -75,6 +75,14 @@ def test_a_stiffer_rig_is_placed_beside_a_simulator_of_another_rate(
     assert content["statistics"]["rp1_R"]["force_rms_rig"] > 0.0
 
 
+def test_what_a_silent_simulator_says_of_itself_is_told(bench: Bench, listener: GapNode) -> None:
+    """It may compile for half a minute, or stand paused: that is why nothing comes."""
+    bench.simulator("rig", start_paused=True)
+    picture = look_until(listener, lambda p: p.rig.says == "paused")
+    assert "nothing on /rig/herringbone_sim/samples yet (it says: paused)" in picture.remarks
+    assert "nothing on /herringbone_sim/samples yet" in picture.remarks
+
+
 def test_a_best_effort_rig_without_forces_that_loses_blocks_is_heard(
     bench: Bench, listener: GapNode
 ) -> None:

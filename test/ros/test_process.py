@@ -66,6 +66,30 @@ def test_an_interrupted_node_finishes_its_recording(domain: int, tmp_path: Path)
         assert read_recording(tmp_path / name).complete
 
 
+def test_an_interrupt_ends_a_step_that_answers_and_the_node(bench: Bench) -> None:
+    node = start(bench.domain, "start_paused:=true", "step_cycles:=1000000")
+    step = bench.begin("step")
+    time.sleep(1.0)
+    node.send_signal(signal.SIGINT)
+    output, _ = node.communicate(timeout=60)
+    assert node.returncode == 0, output
+    assert "Traceback" not in output
+    assert "never retrieved" not in output
+    wait_until(step.done)
+    assert "of 1000000 mesh cycles" in step.result().message
+    assert "the simulation ended" in step.result().message
+
+
+def test_a_start_does_not_judge_the_gear(domain: int) -> None:
+    node = start(domain, "start_paused:=true")
+    time.sleep(5.0)
+    node.send_signal(signal.SIGINT)
+    output, _ = node.communicate(timeout=60)
+    assert node.returncode == 0, output
+    assert "running the reduced model" in output
+    assert "assembled" not in output
+
+
 def test_wrong_parameters_end_with_one_clear_line(domain: int) -> None:
     node = start(domain, "delta_T:=400.0")
     output, _ = node.communicate(timeout=60)

@@ -38,6 +38,35 @@ def test_step_is_exact_and_refused_unless_paused(bench: Bench) -> None:
     assert "pause" in refused.message
 
 
+def test_a_long_step_delays_nothing_and_is_ended_by_pause(bench: Bench, tmp_path: Path) -> None:
+    node = bench.simulator(
+        start_paused=True, step_cycles=10**6, record=True, record_dir=str(tmp_path)
+    )
+    step = bench.begin("step")
+    wait_until(lambda: node.loop.t_s > 0.0, 60.0)
+    assert bench.call("record/stop").success
+    assert bench.set(K=0.1)[0].successful
+    again = bench.call("step")
+    assert not again.success
+    assert "a step is under way" in again.message
+    assert not step.done()
+    assert bench.call("pause").success
+    wait_until(step.done)
+    came = step.result()
+    assert not came.success
+    assert "of 1000000 mesh cycles" in came.message
+    assert "interrupted by pause" in came.message
+    done = float(came.message.split()[1])
+    assert done == pytest.approx(node.loop.state.cycle + node.loop.state.index / 16, rel=1e-6)
+    step = bench.begin("step")
+    reached = node.loop.t_s
+    wait_until(lambda: node.loop.t_s > reached)
+    assert bench.call("reset").success
+    wait_until(step.done)
+    assert "interrupted by reset" in step.result().message
+    assert node.loop.t_s == 0.0
+
+
 def test_reset_starts_again_from_the_initial_state(bench: Bench) -> None:
     node = bench.simulator(initial_x=[0.5], initial_noise=0.1, seed=3)
     first = node.loop.call(lambda model, _: node.loop.model.parameters)

@@ -43,8 +43,8 @@ def test_values_that_no_gear_has_are_refused(bench: Bench, bad: float) -> None:
     names = ("K", "delta_T", "xi", "Omega", "real_time_factor", "publish_rate")
     for name in names:
         assert not bench.set(**{name: bad})[0].successful, name
-    assert node._rejected == len(names)
-    assert "publish_rate" in node._last_rejected
+    assert node.refused == len(names)
+    assert "publish_rate" in node.last_refused
     assert node.get_parameter("K").value == 0.0
 
 
@@ -79,13 +79,47 @@ def test_a_pace_at_which_samples_would_be_too_rare_is_refused(bench: Bench) -> N
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"K": "much"}, {"model": "half"}, {"n_planets": 0}, {"delta_T": 400.0}, {"no_such": 1.0}],
+    [{"K": "much"}, {"model": "half"}, {"n_planets": 0}, {"delta_T": 400.0}],
 )
 def test_a_node_with_impossible_parameters_does_not_start(
     bench: Bench, wrong: dict[str, object]
 ) -> None:
     with pytest.raises((ParameterError, ParameterException), match=next(iter(wrong))):
         bench.simulator(**wrong)
+
+
+def test_parameters_of_other_nodes_are_warned_of_and_ignored(
+    bench: Bench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A file for all nodes (``/**:``) holds what is another's; a slip of the pen is shown."""
+    node = bench.simulator(frame_id="map", kk=1.0, deltaT=70.0, K=0.25, start_paused=True)
+    warned = capfd.readouterr().err
+    assert "no parameter frame_id: ros2 param list shows what there is; it is ignored" in warned
+    assert "no parameter kk: did you mean K?; it is ignored" in warned
+    assert "no parameter deltaT: did you mean delta_T?; it is ignored" in warned
+    assert node.get_parameter("K").value == 0.25
+    assert not node.has_parameter("kk")
+
+
+def test_an_unknown_parameter_is_refused_by_its_name(bench: Bench) -> None:
+    bench.simulator(start_paused=True)
+    (refused,) = bench.set(kk=1)
+    assert not refused.successful
+    assert refused.reason == "no parameter kk: did you mean K?"
+    whole = bench.set_whole(K=0.3, no_such_thing=1)
+    assert not whole.successful
+    assert "no_such_thing" in whole.reason
+    assert bench.simulators[0].get_parameter("K").value == 0.0
+
+
+def test_values_are_taken_as_tools_of_ros_send_them(bench: Bench) -> None:
+    """YAML 1.1 reads 1e-1 as a text; ``ros2 param set`` sends it so."""
+    node = bench.simulator(start_paused=True)
+    assert bench.set(xi="1e-1")[0].successful
+    assert node.get_parameter("xi").value == 0.1
+    for wrong in ("much", "nan", "", "[1.0]", True):
+        assert not bench.set(xi=wrong)[0].successful, wrong
+    assert node.get_parameter("xi").value == 0.1
 
 
 def test_commands_steer_and_the_parameter_follows(bench: Bench) -> None:

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from numba.core import event
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from support import LATCHED, Bench, table, values, wait_until
 
+from herringbone_sim.core.integrate import warm_up
 from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import ParameterError
 
 STATE = "/herringbone_sim/state"
 SAMPLES = "/herringbone_sim/samples"
@@ -68,6 +76,81 @@ def test_channels_reach_a_late_subscriber(bench: Bench) -> None:
     assert all(c["unit"] and c["meaning"] for c in content["channels"])
     assert content["parameters"]["K"] == 0.25
     assert content["integrator"]["method"] == "taylor"
+
+
+def test_channels_are_told_and_diagnostics_say_compiling_before_the_kernel_is_ready(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A full model that compiles beside another sends nothing else for half a minute."""
+    compiled = threading.Event()
+
+    def slow(model: Model) -> None:
+        with event.trigger_event("numba:compile"):
+            assert compiled.wait(60.0)
+
+    monkeypatch.setattr("herringbone_sim.runtime.loop.warm_up", slow)
+    got = bench.listen(DiagnosticArray, "/diagnostics")
+    bench.simulator(K=0.25)
+    content = json.loads(bench.take(String, "/herringbone_sim/channels", 1, LATCHED)[0].data)
+    assert content["parameters"]["K"] == 0.25
+    assert content["state"]["t"] == 0.0
+    wait_until(lambda: got)
+    assert got[0].status[0].message == "compiling the kernel"
+    assert not bench.simulators[0].loop.ready
+    compiled.set()
+    wait_until(lambda: got[-1].status[0].message in ("running", "behind"))
+    assert "compiling the kernel, once on this machine" in capfd.readouterr().err
+
+
+def test_what_is_loaded_from_the_cache_is_not_called_compiling(
+    bench: Bench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    warm_up(build(Parameters()))
+    got = bench.listen(DiagnosticArray, "/diagnostics")
+    node = bench.simulator()
+    wait_until(lambda: node.loop.ready and len(got) > 1)
+    assert not any("compiling" in one.status[0].message for one in got)
+    assert "compiling" not in capfd.readouterr().err
+
+
+def test_two_gears_are_told_apart_in_diagnostics_and_regime(bench: Bench) -> None:
+    for side in ("left", "right"):
+        bench.simulator(side)
+    wanted = {f"/{side}/herringbone_sim" for side in ("left", "right")}
+    statuses = [m.status[0] for m in bench.take(DiagnosticArray, "/diagnostics", 6)]
+    assert {one.hardware_id for one in statuses} == wanted
+    assert {one.name for one in statuses} == {f"{name}: simulator" for name in wanted}
+    for name in wanted:
+        regime = bench.take(DiagnosticArray, f"{name}/regime")[0].status[0]
+        assert (regime.name, regime.hardware_id) == (f"{name}: regime", name)
+
+
+def test_quality_of_service_is_overridden_by_parameter(bench: Bench) -> None:
+    own = "qos_overrides./herringbone_sim"
+    node = bench.simulator(
+        **{
+            f"{own}/state.publisher.reliability": "best_effort",
+            f"{own}/state.publisher.depth": 3,
+            f"{own}/cmd/K.subscription.reliability": "best_effort",
+        }
+    )
+    (state,) = bench.client.get_publishers_info_by_topic(STATE)
+    (samples,) = bench.client.get_publishers_info_by_topic(SAMPLES)
+    (command,) = bench.client.get_subscriptions_info_by_topic("/herringbone_sim/cmd/K")
+    assert state.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert samples.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    assert command.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert node.get_parameter(f"{own}/samples.publisher.depth").value == 10
+    assert node.get_parameter("qos_overrides./diagnostics.publisher.history").value == "keep_last"
+
+
+@pytest.mark.parametrize(
+    ("policy", "value"), [("reliability", "perhaps"), ("depth", -1), ("history", 5)]
+)
+def test_a_quality_that_there_is_not_is_refused(bench: Bench, policy: str, value: object) -> None:
+    name = f"qos_overrides./herringbone_sim/state.publisher.{policy}"
+    with pytest.raises(ParameterError, match=r"state: .*keep_last"):
+        bench.simulator(**{name: value})
 
 
 def test_section_has_one_point_a_mesh_cycle_at_phase_0(bench: Bench) -> None:
@@ -162,3 +245,42 @@ def test_a_subscriber_that_is_slow_late_or_gone_loses_nothing_for_the_recorder(
     answer = bench.call("record/stop")
     assert answer.success
     assert ", 0 lost," in answer.message
+
+
+def documented() -> list[list[str]]:
+    """Rows of the table of topics: name, type, quality of service."""
+    page = Path(__file__).resolve().parents[2] / "docs" / "ros2.md"
+    _, table_and_rest = page.read_text(encoding="utf-8").split("| topic | type | quality", 1)
+    lines = table_and_rest.split("\n\n", 1)[0].splitlines()[2:]
+    return [[cell.strip() for cell in line.strip("|").split("|")][:3] for line in lines]
+
+
+def test_the_documented_topics_types_and_qualities_are_those_of_the_node(bench: Bench) -> None:
+    node = bench.simulator(publish_clock=True, start_paused=True)
+    for names, kind, quality in documented():
+        for name in names.replace("`", "").split(", "):
+            topic = name.replace("~", "/herringbone_sim")
+            taken = kind.endswith(", subscribed")
+            ask = (
+                bench.client.get_subscriptions_info_by_topic
+                if taken
+                else bench.client.get_publishers_info_by_topic
+            )
+            wait_until(lambda a=ask, t=topic: a(t))
+            found = [one for one in ask(topic) if one.node_name == node.get_name()]
+            assert {one.topic_type.replace("/msg/", "/") for one in found} == {kind.split(",")[0]}
+            (profile,) = [one.qos_profile for one in found]
+            assert (profile.reliability == ReliabilityPolicy.RELIABLE) == ("reliable" in quality)
+            latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            assert latched == ("transient local" in quality), topic
+            role = "subscription" if taken else "publisher"
+            depth = f"qos_overrides.{topic}.{role}.depth"
+            if node.has_parameter(depth):
+                assert f"last {node.get_parameter(depth).value}" in quality
+
+
+def test_a_quality_of_service_is_overridden_on_the_command_line(bench: Bench) -> None:
+    name = "qos_overrides./herringbone_sim/state.publisher.reliability"
+    bench.simulator(cli_args=["--ros-args", "-p", f"{name}:=best_effort"], start_paused=True)
+    (state,) = bench.client.get_publishers_info_by_topic(STATE)
+    assert state.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT

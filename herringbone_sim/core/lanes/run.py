@@ -8,25 +8,47 @@ from __future__ import annotations
 
 import numpy as np
 
+from herringbone_sim.core.lanes.any_moves import move_any
 from herringbone_sim.core.lanes.packed import (
     ANGLE,
     BACK,
-    CONTACT,
     CONTROL_ORDER,
     CONTROL_PHASE,
+    CYCLE,
     DONE,
     DRIVE,
     END,
+    HARMONICS,
     LEFT,
+    LOAD_ORDER,
     MOVE,
+    OMEGA,
+    ORDER,
+    PERIOD,
     PHASE,
+    ROWS_A_HARMONIC,
+    SHARE,
     STEP,
     SWITCHES,
+    WIDTH,
 )
-from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state
-from herringbone_sim.core.lanes.switching import find_moves, switch_contact, touch
+from herringbone_sim.core.lanes.series import (
+    cycles_from_event,
+    expand_excitation,
+    expand_motion,
+    load_row,
+    take_state,
+    window_row,
+)
+from herringbone_sim.core.lanes.switching import (
+    count_contact,
+    find_moves,
+    switch_contact,
+    touch,
+)
 from herringbone_sim.core.lanes.vector import LANES, bits, choose, load, splat, store, without
-from herringbone_sim.core.packed import TWO_PI, compiled, inlined
+from herringbone_sim.core.packed import TWO_PI, compiled, embedded, inlined
+from herringbone_sim.core.right_hand_side import ON_EDGE, angle_of
 from herringbone_sim.core.run import LIMIT
 
 IDLE = -1
@@ -35,23 +57,33 @@ IDLE = -1
 @inlined
 def begin_steps(w, index, steps):
     """Phase and remaining length of the step that each lane is in."""
-    done = load(w.lane, DONE, 0)
     for lane in range(LANES):
         w.lane[PHASE, 0, lane] = TWO_PI * (index[lane] + w.lane[DONE, 0, lane]) / steps[lane]
-    store(w.lane, LEFT, 0, load(w.constants, STEP, 0) * (1.0 - done))
+    left = load(w.constants, STEP, 0) * (1.0 - load(w.lane, DONE, 0))
+    part = left
+    for j in range(w.shape[2]):
+        part = least(part, time_to_edge(w, window_row(w, j)))
+    store(w.lane, LEFT, 0, part)
+    store(w.lane, SHARE, 0, part / left)
 
 
 @inlined
-def count_contact(w):
-    """Add the time of this move to the contact that each mesh was in, in parts of a grid step."""
-    time = load(w.lane, MOVE, 0) * (1.0 - load(w.lane, DONE, 0))
-    none = splat(0.0)
-    for m in range(w.x.shape[1]):
-        contact = load(w.mesh, CONTACT, m)
-        drive = choose(contact > none, time, none)
-        back = choose(contact < none, time, none)
-        store(w.mesh, DRIVE, m, load(w.mesh, DRIVE, m) + drive)
-        store(w.mesh, BACK, m, load(w.mesh, BACK, m) + back)
+def time_to_edge(w, row):
+    """Dimensionless time to the next edge of an event, as ``right_hand_side.cycles_to_edge``."""
+    s = cycles_from_event(w, row)
+    half = load(w.constants, row + WIDTH, 0) * 0.5
+    near = splat(ON_EDGE)
+    onset = s < 0.0 - half - near
+    end = s < half - near
+    cycles = choose(end, half - s, load(w.constants, row + PERIOD, 0) - half - s)
+    cycles = choose(onset, 0.0 - half - s, cycles)
+    return cycles * TWO_PI / load(w.constants, OMEGA, 0)
+
+
+@inlined
+def least(a, b):
+    """The smaller one, lane by lane."""
+    return choose(b < a, b, a)
 
 
 @compiled
@@ -103,15 +135,23 @@ def forget(w, lane):
 
 
 @compiled
-def end_cycle(w, lane, cycle, transient, cycles, sections, growth, contact):
+def end_cycle(w, lane, cycle, before, transient, cycles, sections, growth, contact):
     """All that happens to a lane at phase 0; returns whether its value is done.
 
+    ``cycle`` counts from the start of this run, ``before`` those that the gear has run earlier.
     ``sections (points, n_state)``, ``growth (batches + 1, tangents)`` (running sum in the last
     row) and ``contact (n_mesh, 2)`` are those of its value.
     """
-    turns = w.constants[CONTROL_ORDER, 0, lane] * cycle
-    angle = TWO_PI * (turns - np.floor(turns)) + w.constants[CONTROL_PHASE, 0, lane]
-    w.lane[ANGLE, 0, lane] = angle
+    now = before + cycle
+    angle = angle_of(w.constants[CONTROL_ORDER, 0, lane], 0.0, now)
+    w.lane[ANGLE, 0, lane] = angle + w.constants[CONTROL_PHASE, 0, lane]
+    w.lane[CYCLE, 0, lane] = now
+    for j in range(w.shape[0]):
+        order = w.constants[HARMONICS + ROWS_A_HARMONIC * j + ORDER, 0, lane]
+        w.turned[j, 0, lane] = angle_of(order, 0.0, now)
+    for j in range(w.shape[1]):
+        order = w.constants[load_row(w, j) + LOAD_ORDER, 0, lane]
+        w.turned[w.shape[0] + j, 0, lane] = angle_of(order, 0.0, now)
     seen = cycle - transient
     batches = growth.shape[0] - 1
     normalise(w, lane, growth, batches)
@@ -123,10 +163,10 @@ def end_cycle(w, lane, cycle, transient, cycles, sections, growth, contact):
             growth[batches, t] = 0.0
     if seen == 0:
         forget(w, lane)
-    first = cycles - sections.shape[0]
-    if first <= seen < cycles:
+    kept = cycles - sections.shape[0]
+    if kept <= seen < cycles:
         for j in range(sections.shape[1]):
-            sections[seen - first, j] = w.y[0, j, lane]
+            sections[seen - kept, j] = w.y[0, j, lane]
     if seen == cycles:
         for m in range(contact.shape[0]):
             contact[m, 0] = w.mesh[BACK, m, lane]
@@ -134,14 +174,16 @@ def end_cycle(w, lane, cycle, transient, cycles, sections, growth, contact):
     return seen == cycles
 
 
-@compiled
-def run_lanes(
+@embedded
+def through_lanes(
+    move,
     shape,
     w,
     inverse,
     table,
     steps,
     starts,
+    before,
     controlled,
     transient,
     cycles,
@@ -154,12 +196,15 @@ def run_lanes(
     """Run all values of a batch through the lanes.
 
     Args:
+        move: advances every lane to the end of its step, or to what switches before it.
         shape: tuples of zeros, as many as sides and as classes: loops over them are unrolled.
         inverse: (order + 2,) 1 / i.
         table: (n, rows, n_mesh) constants.
         steps: (n,) steps a cycle.
         starts: (n, 1 + tangents, n_state) initial states and tangents.
-        controlled: whether any value has K != 0.
+        before: (n,) mesh cycles that each has run earlier: they set the phase of what does not
+            repeat every mesh cycle.
+        controlled: whether any value has K != 0, or further torques.
         sections, end, growth, contact, failed: results, n of each.
     """
     n = table.shape[0]
@@ -174,26 +219,25 @@ def run_lanes(
             value[lane] = queue
             queue += 1
             busy += 1
-            end_cycle(w, lane, 0, transient, cycles, sections[lane], growth[lane], contact[lane])
+            end_cycle(
+                w,
+                lane,
+                0,
+                before[lane],
+                transient,
+                cycles,
+                sections[lane],
+                growth[lane],
+                contact[lane],
+            )
     while busy:
         begin_steps(w, index, lane_steps)
-        expand_excitation(w, inverse, controlled)
-        touch(shape, w)
-        expand_motion(shape, w, 0, True, True, controlled, inverse)
-        find_moves(w)
-        take_state(w, 0)
-        if w.y.shape[0] > 1:
-            expand_motion(shape, w, 1, False, True, controlled, inverse)
-            take_state(w, 1)
-        if w.y.shape[0] > 2:
-            expand_motion(shape, w, 2, False, False, controlled, inverse)
-            take_state(w, 2)
-        count_contact(w)
-        switch_contact(w)
-        move = load(w.lane, MOVE, 0)
+        move(shape, w, inverse, controlled)
         done = load(w.lane, DONE, 0)
-        reached = done + move * (1.0 - done)
-        whole = (move == splat(1.0)) | without(reached < splat(1.0))  # rounded: nothing is left
+        part = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
+        reached = done + part * (1.0 - done)
+        nothing_left = without(reached < splat(1.0))  # or rounded so
+        whole = (part == splat(1.0)) | nothing_left
         arrived = bits(whole)
         switches = load(w.lane, SWITCHES, 0) + 1.0
         store(w.lane, DONE, 0, choose(whole, splat(0.0), reached))
@@ -211,7 +255,15 @@ def run_lanes(
                 continue
             failed[v] = out_of_range(w, lane)
             if failed[v] or end_cycle(
-                w, lane, cycle[lane], transient, cycles, sections[v], growth[v], contact[v]
+                w,
+                lane,
+                cycle[lane],
+                before[v],
+                transient,
+                cycles,
+                sections[v],
+                growth[v],
+                contact[v],
             ):
                 for j in range(end.shape[1]):
                     end[v, j] = w.y[0, j, lane]
@@ -226,6 +278,7 @@ def run_lanes(
                         w,
                         lane,
                         0,
+                        before[queue],
                         transient,
                         cycles,
                         sections[queue],
@@ -234,3 +287,100 @@ def run_lanes(
                     )
                     queue += 1
                     busy += 1
+
+
+@inlined
+def move_plain(shape, w, inverse, controlled):
+    """One move of every lane of gears that are plain: to the end of its step, or a switch."""
+    expand_excitation(w, inverse, controlled)
+    touch(shape, w)
+    expand_motion(shape, w, 0, True, True, controlled, inverse)
+    find_moves(w)
+    take_state(w, 0)
+    if w.y.shape[0] > 1:
+        expand_motion(shape, w, 1, False, True, controlled, inverse)
+        take_state(w, 1)
+    if w.y.shape[0] > 2:
+        expand_motion(shape, w, 2, False, False, controlled, inverse)
+        take_state(w, 2)
+    count_contact(w)
+    switch_contact(w)
+
+
+# Each kind is compiled by itself, when it is first used.
+@compiled
+def run_lanes(
+    shape,
+    w,
+    inverse,
+    table,
+    steps,
+    starts,
+    before,
+    controlled,
+    transient,
+    cycles,
+    sections,
+    end,
+    growth,
+    contact,
+    failed,
+):
+    """``through_lanes`` of gears that are plain."""
+    through_lanes(
+        move_plain,
+        shape,
+        w,
+        inverse,
+        table,
+        steps,
+        starts,
+        before,
+        controlled,
+        transient,
+        cycles,
+        sections,
+        end,
+        growth,
+        contact,
+        failed,
+    )
+
+
+@compiled
+def run_any_lanes(
+    shape,
+    w,
+    inverse,
+    table,
+    steps,
+    starts,
+    before,
+    controlled,
+    transient,
+    cycles,
+    sections,
+    end,
+    growth,
+    contact,
+    failed,
+):
+    """``through_lanes`` of any gears."""
+    through_lanes(
+        move_any,
+        shape,
+        w,
+        inverse,
+        table,
+        steps,
+        starts,
+        before,
+        controlled,
+        transient,
+        cycles,
+        sections,
+        end,
+        growth,
+        contact,
+        failed,
+    )

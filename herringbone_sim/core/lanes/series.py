@@ -10,21 +10,50 @@ from herringbone_sim.core.lanes.packed import (
     CONTROL_ORDER,
     CONTROL_Q,
     CONTROL_R,
+    CYCLE,
     DAMPING,
+    E_COS,
     E_MEAN,
+    E_SIN,
     HARMONICS,
+    K_COS,
+    K_SIN,
     LEFT,
+    LOAD_COS,
+    LOAD_ORDER,
     LOAD_Q,
     LOAD_R,
+    LOAD_SIN,
     MOVE,
     OMEGA,
+    ORDER,
+    PERIOD,
     PHASE,
     PLANET,
+    POSITION,
+    ROWS_A_HARMONIC,
+    ROWS_A_LOAD,
+    ROWS_A_WINDOW,
     STIFFNESS,
     SUN,
+    WIDTH,
+    WINDOW_D,
+    WINDOW_K,
 )
-from herringbone_sim.core.lanes.vector import absolute, choose, fma, load, nearest, splat, store
-from herringbone_sim.core.packed import compiled, inlined
+from herringbone_sim.core.lanes.vector import (
+    LANES,
+    absolute,
+    bits,
+    choose,
+    fma,
+    load,
+    nearest,
+    splat,
+    store,
+)
+from herringbone_sim.core.packed import TWO_PI, compiled, inlined
+
+ALL = (1 << LANES) - 1
 
 HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 
@@ -86,21 +115,91 @@ def expand_excitation(w, inverse, controlled):
         store(w.k, 0, m, load(w.constants, STIFFNESS, m))
         store(w.error, 0, m, load(w.constants, E_MEAN, m))
     turn = load(w.constants, OMEGA, 0) * load(w.lane, LEFT, 0)
-    sin_1, cos_1 = sine_cosine(load(w.lane, PHASE, 0))
-    sin_j, cos_j = sin_1, cos_1
-    order = 1.0
-    for first in range(HARMONICS, w.constants.shape[0], 4):
+    for j in range(w.shape[0]):
+        row = HARMONICS + ROWS_A_HARMONIC * j
+        order = load(w.constants, row + ORDER, 0)
+        sine, cosine = sine_cosine(fma(order, load(w.lane, PHASE, 0), load(w.turned, j, 0)))
         expand_scale(w, turn * order, inverse)
         for m in range(n):
-            a, b = load(w.constants, first, m), load(w.constants, first + 1, m)
-            c, d = load(w.constants, first + 2, m), load(w.constants, first + 3, m)
-            fresh = first == HARMONICS
-            add_harmonic(w, w.k, m, a * cos_j + b * sin_j, b * cos_j - a * sin_j, fresh)
-            add_harmonic(w, w.error, m, c * cos_j + d * sin_j, d * cos_j - c * sin_j, fresh)
-        sin_j, cos_j = sin_j * cos_1 + cos_j * sin_1, cos_j * cos_1 - sin_j * sin_1
-        order += 1.0
+            a, b = load(w.constants, row + K_COS, m), load(w.constants, row + K_SIN, m)
+            c, d = load(w.constants, row + E_COS, m), load(w.constants, row + E_SIN, m)
+            add_harmonic(w, w.k, m, a * cosine + b * sine, b * cosine - a * sine, j == 0)
+            add_harmonic(w, w.error, m, c * cosine + d * sine, d * cosine - c * sine, j == 0)
+    for j in range(w.shape[2]):
+        expand_window(w, window_row(w, j), turn, inverse)
     if controlled:
         expand_control(w, inverse)
+        for j in range(w.shape[1]):
+            expand_load(w, j, turn, inverse)
+
+
+@inlined
+def load_row(w, j):
+    """First row of the constants of torque j."""
+    return HARMONICS + ROWS_A_HARMONIC * w.shape[0] + ROWS_A_LOAD * j
+
+
+@inlined
+def window_row(w, j):
+    """First row of the constants of event j."""
+    return load_row(w, w.shape[1]) + ROWS_A_WINDOW * j
+
+
+@inlined
+def cycles_from_event(w, row):
+    """Mesh cycles from the middle of the nearest event, in all lanes."""
+    period = load(w.constants, row + PERIOD, 0)
+    s = fma(load(w.lane, PHASE, 0), splat(1.0 / TWO_PI), load(w.lane, CYCLE, 0))
+    s = s - load(w.constants, row + POSITION, 0)
+    return s - period * nearest(s / period)
+
+
+@compiled
+def expand_window(w, row, turn, inverse):
+    """Apply an event to the series of k and e of the lanes whose step is in it."""
+    width = load(w.constants, row + WIDTH, 0)
+    s = cycles_from_event(w, row)
+    middle = fma(turn, splat(0.5 / TWO_PI), s)
+    inside = absolute(middle) < width * 0.5
+    if not bits(inside):
+        return
+    width = choose(inside, width, splat(1.0))
+    height = choose(inside, splat(0.5), splat(0.0))
+    sine, cosine = sine_cosine(choose(inside, s, splat(0.0)) * TWO_PI / width)
+    expand_scale(w, turn / width, inverse)
+    slope = 0.0 - sine
+    for i in range(w.bump.shape[0]):
+        store(w.bump, i, 0, height * load(w.scale, i, 0) * cosine)
+        cosine, slope = slope, 0.0 - cosine
+    store(w.bump, 0, 0, load(w.bump, 0, 0) + height)
+    for m in range(w.k.shape[1]):
+        share = load(w.constants, row + WINDOW_K, m)
+        displacement = load(w.constants, row + WINDOW_D, m)
+        some = bits(share == splat(0.0)) != ALL
+        for i in range(w.k.shape[0] - 1, -1, -1):
+            if some:
+                product = splat(0.0)
+                for j in range(i + 1):
+                    product = fma(load(w.bump, i - j, 0), load(w.k, j, m), product)
+                store(w.k, i, m, load(w.k, i, m) - share * product)
+            error = load(w.error, i, m)
+            store(w.error, i, m, error - displacement * load(w.bump, i, 0))
+
+
+@compiled
+def expand_load(w, j, turn, inverse):
+    """Take the series of a further torque off ``w.load``."""
+    row = load_row(w, j)
+    order = load(w.constants, row + LOAD_ORDER, 0)
+    angle = fma(order, load(w.lane, PHASE, 0), load(w.turned, w.shape[0] + j, 0))
+    sine, cosine = sine_cosine(angle)
+    expand_scale(w, turn * order, inverse)
+    for k in range(w.load.shape[1]):
+        a, b = load(w.constants, row + LOAD_COS, k), load(w.constants, row + LOAD_SIN, k)
+        value, slope = a * cosine + b * sine, b * cosine - a * sine
+        for i in range(w.load.shape[0]):
+            store(w.load, i, k, load(w.load, i, k) - value * load(w.scale, i, 0))
+            value, slope = slope, 0.0 - value
 
 
 @inlined
@@ -111,7 +210,7 @@ def expand_control(w, inverse):
     turn = order * load(w.constants, OMEGA, 0) * load(w.lane, LEFT, 0)
     sine, cosine = sine_cosine(angle)
     expand_scale(w, turn, inverse)
-    sides = w.q.shape[1] - w.k.shape[1] // 2
+    sides = w.q.shape[1] - w.shape[4] - w.k.shape[1] // 2
     c = w.k.shape[1] // (2 * sides)
     slope = 0.0 - sine
     for i in range(w.load.shape[0]):
@@ -121,6 +220,8 @@ def expand_control(w, inverse):
             for k in range(c):
                 put = control * load(w.constants, CONTROL_R, side)
                 store(w.load, i, sides + side * c + k, put)
+        for k in range(w.q.shape[1] - w.shape[4], w.q.shape[1]):
+            store(w.load, i, k, splat(0.0))
         cosine, slope = slope, 0.0 - cosine
 
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from herringbone_sim.core.lanes.packed import (
     AT,
+    BACK,
     BORDER,
     CONTACT,
+    DONE,
+    DRIVE,
     END,
     END_SLOPE,
     MOVE,
     NEXT,
+    SHARE,
     SWITCHES,
 )
 from herringbone_sim.core.lanes.vector import (
@@ -185,3 +189,16 @@ def touch_mesh(w, m, x, begins):
     back = choose(x < 0.0 - b, splat(-1.0), splat(0.0))
     contact = choose(x > b, splat(1.0), back)
     store(w.mesh, CONTACT, m, choose(begins, contact, load(w.mesh, CONTACT, m)))
+
+
+@compiled
+def count_contact(w):
+    """Add the time of this move to the contact that each mesh was in, in parts of a grid step."""
+    time = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0) * (1.0 - load(w.lane, DONE, 0))
+    none = splat(0.0)
+    for m in range(w.x.shape[1]):
+        contact = load(w.mesh, CONTACT, m)
+        drive = choose(contact > none, time, none)
+        back = choose(contact < none, time, none)
+        store(w.mesh, DRIVE, m, load(w.mesh, DRIVE, m) + drive)
+        store(w.mesh, BACK, m, load(w.mesh, BACK, m) + back)

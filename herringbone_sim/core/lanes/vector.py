@@ -202,5 +202,6 @@ _operator(operator.truediv, lanes, _binary(lanes, lanes, lambda builder, a, b: b
 _operator(operator.lt, lanes, _binary(lanes, mask, _comparison("<")))
 _operator(operator.gt, lanes, _binary(lanes, mask, _comparison(">")))
 _operator(operator.eq, lanes, _binary(lanes, mask, _comparison("==")))
+_operator(operator.ne, lanes, _binary(lanes, mask, _comparison("!=")))
 _operator(operator.and_, mask, _binary(mask, mask, lambda builder, a, b: builder.and_(a, b)))
 _operator(operator.or_, mask, _binary(mask, mask, lambda builder, a, b: builder.or_(a, b)))

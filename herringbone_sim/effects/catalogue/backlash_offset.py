@@ -5,9 +5,13 @@ Source: Eq. (3) with another b. Positive is more play.
 
 from __future__ import annotations
 
-from herringbone_sim.effects.effect import Effect, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import PLAY, law
 from herringbone_sim.effects.site import ANYWHERE
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -18,11 +22,19 @@ def excite(theta, site, gear, now, own, law):
             law[PLAY, m] = max(law[PLAY, m] + theta[0], 0.0)
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """b' plus the offset, not below zero."""
+    slots.half_backlash = np.maximum(slots.half_backlash + theta[0] * mask, 0.0)
+
+
 EFFECT = Effect(
     id="backlash_offset",
     text="half-backlash b' of some meshes not nominal (wear, thickness)",
     level="mesh",
     parameters=(Parameter("offset", "m", "more half-backlash", -6e-5, 2e-4, 5e-6),),
     loci=ANYWHERE,
+    fill=fill,
     excite=excite,
 )

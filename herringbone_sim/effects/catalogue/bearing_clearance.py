@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import CONTROL, PHASE, SHIFT, SHIFT_RATE, TORQUE, law
+from herringbone_sim.effects.slots import Coordinates, Slots
 
 CLEARANCE, STIFFNESS, DAMPING, SOFTNESS = range(4)
 MASK, PIN, MASS, COS_BETA, SHARE, CARRIER, BRAKE, DRIVE, ORDER, ANGLE = range(10)
@@ -123,6 +124,46 @@ def drive(theta, site, gear, now, own, force, slope):
                 slope[2 * k + 1] = push / mass - y
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """The pins' equations of motion, and what they change in the carrier's."""
+    if theta[CLEARANCE] <= 0.0:
+        return
+    model = slots.model
+    rows = place(model, mask, options)
+    T_1, bodies = model.parameters.T_1, len(model.layout.bodies)
+    pins = np.flatnonzero(rows[MASS, : mask.size // 2])
+    held = rows[MASK] != 0.0
+    here = np.array([held & (rows[PIN] == pin) for pin in pins], dtype=float)
+    mass, share, cos_beta = rows[MASS, pins], rows[SHARE, pins], rows[COS_BETA, 0]
+    free = rows[CARRIER, 0] - np.sum(share * mass)
+    # Of the carrier without its free pins: acceleration by mesh forces, by seats, by all else.
+    by_mesh = rows[SHARE] * cos_beta * ~held / free
+    by_seat, by_load = share / free, -rows[BRAKE, 0] * T_1 / free
+    by_control = rows[DRIVE, 0] / free
+    inertia = np.sum(share * mass)
+    carrier = np.eye(bodies)[2]
+    width = theta[SOFTNESS] * theta[CLEARANCE]
+    seats = [
+        (theta[STIFFNESS], 2.0 * theta[DAMPING] * np.sqrt(theta[STIFFNESS] * m)) for m in mass
+    ]
+    slots.add_coordinates(
+        Coordinates(
+            shift=-cos_beta * here,
+            seat=np.array([(*seat, 0.5 * theta[CLEARANCE], width) for seat in seats]),
+            force=cos_beta * here / mass[:, None] - by_mesh,
+            hold=-np.diag(1.0 / mass) - by_seat,
+            load=np.full(len(pins), -by_load),
+            control=np.full(len(pins), -by_control),
+            body_force=np.outer(inertia * by_mesh - rows[SHARE] * cos_beta * held, carrier),
+            body_hold=np.outer(share + inertia * by_seat, carrier),
+            body_load=inertia * by_load * carrier,
+            body_control=inertia * by_control * carrier,
+        )
+    )
+
+
 EFFECT = Effect(
     id="bearing_clearance",
     text="dead zone in a planet's support",
@@ -135,6 +176,7 @@ EFFECT = Effect(
     ),
     loci=(("all", "*", "all"), ("all", "*", "*")),
     place=place,
+    fill=fill,
     excite=excite,
     react=react,
     drive=drive,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import CHANNELS, replaced
 from herringbone_sim.effects.effect import Effect
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, listed
 
 
 def distort(
@@ -19,9 +19,7 @@ def distort(
 ) -> TimeSeries:
     """The series with the two channels swapped; ParameterError unless there are two."""
     if len(channels) != 2:
-        raise ParameterError(
-            f"channel_swap takes two channels, got {', '.join(channels)}: name both"
-        )
+        raise ParameterError(f"channel_swap takes two channels, got {listed(channels)}: name both")
     one, other = channels
     return replaced(series, {one: series[other], other: series[one]})
 

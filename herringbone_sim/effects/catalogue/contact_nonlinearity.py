@@ -7,9 +7,11 @@ in the place of the linear k_h of Eq. (5).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import PLAY, STIFFNESS, law, play
+from herringbone_sim.effects.slots import Slots
 
 F_0 = 1e-5
 
@@ -24,11 +26,19 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
             force[m] += law[STIFFNESS, m] * f * (power - 1.0)
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """The spring by another power of f."""
+    slots.bend_spring(mask, theta[0], F_0)
+
+
 EFFECT = Effect(
     id="contact_nonlinearity",
     text="stiffness grows with load (Hertz)",
     level="mesh",
     parameters=(Parameter("exponent", "-", "power of f", 0.7, 2.0, 1.1, neutral=1.0),),
     loci=(("all", "all", "all"), ("*", "all", "all")),
+    fill=fill,
     react=react,
 )

@@ -6,8 +6,12 @@ the spring's load (Hunt and Crossley 1975). Source: Eq. (12) with another c.
 
 from __future__ import annotations
 
-from herringbone_sim.effects.effect import Effect, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import DAMPING, PLAY, law, play
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -20,6 +24,13 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
             force[m] += theta[0] * law[DAMPING, m] * v[m] * (s - 1.0)
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """c v by its share elsewhere than everywhere."""
+    slots.bend_damping(mask, *theta)
+
+
 EFFECT = Effect(
     id="damping_law",
     text="damping not c v everywhere (only in contact, or proportional to load)",
@@ -30,5 +41,6 @@ EFFECT = Effect(
         Parameter("depth", "m", "f at which it is c v", 1e-6, 1e-4, 1e-5, None),
     ),
     loci=(("all", "all", "all"), ("*", "all", "all")),
+    fill=fill,
     react=react,
 )

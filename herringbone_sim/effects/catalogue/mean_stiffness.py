@@ -5,9 +5,13 @@ Source: a factor on Eq. (7); Eqs. (5), (6) of the paper give k_m from the parts 
 
 from __future__ import annotations
 
-from herringbone_sim.effects.effect import Effect, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import STIFFNESS, law
 from herringbone_sim.effects.site import ANYWHERE
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -18,11 +22,19 @@ def excite(theta, site, gear, now, own, law):
             law[STIFFNESS, m] *= theta[0]
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """k times the factor."""
+    slots.scale_stiffness(np.where(mask > 0.0, theta[0], 1.0))
+
+
 EFFECT = Effect(
     id="mean_stiffness",
     text="mesh stiffness off by a factor",
     level="mesh",
     parameters=(Parameter("factor", "-", "k over its own value", 0.3, 3.0, 1.1, neutral=1.0),),
     loci=ANYWHERE,
+    fill=fill,
     excite=excite,
 )

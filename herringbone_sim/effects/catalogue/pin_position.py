@@ -6,8 +6,12 @@ Source: a pin that is behind by w along the carrier's motion takes w less off x 
 
 from __future__ import annotations
 
-from herringbone_sim.effects.effect import Effect, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import SHIFT, law
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -18,11 +22,19 @@ def excite(theta, site, gear, now, own, law):
             law[SHIFT, m] += theta[0]
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """A constant d."""
+    slots.displacement = slots.displacement + theta[0] * mask
+
+
 EFFECT = Effect(
     id="pin_position",
     text="one planet's pin off its place: constant displacement on its sun and ring meshes",
     level="mesh",
     parameters=(Parameter("offset", "m", "displacement d", -2e-4, 2e-4, 1e-5),),
     loci=(("all", "*", "all"),),
+    fill=fill,
     excite=excite,
 )

@@ -6,7 +6,7 @@ holds the nominal e(t), so the difference of e shows as a displacement.
 
 from __future__ import annotations
 
-from herringbone_sim.effects.catalogue.stagger import excite
+from herringbone_sim.effects.catalogue.stagger import excite, fill
 from herringbone_sim.effects.effect import Effect, Parameter
 
 EFFECT = Effect(
@@ -15,5 +15,6 @@ EFFECT = Effect(
     level="mesh",
     parameters=(Parameter("phase", "rad", "how far these are ahead", -3.1416, 3.1416, 0.1),),
     loci=(("all", "*", "all"),),
+    fill=fill,
     excite=excite,
 )

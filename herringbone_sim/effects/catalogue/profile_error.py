@@ -13,6 +13,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import FREQUENCY, PHASE, SHIFT, SHIFT_RATE, law
 from herringbone_sim.effects.site import ANYWHERE
+from herringbone_sim.effects.slots import Slots
 
 ORDER = 1
 
@@ -34,6 +35,13 @@ def excite(theta, site, gear, now, own, law):
             law[SHIFT_RATE, m] += rate * (theta[1] * cos - theta[0] * sin)
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """One harmonic of d."""
+    slots.add_displacement(float(options["order"]), theta[0] * mask, theta[1] * mask)
+
+
 EFFECT = Effect(
     id="profile_error",
     text="transmission error of mesh order, independent of load",
@@ -45,5 +53,6 @@ EFFECT = Effect(
     options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
     loci=ANYWHERE,
     place=place,
+    fill=fill,
     excite=excite,
 )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import SHIFT, SHIFT_RATE, law
+from herringbone_sim.effects.slots import Coordinates, Slots
 
 MASS, COS_BETA, SHARE = range(1, 4)
 
@@ -53,6 +54,36 @@ def drive(theta, site, gear, now, own, force, slope):
             slope[2 * side + 1] = load / mass
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """The ring's own equation of motion, side by side."""
+    if np.isinf(theta[0]):
+        return
+    model = slots.model
+    M_r, cos_beta = model.scales.M_r, model.scales.cos_beta
+    ring = np.concatenate([0.0 * mask[: mask.size // 2], mask[mask.size // 2 :]])
+    side = np.arange(mask.size) // (mask.size // 4) % 2
+    here = np.array([ring * (side == one) for one in range(2)])
+    here = here[here.any(axis=1)]
+    s, bodies = len(here), len(model.layout.bodies)
+    damping = 2.0 * theta[1] * np.sqrt(theta[0] * M_r)
+    slots.add_coordinates(
+        Coordinates(
+            shift=-cos_beta * here,
+            seat=np.tile([theta[0], damping, 0.0, 0.0], (s, 1)),
+            force=model.bare.multiplicity * cos_beta / M_r * here,
+            hold=-np.eye(s) / M_r,
+            load=np.zeros(s),
+            control=np.zeros(s),
+            body_force=np.zeros((mask.size, bodies)),
+            body_hold=np.zeros((s, bodies)),
+            body_load=np.zeros(bodies),
+            body_control=np.zeros(bodies),
+        )
+    )
+
+
 EFFECT = Effect(
     id="ring_flexibility",
     text="the ring turns on its own spring",
@@ -63,6 +94,7 @@ EFFECT = Effect(
     ),
     loci=(("rp", "all", "all"), ("rp", "all", "*")),
     place=place,
+    fill=fill,
     excite=excite,
     drive=drive,
     states=lambda model: 4,

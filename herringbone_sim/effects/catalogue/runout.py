@@ -8,11 +8,13 @@ eccentricity as displacement excitation in the place of e(t), Eqs. (15), (16).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import FREQUENCY, PHASE, SHIFT, SHIFT_RATE, law
 from herringbone_sim.effects.site import MEMBER, revolutions
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -23,6 +25,17 @@ def excite(theta, site, gear, now, own, law):
             angle = (now[PHASE] - TWO_PI * site[2, m]) / site[1, m] + theta[1]
             law[SHIFT, m] += theta[0] * np.cos(angle)
             law[SHIFT_RATE, m] -= theta[0] * np.sin(angle) * now[FREQUENCY] / site[1, m]
+
+
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """One harmonic of d, once a revolution."""
+    _, cycles, late = revolutions(slots.model, mask, options)
+    order = 1.0 / float(cycles[0])
+    angle = theta[1] - 2.0 * np.pi * late * order
+    amplitude = theta[0] * mask
+    slots.add_displacement(order, amplitude * np.cos(angle), -amplitude * np.sin(angle))
 
 
 EFFECT = Effect(
@@ -36,5 +49,6 @@ EFFECT = Effect(
     options=(MEMBER,),
     loci=(("*", "all", "all"), ("*", "all", "*"), ("all", "*", "all"), ("all", "*", "*")),
     place=revolutions,
+    fill=fill,
     excite=excite,
 )

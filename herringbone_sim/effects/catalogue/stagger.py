@@ -6,8 +6,12 @@ holds the nominal e(t), so the difference of e shows as a displacement.
 
 from __future__ import annotations
 
-from herringbone_sim.effects.effect import Effect, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import law, shift_phase
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -18,11 +22,19 @@ def excite(theta, site, gear, now, own, law):
             shift_phase(gear, now, m, theta[0], law)
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """k and e of the meshes ahead by the angle."""
+    slots.shift_phase(mask, theta[0])
+
+
 EFFECT = Effect(
     id="stagger",
     text="left/right mesh phase error: k and e shift together",
     level="mesh",
     parameters=(Parameter("phase", "rad", "how far these are ahead", -3.1416, 3.1416, 0.1),),
     loci=(("all", "all", "*"),),
+    fill=fill,
     excite=excite,
 )

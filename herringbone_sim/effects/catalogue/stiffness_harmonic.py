@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.model import Model
+from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import MEAN_K, PHASE, STIFFNESS, law
 from herringbone_sim.effects.site import ANYWHERE
+from herringbone_sim.effects.slots import Slots
 
 ORDER = 1
 
@@ -31,6 +32,14 @@ def excite(theta, site, gear, now, own, law):
             law[STIFFNESS, m] += gear[MEAN_K, m] * share
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """k plus the harmonic, as a share of the gear's own mean."""
+    k_m = mean_stiffness(slots.model.parameters) * mask
+    slots.add_stiffness(float(options["order"]), theta[0] * k_m, theta[1] * k_m)
+
+
 EFFECT = Effect(
     id="stiffness_harmonic",
     text="a further mesh-order harmonic of k(t), or a wrong first one",
@@ -42,5 +51,6 @@ EFFECT = Effect(
     options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
     loci=ANYWHERE,
     place=place,
+    fill=fill,
     excite=excite,
 )

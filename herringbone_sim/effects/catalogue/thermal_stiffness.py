@@ -5,8 +5,12 @@ Source: the temperature coefficient of Young's modulus in k_h, k_a, k_b, k_s, k_
 
 from __future__ import annotations
 
-from herringbone_sim.effects.effect import Effect, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import DELTA_T, STIFFNESS, law
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -17,11 +21,20 @@ def excite(theta, site, gear, now, own, law):
             law[STIFFNESS, m] *= max(1.0 - theta[0] * now[DELTA_T], 0.05)
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """k less by the rate times the temperature rise, not below a twentieth."""
+    factor = max(1.0 - theta[0] * slots.model.parameters.delta_T, 0.05)
+    slots.scale_stiffness(np.where(mask > 0.0, factor, 1.0))
+
+
 EFFECT = Effect(
     id="thermal_stiffness",
     text="stiffness falls with temperature",
     level="mesh",
     parameters=(Parameter("rate", "1/K", "share of k lost a kelvin", -0.01, 0.01, 1e-3),),
     loci=(("all", "all", "all"), ("*", "all", "all")),
+    fill=fill,
     excite=excite,
 )

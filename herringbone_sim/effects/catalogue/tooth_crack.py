@@ -7,9 +7,13 @@ reduction of mesh stiffness by a crack, see Eq. (5) with k_b and k_s of one toot
 
 from __future__ import annotations
 
-from herringbone_sim.effects.effect import Effect, Parameter
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import STIFFNESS, bump, cycles_from_event, law
 from herringbone_sim.effects.site import MEMBER, whole_cycles
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -19,6 +23,15 @@ def excite(theta, site, gear, now, own, law):
         if site[0, m] != 0.0:
             s = cycles_from_event(now, site[1, m], site[2, m], theta[1])
             law[STIFFNESS, m] *= 1.0 - theta[0] * bump(s, theta[2])
+
+
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """k less by the depth while the tooth is in mesh."""
+    _, cycles, late = whole_cycles(slots.model, mask, options)
+    none = np.zeros(mask.shape)
+    slots.add_event(cycles, late + theta[1], theta[2], theta[0] * mask, none)
 
 
 EFFECT = Effect(
@@ -33,5 +46,6 @@ EFFECT = Effect(
     options=(MEMBER,),
     loci=(("*", "*", "*"), ("*", "all", "*"), ("all", "*", "*")),
     place=whole_cycles,
+    fill=fill,
     excite=excite,
 )

@@ -20,6 +20,7 @@ from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import PHASE, law
 from herringbone_sim.effects.site import is_ring
+from herringbone_sim.effects.slots import Slots
 
 TAN, DRIVER_ARM, DRIVEN_ARM, CARRIER_ARM, COS_BETA, SHARE = range(1, 7)
 
@@ -64,6 +65,26 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
             torque[2] += site[SHARE, m] * g * site[CARRIER_ARM, m]
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """Torques of the friction; the normal force stays."""
+    rows = place(slots.model, mask, options)
+    half, planets = mask.size // 2, mask.size // 4
+    constant, lever = np.zeros((2, mask.size, len(slots.model.layout.bodies)))
+    for m in np.flatnonzero(mask):
+        g = theta[0] * rows[COS_BETA, m]
+        driver = m // planets if m < half else 3 + m - half
+        share = rows[SHARE, m] if m < half else 1.0
+        constant[m, driver] -= share * g * rows[TAN, m]
+        lever[m, driver] -= share * g * rows[DRIVER_ARM, m]
+        if m < half:
+            constant[m, 3 + m] += g * rows[TAN, m]
+            lever[m, 3 + m] -= g * rows[DRIVEN_ARM, m]
+        constant[m, 2] += rows[SHARE, m] * g * rows[CARRIER_ARM, m]
+    slots.add_friction(constant, lever)
+
+
 EFFECT = Effect(
     id="tooth_friction",
     text="sliding friction, sign change at the pitch point",
@@ -71,5 +92,6 @@ EFFECT = Effect(
     parameters=(Parameter("mu", "-", "friction coefficient", 0.0, 0.5, 0.05),),
     loci=(("all", "all", "all"), ("*", "all", "all")),
     place=place,
+    fill=fill,
     react=react,
 )

@@ -7,8 +7,11 @@ the place of e(t), Eqs. (15), (16).
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import (
     FREQUENCY,
     SHIFT,
@@ -19,6 +22,7 @@ from herringbone_sim.effects.law import (
     law,
 )
 from herringbone_sim.effects.site import MEMBER, whole_cycles
+from herringbone_sim.effects.slots import Slots
 
 
 @law
@@ -30,6 +34,15 @@ def excite(theta, site, gear, now, own, law):
             rate = now[FREQUENCY] / TWO_PI
             law[SHIFT, m] += theta[0] * bump(s, theta[2])
             law[SHIFT_RATE, m] += theta[0] * bump_slope(s, theta[2]) * rate
+
+
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """d while the tooth is in mesh."""
+    _, cycles, late = whole_cycles(slots.model, mask, options)
+    none = np.zeros(mask.shape)
+    slots.add_event(cycles, late + theta[1], theta[2], none, theta[0] * mask)
 
 
 EFFECT = Effect(
@@ -44,5 +57,6 @@ EFFECT = Effect(
     options=(MEMBER,),
     loci=(("*", "*", "*"), ("*", "all", "*"), ("all", "*", "*")),
     place=whole_cycles,
+    fill=fill,
     excite=excite,
 )

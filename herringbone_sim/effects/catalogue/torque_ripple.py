@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import PHASE, TORQUE, law
+from herringbone_sim.effects.slots import Slots
 
 ORDER, TURN, RADIUS = range(1, 4)
 
@@ -34,6 +35,17 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
     torque[1] += more
 
 
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """More or less torque on both halves of the sun."""
+    p, s = slots.model.parameters, slots.model.scales
+    order = options["order"] * (p.z_s + p.z_r) / (p.z_s * p.z_r)
+    push = np.zeros(len(slots.model.layout.bodies))
+    push[:2] = 0.5 * p.T_1 / s.r_bs * theta[0]
+    slots.add_torque(order, push * np.cos(theta[1]), -push * np.sin(theta[1]))
+
+
 EFFECT = Effect(
     id="torque_ripple",
     text="input torque not constant",
@@ -44,5 +56,6 @@ EFFECT = Effect(
     ),
     options=(Option("order", "events a turn of the input shaft", 1, tuple(range(1, 61))),),
     place=place,
+    fill=fill,
     react=react,
 )

@@ -13,7 +13,7 @@ from herringbone_sim.core.layout import KINDS, PREFIX_UNITS, SIDES, Layout
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.errors import AnalysisError, HerringboneError
+from herringbone_sim.errors import AnalysisError, HerringboneError, listed
 from herringbone_sim.gap.data.breaks import longest_part, unwrapped
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.screen import Finding, screen
@@ -222,7 +222,7 @@ def _check_phase(name: str, series: TimeSeries) -> None:
     """AnalysisError without a phase that goes forward."""
     if "phase" not in series:
         raise AnalysisError(
-            f"{name} needs a channel phase, got {', '.join(series.names)}: record the mesh phase "
+            f"{name} needs a channel phase, got {listed(series.names)}: record the mesh phase "
             "with the run"
         )
     turns = np.diff(series["phase"])
@@ -242,13 +242,7 @@ def _check_phase(name: str, series: TimeSeries) -> None:
 
 def declared_units(recording: Recording) -> dict[str, str]:
     """Unit of each channel as the ``channels`` topic has it; empty where it says nothing."""
-    told = recording.channels.get("channels")
-    entries = told if isinstance(told, list) else []
-    return {
-        str(entry["name"]): str(entry["unit"])
-        for entry in entries
-        if isinstance(entry, dict) and "name" in entry and entry.get("unit")
-    }
+    return {name: unit for name, unit in recording.channels.units.items() if unit}
 
 
 def _noted(name: str, recording: Recording) -> list[Finding]:
@@ -260,7 +254,7 @@ def _noted(name: str, recording: Recording) -> list[Finding]:
         at = recording.jump_s if jumped else None
         found.append(Finding(what, name, channels, at, f"{name}: {note}"))
     if not recording.complete:
-        text = f"{name} was cut off at {times[-1]:.6g} s: it is used as far as it goes"
+        text = f"{name} is not whole and ends at {times[-1]:.6g} s: it is used as far as it goes"
         found.append(Finding("cut_off", name, ("t",), float(times[-1]), text))
     return found
 
@@ -272,7 +266,7 @@ def _foreign(name: str, series: TimeSeries, layout: Layout) -> list[Finding]:
     if not others:
         return []
     text = (
-        f"{', '.join(others[:3])}{', ...' if len(others) > 3 else ''} of {name} belong to no mesh "
+        f"{listed(others[:3])}{', ...' if len(others) > 3 else ''} of {name} belong to no mesh "
         f"or body of the nominal gear, which has {len(layout.planets)} planets: the nominal file, "
         "or the recording, is that of another gear or of the reduced model; they are not used"
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from herringbone_sim.core.layout import PREFIX_UNITS
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import shown
 
 HEAD = ("t", "phase", "K", "delta_T", "T_1")
 AT_LIMIT = 8  # samples at the largest or smallest value from which it may be a limit
@@ -87,8 +88,8 @@ def _declared(name: str, series: TimeSeries, channel: str, unit: str | None) -> 
     if unit is None or expected is None or unit == expected:
         return None
     text = (
-        f"{channel} of {name} is declared in {unit!r}, a recording holds {expected}: another unit "
-        "than SI; the channel is left out of this run, not rescaled"
+        f"{channel} of {name} is declared in {shown(unit)}, a recording holds {expected}: another "
+        "unit than SI; the channel is left out of this run, not rescaled"
     )
     return Finding("unit", name, (channel,), float(series.times[0]), text)
 

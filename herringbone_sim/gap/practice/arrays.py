@@ -6,6 +6,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table, prepare_run
 from herringbone_sim.gap.practice.campaign import PracticeCampaign
 from herringbone_sim.gap.practice.record import SAMPLES_PER_CYCLE
+from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
 
 
@@ -16,7 +17,7 @@ def as_prepared(made: PracticeCampaign) -> PreparedCampaign:
     runs = tuple(
         prepare_run(
             run,
-            Recording(run.path, run.path.name, series, {}, (), True, ()),
+            Recording(run.path, run.path.name, series, Channels(), (), True, ()),
             nominal,
             campaign.noise_share,
         )

@@ -17,11 +17,13 @@ from typing import Any
 
 from tqdm import tqdm
 
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.errors import AnalysisError, shown
 from herringbone_sim.gap.practice.frozen import Frozen, frozen, overlap
 from herringbone_sim.gap.practice.label import read_label
 from herringbone_sim.gap.practice.pool import pool
 from herringbone_sim.gap.practice.trial import Setting, sources, trial, truth_of
+from herringbone_sim.recording import safe_json
+from herringbone_sim.recording.safe_json import JsonError
 from herringbone_sim.sweeps.kept import make_folder, whole
 from herringbone_sim.version import VERSION
 
@@ -149,12 +151,11 @@ def read_seals(folder: Path) -> dict[str, str]:
 def read_json(file: Path) -> dict[str, Any]:
     """Content of a JSON file, empty where there is none; AnalysisError where it is broken."""
     try:
-        found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        return safe_json.read_json(file)
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, JsonError) as error:
         raise AnalysisError(f"can't read {file}: {error}: start in another folder") from None
-    return found
 
 
 def finished(folder: Path) -> dict[str, str]:
@@ -170,15 +171,22 @@ def _note(folder: Path, seeds: Sequence[int], setting: Setting, seen: Seen) -> N
     """Write ``bench.json``; a folder has one setting, its seeds may grow."""
     before = read_json(folder / "bench.json")
     asked = json.loads(json.dumps(asdict(setting)))
-    if before and before["setting"] != asked:
+    if before and before.get("setting") != asked:
         raise AnalysisError(
-            f"{folder} holds a bench with {before['setting']}, got {asked}: choose another --out"
+            f"{folder} holds a bench with {shown(before.get('setting'))}, got {asked}: choose "
+            "another --out"
+        )
+    known_seeds = before.get("seeds", [])
+    if not isinstance(known_seeds, list) or not all(type(one) is int for one in known_seeds):
+        raise AnalysisError(
+            f"{folder / 'bench.json'} must have seeds, a list of whole numbers, got "
+            f"{shown(known_seeds)}: choose another --out"
         )
     known = seen.frozen
     content = {
         "schema": "herringbone_sim/bench/1",
         "setting": asked,
-        "seeds": sorted({*before.get("seeds", ()), *seeds}),
+        "seeds": sorted({*known_seeds, *seeds}),
         "version": VERSION,
         "sources": sources(),
         "calibration": known and {"file": known.path.name, "sha256": known.sha256},

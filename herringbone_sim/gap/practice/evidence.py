@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Effect
 from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.errors import AnalysisError, shown
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.verdict.evidence import Evidence
 
@@ -53,7 +53,7 @@ def evidence_of(record: dict[str, Any]) -> Evidence:
     except (KeyError, TypeError, AttributeError, ImportError) as error:
         raise AnalysisError(
             f"evidence must be a record of this version of the diagnosis, got one that breaks at "
-            f"{error!r}: diagnose again"
+            f"{shown(error)}: diagnose again"
         ) from None
     if not isinstance(found, Evidence):
         raise AnalysisError(f"a record of evidence is needed, got one of {type(found).__name__}")

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.errors import AnalysisError, shown
+from herringbone_sim.recording.safe_yaml import read_yaml
 
 FILES = ("calibration.json", "calibration.yaml")
 
@@ -34,15 +33,14 @@ def frozen(file: Path | None = None) -> Frozen | None:
     found = next((one for one in files if one.is_file()), None)
     if found is None:
         return None
-    content = found.read_bytes()
     try:
-        seeds = tuple((int(first), int(end)) for first, end in yaml.safe_load(content)["seeds"])
-    except (KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        seeds = tuple((int(first), int(end)) for first, end in read_yaml(found)["seeds"])
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise AnalysisError(
-            f"{found} must have seeds: [[FIRST, LAST + 1], ...], got {error!r}: say which seeds "
-            "the thresholds were frozen on"
+            f"{found} must have seeds: [[FIRST, LAST + 1], ...], got {shown(error)}: say which "
+            "seeds the thresholds were frozen on"
         ) from None
-    return Frozen(found, hashlib.sha256(content).hexdigest(), seeds)
+    return Frozen(found, hashlib.sha256(found.read_bytes()).hexdigest(), seeds)
 
 
 def overlap(known: Frozen | None, seeds: Sequence[int]) -> list[int]:

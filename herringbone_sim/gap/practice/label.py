@@ -23,6 +23,7 @@ from herringbone_sim.gap.practice.record import (
     period,
 )
 from herringbone_sim.recording.campaign import CampaignRun
+from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
 
 SCHEMA = "rig/label/1"
 SHORT = 0.8  # of the detectability that was asked for
@@ -120,9 +121,9 @@ def read_label(path: Path, expected: str | None = None) -> dict[str, Any]:
         RecordingError: no label there, or not the one that was sealed.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        label: dict[str, Any] = json.loads(text)
-    except (OSError, ValueError) as error:
+        text = json_text(path)
+        label = parse_json(text)
+    except (OSError, JsonError) as error:
         raise RecordingError(f"can't read the label {path}: {error}: name a label file") from None
     got = hashlib.sha256(text.encode()).hexdigest()
     if expected is not None and got != expected:

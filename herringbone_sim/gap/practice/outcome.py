@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.errors import AnalysisError, shown
 from herringbone_sim.gap.practice.machine import MESHES
 
 Json = Mapping[str, Any]
@@ -103,8 +103,21 @@ def outcome(label: Json, report: Json, name: str = "") -> Outcome:
     """Score a report.
 
     Raises:
-        AnalysisError: probabilities that do not sum to 1, or a report without verdict or causes.
+        AnalysisError: probabilities that do not sum to 1, or a report or label that breaks the
+            schema.
     """
+    try:
+        return _outcome(label, report, name)
+    except AnalysisError:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise AnalysisError(
+            f"a report and a label must have the entries of the schema, got {shown(error)}: write "
+            "them by it"
+        ) from None
+
+
+def _outcome(label: Json, report: Json, name: str) -> Outcome:
     p = probabilities(report)
     truth = tuple(sorted(label["truth"]))
     kind = "pair" if len(truth) > 1 else (truth[0] if truth[0] in OUTSIDE_CATALOGUE else "single")

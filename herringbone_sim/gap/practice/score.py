@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from herringbone_sim.gap.practice.intervals import (
 )
 from herringbone_sim.gap.practice.label import read_label
 from herringbone_sim.gap.practice.outcome import Outcome, outcome
+from herringbone_sim.recording.safe_json import read_json
 
 Outcomes = Sequence[Outcome]
 STRATA = ("truth", "d", "noise", "channels", "regime")
@@ -188,7 +188,7 @@ def read_cases(reports: Path, labels: Path, seals: dict[str, str]) -> tuple[Outc
         label = read_label(labels / f"{name}.json", sealed)
         file = reports / name / "report.json"
         try:
-            cases.append(outcome(label, json.loads(file.read_text(encoding="utf-8")), name))
+            cases.append(outcome(label, read_json(file), name))
         except (OSError, ValueError) as error:
             raise AnalysisError(f"{file}: {error}: write a report for each label") from error
     return tuple(cases)

@@ -57,7 +57,7 @@ def read_bench(folder: Path) -> Bench:
             cases.append(outcome(label, read_json(place / "report.json"), name))
             for rival, report in read_json(place / "baselines.json").items():
                 others.setdefault(rival, []).append(outcome(label, report, name))
-        except (KeyError, AnalysisError) as error:
+        except AnalysisError as error:
             raise AnalysisError(f"{place}: {error}: diagnose it again") from None
         notes.append(read_json(place / "case.json"))
     return Bench(
@@ -66,7 +66,9 @@ def read_bench(folder: Path) -> Bench:
         rivals={name: tuple(them) for name, them in others.items()},
         sealed=len(read_seals(folder)),
         sources=Counter(str(note.get("sources")) for note in notes),
-        seconds=tuple(float(note["seconds"]) for note in notes if "seconds" in note),
+        seconds=tuple(
+            seconds for note in notes if isinstance(seconds := note.get("seconds"), (int, float))
+        ),
         left_out=len(read_json(folder / "left_out.json")),
     )
 

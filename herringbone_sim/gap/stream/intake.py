@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.errors import RecordingError
+from herringbone_sim.errors import RecordingError, listed
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Intake:
             RecordingError: no ``t`` among the channels, or a time that is no number.
         """
         if "t" not in names:
-            raise RecordingError(f"a block of samples needs a channel t, got {', '.join(names)}")
+            raise RecordingError(f"a block of samples needs a channel t, got {listed(names)}")
         if not len(rows):
             return
         times = rows[:, names.index("t")]

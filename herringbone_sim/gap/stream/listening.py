@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from herringbone_sim.gap.stream.stretch import (
     join_motions,
 )
 from herringbone_sim.recording.cdr import Buffer
+from herringbone_sim.recording.channels import Channels, read_channels
 from herringbone_sim.recording.messages import decode_samples
 
 KEPT = 20  # stretches that a picture is made of
@@ -42,6 +43,7 @@ class Heard:
             which its clock went back or its channels changed.
         refused: blocks that could not be read.
         trouble: why it can't be used now; empty when it can.
+        says: what it last said of itself in ``/diagnostics``, as that it compiles.
     """
 
     topic: str
@@ -52,6 +54,7 @@ class Heard:
     restarts: int
     refused: int
     trouble: str
+    says: str = ""
 
     @property
     def fresh(self) -> bool:
@@ -98,9 +101,9 @@ class Ear:
         self._clock = clock
         self._intake = Intake()
         self._lock = threading.Lock()
-        self._told: Mapping[str, Any] = {}
+        self._told = Channels()
         self._heard_at: float | None = None
-        self._refused, self._trouble = 0, ""
+        self._refused, self._trouble, self._says = 0, "", ""
 
     def samples(self, message: Buffer) -> None:
         """A serialised block of samples; one that can't be read is counted, and said."""
@@ -114,24 +117,26 @@ class Ear:
                 self._trouble = str(error)
 
     def channels(self, text: str) -> None:
-        """Content of the topic ``channels``; what is no JSON object tells nothing."""
-        try:
-            content = json.loads(text)
-        except ValueError:
-            return
+        """Content of the topic ``channels``; what can't be read tells nothing."""
+        with suppress(RecordingError):
+            told, _ = read_channels(text)
+            with self._lock:
+                self._told = told
+
+    def says(self, text: str) -> None:
+        """What it says of itself in ``/diagnostics``."""
         with self._lock:
-            self._told = content if isinstance(content, dict) else {}
+            self._says = text
 
     @property
     def told(self) -> Mapping[str, Any]:
         """Parameters that the topic ``channels`` holds."""
-        held = self._told.get("parameters")
-        return held if isinstance(held, dict) else {}
+        return self._told.parameters
 
     @property
     def simulated(self) -> bool:
         """Whether the samples come from a simulator, and so have no noise."""
-        return self._told.get("source") == "simulator"
+        return self._told.source == "simulator"
 
     def take(self) -> TimeSeries | None:
         """The newest stretch since the last call."""
@@ -151,6 +156,7 @@ class Ear:
                 restarts=intake.restarts,
                 refused=self._refused,
                 trouble=self._trouble,
+                says=self._says,
             )
 
 
@@ -224,10 +230,12 @@ def _append(kept: deque[Any], new: Residual | Motion) -> None:
 def _with_remarks(picture: Picture, troubles: tuple[str, ...]) -> Picture:
     said = [text for text in dict.fromkeys(troubles) if text]
     for heard in (picture.rig, picture.simulator):
+        why = f" (it says: {heard.says})" if heard.says else ""
         if heard.age_s is None:
-            said.append(f"nothing on {heard.topic} yet")
+            said.append(f"nothing on {heard.topic} yet{why}")
         elif not heard.fresh:
-            said.append(f"nothing on {heard.topic} for {heard.age_s:.0f} s: what stands is old")
+            age = f"{heard.age_s:.0f} s"
+            said.append(f"nothing on {heard.topic} for {age}{why}: what stands is old")
         if heard.trouble:
             said.append(f"{heard.topic}: {heard.trouble}")
     if picture.residual is not None:

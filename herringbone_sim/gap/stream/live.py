@@ -27,6 +27,7 @@ from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance, re
 from herringbone_sim.gap.residuals.recalibrate import force_law, recalibrate
 from herringbone_sim.gap.stream.stretch import Motion, Residual
 from herringbone_sim.recording.campaign import CampaignRun
+from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
 
 Array = NDArray[np.float64]
@@ -88,7 +89,7 @@ def residual(
         raise AnalysisError("no residual without a channel phase: k(t) and e(t) are not known")
     gear = of_layout(nominal, series.names)
     point, remarks = point_of(series, gear, told or {})
-    recording = Recording(Path("stream"), "stream", series, {}, (), True, ())
+    recording = Recording(Path("stream"), "stream", series, Channels(), (), True, ())
     with np.errstate(invalid="ignore"):
         run = prepare_run(CampaignRun(Path("stream"), point, "fit"), recording, gear, noise_share)
         x, v, F, u = (_with_floor(one) for one in (run.x, run.v, run.F, run.u))

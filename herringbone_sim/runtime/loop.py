@@ -7,28 +7,29 @@ On overload it slips and goes on from now, never bursts to catch up.
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from herringbone_sim.core.cache import told_of_compiling
 from herringbone_sim.core.integrate import Block, State, warm_up
 from herringbone_sim.core.model import Model
-from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.parameters import live_names
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.sensors import Clock, Sensors
-from herringbone_sim.effects.stepper import EffectStepper, Machine, change, compiled, stepper
+from herringbone_sim.effects.stepper import Machine, change, stepper
 from herringbone_sim.effects.written import effects_text
-from herringbone_sim.errors import HerringboneError, ParameterError
+from herringbone_sim.errors import HerringboneError
+from herringbone_sim.runtime.delivery import Change, Delivery
+from herringbone_sim.runtime.pace import LATEST_BLOCK_S, Pace, check_pace, sample_period_s
+from herringbone_sim.runtime.stepping import Step, Stepped
 
 BLOCK_WALL_S = 0.02
-LATEST_BLOCK_S = 0.1
 FREE_CYCLES = 64
 MOST_SAMPLES = 100_000
 LATE_S = 0.1
@@ -38,90 +39,12 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Change:
-    """An accepted change of parameters and the time [s] of the sample at which it took effect."""
-
-    t_s: float
-    values: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Delivery:
-    """A block with all that a sink needs beside it.
-
-    Attributes:
-        block: samples as the sensors show them, and the states around them.
-        model: the model that made it.
-        changes: what changed at the first sample of the block.
-        restarted: whether the run was reset right before this block.
-        actives: effects that the gear and its sensors have.
-        clock: that of the sensors.
-    """
-
-    block: Block
-    model: Model
-    changes: tuple[Change, ...]
-    restarted: bool
-    actives: tuple[Active, ...] = ()
-    clock: Clock = field(default_factory=Clock)
-
-
-@dataclass(frozen=True)
 class _Wanted:
     """A machine that was submitted, and what of it is new."""
 
     machine: Machine
     actives: tuple[Active, ...]
     values: Mapping[str, Any]
-
-
-@dataclass
-class Pace:
-    """How the loop keeps up, for diagnostics; written by the loop alone.
-
-    Attributes:
-        reached: simulation time over wall time in the last second.
-        overruns: blocks that came too late, so that the loop slipped.
-        samples: samples made since the loop was built.
-    """
-
-    reached: float = 0.0
-    overruns: int = 0
-    samples: int = 0
-    recent: deque[tuple[float, float]] = field(default_factory=deque)
-
-    def note(self, wall: float, simulated: float) -> None:
-        """Account a block of so much simulation time that left at a wall time [s]."""
-        self.recent.append((wall, simulated))
-        while len(self.recent) > 2 and wall - self.recent[0][0] > 1.0:
-            self.recent.popleft()
-        elapsed = wall - self.recent[0][0]
-        if elapsed > 0.0:
-            self.reached = sum(s for _, s in list(self.recent)[1:]) / elapsed
-
-
-def check_pace(model: Model, real_time_factor: float) -> None:
-    """Refuse a factor so slow that samples would be further apart than a block may take.
-
-    Raises:
-        ParameterError: says the least factor, or how many samples a cycle would do.
-    """
-    if real_time_factor == 0.0:
-        return
-    apart = sample_period_s(model) / real_time_factor
-    if apart > LATEST_BLOCK_S:
-        enough = model.parameters.samples_per_cycle * apart / LATEST_BLOCK_S
-        raise ParameterError(
-            f"real_time_factor {real_time_factor:g} leaves {apart:.3g} s of wall time between "
-            f"samples, more than {LATEST_BLOCK_S} s: raise it to "
-            f"{sample_period_s(model) / LATEST_BLOCK_S:.3g} or samples_per_cycle to {enough:.0f}"
-        )
-
-
-def sample_period_s(model: Model) -> float:
-    """Simulation time [s] between two samples."""
-    cycle = TWO_PI / (model.packed.Omega * model.scales.omega_n)
-    return cycle / model.parameters.samples_per_cycle
 
 
 class Loop:
@@ -161,7 +84,7 @@ class Loop:
         self._lock = threading.Condition()
         self._factor = real_time_factor
         self._paused = paused
-        self._steps_left = 0
+        self._step: Step | None = None
         self._pending: list[_Wanted] = []
         self._last = tuple(actives)
         self._preparing = 0
@@ -171,8 +94,8 @@ class Loop:
         self._begin(stepper(model, actives), tuple(actives))
         self._anchor: tuple[float, float] | None = None
         self._rate = 0.0
-        self._ready = False
-        self._diverged = False
+        self._ready = self._over = False
+        self._compiling = False
         self._thread = threading.Thread(target=self._run, name="integrator", daemon=True)
 
     def _begin(self, machine: Machine, actives: tuple[Active, ...]) -> None:
@@ -245,7 +168,8 @@ class Loop:
             machine = stepper(model, chosen)
             Sensors(machine, chosen)
             wanted = _Wanted(machine, chosen, values)
-            later = self._preparing or (isinstance(machine, EffectStepper) and not compiled())
+            others = self._ready or not machine.alike(self._stepper)
+            later = self._preparing or (others and not machine.compiled)
             self._preparing += bool(later)
             if not later:
                 self._pending.append(wanted)
@@ -255,7 +179,7 @@ class Loop:
 
     def _prepare(self, wanted: _Wanted) -> None:
         try:
-            wanted.machine.advance(wanted.machine.start(tangents=1), 1)
+            self._load(wanted.machine)
         except Exception as error:
             self._fail(f"the effects can't be compiled: {type(error).__name__}: {error}")
             raise
@@ -269,44 +193,79 @@ class Loop:
         """Whether the kernel is compiled."""
         return self._ready
 
+    @property
+    def compiling(self) -> bool:
+        """Whether a kernel is being compiled, as no compiled one was there to load."""
+        return self._compiling
+
+    def _load(self, machine: Machine) -> None:
+        def begun() -> None:
+            self._compiling = True
+
+        with told_of_compiling(begun):
+            warm_up(machine.model)
+            machine.advance(machine.start(tangents=1), 1)
+        self._compiling = False
+
     def set_factor(self, real_time_factor: float) -> None:
         with self._lock:
             self._factor = real_time_factor
             self._anchor = None
 
     def pause(self) -> None:
-        """Stop before the next block; returns when the loop stands."""
-        with self._lock:
-            self._paused = True
-            self._lock.notify_all()
+        """Stop before the next block; a step under way ends there."""
+        self._hold(True, "pause")
 
     def resume(self) -> None:
+        """Go on; a step under way ends, as there is no end to go to."""
+        self._hold(False, "resume")
+
+    def _hold(self, paused: bool, command: str) -> None:
         with self._lock:
-            self._paused = False
+            self._paused = paused
             self._anchor = None
+            if self._step:
+                self._step.cut = f"interrupted by {command}"
             self._lock.notify_all()
 
-    def step(self, cycles: int, timeout_s: float = 60.0) -> str:
-        """Advance a paused loop by whole mesh cycles exactly; '' or why it could not."""
+    def step(self, cycles: int) -> Stepped:
+        """Advance a paused loop by whole mesh cycles exactly, however long that takes.
+
+        ``pause``, ``resume``, ``reset``, ``close`` and divergence cut it short.
+
+        Raises:
+            HerringboneError: the loop runs, or has ended, or another step is under way.
+        """
         with self._lock:
+            self._check_standing()
             if not self._paused:
-                return "step needs a paused simulation: call pause first"
-            self._steps_left = cycles * self._model.parameters.samples_per_cycle
-            self._diverged = False
+                raise HerringboneError("step needs a paused simulation: call pause first")
+            if self._step:
+                done = self._step.done(self._model, self._state)
+                raise HerringboneError(
+                    f"a step is under way, {done:g} of {self._step.cycles} mesh cycles are done: "
+                    "wait for it, or end it with pause"
+                )
+            self._step = step = Step(cycles, self._model, self._state)
             self._lock.notify_all()
-            done = self._lock.wait_for(
-                lambda: self._steps_left == 0 or self._stop.is_set(), timeout_s
-            )
-            if not done:
-                self._steps_left = 0
-                return f"step did not finish within {timeout_s:g} s"
-        return "the motion diverged on the way" if self._diverged else ""
+        return step.ended.result()
+
+    def _check_standing(self) -> None:
+        if self._over:
+            raise HerringboneError("the integrator has ended: start the simulation anew")
+
+    def _end_step(self, cut: str = "") -> None:
+        with self._lock:
+            step, self._step = self._step, None
+            if step:
+                step.cut = step.cut or cut
+                step.end(self._model, self._state)
 
     def call(self, do: Callable[[Model, State], T], timeout_s: float = 30.0) -> T:
         """Result of do(model, state), run by the loop's thread between two blocks.
 
         Raises:
-            HerringboneError: the loop did not come to it in time.
+            HerringboneError: the loop has ended, or did not come to it in time.
         """
         answer: Future[T] = Future()
 
@@ -317,6 +276,7 @@ class Loop:
                 answer.set_exception(error)
 
         with self._lock:
+            self._check_standing()
             if self._ready:
                 self._calls.append(run)
                 self._lock.notify_all()
@@ -331,14 +291,14 @@ class Loop:
 
     def reset(self) -> None:
         """Back to the initial state at t = 0; a paused loop stays paused. For use in ``call``."""
+        self._end_step("interrupted by reset")
         self._begin(self._stepper, self._actives)
         self._anchor = None
         self._untold = (True, ())
 
     def _run(self) -> None:
         try:
-            warm_up(self._model)
-            self._stepper.advance(self._stepper.start(tangents=1), 1)
+            self._load(self._stepper)
             with self._lock:
                 self._ready = True
             while not self._stop.is_set():
@@ -347,13 +307,25 @@ class Loop:
             self._paused = True
             self._fail(f"the integrator stopped: {type(error).__name__}: {error}")
             raise
+        finally:
+            self._end()
+
+    def _end(self) -> None:
+        """Answer all that still wait."""
+        with self._lock:
+            self._over = True
+            self._end_step("the simulation ended")
+            while self._calls:
+                self._calls.popleft()()
 
     def _turn(self) -> None:
         while self._calls:
             self._calls.popleft()()
         with self._lock:
             self._take_changes()
-            if self._paused and not self._steps_left:
+            if self._step and self._step.cut:
+                self._end_step()
+            if self._paused and not self._step:
                 if not self._calls:
                     self._lock.wait(IDLE_S)
                 return
@@ -382,9 +354,8 @@ class Loop:
             if self._off_grid(wanted.machine.model):
                 return
             self._pending.pop(0)
-            old, new = self._model.parameters, wanted.machine.model.parameters
-            left = self._steps_left * new.samples_per_cycle / old.samples_per_cycle
-            self._steps_left = math.ceil(left)
+            if self._step:
+                self._step.changed(self._model, wanted.machine.model)
             self._state = change(self._stepper, wanted.machine, self._state)
             shown = self._sensors.shown_s(self._state.t)
             self._stepper, self._actives = wanted.machine, wanted.actives
@@ -411,12 +382,12 @@ class Loop:
         if self._pending:
             stride = self._model.parameters.steps // per_cycle
             n = min(n, (self._model.parameters.steps - self._state.index) // stride)
-        return min(n, self._steps_left) if self._steps_left else n
+        return min(n, self._step.left) if self._step else n
 
     def _keep_pace(self, block: Block, factor: float) -> None:
         """Wait until the block is due at the factor it was made for; a new one ends the wait."""
         now = self._clock()
-        if factor == 0.0 or self._steps_left:
+        if factor == 0.0 or self._step:
             return
         anchor = self._anchor or (now, block.start.t)
         due = anchor[0] + (block.end.t - anchor[1]) / factor
@@ -432,13 +403,11 @@ class Loop:
         self.pace.samples += len(block.rows)
         self.pace.note(self._clock(), block.end.t - block.start.t)
         self._state = block.end
-        if self._steps_left:
-            self._steps_left = max(self._steps_left - len(block.rows), 0)
-            self._lock.notify_all()
+        if self._step:
+            self._step.left -= len(block.rows)
         if block.diverged:
-            self._paused = self._diverged = True
-            self._steps_left = 0
-            self._lock.notify_all()
+            self._paused = True
+            self._end_step("the motion diverged on the way")
             p = self._model.parameters
             live = ", ".join(f"{name}={getattr(p, name)!r}" for name in live_names())
             self._fail(
@@ -446,3 +415,5 @@ class Loop:
                 f"changing parameters ({live}, method={p.method}, steps={p.steps}"
                 f"{', effects ' + effects_text(self._actives) if self._actives else ''})"
             )
+        if self._step and self._step.left <= 0:
+            self._end_step()

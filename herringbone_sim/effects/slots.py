@@ -1,0 +1,283 @@
+"""What an effect may change in the compiled gear: slots of its mesh law and of its torques.
+
+An effect that is a change of these runs in the kernel of the gear itself, at its speed and with
+all that it can do; one that is not has compiled laws of its own, see ``effects.law``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model, mean_stiffness
+from herringbone_sim.core.packed import Packed
+
+Array = NDArray[np.float64]
+
+
+class Slots:
+    """Mesh law and torques of a gear while effects change them, SI units; n = n_mesh.
+
+    The force of a mesh is k f(x + d) + c (v + d'), with f the backlash function of half-width b.
+
+    Attributes:
+        model: the gear without effects.
+        stiffness: (n,) mean of k [N/m].
+        damping: (n,) c [N s/m].
+        half_backlash: (n,) b [m].
+        displacement: (n,) mean of d [m].
+    """
+
+    def __init__(self, model: Model) -> None:
+        p, s, n = model.bare, model.scales, model.layout.n_mesh
+        self.model = model
+        self.stiffness = mean_stiffness(model.parameters)
+        self.damping = model.damping_n_s_per_m.copy()
+        self.half_backlash = model.half_backlash_m.copy()
+        self.displacement = np.zeros(n)
+        self._unit_k = s.projection / s.omega_n**2
+        self._k = {
+            float(order): np.stack(pair) / self._unit_k
+            for order, *pair in zip(p.orders, p.k_cos, p.k_sin, strict=True)
+        }
+        self._d: dict[float, Array] = {}
+        self._torques: dict[float, Array] = {}
+        self._own_loads: dict[float, Array] = {}
+        self._law = p.law.copy()
+        self._slide = np.zeros((2, n, len(model.layout.bodies)))
+        self._own: list[Coordinates] = []
+        self._windows: list[tuple[tuple[float, float, float], Array, Array]] = []
+
+    def scale_stiffness(self, factor: Array) -> None:
+        """Multiply k, harmonics included, by factors (n,)."""
+        self.stiffness = self.stiffness * factor
+        self._k = {order: rows * factor for order, rows in self._k.items()}
+
+    def add_stiffness(self, order: float, cos: Array, sin: Array) -> None:
+        """Add a harmonic of an order of the mesh frequency to k, amplitudes (n,) [N/m]."""
+        _add(self._k, order, cos, sin)
+
+    def add_displacement(self, order: float, cos: Array, sin: Array) -> None:
+        """Add a harmonic to d, amplitudes (n,) [m]; the order need not be whole."""
+        _add(self._d, order, cos, sin)
+
+    def add_torque(self, order: float, cos: Array, sin: Array) -> None:
+        """Add a harmonic to the torques over base radius, (n_bodies,) [N], as u is signed."""
+        _add(self._torques, order, cos, sin)
+
+    def add_event(
+        self,
+        period: Array,
+        position: Array,
+        width: float,
+        stiffness: Array,
+        displacement: Array,
+    ) -> None:
+        """Add an event to meshes: a raised cosine of the mesh cycles, once in a while.
+
+        Args:
+            period: (n,) mesh cycles from one to the next.
+            position: (n,) mesh cycle of the middle of the first.
+            width: mesh cycles from onset to end.
+            stiffness: (n,) share of k that is lost at the middle, 0 for none.
+            displacement: (n,) of d at the middle [m].
+        """
+        acts = (stiffness != 0.0) | (displacement != 0.0)
+        when = np.stack([period, position], axis=1)
+        for one in np.unique(when[acts], axis=0):
+            here = acts & (when == one).all(axis=1)
+            event = (float(one[0]), float(one[1]), width)
+            self._windows.append((event, stiffness * here, displacement * here))
+
+    def bend_spring(self, mask: Array, exponent: float, reference: float) -> None:
+        """Spring force k f (|f| / reference)^(exponent - 1), reference in m, on some meshes."""
+        here = mask > 0.0
+        self._law[0, here], self._law[1, here] = reference / self.model.scales.b_c, exponent
+
+    def bend_damping(self, mask: Array, share: float, power: float, depth: float) -> None:
+        """Damping c v [1 - share + share (|f| / depth)^power], depth in m, on some meshes."""
+        here = mask > 0.0
+        self._law[2, here], self._law[3, here] = share, power
+        self._law[4, here] = depth / self.model.scales.b_c
+
+    def add_friction(self, constant: Array, lever: Array) -> None:
+        """Add torques of friction on the flanks, for a mesh force of 1 N.
+
+        Args:
+            constant: (n, n_bodies) torque over base radius [N], before the pitch point of the
+                opposite sign.
+            lever: (n, n_bodies) the same for each turn of a mesh cycle from the pitch point.
+        """
+        self._slide += np.stack([constant, lever])
+
+    def add_coordinates(self, own: Coordinates) -> None:
+        """Add further coordinates, each on a spring of its own."""
+        self._own.append(own)
+        p = self.model.parameters
+        order, phase = p.control_order, p.control_phase
+        for at, angle, body, load in (
+            (0.0, 0.0, own.body_load, own.load),
+            (order, phase, p.K * own.body_control, p.K * own.control),
+        ):
+            if np.any(body) or np.any(load):
+                self.add_torque(at, body * np.cos(angle), -body * np.sin(angle))
+                first = sum(len(one.seat) for one in self._own[:-1])
+                row = np.zeros((2, first + len(load)))
+                row[:, first:] = load * np.cos(angle), -load * np.sin(angle)
+                before = self._own_loads.get(at, np.zeros((2, 0)))
+                row[:, : before.shape[1]] += before
+                self._own_loads[at] = row
+
+    def shift_phase(self, mask: Array, angle: float) -> None:
+        """The gear's own k and e ahead by an angle [rad]: order j shifts by j times it."""
+        p, s = self.model.bare, self.model.scales
+        for j, order in enumerate(p.orders):
+            cos, sin = np.cos(order * angle) - 1.0, np.sin(order * angle)
+            for cosine, sine, unit, add in (
+                (p.k_cos[j], p.k_sin[j], 1.0 / self._unit_k, self.add_stiffness),
+                (p.e_cos[j], p.e_sin[j], -s.b_c, self.add_displacement),
+            ):
+                more = cos * cosine + sin * sine, cos * sine - sin * cosine
+                add(float(order), unit * mask * more[0], unit * mask * more[1])
+
+    def packed(self) -> Packed:
+        """The gear of these slots for the kernel."""
+        model, p = self.model, self.model.bare
+        s, layout = model.scales, model.layout
+        extra = sorted({*self._k, *self._d} - set(p.orders.tolist()))
+        orders = np.array([*p.orders, *extra])
+        k_cos, k_sin = self._unit_k * _rows(self._k, orders, layout.n_mesh)
+        d_cos, d_sin = _rows(self._d, orders, layout.n_mesh) / s.b_c
+        e_cos, e_sin = np.zeros_like(d_cos), np.zeros_like(d_sin)
+        e_cos[: len(p.orders)], e_sin[: len(p.orders)] = p.e_cos, p.e_sin
+        loads = np.array(sorted(self._torques))
+        pushes = self._accelerations(_rows(self._torques, loads, len(layout.bodies)))
+        n_own = sum(len(own.seat) for own in self._own)
+        of_own = np.zeros((2, len(loads), n_own))
+        for j, order in enumerate(loads):
+            row = self._own_loads.get(float(order), np.zeros((2, 0)))
+            of_own[:, j, : row.shape[1]] = row / (s.b_c * s.omega_n**2)
+        load_cos, load_sin = np.concatenate([pushes, of_own], axis=-1)
+        windows = self._windows
+        none = np.zeros((0, layout.n_mesh))
+        mean = self.displacement / s.b_c
+        return p._replace(
+            stiffness=self.stiffness * self._unit_k,
+            damping=self.damping * s.projection / s.omega_n,
+            b=self.half_backlash / s.b_c,
+            orders=orders,
+            k_cos=k_cos,
+            k_sin=k_sin,
+            e_mean=p.e_mean - mean,
+            e_cos=e_cos - d_cos,
+            e_sin=e_sin - d_sin,
+            d_mean=mean,
+            d_cos=d_cos if self._d else none,
+            d_sin=d_sin if self._d else none,
+            windows=np.array([event for event, _, _ in windows]).reshape(-1, 3),
+            window_k=np.array([k for _, k, _ in windows]).reshape(-1, layout.n_mesh),
+            window_d=np.array([d for _, _, d in windows]).reshape(-1, layout.n_mesh) / s.b_c,
+            load_orders=loads,
+            load_cos=load_cos,
+            load_sin=load_sin,
+            **self._forces(),
+        )
+
+    def _forces(self) -> dict[str, Any]:
+        """Fields of ``Packed`` for forces that are not linear between switches of contact."""
+        model, p, s, n = self.model, self.model.bare, self.model.scales, self.model.layout.n_mesh
+        newton = s.b_c * s.omega_n**2 / s.projection  # a mesh force of 1 in the kernel
+        m, bodies = model.layout.n_coordinate, len(model.layout.bodies)
+        rubs, bends = bool(self._slide.any()), not np.array_equal(self._law, p.law)
+        slide = np.swapaxes(self._accelerations(self._slide) * newton, 1, 2)
+        joined = _joined(self._own, n, bodies)
+        mass = 1.0 / s.projection  # of a mesh force of 1 on a mass of 1 kg
+        force = [self._accelerations(joined.body_force).T * newton, joined.force * mass]
+        hold = [self._accelerations(joined.body_hold).T, joined.hold / (s.b_c * s.omega_n**2)]
+        seat = joined.seat * np.array([s.b_c, s.velocity_m_per_s, 1.0 / s.b_c, 1.0 / s.b_c])
+        return {
+            "plain": not (rubs or bends or self._own),
+            "law": self._law,
+            "slide": np.ascontiguousarray(slide) if rubs else np.zeros((0, m, n)),
+            "own_shift": joined.shift,
+            "own_force": -np.concatenate(force),
+            "own_hold": -np.concatenate(hold),
+            "seat": seat,
+        }
+
+    def _accelerations(self, torque: Array) -> Array:
+        """Dimensionless accelerations (..., m) of the coordinates by torques (..., n_bodies)."""
+        p, s = self.model.bare, self.model.scales
+        carrier = torque[..., 2:3] * p.inv_M_c
+        suns = torque[..., :2] * p.inv_M_s - 2.0 * carrier
+        planets = torque[..., 3:] * p.inv_M_p.ravel() - carrier
+        whole: Array = np.concatenate([suns, planets], axis=-1)
+        return whole * s.cos_beta / (s.b_c * s.omega_n**2)
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Coordinates u_j that effects add to a gear, s of them, SI units; b = n_bodies, n = n_mesh.
+
+    With F the mesh forces and H_j = k g(u_j) + c u_j' the springs' forces, u'' = force F + hold H
+    + load + K cos(..) control, and the bodies take torques over base radius body_force F +
+    body_hold H + body_load + K cos(..) body_control. g is the identity, or a free play with
+    rounded corners.
+
+    Attributes:
+        shift: (s, n) displacement of each mesh for u_j = 1.
+        seat: (s, 4) k [N/m], c [N s/m], half of the play [m], rounding of its corners [m], which
+            is 0 for a spring without play.
+        force: (s, n) [1/kg]. hold: (s, s) [1/kg]. load, control: (s,) [m/s^2].
+        body_force: (n, b) [-]. body_hold: (s, b) [-]. body_load, body_control: (b,) [N].
+    """
+
+    shift: Array
+    seat: Array
+    force: Array
+    hold: Array
+    load: Array
+    control: Array
+    body_force: Array
+    body_hold: Array
+    body_load: Array
+    body_control: Array
+
+
+def _joined(all_own: Sequence[Coordinates], n: int, bodies: int) -> Coordinates:
+    """All further coordinates of a gear as one set."""
+    size = sum(len(own.seat) for own in all_own)
+    hold, first = np.zeros((size, size)), 0
+    for own in all_own:
+        here = slice(first, first + len(own.seat))
+        hold[here, here], first = own.hold, here.stop
+    return Coordinates(
+        shift=np.concatenate([np.zeros((0, n)), *(own.shift for own in all_own)]),
+        seat=np.concatenate([np.zeros((0, 4)), *(own.seat for own in all_own)]),
+        force=np.concatenate([np.zeros((0, n)), *(own.force for own in all_own)]),
+        hold=hold,
+        load=np.concatenate([np.zeros(0), *(own.load for own in all_own)]),
+        control=np.concatenate([np.zeros(0), *(own.control for own in all_own)]),
+        body_force=sum((own.body_force for own in all_own), np.zeros((n, bodies))),
+        body_hold=np.concatenate([np.zeros((0, bodies)), *(own.body_hold for own in all_own)]),
+        body_load=sum((own.body_load for own in all_own), np.zeros(bodies)),
+        body_control=sum((own.body_control for own in all_own), np.zeros(bodies)),
+    )
+
+
+def _add(rows: dict[float, Array], order: float, cos: Array, sin: Array) -> None:
+    here = np.stack([cos, sin])
+    rows[order] = rows[order] + here if order in rows else here
+
+
+def _rows(rows: dict[float, Array], orders: Sequence[float] | Array, n: int) -> Array:
+    """Cosine and sine amplitudes (2, orders, n), zero for orders that are not there."""
+    table = np.zeros((2, len(orders), n))
+    for j, order in enumerate(orders):
+        if float(order) in rows:
+            table[:, j] = rows[float(order)]
+    return table

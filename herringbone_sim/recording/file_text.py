@@ -1,0 +1,28 @@
+"""Text of a file from outside: a regular file, of bounded length, in UTF-8."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+
+def file_text(path: Path, most_bytes: int) -> str:
+    """Content of a file; a pipe, which might never end, is none.
+
+    Raises:
+        OSError: no such file, one that can't be read, or something that is no file.
+        ValueError: it has more bytes, or is not UTF-8.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with open(handle, "rb") as stream:
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, "it is not a file", str(path))
+        content = stream.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        raise ValueError(f"it must have {most_bytes} bytes at most, and has more")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{error.reason} at byte {error.start}, not UTF-8") from None

@@ -1,0 +1,228 @@
+"""Files of a run: which they are, in what order, and that they lie in its folder."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.errors import RecordingError, listed, shown
+from herringbone_sim.recording.bag import METADATA_NAME, MISSING_KEY
+from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
+
+NUMBERED = re.compile(r"(.*)_([0-9]{1,9})\.mcap")
+
+
+@dataclass(frozen=True)
+class BagInformation:
+    """What ``metadata.yaml`` says of a bag, as far as it says it as rosbag2 does.
+
+    Attributes:
+        n_messages: messages in all files; None if it doesn't say.
+        names: of the files that are there, in order.
+        missing: names of files that are not there, or were not when the run was recovered.
+        unlisted: files of the folder that have a name of the run and are not among them.
+        compression_mode: ``none``, or how rosbag2 compressed the bag.
+        told: whether names and number of messages stand in it as they should now.
+        notes: a sentence on everything odd about ``metadata.yaml`` itself.
+    """
+
+    n_messages: int | None = None
+    names: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    unlisted: tuple[str, ...] = ()
+    compression_mode: str = "none"
+    told: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def file_notes(self) -> list[str]:
+        """A sentence on the files that are missing, and one on those that are not read."""
+        notes = []
+        if self.missing:
+            notes.append(
+                f"{METADATA_NAME} names {_names(self.missing)}, which is not there: the run is "
+                "read without"
+            )
+        if self.unlisted:
+            notes.append(
+                f"{METADATA_NAME} does not name {_names(self.unlisted)}, which is not read: if it "
+                f"is of this run, move {METADATA_NAME} away and call 'python -m herringbone_sim "
+                "recover'"
+            )
+        return notes
+
+
+def _names(names: Sequence[str]) -> str:
+    return listed([_shortly(name) for name in names])
+
+
+def bag_information(folder: Path) -> BagInformation:
+    """Read ``metadata.yaml`` of a folder."""
+    try:
+        content = read_yaml(folder / METADATA_NAME).get("rosbag2_bagfile_information")
+    except FileNotFoundError:
+        return _unread("is missing: 'python -m herringbone_sim recover' writes it")
+    except (OSError, YamlError):
+        content = None
+    if not isinstance(content, dict):
+        return _unread("can't be read: 'python -m herringbone_sim recover' writes it anew")
+    return _checked(folder, content)
+
+
+def _unread(what: str) -> BagInformation:
+    return BagInformation(notes=(f"{METADATA_NAME} {what}",))
+
+
+def _checked(folder: Path, content: Mapping[Any, Any]) -> BagInformation:
+    notes = []
+    count = content.get("message_count")
+    if not isinstance(count, int) or isinstance(count, bool):
+        count = None
+    listing, lost = _texts(content.get("relative_file_paths")), _lost(content)
+    names = [*listing, *lost]
+    outside = [name for name in names if not _is_inside(folder, folder / name)]
+    if outside:
+        notes.append(
+            f"{METADATA_NAME} names files outside of the folder, which are not read: "
+            f"{listed([shown(name) for name in outside])}"
+        )
+        names = []
+    once, twice = _once(folder, names)
+    if twice:
+        notes.append(f"{METADATA_NAME} names {_names(twice)} twice: it is read once")
+    ordered = sorted(once, key=_natural) if lost else once
+    there = [name for name in ordered if os.path.isfile(folder / name)]
+    missing = [name for name in ordered if not os.path.isfile(folder / name)] if there else []
+    if names and not there:
+        notes.append(f"{METADATA_NAME} is not of this run: it names {_names(once)}")
+    mode = content.get("compression_mode") or "none"
+    return BagInformation(
+        count,
+        tuple(there),
+        tuple(missing),
+        _unlisted(folder, there),
+        str(mode).lower(),
+        (listing, lost) == (there, missing),
+        tuple(notes),
+    )
+
+
+def _texts(value: Any) -> list[str]:
+    good = isinstance(value, list) and all(isinstance(one, str) for one in value)
+    return list(value) if good else []
+
+
+def _once(folder: Path, names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of different files, and those that lead to a file named before."""
+    found: dict[str, str] = {}
+    twice = []
+    for name in names:
+        if found.setdefault(os.path.realpath(folder / name), name) is not name:
+            twice.append(name)
+    return list(found.values()), twice
+
+
+def _lost(content: Mapping[Any, Any]) -> list[str]:
+    """Names of the files that were missing when the run was recovered."""
+    custom = content.get("custom_data")
+    told = custom.get(MISSING_KEY) if isinstance(custom, dict) else None
+    return told.split("\n") if isinstance(told, str) and told else []
+
+
+def _unlisted(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Files that are named as those of the run are, NAME_0.mcap, but are none of them."""
+    runs = {numbered[1] for name in names if (numbered := NUMBERED.fullmatch(name))}
+    known = set(names)
+    found = sorted(folder.glob("*.mcap"), key=lambda file: _natural(file.name)) if runs else []
+    return tuple(
+        file.name
+        for file in found
+        if file.name not in known
+        and (numbered := NUMBERED.fullmatch(file.name))
+        and numbered[1] in runs
+    )
+
+
+def readable_bag(folder: Path) -> BagInformation:
+    """As ``bag_information``; RecordingError for a bag that rosbag2 itself compressed."""
+    information = bag_information(folder)
+    mode = information.compression_mode
+    if mode not in ("none", "storage"):
+        raise RecordingError(
+            f"a run must be compressed inside its MCAP chunks, {folder} has the compression mode "
+            f"{shown(mode)}: rewrite it with 'ros2 bag convert'"
+        )
+    return information
+
+
+def check_file(path: Path) -> bool:
+    """Whether a path is a file, or else a folder.
+
+    A pipe or a device is never opened: reading one may hang or change it.
+
+    Raises:
+        RecordingError: it is neither, or no path at all.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise RecordingError(
+            f"there is no {_shortly(path)}: name a run folder or a .mcap file"
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise RecordingError(
+            f"can't open {_shortly(path)} ({reason}): name a run folder or a .mcap file"
+        ) from error
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise RecordingError(
+            f"a recording must be a file, {_shortly(path)} is a pipe, a socket or a device: name "
+            "a run folder or a .mcap file"
+        )
+    return stat.S_ISREG(mode)
+
+
+def _shortly(path: Path | str) -> str:
+    text = str(path)
+    return text if text.isprintable() and len(Path(path).name) < 100 else shown(text)
+
+
+def bag_files(path: Path | str) -> list[Path]:
+    """The .mcap files of a run folder, in order, or the one that is named.
+
+    Raises:
+        RecordingError: no such path, nothing to read in it, or a file that leads out of it.
+    """
+    path = Path(path)
+    if check_file(path):
+        return [path]
+    files = [path / name for name in bag_information(path).names]
+    files = files or sorted(path.glob("*.mcap"), key=lambda file: _natural(file.name))
+    if not files:
+        runs = sorted(file.parent.name for file in path.glob("*/*.mcap"))
+        hint = f"name one of its runs, as {path / runs[0]}" if runs else "name another folder"
+        raise RecordingError(f"a run folder must hold a .mcap file, {path} has none: {hint}")
+    for file in files:
+        if not _is_inside(path, file):
+            raise RecordingError(
+                f"the files of a run must lie in its folder, {file} leads out of it, to "
+                f"{os.path.realpath(file)}: move that file there, or name it"
+            )
+    return files
+
+
+def _is_inside(folder: Path, file: Path) -> bool:
+    """Whether a file, wherever its links lead, lies in a folder."""
+    try:
+        return file.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        return False
+
+
+def _natural(name: str) -> list[int]:
+    return [int(digits) for digits in re.findall(r"\d+", name)]

@@ -1,0 +1,240 @@
+"""Parameters of the node beside those of the model, and how it takes the values of a file."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.core import parameters as core
+from herringbone_sim.core.parameters import Meaning, Parameters
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.written import read_effects
+from herringbone_sim.errors import ParameterError, shown
+from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values, read_values
+
+OF_NODE: Mapping[str, tuple[Any, Meaning]] = {
+    EFFECTS: (
+        "",
+        Meaning(
+            "-",
+            "effects that the nominal model leaves out, as tooth_crack@sp/1/L:depth=0.3; several "
+            "joined by ';'; empty: none",
+            live=True,
+        ),
+    ),
+    "real_time_factor": (
+        1.0,
+        Meaning("-", "simulation over wall time; 0: as fast as possible", 0.0, 1e3, live=True),
+    ),
+    "publish_rate": (
+        100.0,
+        Meaning("Hz", "rate of ~/state in wall time", 0.1, 1e4, live=True),
+    ),
+    "step_cycles": (1, Meaning("-", "mesh cycles that ~/step advances", 1, 10**6, live=True)),
+    "start_paused": (False, Meaning("-", "start paused: wait for ~/resume or ~/step")),
+    "record": (False, Meaning("-", "start a recording with the first sample")),
+    "record_dir": ("runs", Meaning("-", "folder of the recordings", live=True)),
+    "record_name": ("", Meaning("-", "name of the next recording; empty: by time", live=True)),
+    "record_max_mb": (
+        0.0,
+        Meaning(
+            "MB",
+            "size at which a recording goes on in its next file; 0: never; for the next recording",
+            0.0,
+            1e6,
+            live=True,
+        ),
+    ),
+    "record_max_s": (
+        0.0,
+        Meaning(
+            "s",
+            "simulation time after which a recording goes on in its next file; 0: never; for the "
+            "next recording",
+            0.0,
+            1e6,
+            live=True,
+        ),
+    ),
+    "publish_clock": (False, Meaning("-", "publish /clock, unless another node does")),
+    "mirror": (
+        "off",
+        Meaning(
+            "-",
+            "Rerun viewer: off, spawn, connect, serve, save",
+            choices=("off", "spawn", "connect", "serve", "save"),
+        ),
+    ),
+    "mirror_address": (
+        "",
+        Meaning(
+            "-",
+            "HOST:PORT of the viewer, or [HOST:]PORT to serve at; without HOST this machine alone",
+        ),
+    ),
+    "mirror_path": ("mirror.rrd", Meaning("-", "file that the mirror saves to")),
+    "mirror_memory": ("1GB", Meaning("-", "memory limit of the viewer")),
+}
+
+LONGEST_TEXT = 8192  # twice the longest path; /diagnostics carries it every second
+LONGEST_NAME = 64  # of what may be a typing error
+ALIKE = 0.66  # share of equal letters in a typing error; kk for K has two thirds
+
+
+def default_of(name: str) -> Any:
+    """Default value of a parameter of the model or of the node."""
+    if name in OF_NODE:
+        return OF_NODE[name][0]
+    return Parameters.__dataclass_fields__[name].default
+
+
+def meaning_of(name: str) -> Meaning:
+    """Unit, text and range of a parameter of the model or of the node."""
+    return OF_NODE[name][1] if name in OF_NODE else core.meaning(name)
+
+
+def fitted(name: str, value: Any) -> Any:
+    """A value in the type of its declaration, where a tool of ROS guessed another.
+
+    They send 1 as an integer, 1e-3 as a text (YAML 1.1 wants a dot), off as a bool, and an empty
+    list as one of any type. A value that fits, or can't be made to, is the same object.
+    """
+    kind = type(default_of(name)) if known(name) else None
+    if kind is float and (number := _number(value)) is not None:
+        return number
+    if kind is tuple and (numbers := _numbers(value)) is not None:
+        return numbers
+    if kind is str and value is False and "off" in meaning_of(name).choices:
+        return "off"
+    return value
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        return None
+    try:
+        return float(value)
+    except ValueError:
+        return None
+
+
+def _numbers(value: Any) -> list[float] | None:
+    if isinstance(value, str) and value.startswith("[") and value.endswith("]"):
+        value = value[1:-1].split(",")
+    many = [value] if isinstance(value, (int, float, str)) else value
+    if many is None:
+        return None
+    found = [number for one in many if (number := _number(one)) is not None]
+    return found if len(found) == len(many) else None
+
+
+def known(name: str) -> bool:
+    """Whether a parameter is one of the model or of this node."""
+    return name in OF_NODE or name in Parameters.__dataclass_fields__
+
+
+def unset(value: Any) -> bool:
+    """Whether a value of a file is none: ``[]`` there has no type."""
+    return value is None or (
+        not isinstance(value, str) and hasattr(value, "__len__") and len(value) == 0
+    )
+
+
+def unknown(name: str) -> str:
+    """That there is no such parameter, and which one may be meant."""
+    own = {own.lower(): own for own in (*OF_NODE, *core.names())}
+    near = difflib.get_close_matches(name[:LONGEST_NAME].lower(), own, n=1, cutoff=ALIKE)
+    hint = f"did you mean {own[near[0]]}?" if near else "ros2 param list shows what there is"
+    return f"no parameter {name}: {hint}"
+
+
+def foreign(name: str) -> bool:
+    """Parameters that rclpy itself reads: time, QoS overrides, type descriptions."""
+    return name.startswith(("use_sim_time", "qos_overrides.", "start_type_description_service"))
+
+
+def check(name: str, value: Any) -> None:
+    """Check one value of the node; those of the model are checked as a set when it is built.
+
+    Raises:
+        ParameterError: what is wrong with it.
+    """
+    if name not in OF_NODE:
+        core.coerce(name, value)
+        return
+    default, about = OF_NODE[name]
+    if isinstance(default, str):
+        if not isinstance(value, str):
+            raise ParameterError(f"{name} must be a text, got {shown(value)}: put it in quotes")
+        if len(value) > LONGEST_TEXT:
+            raise ParameterError(
+                f"{name} must have at most {LONGEST_TEXT} characters, got {len(value)}: shorten it"
+            )
+        if name == EFFECTS:
+            read_effects(value)
+        if about.choices and value not in about.choices:
+            raise ParameterError(
+                f"{name} must be one of {', '.join(about.choices)}, got {shown(value)}"
+            )
+        return
+    if isinstance(default, bool) or isinstance(value, (str, bool)):
+        if type(default) is not type(value):
+            kind = type(default).__name__
+            raise ParameterError(
+                f"{name} must be {kind}, got {shown(value)}: see ros2 param describe"
+            )
+        return
+    if not math.isfinite(value) or not about.low <= value <= about.high:
+        raise ParameterError(
+            f"{name} [{about.unit}] must be finite and lie in {about.low:g} .. {about.high:g}, "
+            f"got {shown(value)}"
+        )
+
+
+def gear_of_node(path: Path) -> tuple[Parameters, tuple[Active, ...], list[str]]:
+    """The gear that a node has which is started with a file, its effects, and what it warns of.
+
+    Raises:
+        ParameterError: a file with which no node starts; it begins with the file.
+    """
+    taken: dict[str, Any] = {}
+    notes = []
+    try:
+        for name, value in _dotted(read_values(path)):
+            warning = warning_of(name, value)
+            if warning:
+                notes.append(warning)
+            if known(name) and not unset(value):
+                taken[name] = fitted(name, value)
+                if name != EFFECTS:  # a list of them is turned into a text
+                    check(name, taken[name])
+        own = {name: value for name, value in taken.items() if name not in OF_NODE}
+        effects = {EFFECTS: taken[EFFECTS]} if EFFECTS in taken else {}
+        return (*gear_of_values(own | effects), notes)
+    except ParameterError as error:
+        said = str(error)
+        raise ParameterError(said if said.startswith(f"{path}: ") else f"{path}: {said}") from None
+
+
+def _dotted(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Names and values as ROS has them, which joins the names of nested mappings by dots."""
+    for name, value in values.items():
+        if isinstance(value, dict) and value:
+            yield from _dotted(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
+
+
+def warning_of(name: str, value: Any) -> str:
+    """What a node warns of that is started with such a value; empty where that is nothing."""
+    if not known(name):
+        return "" if foreign(name) else f"{unknown(name)}; it is ignored"
+    if unset(value) and default_of(name) != ():
+        return (
+            f"{name} is empty and has its default {default_of(name)!r}: leave it out, or give a "
+            "value (a list of none is [0.0])"
+        )
+    return ""

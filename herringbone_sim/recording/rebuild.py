@@ -1,0 +1,140 @@
+"""Read all that is whole in one MCAP file, and write it into a new one with an index."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.bag import Bag, Tally, Topic
+from herringbone_sim.recording.load import is_samples
+from herringbone_sim.recording.messages import decode_samples
+from herringbone_sim.recording.run_files import RECORD_NAME
+from herringbone_sim.recording.safe_yaml import YamlError, parse_yaml
+from herringbone_sim.recording.scan import MOST_NOTES, Found, Scan
+
+_QOS = "offered_qos_profiles"
+
+
+@dataclass
+class Survey:
+    """What a file holds.
+
+    Attributes:
+        scan: of the file, at its end.
+        tallies: by topic name and type, also of topics without messages.
+        samples: samples that can be read.
+        span_s: times of the first and last of them [s]; None without samples.
+        notes: a sentence on everything odd.
+    """
+
+    scan: Scan
+    tallies: dict[tuple[str, str], Tally] = field(default_factory=dict)
+    samples: int = 0
+    span_s: tuple[float, float] | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def file(self) -> Path:
+        return self.scan.path
+
+    @property
+    def messages(self) -> int:
+        return sum(tally.count for tally in self.tallies.values())
+
+    @property
+    def lost(self) -> bool:
+        """Whether a new file would lack anything of this one."""
+        scan = self.scan
+        return bool(scan.kept < scan.size or scan.damaged or scan.skipped)
+
+
+def survey(file: Path) -> Survey:
+    """Read a file from front to back; RecordingError where it can't be read."""
+    found = Survey(Scan(file))
+    n_unread = 0
+    for message in found.scan.messages():
+        tally = found.tallies.setdefault(_key(message.topic), Tally(message.topic))
+        tally.add(message.log_ns)
+        if is_samples(message.topic):
+            try:
+                _count_samples(found, message)
+            except RecordingError as error:
+                n_unread += 1
+                told = f"a message of {message.topic.name} is kept, but can't be read: {error}"
+                found.notes += [told] * (n_unread <= MOST_NOTES)
+    topics = {_key(topic): topic for topic in found.scan.topics.values()}
+    ordered = {key: found.tallies.get(key, Tally(topic)) for key, topic in topics.items()}
+    found.tallies = ordered | found.tallies
+    for tally in found.tallies.values():
+        tally.topic, notes = _with_good_qos(tally.topic)
+        found.notes += notes
+    found.notes += found.scan.notes
+    return found
+
+
+def _key(topic: Topic) -> tuple[str, str]:
+    return topic.name, topic.type_name
+
+
+def _count_samples(found: Survey, message: Found) -> None:
+    names, rows = decode_samples(message.message)
+    found.samples += len(rows)
+    if len(rows) and "t" in names:
+        times = rows[:, names.index("t")]
+        first = found.span_s[0] if found.span_s else float(times[0])
+        found.span_s = (first, float(times[-1]))
+
+
+def _with_good_qos(topic: Topic) -> tuple[Topic, list[str]]:
+    """A topic without a quality of service that can't be read, as ``metadata.yaml`` tells it."""
+    try:
+        profiles = parse_yaml(topic.metadata.get(_QOS, "")) or []
+        if isinstance(profiles, list) and all(isinstance(one, dict) for one in profiles):
+            return topic, []
+    except YamlError:
+        pass
+    metadata = {name: value for name, value in topic.metadata.items() if name != _QOS}
+    note = f"the quality of service of {topic.name} can't be read and is left out"
+    return replace(topic, metadata=metadata), [note]
+
+
+def rebuild(found: Survey, part: Path, name: str) -> Sequence[Tally]:
+    """Copy every whole message into ``part``, finished and on the disk; gives its tallies.
+
+    Args:
+        found: of the file that is copied.
+        part: file to write, which must not exist; removed again where that fails.
+        name: that the file will have.
+
+    Raises:
+        OSError: the disk fails.
+        RecordingError: the file can't be read any more.
+    """
+    bag = Bag(part)
+    try:
+        channels = {key: bag.add_topic(tally.topic) for key, tally in found.tallies.items()}
+        for message in Scan(found.file).messages():
+            key = _key(message.topic)
+            if key in channels:
+                bag.write(channels[key], message.log_ns, message.publish_ns, message.message)
+        bag.flush()
+        for record, content in _records(found):
+            bag.add_record(record, content)
+        bag.end(name)
+        bag.close()
+    except BaseException:
+        with suppress(OSError):
+            bag.abandon()
+        part.unlink()
+        raise
+    return bag.tallies
+
+
+def _records(found: Survey) -> list[tuple[str, dict[str, str]]]:
+    told = [record for record in found.scan.metadata if record[0] not in ("rosbag2", RECORD_NAME)]
+    own = dict(found.scan.metadata).get(RECORD_NAME, {})
+    counted = {"samples_written": str(found.samples), **own, "recovered": "true"}
+    return [*told, (RECORD_NAME, counted)]

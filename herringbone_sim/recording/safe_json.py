@@ -1,0 +1,75 @@
+"""JSON from outside: the one reader of this package, with limits on what a text can blow up."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.errors import HerringboneError
+from herringbone_sim.recording.file_text import file_text
+
+# Thirty times the longest that this package writes; of brackets alone it takes some 400 MiB.
+MOST_BYTES = 16 << 20
+# Written by this package it nests twenty deep; far below what the interpreter can stand.
+MOST_LEVELS = 64
+
+
+class JsonError(HerringboneError, ValueError):
+    """A text that is no JSON object, or one beyond the limits."""
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The JSON object that a file holds.
+
+    Raises:
+        OSError: no such file, one that can't be read, or something that is no file.
+        JsonError: as ``parse_json``, or more than ``MOST_BYTES``, or not UTF-8.
+    """
+    return parse_json(json_text(path))
+
+
+def json_text(path: Path) -> str:
+    """Text of a file for ``parse_json``; raises as ``read_json``."""
+    try:
+        return file_text(path, MOST_BYTES)
+    except ValueError as error:
+        raise JsonError(f"no JSON: {error}") from None
+
+
+def parse_json(
+    text: str, levels: int = MOST_LEVELS, number: Callable[[str], float] = float
+) -> dict[str, Any]:
+    """The JSON object that a text holds; whole numbers have 64 bits at most.
+
+    Args:
+        levels: how deep its brackets may nest.
+        number: makes a number of ``1.5``, ``NaN`` or ``Infinity``, or raises ValueError.
+
+    Raises:
+        JsonError: it is no JSON, deeper, or something else than an object.
+    """
+    try:
+        content = json.loads(text, parse_int=_integer, parse_float=number, parse_constant=number)
+    except (ValueError, RecursionError) as error:
+        reason = "too many brackets" if isinstance(error, RecursionError) else error
+        raise JsonError(f"it must be JSON, got {reason}") from None
+    if not isinstance(content, dict):
+        raise JsonError(f"it must be a JSON object, got {type(content).__name__}")
+    level: list[Any] = [content]
+    for _ in range(levels):
+        level = [one for held in level for one in _held(held) if isinstance(one, (dict, list))]
+    if level:
+        raise JsonError(f"its brackets may nest {levels} deep")
+    return content
+
+
+def _held(value: Any) -> Any:
+    return value.values() if isinstance(value, dict) else value
+
+
+def _integer(text: str) -> int:
+    if len(text) > len(str(-(1 << 63))):
+        raise ValueError(f"a whole number of {len(text)} digits")
+    return int(text)

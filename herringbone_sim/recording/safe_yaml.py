@@ -1,0 +1,201 @@
+"""YAML from outside: the one reader of this package, with limits on all that a text can blow up.
+
+Numbers are read as ROS reads them (``1e-4`` is one, ``1:30`` and ``1_000`` are texts), dates are
+texts. Text is measured as a stream of events before anything is built of it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from herringbone_sim.errors import HerringboneError, shown
+from herringbone_sim.recording.file_text import file_text
+
+# A bag of 500 topics has a metadata.yaml of some 500 kB; this much takes about two seconds.
+MOST_BYTES = 1 << 20
+# Values and keys, those behind an alias once for each time it stands.
+MOST_NODES = 100_000
+# Metadata of rosbag2 nests six deep.
+MOST_LEVELS = 32
+# Quality of service of all publishers of a topic stands in one text, 300 characters for each.
+MOST_CHARACTERS = 1 << 16
+# Digits beyond the 17 of a double say nothing; nobody pads a number to so many.
+MOST_DIGITS = 100
+_TAG = "tag:yaml.org,2002:"
+
+
+class YamlError(HerringboneError, ValueError):
+    """A text that is no YAML, or YAML beyond the limits; it says in which line."""
+
+
+class _Loader(yaml.CSafeLoader):
+    """Safe YAML of texts, numbers, truth values and nothing, as ROS tells them apart."""
+
+    yaml_implicit_resolvers = {}  # noqa: RUF012
+
+
+# Type, how a text of it looks, and what it may begin with.
+_PLAIN = (
+    ("bool", "(?i:yes|no|true|false|on|off)", "yYnNtTfFoO"),
+    ("null", "~|null|Null|NULL|", ("~", "n", "N", "")),
+    ("int", "[-+]?(0|[1-9][0-9]*|0[0-7]+|0x[0-9a-fA-F]+)", "-+0123456789"),
+    (
+        "float",
+        r"[-+]?(([0-9]+\.[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+"
+        r"|\.(inf|Inf|INF))|\.(nan|NaN|NAN)",
+        "-+0123456789.",
+    ),
+    ("merge", "<<", "<"),
+)
+for _kind, _pattern, _first in _PLAIN:
+    _Loader.add_implicit_resolver(f"{_TAG}{_kind}", re.compile(f"(?:{_pattern})$"), list(_first))
+
+
+def read_yaml(path: Path) -> dict[Any, Any]:
+    """The mapping that a file holds.
+
+    Raises:
+        OSError: no such file, one that can't be read, or something that is no file.
+        YamlError: it is no YAML, beyond the limits, or holds something else than a mapping.
+    """
+    content = parse_yaml(_text(path))
+    if not isinstance(content, dict):
+        raise YamlError(f"the file must hold a mapping, got {shown(content)}")
+    return content
+
+
+def parse_yaml(text: str) -> Any:
+    """What a text holds: dict, list, str, int, float, bool or None.
+
+    Raises:
+        YamlError: it is no YAML, or beyond the limits: of length, depth, aliases, scalars.
+    """
+    if len(text) > MOST_BYTES:
+        raise YamlError(f"it must have {MOST_BYTES} characters at most, got {len(text)}")
+    try:
+        _check(yaml.parse(text, Loader=_Loader))
+        return yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        raise YamlError(_told(error)) from None
+
+
+def _text(path: Path) -> str:
+    try:
+        return file_text(path, MOST_BYTES)
+    except ValueError as error:
+        raise YamlError(f"no YAML: {error}") from None
+
+
+@dataclass
+class _Open:
+    """A list or mapping whose end has not come: its anchor, how many nodes, its keys."""
+
+    anchor: str | None
+    keys: set[str] | None
+    n_nodes: int = 1
+    n_entries: int = 0
+
+    @property
+    def key_comes(self) -> bool:
+        return self.keys is not None and self.n_entries % 2 == 0
+
+
+@dataclass
+class _Measure:
+    """Walks over events and refuses what would blow up."""
+
+    sizes: dict[str, int] = field(default_factory=dict)
+    open: list[_Open] = field(default_factory=list)
+
+    def take(self, event: Any) -> None:
+        if isinstance(event, yaml.AliasEvent):
+            self._add(self._aliased(event))
+        elif isinstance(event, yaml.ScalarEvent):
+            self._scalar(event)
+        elif isinstance(event, yaml.CollectionStartEvent):
+            self._begin(event)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            done = self.open.pop()
+            self._keep(done.anchor, done.n_nodes)
+            self._add(done.n_nodes)
+        if self.open and self.open[-1].n_nodes > MOST_NODES:
+            raise _refused(event, f"at most {MOST_NODES} values may stand in it, aliases resolved")
+
+    def _aliased(self, event: Any) -> int:
+        if self.open and self.open[-1].key_comes:
+            raise _refused(event, "a key must be a text, got an alias")
+        if event.anchor not in self.sizes:
+            raise _refused(event, f"the alias {shown(event.anchor)} stands for nothing whole")
+        return self.sizes[event.anchor]
+
+    def _scalar(self, event: Any) -> None:
+        _check_tag(event)
+        if len(event.value) > MOST_CHARACTERS:
+            raise _refused(event, f"a text may have {MOST_CHARACTERS} characters, got more")
+        if len(event.value) > MOST_DIGITS and not event.style and _is_number(event.value):
+            raise _refused(event, f"a number may have {MOST_DIGITS} digits, got more")
+        if self.open and self.open[-1].key_comes:
+            self._key(event)
+        self._keep(event.anchor, 1)
+        self._add(1)
+
+    def _key(self, event: Any) -> None:
+        keys = self.open[-1].keys
+        assert keys is not None
+        if event.value in keys:
+            raise _refused(event, f"{shown(event.value)} stands twice: leave one out")
+        keys.add(event.value)
+
+    def _begin(self, event: Any) -> None:
+        _check_tag(event)
+        if self.open and self.open[-1].key_comes:
+            raise _refused(event, "a key must be a text, got a list or mapping")
+        if len(self.open) == MOST_LEVELS:
+            raise _refused(event, f"lists and mappings may nest {MOST_LEVELS} deep")
+        mapping = isinstance(event, yaml.MappingStartEvent)
+        self.sizes.pop(event.anchor, None)
+        self.open.append(_Open(event.anchor, set() if mapping else None))
+
+    def _keep(self, anchor: str | None, n_nodes: int) -> None:
+        if anchor is not None:
+            self.sizes[anchor] = n_nodes
+
+    def _add(self, n_nodes: int) -> None:
+        if self.open:
+            self.open[-1].n_nodes += n_nodes
+            self.open[-1].n_entries += 1
+
+
+def _check(events: Iterable[Any]) -> None:
+    measure = _Measure()
+    for event in events:
+        measure.take(event)
+
+
+def _check_tag(event: Any) -> None:
+    if event.tag not in (None, "!", f"{_TAG}str", f"{_TAG}seq", f"{_TAG}map"):
+        raise _refused(event, f"no type may be given to a value, got {shown(event.tag)}")
+
+
+def _is_number(text: str) -> bool:
+    return all(character in "0123456789abcdefABCDEFx.+-" for character in text)
+
+
+def _refused(event: Any, rule: str) -> YamlError:
+    return YamlError(f"{rule}, in line {event.start_mark.line + 1}")
+
+
+def _told(error: yaml.YAMLError) -> str:
+    """What PyYAML found, in a line."""
+    mark = getattr(error, "problem_mark", None)
+    where = f", in line {mark.line + 1}" if mark is not None else ""
+    problem = (
+        getattr(error, "problem", None) or getattr(error, "reason", None) or "it has an error"
+    )
+    return f"no YAML: {problem}{where}"

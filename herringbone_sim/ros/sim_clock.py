@@ -1,0 +1,48 @@
+"""``/clock``: simulation time for other nodes, from one publisher in a domain."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from builtin_interfaces.msg import Time
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from herringbone_sim.ros.qos import STREAM, open_publisher
+
+PERIOD_S = 0.01
+DISCOVERY_S = 0.5  # for the publishers of other nodes to be found
+
+
+class SimClock:
+    """Publishes ``/clock`` 100 times a second, unless another node does.
+
+    Args:
+        node: owner of publisher and timer.
+        steady, group: what the timer goes by, and belongs to.
+        t_s: simulation time [s] now.
+    """
+
+    def __init__(
+        self, node: Node, steady: Clock, group: CallbackGroup, t_s: Callable[[], float]
+    ) -> None:
+        self._t_s = t_s
+        self._publisher = None
+        time.sleep(DISCOVERY_S)
+        if node.count_publishers("/clock"):
+            node.get_logger().error(
+                "another node publishes /clock: this one does not; stop the other or leave "
+                "publish_clock false"
+            )
+            return
+        self._publisher = open_publisher(node, ClockMessage, "/clock", STREAM)
+        node.create_timer(PERIOD_S, self.tick, group, clock=steady)
+
+    def tick(self) -> None:
+        """Tell the time now."""
+        if self._publisher is not None:
+            seconds, part = divmod(round(self._t_s() * 1e9), 10**9)
+            self._publisher.publish(ClockMessage(clock=Time(sec=seconds, nanosec=part)))

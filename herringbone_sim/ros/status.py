@@ -1,0 +1,62 @@
+"""What the node says of itself in ``/diagnostics``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from herringbone_sim.effects.written import effects_text
+
+if TYPE_CHECKING:
+    from herringbone_sim.ros.node import SimulatorNode
+
+BEHIND = 0.9  # of the wanted real-time factor
+
+
+def simulator_status(node: SimulatorNode) -> DiagnosticStatus:
+    """Level and message are the worst that holds, values all the figures."""
+    loop, recorder, mirror = node.loop, node.recorder, node.mirror
+    reached = 0.0 if loop.paused else loop.pace.reached
+    values = {
+        "model": loop.model.parameters.model,
+        "t": f"{loop.t_s:.9g}",
+        "paused": str(loop.paused).lower(),
+        "effects": effects_text(loop.actives),
+        "real_time_factor": repr(node.real_time_factor),
+        "real_time_factor_reached": f"{reached:.4f}",
+        "overruns": str(loop.pace.overruns),
+        "samples": str(loop.pace.samples),
+        "dropped_blocks": str(node.streams.dropped),
+        "recorder": recorder.error or str(recorder.path or "off"),
+        "recorded_samples": str(recorder.samples),
+        "mirror": mirror.state,
+        "mirror_dropped_blocks": str(mirror.dropped),
+        "rejected_commands": str(node.refused),
+        "last_rejected_command": node.last_refused,
+        "fault": node.fault,
+    }
+    level, text = _level(node)
+    name = node.get_fully_qualified_name()
+    return DiagnosticStatus(
+        level=level,
+        name=f"{name}: simulator",
+        message=text,
+        hardware_id=name,
+        values=[KeyValue(key=k, value=v) for k, v in values.items()],
+    )
+
+
+def _level(node: SimulatorNode) -> tuple[bytes, str]:
+    loop = node.loop
+    if node.fault or node.recorder.error:
+        return DiagnosticStatus.ERROR, node.fault or node.recorder.error
+    if not loop.ready:
+        return DiagnosticStatus.OK, f"{'compiling' if loop.compiling else 'loading'} the kernel"
+    if not loop.paused and loop.pace.reached < BEHIND * node.real_time_factor:
+        return DiagnosticStatus.WARN, "behind"
+    if node.mirror.state.startswith("failed"):
+        return DiagnosticStatus.WARN, node.mirror.state
+    if loop.compiling:
+        return DiagnosticStatus.OK, "running, compiling the effects"
+    return DiagnosticStatus.OK, "paused" if loop.paused else "running"

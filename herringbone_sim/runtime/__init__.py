@@ -1,0 +1,8 @@
+"""The real-time loop: integrates against a clock that is handed in, and hands blocks to sinks."""
+
+from herringbone_sim.runtime.delivery import Change, Delivery
+from herringbone_sim.runtime.loop import Loop
+from herringbone_sim.runtime.pace import Pace, check_pace, sample_period_s
+from herringbone_sim.runtime.stepping import Stepped
+
+__all__ = ["Change", "Delivery", "Loop", "Pace", "Stepped", "check_pace", "sample_period_s"]

@@ -1,0 +1,61 @@
+"""How the loop keeps up with the wall clock."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.errors import ParameterError
+
+LATEST_BLOCK_S = 0.1  # wall time between samples, at most: so late a viewer still moves
+
+
+@dataclass
+class Pace:
+    """How the loop keeps up, for diagnostics; written by the loop alone.
+
+    Attributes:
+        reached: simulation time over wall time in the last second.
+        overruns: blocks that came too late, so that the loop slipped.
+        samples: samples made since the loop was built.
+    """
+
+    reached: float = 0.0
+    overruns: int = 0
+    samples: int = 0
+    recent: deque[tuple[float, float]] = field(default_factory=deque)
+
+    def note(self, wall: float, simulated: float) -> None:
+        """Account a block of so much simulation time that left at a wall time [s]."""
+        self.recent.append((wall, simulated))
+        while len(self.recent) > 2 and wall - self.recent[0][0] > 1.0:
+            self.recent.popleft()
+        elapsed = wall - self.recent[0][0]
+        if elapsed > 0.0:
+            self.reached = sum(s for _, s in list(self.recent)[1:]) / elapsed
+
+
+def check_pace(model: Model, real_time_factor: float) -> None:
+    """Refuse a factor so slow that samples would be further apart than a block may take.
+
+    Raises:
+        ParameterError: says the least factor, or how many samples a cycle would do.
+    """
+    if real_time_factor == 0.0:
+        return
+    apart = sample_period_s(model) / real_time_factor
+    if apart > LATEST_BLOCK_S:
+        enough = model.parameters.samples_per_cycle * apart / LATEST_BLOCK_S
+        raise ParameterError(
+            f"real_time_factor {real_time_factor:g} leaves {apart:.3g} s of wall time between "
+            f"samples, more than {LATEST_BLOCK_S} s: raise it to "
+            f"{sample_period_s(model) / LATEST_BLOCK_S:.3g} or samples_per_cycle to {enough:.0f}"
+        )
+
+
+def sample_period_s(model: Model) -> float:
+    """Simulation time [s] between two samples."""
+    cycle = TWO_PI / (model.packed.Omega * model.scales.omega_n)
+    return cycle / model.parameters.samples_per_cycle

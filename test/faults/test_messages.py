@@ -1,0 +1,30 @@
+"""Random and malformed messages and requests, seeded: the node refuses and answers."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks.faults import at_node
+
+SEEDS = 20
+
+
+@pytest.fixture
+def running() -> Iterator[None]:
+    yield
+    at_node.target().close()
+    at_node.target.cache_clear()
+
+
+@pytest.mark.usefixtures("running")
+def test_no_message_ends_the_node(tmp_path: Path) -> None:
+    trials = [at_node.messages(seed, tmp_path) for seed in range(SEEDS)]
+    failures = {i: one.failures() for i, one in enumerate(trials) if one.failures()}
+    assert failures == {}
+    assert all(one.peak_bytes > 0 for one in trials)

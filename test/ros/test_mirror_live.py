@@ -1,0 +1,38 @@
+"""The mirror of a running node: slow motion, and what it says when it fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rcl_interfaces.msg import Log
+from support import Bench, wait_until
+
+from herringbone_sim.views.rerun_mirror import RerunMirror
+
+
+@pytest.mark.parametrize("factor", [0.001, 0.01])
+def test_a_slow_node_is_mirrored_from_its_first_sample_on(
+    bench: Bench, tmp_path: Path, factor: float
+) -> None:
+    node = bench.simulator(
+        mirror="save", mirror_path=str(tmp_path / "run.rrd"), real_time_factor=factor
+    )
+    wait_until(lambda: node.loop.pace.samples > 80, 120.0)
+    wait_until(lambda: node.mirror.state != "running" or (tmp_path / "run.rrd").stat().st_size)
+    assert node.mirror.state == "running"
+    assert node.mirror.dropped == 0
+
+
+def test_what_fails_in_the_mirror_is_logged(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> None:
+        raise ValueError("math domain error")
+
+    monkeypatch.setattr(RerunMirror, "_mirror", fail)
+    logs = bench.listen(Log, "/rosout")
+    node = bench.simulator(mirror="save", mirror_path=str(tmp_path / "run.rrd"))
+    wait_until(lambda: [log for log in logs if "math domain error" in log.msg])
+    assert node.mirror.state == "failed: math domain error"
