@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
 
 from herringbone_sim.core.cache import compiled_from, forget_stale
+from herringbone_sim.core.numba_private import TESTED
+from herringbone_sim.core.packed import PACKAGE
 
 
 @pytest.fixture
@@ -119,3 +123,14 @@ def test_what_is_compiled_is_told_and_what_is_loaded_is_not(tmp_path):
 
     assert said() == ["compiling", "4"]
     assert said() == ["4"]
+
+
+def test_private_parts_of_numba_are_taken_in_one_file_for_the_version_that_is_tested() -> None:
+    """What is no public interface may change with a minor version: one place, one version."""
+    private = re.compile(r"numba\.(core|np|experimental)\b|llvmlite|\b_nrt\b|_get_wrapper_address")
+    sources = sorted(PACKAGE.rglob("*.py"))
+    found = [source.name for source in sources if private.search(source.read_text())]
+    assert found == ["numba_private.py"]
+    assert numba.__version__.startswith(f"{TESTED}.")
+    wanted = (PACKAGE.parent / "requirements.txt").read_text().splitlines()
+    assert f"numba=={TESTED}.*" in wanted

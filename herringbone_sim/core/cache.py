@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from numba import config
-from numba.core import event
+
+from herringbone_sim.core.numba_private import event
 
 STAMP = "sources.sha256"
 ROOMS = (  # of functions and their constants

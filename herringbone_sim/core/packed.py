@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from herringbone_sim.core.cache import compiled_from, forget_stale
+from herringbone_sim.core.numba_private import COMPILED
 
 Array = NDArray[np.float64]
 
@@ -23,12 +24,10 @@ TWO_PI = 2.0 * np.pi
 PACKAGE = Path(__file__).parents[1]
 forget_stale(PACKAGE, *compiled_from(PACKAGE))
 
-# Without Numba's reference counting nothing can be allocated within, and nothing is counted: the
-# counting of a dozen arrays a call cost a third of the time.
-compiled: Any = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-inlined: Any = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)
+compiled: Any = njit(cache=True, **COMPILED)
+inlined: Any = njit(cache=True, forceinline=True, **COMPILED)
 # Becomes a part of its callers before they are compiled, and is not compiled by itself.
-embedded: Any = njit(nogil=True, error_model="numpy", inline="always", _nrt=False)
+embedded: Any = njit(inline="always", **COMPILED)
 
 
 class Packed(NamedTuple):

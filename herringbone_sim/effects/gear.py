@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import float64, types, void
-from numba.core.errors import NumbaExperimentalFeatureWarning
-from numba.experimental.function_type import _get_wrapper_address
 from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
+from herringbone_sim.core.numba_private import NumbaExperimentalFeatureWarning, wrapper_address
 from herringbone_sim.effects.effect import Active, Effect
 from herringbone_sim.effects.law import no_excite, no_react
 
@@ -36,7 +35,7 @@ class _Pointer:
 
     def __init__(self, function: Any, signature: Any) -> None:
         function.compile(signature)
-        self._address = _get_wrapper_address(function, signature)
+        self._address = wrapper_address(function, signature)
         self._numba_type_ = types.FunctionType(signature)
 
     def __wrapper_address__(self) -> int:

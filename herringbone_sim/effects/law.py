@@ -27,13 +27,14 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from herringbone_sim.core.numba_private import COMPILED
 from herringbone_sim.core.packed import TWO_PI
 
 STIFFNESS, DAMPING, PLAY, SHIFT, SHIFT_RATE = range(5)
 PHASE, FREQUENCY, DELTA_T, TORQUE, CONTROL = range(5)
 MEAN_K, OWN_C, OWN_B, MEAN_E, HARMONICS = range(5)
 
-law: Any = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+law: Any = njit(cache=True, **COMPILED)
 
 
 @law

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from numba.core import event
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -21,6 +20,7 @@ from support import LATCHED, Bench, table, values, wait_until
 from herringbone_sim.core.integrate import warm_up
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.numba_private import event
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 

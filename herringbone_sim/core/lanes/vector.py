@@ -17,11 +17,10 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
-from numba.np.arrayobj import make_array
+
+from herringbone_sim.core.numba_private import cgutils, ir, make_array
 
 LANES = 16
 

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from herringbone_sim.core.cache import forget_stale
+from herringbone_sim.core.numba_private import COMPILED
 from herringbone_sim.gap.practice.machine import Array, Machine
 
 TWO_PI = 2.0 * np.pi
@@ -21,7 +22,7 @@ SECOND_TOUCHES = 8e-6  # deflection [m] at which a second pair touches
 forget_stale(Path(__file__).parent, Path(__file__).parent)
 
 # As in core.packed: no reference counting, all scratch comes from outside.
-compiled: Any = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+compiled: Any = njit(cache=True, **COMPILED)
 
 
 def _crack_shape(z: float, skew: float) -> float:
