@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import numbers
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -160,7 +160,7 @@ class Parameters:
     samples_per_cycle: int = _p(16, "-", "samples recorded a mesh cycle", 1, 10000, live=True)
 
     def __post_init__(self) -> None:
-        _check_all(self)
+        _check_all(self, names())
         _warn(obstacles(self), stacklevel=4)
 
     @property
@@ -190,7 +190,7 @@ class Parameters:
         known: dict[str, Any] = {name: coerce(name, value) for name, value in values.items()}
         changed = copy(self)
         vars(changed).update(known)
-        _check_all(changed)
+        _check_all(changed, known)
         said = obstacles(self)
         _warn([rule for rule in obstacles(changed) if rule not in said], stacklevel=3)
         return changed
@@ -266,9 +266,10 @@ def spread(values: Sequence[float], n: int) -> list[float]:
     return list(values) * n if len(values) == 1 else list(values)
 
 
-def _check_all(p: Parameters) -> None:
-    for item in fields(p):
-        _check(item.name, getattr(p, item.name), meaning(item.name))
+def _check_all(p: Parameters, changed: Iterable[str]) -> None:
+    """Check the values that changed by themselves, and all of them together."""
+    for name in changed:
+        _check(name, getattr(p, name), meaning(name))
     _check_lists(p)
     _check_gear(p)
 

@@ -32,6 +32,8 @@ from herringbone_sim.core.packed import compiled, inlined
 from herringbone_sim.core.switching import leaves_at
 from herringbone_sim.core.taylor import MAX_SUBSTEPS
 
+CLOSE = 1e-6  # a Newton step, in parts of the grid step: each is about the square of the last
+
 
 @inlined
 def may_leave(start, start_slope, stop, stop_slope):
@@ -48,8 +50,9 @@ def may_leave(start, start_slope, stop, stop_slope):
 def cross(w, m, sign, border, start, start_slope, stop, wanted):
     """Where the margins sign * x + border of mesh m, positive at 0, turn negative before 1.
 
-    Newton within a bracket, from the root of the parabola through both ends. A lane stands still
-    once it is there, so that it gives the same beside any others.
+    Newton within a bracket, from the root of the parabola through both ends; the step after one
+    of ``CLOSE`` is below 1e-12. A lane stands still once it is there, so that it gives the same
+    beside any others.
     """
     bend = stop - start - start_slope
     discriminant = start_slope * start_slope - 4.0 * start * bend
@@ -67,8 +70,8 @@ def cross(w, m, sign, border, start, start_slope, stop, wanted):
         beyond = value < splat(0.0)
         low, high = choose(beyond, low, s), choose(beyond, s, high)
         new = s - value / ds
-        inside = (new > low) & (new < high)
-        there = inside & (absolute(new - s) < splat(1e-9))
+        inside = without((new < low) | (new > high))
+        there = inside & (absolute(new - s) < splat(CLOSE))
         s = choose(moving, choose(inside, new, (low + high) * 0.5), s)
         moving = moving & without(there)
         if not bits(moving):
