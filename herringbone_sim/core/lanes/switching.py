@@ -70,7 +70,7 @@ def cross(w, m, sign, border, start, start_slope, stop, wanted):
         beyond = value < splat(0.0)
         low, high = choose(beyond, low, s), choose(beyond, s, high)
         new = s - value / ds
-        inside = without((new < low) | (new > high))
+        inside = without((new < low) | (new > high)) & (new == new)
         there = inside & (absolute(new - s) < splat(CLOSE))
         s = choose(moving, choose(inside, new, (low + high) * 0.5), s)
         moving = moving & without(there)
