@@ -156,7 +156,7 @@ def scalar_kernel(start: Array, order: int, steps: int) -> tuple[Any, Any, Any]:
     """Model, scratch and state of work (a), all counted."""
     model = rig(order=order, steps_per_cycle=steps, samples_per_cycle=4)
     layout = model.layout
-    work = make_work(layout.n_mesh, layout.n_coordinate, order)
+    work = make_work(layout.n_mesh, layout.n_coordinate)
     packed = type(model.packed)(*(wrapped(a) for a in model.packed))
     return packed, type(work)(*(wrapped(a) for a in work)), wrapped(start)
 

@@ -118,7 +118,7 @@ def works() -> dict[str, tuple[Callable[[], object], int]]:
 def right_hand_sides() -> Callable[[], object]:
     """Evaluations of the right-hand side, one after the other."""
     model = rig()
-    work = make_work(model.layout.n_mesh, model.layout.n_coordinate, model.parameters.order)
+    work = make_work(model.layout.n_mesh, model.layout.n_coordinate)
     y, dy = orbit_start(), np.zeros(model.layout.n_state)
     return lambda: many_right_hand_sides(CALLS, model.packed, work, y, dy)
 

@@ -44,7 +44,7 @@ def slope_of():
     """The kernel's dy/dtau as a function (model, y, phase, cycle=0) -> (n_state,)."""
 
     def slope(model, y, phase, cycle=0):
-        work = make_work(model.layout.n_mesh, model.layout.n_coordinate, model.parameters.order)
+        work = make_work(model.layout.n_mesh, model.layout.n_coordinate)
         dy = np.empty(model.layout.n_state)
         _slope(model.packed, work, np.asarray(y, dtype=float), phase, cycle, dy)
         return dy

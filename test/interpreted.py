@@ -183,7 +183,7 @@ def whole_cycles(cases):
         model = stepper.model
         y, tangents = start.y.copy(), np.eye(model.layout.n_state)
         layout, p = model.layout, model.parameters
-        work = make_work(layout.n_mesh, layout.n_coordinate, p.order)
+        work = make_work(layout.n_mesh, layout.n_coordinate)
         cross = crosser(p.method, model.packed.plain)
         cross(model.packed, work, y, tangents, 0, 2, p.steps)
         found[f"cycles_{name}"] = np.vstack([y, tangents])

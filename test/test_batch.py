@@ -12,8 +12,8 @@ from gears import UNEVEN
 from herringbone_sim.core.batch import layout_mirror, run_batch
 from herringbone_sim.core.integrate import Stepper, largest_exponent
 from herringbone_sim.core.model import build, relative
+from herringbone_sim.core.packed import LIMIT
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.core.run import LIMIT
 from herringbone_sim.recording.parameter_file import load_parameters
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")

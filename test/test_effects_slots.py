@@ -82,7 +82,7 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
     law = Reference(model, actives)
     n_own = EffectStepper(model, actives).laws.n_own
     layout, rng = model.layout, np.random.default_rng(3)
-    work = make_work(layout.n_mesh, layout.n_coordinate, 12, model.n_own)
+    work = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
     n, s, h = layout.n_state, model.n_own, 1e-9
     for cycle in (0, 3, 5, 40):
         y = rng.normal(size=model.n_state) * 4.0

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
-from herringbone_sim.core.packed import TWO_PI, make_work
-from herringbone_sim.core.run import runner
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.run import Kernel
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
 
@@ -78,12 +78,9 @@ class Stepper:
     """
 
     def __init__(self, model: Model) -> None:
-        layout, s = model.layout, model.scales
+        s = model.scales
         self.model = model
-        self._work = make_work(
-            layout.n_mesh, layout.n_coordinate, model.parameters.order, model.n_own
-        )
-        self._run = runner(model.parameters.method, model.packed.plain)
+        self._kernel = Kernel(model)
         force = s.b_c * s.omega_n**2 / s.projection
         self._si = np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta])
         self._carrier = carrier_row(model) * s.b_c
@@ -91,11 +88,11 @@ class Stepper:
     @property
     def compiled(self) -> bool:
         """Whether this process has the kernel of such a gear ready."""
-        return bool(getattr(self._run, "signatures", True))
+        return self._kernel.compiled
 
     def alike(self, other: object) -> bool:
         """Whether another stepper runs on the same kernel."""
-        return isinstance(other, Stepper) and other._run is self._run
+        return isinstance(other, Stepper) and other._kernel.alike(self._kernel)
 
     def start(self, tangents: int = 0) -> State:
         """Initial state, with so many tangent vectors."""
@@ -113,26 +110,13 @@ class Stepper:
         layout = self.model.layout
         rows = np.empty((n_samples, len(layout.channels)))
         contact = np.zeros((layout.n_mesh, 3), dtype=np.int64)
-        place = np.array([state.cycle, state.index], dtype=np.int64)
-        y, tangents, growth = state.y.copy(), state.tangents.copy(), state.growth.copy()
+        place = np.array([state.cycle, state.index, p.steps], dtype=np.int64)
+        growth = state.growth.copy()
         head = np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
         stride = p.steps // p.samples_per_cycle
-        t, filled, switches = self._run(
-            self.model.packed,
-            self._work,
-            y,
-            tangents,
-            growth,
-            place,
-            state.t,
-            self.model.scales.omega_n,
-            p.steps,
-            stride,
-            head,
-            self._si,
-            self._carrier,
-            rows,
-            contact,
+        rest = stride, head, self._si, self._carrier, rows, contact
+        y, tangents, t, filled, switches = self._kernel.run(
+            state.y, state.tangents, growth, place, state.t, rest
         )
         end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth)
         moved = (end.cycle - state.cycle) * p.steps + end.index - state.index

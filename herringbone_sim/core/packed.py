@@ -20,6 +20,7 @@ from herringbone_sim.core.numba_private import COMPILED
 Array = NDArray[np.float64]
 
 TWO_PI = 2.0 * np.pi
+LIMIT = 1e6  # of a deflection, in b_c: beyond it is the motion of no gear
 
 PACKAGE = Path(__file__).parents[1]
 forget_stale(PACKAGE, *compiled_from(PACKAGE))
@@ -118,110 +119,26 @@ class Packed(NamedTuple):
     Omega: float
 
 
-class AnyWork(NamedTuple):
-    """Scratch of a gear that is not plain; p, n and s as in ``Work`` and ``Packed``."""
-
-    rate: Array  # (p + 1, n) series of the rate of deflection
-    depth: Array  # (p + 1, n) series of |f|
-    spring: Array  # (p + 1, n) series of the spring's part of the force over k, by its law
-    damper: Array  # (p + 1, n) series of the factor on c v, by its law
-    force: Array  # (p + 1, n) series of the mesh force
-    soft: Array  # (p + 1, n) series of the derivative of the force by the deflection
-    damp: Array  # (p + 1, n) series of the derivative by the rate
-    power: Array  # (p + 1, n) series of a power of |f|
-    hold: Array  # (p + 1, s) series of the springs' forces on further coordinates
-    give: Array  # (p + 1, s) series of their derivative by the displacement
-    corner: Array  # (6, p + 1, s) series of both corners of a free play
-    deep: Array  # (n,) 1 where the law bends, 0 where |f| is so small that it is taken linear
-    sign: Array  # (n,) of the mesh force
-    at: Array  # (3, n) where in the step contact, depth, sign switch
-    jump: Array  # (n,) of the mesh force at a switch
-
-
 class Work(NamedTuple):
-    """Scratch of one integration, made once outside the loop; p = order, n, m = coordinates."""
+    """Scratch of the right-hand side and of RK4; n = n_mesh, m = coordinates, s further ones."""
 
-    k: Array  # (p + 1, n) series of the stiffness
-    error: Array  # (p + 1, n) series of e, taken off G q to get the deflection
-    error_rate: Array  # (n,) de/dtau at one phase
-    cos: Array  # (p + 1,) series of one harmonic
-    sin: Array  # (p + 1,)
-    product: Array  # (p + 1,) series of one stiffness times that of a window
-    inverse: Array  # (p + 2,) 1 / i
-    load: Array  # (p + 1, m + s) series of the outer acceleration
-    none_n: Array  # (p + 1, n) zeros
-    none_m: Array  # (p + 1, m + s) zeros
-    q: Array  # (p + 1, m + s) series of the displacements
-    v: Array  # (p + 1, m + s) series of the velocities
-    x: Array  # (p + 1, n) series of the deflections
-    f: Array  # (p + 1, n) the same where in contact, else 0
-    contact: Array  # (n,) -1 back, 0 separated, 1 drive
-    now: Array  # (n,) contact during the step, when ``contact`` has switched already
-    next: Array  # (n,) contact after the switch
-    at: Array  # (n,) where in the step a mesh switches, 2 when it does not
-    end: Array  # (n,) deflection at the end of the step
-    end_slope: Array  # (n,) its rate
-    closed: Array  # (n,) 1 in contact, 0 separated
-    force: Array  # (n,) one order of the mesh forces
-    rate: Array  # (4, n_state + 2 s) stages of RK4
+    k: Array  # (n,) stiffness at one phase
+    error: Array  # (n,) e, taken off G q to get the deflection
+    error_rate: Array  # (n,) de/dtau
+    x: Array  # (n,) deflection
+    v: Array  # (n,) its rate
+    force: Array  # (n,) mesh forces
+    push: Array  # (m + s,) accelerations
+    slope: Array  # (4, n_state + 2 s) of the stages of RK4
     stage: Array  # (n_state + 2 s,)
-    push: Array  # (m + s,) accelerations at one phase
-    any: AnyWork  # of forces that are not linear between switches
 
 
-def make_work(n_mesh: int, n_coordinate: int, order: int, n_own: int = 0) -> Work:
-    """Scratch for a run (order is that of the Taylor series; RK4 takes any).
+def make_work(n_mesh: int, n_coordinate: int, n_own: int = 0) -> Work:
+    """Scratch for a gear.
 
     Args:
         n_own: further coordinates, as rows of ``Packed.seat``.
     """
-    p = order + 1
     n_all = n_coordinate + n_own
-
-    def zeros(*shape: int) -> Array:
-        return np.zeros(shape)
-
-    return Work(
-        k=zeros(p, n_mesh),
-        error=zeros(p, n_mesh),
-        error_rate=zeros(n_mesh),
-        cos=zeros(p),
-        sin=zeros(p),
-        product=zeros(p),
-        inverse=1.0 / np.maximum(np.arange(p + 1.0), 1.0),
-        load=zeros(p, n_all),
-        none_n=zeros(p, n_mesh),
-        none_m=zeros(p, n_all),
-        q=zeros(p, n_all),
-        v=zeros(p, n_all),
-        x=zeros(p, n_mesh),
-        f=zeros(p, n_mesh),
-        contact=zeros(n_mesh),
-        now=zeros(n_mesh),
-        next=zeros(n_mesh),
-        at=zeros(n_mesh),
-        end=zeros(n_mesh),
-        end_slope=zeros(n_mesh),
-        closed=zeros(n_mesh),
-        force=zeros(n_mesh),
-        rate=zeros(4, 2 * n_all),
-        stage=zeros(2 * n_all),
-        push=zeros(n_all),
-        any=AnyWork(
-            rate=zeros(p, n_mesh),
-            depth=zeros(p, n_mesh),
-            spring=zeros(p, n_mesh),
-            damper=zeros(p, n_mesh),
-            force=zeros(p, n_mesh),
-            soft=zeros(p, n_mesh),
-            damp=zeros(p, n_mesh),
-            power=zeros(p, n_mesh),
-            hold=zeros(p, n_own),
-            give=zeros(p, n_own),
-            corner=zeros(6, p, n_own),
-            deep=zeros(n_mesh),
-            sign=zeros(n_mesh),
-            at=zeros(3, n_mesh),
-            jump=zeros(n_mesh),
-        ),
-    )
+    meshes = np.zeros((6, n_mesh))
+    return Work(*meshes, np.zeros(n_all), np.zeros((4, 2 * n_all)), np.zeros(2 * n_all))

@@ -80,26 +80,26 @@ def cycles_to_edge(window, phase, cycle):
 
 @inlined
 def excite(p, w, phase, cycle):
-    """k, e and de/dtau of all meshes at a phase into order 0 of the series (Eqs. 7-10)."""
+    """k, e and de/dtau of all meshes at a phase (Eqs. 7-10)."""
     n = 4 * len(p.classes)
     for m in range(n):
-        w.k[0, m] = p.stiffness[m]
-        w.error[0, m] = p.e_mean[m]
+        w.k[m] = p.stiffness[m]
+        w.error[m] = p.e_mean[m]
         w.error_rate[m] = 0.0
     for j in range(p.orders.size):
         angle = angle_of(p.orders[j], phase, cycle)
         cos = np.cos(angle)
         sin = np.sin(angle)
         for m in range(n):
-            w.k[0, m] += p.k_cos[j, m] * cos + p.k_sin[j, m] * sin
-            w.error[0, m] += p.e_cos[j, m] * cos + p.e_sin[j, m] * sin
+            w.k[m] += p.k_cos[j, m] * cos + p.k_sin[j, m] * sin
+            w.error[m] += p.e_cos[j, m] * cos + p.e_sin[j, m] * sin
             rate = p.e_sin[j, m] * cos - p.e_cos[j, m] * sin
             w.error_rate[m] += p.orders[j] * p.Omega * rate
     for j in range(p.windows.shape[0]):
         bump, slope = window_at(p, j, phase, cycle)
         for m in range(n):
-            w.k[0, m] *= 1.0 - p.window_k[j, m] * bump
-            w.error[0, m] -= p.window_d[j, m] * bump
+            w.k[m] *= 1.0 - p.window_k[j, m] * bump
+            w.error[m] -= p.window_d[j, m] * bump
             w.error_rate[m] -= p.window_d[j, m] * slope
 
 
@@ -116,24 +116,24 @@ def window_at(p, j, phase, cycle):
 
 @inlined
 def hide_displacement(p, w, y, phase, cycle):
-    """Take effects' displacement and its rate off ``w.end`` and ``w.at``: what samples show."""
+    """Take effects' displacement and its rate off ``w.x`` and ``w.v``: what samples show."""
     n = 4 * len(p.classes)
-    shift_by_own(p, y, -1.0, w.end, w.at)
+    shift_by_own(p, y, -1.0, w.x, w.v)
     for m in range(n):
-        w.end[m] -= p.d_mean[m]
+        w.x[m] -= p.d_mean[m]
     for j in range(p.d_cos.shape[0]):
         angle = angle_of(p.orders[j], phase, cycle)
         cos = np.cos(angle)
         sin = np.sin(angle)
         for m in range(n):
-            w.end[m] -= p.d_cos[j, m] * cos + p.d_sin[j, m] * sin
+            w.x[m] -= p.d_cos[j, m] * cos + p.d_sin[j, m] * sin
             rate = p.d_sin[j, m] * cos - p.d_cos[j, m] * sin
-            w.at[m] -= p.orders[j] * p.Omega * rate
+            w.v[m] -= p.orders[j] * p.Omega * rate
     for j in range(p.windows.shape[0]):
         bump, slope = window_at(p, j, phase, cycle)
         for m in range(n):
-            w.end[m] -= p.window_d[j, m] * bump
-            w.at[m] -= p.window_d[j, m] * slope
+            w.x[m] -= p.window_d[j, m] * bump
+            w.v[m] -= p.window_d[j, m] * slope
 
 
 @inlined
@@ -210,23 +210,23 @@ def push_own(p, w, y, phase, acceleration):
 def mesh_forces(p, w, y, phase, cycle):
     """Deflection, its rate and the force k f(x) + c v of all meshes at a phase (Eqs. 1, 4, 12).
 
-    Leaves them in ``w.end``, ``w.at`` and ``w.force``, in the kernel's units.
+    Leaves them in ``w.x``, ``w.v`` and ``w.force``, in the kernel's units.
     """
     excite(p, w, phase, cycle)
     m_coordinate = 2 + 2 * len(p.classes)
-    deflections(p, y[:m_coordinate], w.end)
-    deflections(p, y[m_coordinate : 2 * m_coordinate], w.at)
-    shift_by_own(p, y, 1.0, w.end, w.at)
+    deflections(p, y[:m_coordinate], w.x)
+    deflections(p, y[m_coordinate : 2 * m_coordinate], w.v)
+    shift_by_own(p, y, 1.0, w.x, w.v)
     for m in range(4 * len(p.classes)):
-        x = w.end[m] - w.error[0, m]
-        v = w.at[m] - w.error_rate[m]
+        x = w.x[m] - w.error[m]
+        v = w.v[m] - w.error_rate[m]
         f = x - p.b[m] if x > p.b[m] else (x + p.b[m] if x < -p.b[m] else 0.0)
-        w.end[m] = x
-        w.at[m] = v
+        w.x[m] = x
+        w.v[m] = v
         if p.plain:
-            w.force[m] = w.k[0, m] * f + p.damping[m] * v
+            w.force[m] = w.k[m] * f + p.damping[m] * v
         else:
-            w.force[m] = force_law(p, m, w.k[0, m], f, v)
+            w.force[m] = force_law(p, m, w.k[m], f, v)
 
 
 @inlined
@@ -268,17 +268,17 @@ def rk4_step(p, w, y, tangents, phase, cycle, h):
     """
     half = 0.5 * h
     middle = phase + p.Omega * half
-    right_hand_side(p, w, y, phase, cycle, w.rate[0])
+    right_hand_side(p, w, y, phase, cycle, w.slope[0])
     for k in range(y.size):
-        w.stage[k] = y[k] + half * w.rate[0, k]
-    right_hand_side(p, w, w.stage, middle, cycle, w.rate[1])
+        w.stage[k] = y[k] + half * w.slope[0, k]
+    right_hand_side(p, w, w.stage, middle, cycle, w.slope[1])
     for k in range(y.size):
-        w.stage[k] = y[k] + half * w.rate[1, k]
-    right_hand_side(p, w, w.stage, middle, cycle, w.rate[2])
+        w.stage[k] = y[k] + half * w.slope[1, k]
+    right_hand_side(p, w, w.stage, middle, cycle, w.slope[2])
     for k in range(y.size):
-        w.stage[k] = y[k] + h * w.rate[2, k]
-    right_hand_side(p, w, w.stage, phase + p.Omega * h, cycle, w.rate[3])
+        w.stage[k] = y[k] + h * w.slope[2, k]
+    right_hand_side(p, w, w.stage, phase + p.Omega * h, cycle, w.slope[3])
     for k in range(y.size):
-        inner = w.rate[1, k] + w.rate[2, k]
-        y[k] += h / 6.0 * (w.rate[0, k] + 2.0 * inner + w.rate[3, k])
+        inner = w.slope[1, k] + w.slope[2, k]
+        y[k] += h / 6.0 * (w.slope[0, k] + 2.0 * inner + w.slope[3, k])
     return 0

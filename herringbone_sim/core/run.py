@@ -5,13 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from herringbone_sim.core.any_step import any_step
-from herringbone_sim.core.packed import TWO_PI, compiled, embedded
+from herringbone_sim.core.lanes.any_moves import move_any
+from herringbone_sim.core.lanes.run import move_plain
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.orbit import Orbit, grid_step, orbit_of
+from herringbone_sim.core.packed import LIMIT, TWO_PI, compiled, embedded, inlined, make_work
 from herringbone_sim.core.right_hand_side import hide_displacement, mesh_forces, rk4_step
-from herringbone_sim.core.taylor import taylor_step
 
-LIMIT = 1e6
+Array = NDArray[np.float64]
 
 
 @compiled
@@ -29,11 +32,11 @@ def write_row(p, w, y, phase, cycle, head, si, carrier, row):
     row[1] = TWO_PI * cycle + phase
     largest = 0.0
     for m in range(n):
-        row[5 + m] = w.end[m] * si[0]
-        row[5 + n + m] = w.at[m] * si[1]
+        row[5 + m] = w.x[m] * si[0]
+        row[5 + n + m] = w.v[m] * si[1]
         row[5 + 2 * n + m] = w.force[m] * si[2]
-        if abs(w.end[m]) > largest or np.isnan(w.end[m]):
-            largest = abs(w.end[m])
+        if abs(w.x[m]) > largest or np.isnan(w.x[m]):
+            largest = abs(w.x[m])
     u_c = 0.0
     for k in range(carrier.size):
         u_c += carrier[k] * y[k]
@@ -68,6 +71,7 @@ def orthonormalise(tangents, growth):
 @embedded
 def sample(
     step,
+    kernel,
     p,
     w,
     y,
@@ -76,7 +80,6 @@ def sample(
     place,
     t,
     omega_n,
-    steps,
     stride,
     head,
     si,
@@ -86,24 +89,23 @@ def sample(
 ):
     """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
 
-    ``step`` is the method. ``place`` is (cycle, index) and moves on. The run stops after the row
-    that is out of range.
+    ``step(kernel, y, cycle, index)`` is the method. ``place`` is (cycle, index, steps a cycle) and
+    moves on. The run stops after the row that is out of range.
     """
-    h = TWO_PI / (p.Omega * steps)
-    dt = h / omega_n
+    steps = place[2]
+    dt = TWO_PI / (p.Omega * steps) / omega_n
     switches = 0
     for i in range(rows.shape[0]):
         phase = TWO_PI * place[1] / steps
         head[0] = t
         mesh_forces(p, w, y, phase, place[0])
         for m in range(contact.shape[0]):
-            contact[m, 1 + (w.end[m] > p.b[m]) - (w.end[m] < -p.b[m])] += 1
+            contact[m, 1 + (w.x[m] > p.b[m]) - (w.x[m] < -p.b[m])] += 1
         largest = write_row(p, w, y, phase, place[0], head, si, carrier, rows[i])
         if not largest < LIMIT:
             return t, i + 1, switches
         for _ in range(stride):
-            phase = TWO_PI * place[1] / steps
-            switches += step(p, w, y, tangents, phase, place[0], h)
+            switches += step(kernel, y, place[0], place[1])
             t += dt
             place[1] += 1
             if place[1] == steps:
@@ -114,26 +116,46 @@ def sample(
 
 
 @embedded
-def over_cycles(step, p, w, y, tangents, cycle, cycles, steps):
-    """Advance y and tangents (k, n_state) in place over whole mesh cycles; no samples.
+def over_cycles(step, kernel, y, cycle, cycles, steps):
+    """Advance y, and the tangents beside it, over whole mesh cycles; no samples.
 
     Tangents keep their length: those of the unit matrix become the monodromy matrix, transposed.
-    RK4 leaves them alone. Same steps as ``sample``: the same state to the bit.
+    Same steps as ``sample``: the same state to the bit.
     """
-    h = TWO_PI / (p.Omega * steps)
     for c in range(cycle, cycle + cycles):
         for index in range(steps):
-            step(p, w, y, tangents, TWO_PI * index / steps, c, h)
+            step(kernel, y, c, index)
+
+
+@inlined
+def plain_step(orbit, y, cycle, index):
+    """A step of the grid of a gear that is plain, by series."""
+    return grid_step(move_plain, orbit, cycle, index)
+
+
+@inlined
+def any_step(orbit, y, cycle, index):
+    """A step of the grid of any gear, by series."""
+    return grid_step(move_any, orbit, cycle, index)
+
+
+@inlined
+def slow_step(kernel, y, cycle, index):
+    """A step of the grid by the classical Runge-Kutta method."""
+    p, w, steps = kernel
+    rk4_step(p, w, y, TWO_PI * index / steps, cycle, TWO_PI / (p.Omega * steps))
+    return 0
 
 
 # Each method is compiled by itself, when it is first used.
 @compiled
 def run_plain(
-    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+    kernel, p, w, y, tangents, growth, place, t, omega_n, stride, head, si, carrier, rows, contact
 ):
     """``sample`` of a gear that is plain, by series."""
     return sample(
-        taylor_step,
+        plain_step,
+        kernel,
         p,
         w,
         y,
@@ -142,7 +164,6 @@ def run_plain(
         place,
         t,
         omega_n,
-        steps,
         stride,
         head,
         si,
@@ -154,11 +175,12 @@ def run_plain(
 
 @compiled
 def run_any(
-    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+    kernel, p, w, y, tangents, growth, place, t, omega_n, stride, head, si, carrier, rows, contact
 ):
     """``sample`` of any gear, by series."""
     return sample(
         any_step,
+        kernel,
         p,
         w,
         y,
@@ -167,7 +189,6 @@ def run_any(
         place,
         t,
         omega_n,
-        steps,
         stride,
         head,
         si,
@@ -179,11 +200,12 @@ def run_any(
 
 @compiled
 def run_rk4(
-    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+    kernel, p, w, y, tangents, growth, place, t, omega_n, stride, head, si, carrier, rows, contact
 ):
     """``sample`` by the classical Runge-Kutta method."""
     return sample(
-        rk4_step,
+        slow_step,
+        kernel,
         p,
         w,
         y,
@@ -192,7 +214,6 @@ def run_rk4(
         place,
         t,
         omega_n,
-        steps,
         stride,
         head,
         si,
@@ -203,28 +224,80 @@ def run_rk4(
 
 
 @compiled
-def cross_plain(p, w, y, tangents, cycle, cycles, steps):
+def cross_plain(kernel, y, cycle, cycles, steps):
     """``over_cycles`` of a gear that is plain, by series."""
-    over_cycles(taylor_step, p, w, y, tangents, cycle, cycles, steps)
+    over_cycles(plain_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
-def cross_any(p, w, y, tangents, cycle, cycles, steps):
+def cross_any(kernel, y, cycle, cycles, steps):
     """``over_cycles`` of any gear, by series."""
-    over_cycles(any_step, p, w, y, tangents, cycle, cycles, steps)
+    over_cycles(any_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
-def cross_rk4(p, w, y, tangents, cycle, cycles, steps):
+def cross_rk4(kernel, y, cycle, cycles, steps):
     """``over_cycles`` by the classical Runge-Kutta method."""
-    over_cycles(rk4_step, p, w, y, tangents, cycle, cycles, steps)
+    over_cycles(slow_step, kernel, y, cycle, cycles, steps)
 
 
-def runner(method: str, plain: bool) -> Any:
-    """The compiled ``sample`` for a method and a kind of gear."""
-    return run_rk4 if method == "rk4" else run_plain if plain else run_any
+class Kernel:
+    """The compiled run of one orbit of a model; holds its scratch, nothing of the run."""
 
+    def __init__(self, model: Model) -> None:
+        layout, p = model.layout, model.parameters
+        self.model = model
+        self.scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
+        self._slow = p.method == "rk4"
+        self._run, self._cross = (
+            (run_rk4, cross_rk4)
+            if self._slow
+            else (run_plain, cross_plain)
+            if model.packed.plain
+            else (run_any, cross_any)
+        )
+        self._orbits: dict[int, Orbit] = {}
 
-def crosser(method: str, plain: bool) -> Any:
-    """The compiled ``over_cycles`` for a method and a kind of gear."""
-    return cross_rk4 if method == "rk4" else cross_plain if plain else cross_any
+    @property
+    def compiled(self) -> bool:
+        """Whether this process has compiled ``run`` for such a gear."""
+        return bool(getattr(self._run, "signatures", True))
+
+    def alike(self, other: Kernel) -> bool:
+        """Whether another one runs the same code."""
+        return other._run is self._run
+
+    def _begin(self, y: Array, tangents: Array) -> tuple[Any, Array, Array]:
+        """What the method takes, and arrays of its own of the state and of its tangents."""
+        if self._slow:
+            steps = self.model.parameters.steps
+            return (self.model.packed, self.scratch, steps), y.copy(), tangents.copy()
+        k = len(tangents)
+        if k not in self._orbits:
+            self._orbits[k] = orbit_of(self.model, k)
+        states = self._orbits[k].work.y
+        states[0], states[1:] = y, tangents
+        return self._orbits[k], states[0], states[1:]
+
+    def run(
+        self,
+        y: Array,
+        tangents: Array,
+        growth: Array,
+        place: Array,
+        t: float,
+        rest: tuple[Any, ...],
+    ) -> tuple[Array, Array, float, int, int]:
+        """``sample`` from a state on: state and tangents at the end, time, rows filled, switches."""
+        kernel, y, tangents = self._begin(y, tangents)
+        packed, omega_n = self.model.packed, self.model.scales.omega_n
+        run = self._run(
+            kernel, packed, self.scratch, y, tangents, growth, place, t, omega_n, *rest
+        )
+        return y.copy(), tangents.copy(), *run
+
+    def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
+        """State (n_state,) and tangents (k, n_state) so many mesh cycles after ``cycle``."""
+        kernel, y, tangents = self._begin(y, tangents)
+        self._cross(kernel, y, cycle, cycles, self.model.parameters.steps)
+        return y.copy(), tangents.copy()

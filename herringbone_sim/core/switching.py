@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from herringbone_sim.core.packed import compiled, inlined
-from herringbone_sim.core.right_hand_side import deflections
 
 
 @inlined
@@ -121,47 +120,3 @@ def leaves_at(a, m, level, sign, end, end_slope, before):
                     return 0.0
                 return root(a, m, level, 0.0, a[0, m] - level, bottom, at_bottom)
     return 2.0
-
-
-@inlined
-def set_contact(p, w, y):
-    """Contact of every mesh (Eqs. 1, 4) from the state and ``w.error``."""
-    deflections(p, y[: 2 + 2 * len(p.classes)], w.end)
-    for m in range(4 * len(p.classes)):
-        x = w.end[m] - w.error[0, m]
-        w.contact[m] = 1.0 if x > p.b[m] else (-1.0 if x < -p.b[m] else 0.0)
-
-
-@inlined
-def next_switch(p, w):
-    """First switching within the step, s = 2 when there is none; new contacts in ``w.contact``.
-
-    All meshes that switch at that very s switch together: identical halves and planets do.
-    """
-    n = 4 * len(p.classes)
-    for m in range(n):
-        w.end[m] = w.x[0, m]
-        w.end_slope[m] = 0.0
-    for i in range(1, w.x.shape[0]):
-        for m in range(n):
-            w.end[m] += w.x[i, m]
-            w.end_slope[m] += i * w.x[i, m]
-    first = 2.0
-    for m in range(n):
-        side = w.contact[m]
-        end = w.end[m]
-        end_slope = w.end_slope[m]
-        w.next[m] = 0.0
-        if side != 0.0:
-            w.at[m] = leaves_at(w.x, m, side * p.b[m], side, end, end_slope, first)
-        else:
-            up = leaves_at(w.x, m, p.b[m], -1.0, end, end_slope, first)
-            down = leaves_at(w.x, m, -p.b[m], 1.0, end, end_slope, first)
-            w.at[m] = min(up, down)
-            w.next[m] = 1.0 if up < down else -1.0
-        first = min(first, w.at[m])
-    if first < 1.0:
-        for m in range(n):
-            if w.at[m] == first:
-                w.contact[m] = w.next[m]
-    return first

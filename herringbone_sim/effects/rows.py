@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.core.run import LIMIT
+from herringbone_sim.core.packed import LIMIT, TWO_PI
 from herringbone_sim.effects.law import PHASE, PLAY, law
 from herringbone_sim.effects.run import FREQUENCY_N, LENGTH, TILT, at_instant
 from herringbone_sim.effects.switching import keep, step

@@ -1,10 +1,15 @@
-"""Taylor series of gears that are not plain, in all lanes: ``core.any_motion``, lanes at once."""
+"""Taylor series of a motion whose forces need not be linear between switches.
+
+A gear that is not ``plain`` may have force laws with powers, friction on the flanks, and further
+coordinates (a ring or pins that move), see ``Packed``. The recurrences are those of ``series``
+with the products and powers of series that such laws ask for (Jorba and Zou, Exp. Math. 14, 99,
+2005); how far the series hold is read off their last terms.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.any_motion import NEAR, TAIL
 from herringbone_sim.core.lanes.packed import (
     BORDER,
     CARRIER,
@@ -31,17 +36,23 @@ from herringbone_sim.core.lanes.packed import (
 )
 from herringbone_sim.core.lanes.series import window_row
 from herringbone_sim.core.lanes.vector import (
-    LANES,
     absolute,
     bits,
     choose,
     fma,
+    get,
     load,
-    splat,
+    n_lanes,
+    put,
     store,
+    without,
 )
 from herringbone_sim.core.packed import compiled, inlined
 
+# Where |f| is below this, in b_c (10 nm for b_c = 10 um), a law with a power of |f| is taken
+# linear, of the same work: a power has no series at 0.
+NEAR = 1e-3
+TAIL = 1e-10  # of the last two terms of a series that still holds, b_c and b_c omega_n
 LINEAR, LINEAR_DAMPER, STRENGTH, BENT_SHARE = range(4)
 START, SIDE, TURN = range(3)
 
@@ -69,38 +80,45 @@ def power_of(w, out, i, a, row):
     """Order i of the power of ``depth`` whose exponent is a constant of mesh a."""
     depth = w.own.depth
     if i == 0:
-        for lane in range(LANES):
-            out[0, a, lane] = depth[0, a, lane] ** w.constants[row, a, lane]
+        for lane in range(n_lanes(w.lane)):
+            put(out, 0, a, lane, get(depth, 0, a, lane) ** get(w.constants, row, a, lane))
         return
     exponent = load(w.constants, row, a)
-    total = splat(0.0)
+    total = 0.0
     for j in range(1, i + 1):
-        factor = fma(exponent, splat(float(j)), splat(float(j - i)))
+        factor = fma(exponent, float(j), float(j - i))
         total = fma(factor * load(depth, j, a), load(out, i - j, a), total)
     store(out, i, a, total / (load(depth, 0, a) * float(i)))
 
 
 @compiled
 def set_factors(w):
-    """Factors on f and c v of every mesh, from its contact; see ``any_motion.linear_law``."""
+    """Factors on f and c v of every mesh, from its contact; of the same work up to ``NEAR`` where the law is
+    taken linear."""
     row = law_row(w)
     for a in range(w.k.shape[1]):
-        for lane in range(LANES):
-            reference, exponent = w.constants[row, a, lane], w.constants[row + EXPONENT, a, lane]
-            share, power = w.constants[row + OTHER, a, lane], w.constants[row + POWER, a, lane]
+        for lane in range(n_lanes(w.lane)):
+            reference, exponent = (
+                get(w.constants, row, a, lane),
+                get(w.constants, row + EXPONENT, a, lane),
+            )
+            share, power = (
+                get(w.constants, row + OTHER, a, lane),
+                get(w.constants, row + POWER, a, lane),
+            )
             spring, damper, strength, bent = 1.0, 1.0, 1.0, 0.0
             if exponent != 1.0:
                 spring = 2.0 / (exponent + 1.0) * (NEAR / reference) ** (exponent - 1.0)
                 strength = reference ** (1.0 - exponent)
             if share != 0.0:
-                closed = abs(w.mesh[CONTACT, a, lane])
-                depth = w.constants[row + DEPTH, a, lane]
+                closed = abs(get(w.mesh, CONTACT, a, lane))
+                depth = get(w.constants, row + DEPTH, a, lane)
                 damper += share * (closed * (NEAR / depth) ** power / (power + 1.0) - 1.0)
                 bent = share * depth**-power
-            w.own.factor[LINEAR, a, lane] = spring
-            w.own.factor[LINEAR_DAMPER, a, lane] = damper
-            w.own.factor[STRENGTH, a, lane] = strength
-            w.own.factor[BENT_SHARE, a, lane] = bent
+            put(w.own.factor, LINEAR, a, lane, spring)
+            put(w.own.factor, LINEAR_DAMPER, a, lane, damper)
+            put(w.own.factor, STRENGTH, a, lane, strength)
+            put(w.own.factor, BENT_SHARE, a, lane, bent)
 
 
 @compiled
@@ -108,16 +126,16 @@ def mesh_force(w, i, a):
     """Order i of the force of mesh a from its deflection up to that order."""
     o, row = w.own, law_row(w)
     contact = load(w.mesh, CONTACT, a)
-    deep = load(w.mesh, DEEP, a) != splat(0.0)
+    deep = load(w.mesh, DEEP, a) != 0.0
     f = absolute(contact) * load(w.x, i, a)
-    rest = splat(0.0)
-    damper = splat(0.0)
-    unit = splat(0.0)
+    rest = 0.0
+    damper = 0.0
+    unit = 0.0
     if i == 0:
         f = f - contact * load(w.constants, BORDER, a)
         rest = 1.0 - load(w.constants, row + OTHER, a)
         damper = load(o.factor, LINEAR_DAMPER, a)
-        unit = splat(1.0)
+        unit = 1.0
     spring = load(o.factor, LINEAR, a) * f
     if bits(deep):
         store(o.depth, i, a, choose(deep, contact * f, unit))
@@ -129,8 +147,8 @@ def mesh_force(w, i, a):
         damper = choose(deep, fma(share, load(o.damper_power, i, a), rest), damper)
     store(o.spring, i, a, spring)
     store(o.damper, i, a, damper)
-    total = splat(0.0)
-    slow = splat(0.0)
+    total = 0.0
+    slow = 0.0
     for j in range(i + 1):
         total = fma(load(w.k, j, a), load(o.spring, i - j, a), total)
         slow = fma(load(o.damper, j, a), load(o.rate, i - j, a), slow)
@@ -139,20 +157,21 @@ def mesh_force(w, i, a):
 
 @compiled
 def logarithms(w, which, j, sign):
-    """Order 0 of a corner of the play of coordinate j, with rows as ``any_motion.corner``."""
+    """Order 0 of a corner of the play of coordinate j, with rows of ``corner`` from there on: the
+    logistic function of u = (sign q - half play) / rounding, its slope by itself, ln(1 + e^u)."""
     row, p = law_row(w), w.q.shape[0]
     k = w.q.shape[1] - w.shape[4] + j
     g = w.own.corner
-    for lane in range(LANES):
-        width = w.constants[row + ROUNDING, j, lane]
+    for lane in range(n_lanes(w.lane)):
+        width = get(w.constants, row + ROUNDING, j, lane)
         if width == 0.0:
             width = 1.0
-        u = (sign * w.q[0, k, lane] - w.constants[row + HALF_PLAY, j, lane]) / width
+        u = (sign * get(w.q, 0, k, lane) - get(w.constants, row + HALF_PLAY, j, lane)) / width
         e = np.exp(-abs(u))
         logistic = 1.0 / (1.0 + e) if u > 0.0 else e / (1.0 + e)
-        g[which * p, j, lane] = logistic
-        g[(which + 1) * p, j, lane] = logistic - logistic * logistic
-        g[(which + 2) * p, j, lane] = max(u, 0.0) + np.log1p(e)
+        put(g, which * p, j, lane, logistic)
+        put(g, (which + 1) * p, j, lane, logistic - logistic * logistic)
+        put(g, (which + 2) * p, j, lane, max(u, 0.0) + np.log1p(e))
 
 
 @compiled
@@ -164,14 +183,14 @@ def corner(w, which, i, j, sign):
     p, g = w.q.shape[0], w.own.corner
     k = w.q.shape[1] - w.shape[4] + j
     width = load(w.constants, law_row(w) + ROUNDING, j)
-    per_width = splat(sign) / choose(width == splat(0.0), splat(1.0), width)
-    logistic, rise = splat(0.0), splat(0.0)
+    per_width = sign / choose(width == 0.0, 1.0, width)
+    logistic, rise = 0.0, 0.0
     for r in range(1, i + 1):
         du = load(w.q, r, k) * per_width * float(r)
         logistic = fma(du, load(g, (which + 1) * p + i - r, j), logistic)
         rise = fma(du, load(g, which * p + i - r, j), rise)
-    store(g, which * p + i, j, logistic / splat(float(i)))
-    store(g, (which + 2) * p + i, j, rise / splat(float(i)))
+    store(g, which * p + i, j, logistic / float(i))
+    store(g, (which + 2) * p + i, j, rise / float(i))
     slope = load(g, which * p + i, j)
     for r in range(i + 1):
         slope = slope - load(g, which * p + r, j) * load(g, which * p + i - r, j)
@@ -184,9 +203,9 @@ def hold_force(w, i, j):
     row, p, g = law_row(w), w.q.shape[0], w.own.corner
     k = w.q.shape[1] - w.shape[4] + j
     width = load(w.constants, row + ROUNDING, j)
-    straight = width == splat(0.0)
+    straight = width == 0.0
     play = load(w.q, i, k)
-    if bits(straight) != (1 << LANES) - 1:
+    if bits(without(straight)):
         corner(w, 0, i, j, 1.0)
         corner(w, 3, i, j, -1.0)
         play = choose(straight, play, width * (load(g, 2 * p + i, j) - load(g, 5 * p + i, j)))
@@ -199,7 +218,7 @@ def deflect(shape, w, i, forced):
     """Order i of the deflections and of their rates."""
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
-    rate = splat(float(i + 1)) / load(w.lane, LEFT, 0)
+    rate = float(i + 1) / load(w.lane, LEFT, 0)
     for side in range(sides):
         for k in range(c):
             a = side * c + k
@@ -229,14 +248,14 @@ def push(shape, w, i, force, hold, forced, coupled, controlled, inverse):
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
     m = sides + half
-    scale = load(w.lane, LEFT, 0) * splat(inverse[i + 1])
-    carrier = splat(0.0)
+    scale = load(w.lane, LEFT, 0) * inverse[i + 1]
+    carrier = 0.0
     if coupled:
         for a in range(2 * half):
             carrier = carrier + load(force, i, a)
         carrier = carrier * load(w.constants, CARRIER, 0)
     for side in range(sides):
-        sun = splat(0.0)
+        sun = 0.0
         for k in range(c):
             a = side * c + k
             sun = sun + load(force, i, a)
@@ -250,7 +269,7 @@ def push(shape, w, i, force, hold, forced, coupled, controlled, inverse):
             q = q + load(w.constants, LOAD_Q, side)
         store(w.own.push, 0, side, q)
     for k in range(m, w.q.shape[1]):
-        store(w.own.push, 0, k, splat(0.0))
+        store(w.own.push, 0, k, 0.0)
     if w.shape[4] > 0:
         for k in range(w.q.shape[1]):
             total = load(w.own.push, 0, k)
@@ -316,17 +335,17 @@ def expand_any_motion(shape, w, controlled, inverse):
         push(shape, w, i, w.own.force, w.own.hold, True, True, controlled, inverse)
     deflect(shape, w, last, True)
     for a in range(w.k.shape[1]):
-        store(w.own.rate, last, a, splat(0.0))
-        store(w.own.force, last, a, splat(0.0))
+        store(w.own.rate, last, a, 0.0)
+        store(w.own.force, last, a, 0.0)
 
 
 @inlined
 def set_signs(w):
     """Sign of the forces in the lanes that begin a step of the grid."""
     for a in range(w.k.shape[1]):
-        down = load(w.own.force, 0, a) < splat(0.0)
-        now = choose(down, splat(-1.0), splat(1.0))
-        begins = load(w.lane, SWITCHES, 0) == splat(0.0)
+        down = load(w.own.force, 0, a) < 0.0
+        now = choose(down, -1.0, 1.0)
+        begins = load(w.lane, SWITCHES, 0) == 0.0
         store(w.mesh, SIGN, a, choose(begins, now, load(w.mesh, SIGN, a)))
 
 
@@ -337,7 +356,7 @@ def expand_derivatives(w):
     last = w.k.shape[0] - 1
     for a in range(w.k.shape[1]):
         contact = load(w.mesh, CONTACT, a)
-        deep = load(w.mesh, DEEP, a) != splat(0.0)
+        deep = load(w.mesh, DEEP, a) != 0.0
         some = bits(deep) != 0
         c = load(w.constants, DAMPING, a)
         straight = absolute(contact) * load(o.factor, LINEAR, a)
@@ -345,7 +364,7 @@ def expand_derivatives(w):
         exponent, power = load(w.constants, row + EXPONENT, a), load(w.constants, row + POWER, a)
         strength = exponent * load(o.factor, STRENGTH, a)
         for i in range(last + 1):
-            damp = splat(0.0)
+            damp = 0.0
             soft = straight * load(w.k, i, a)
             if i == 0:
                 damp = c * load(o.factor, LINEAR_DAMPER, a)
@@ -353,11 +372,11 @@ def expand_derivatives(w):
                 # powers less one, by division of the series by |f|
                 less = quotient(o, o.spring_power, i, a)
                 store(o.other, i, a, less)
-                bent = splat(0.0)
+                bent = 0.0
                 for j in range(i + 1):
                     bent = fma(load(w.k, j, a), load(o.other, i - j, a), bent)
                 soft = choose(deep, strength * bent, soft)
-                rest = c * (1.0 - load(w.constants, row + OTHER, a)) if i == 0 else splat(0.0)
+                rest = c * (1.0 - load(w.constants, row + OTHER, a)) if i == 0 else 0.0
                 damp = choose(deep, fma(share, load(o.damper_power, i, a), rest), damp)
             store(o.soft, i, a, soft)
             store(o.damp, i, a, damp)
@@ -365,18 +384,18 @@ def expand_derivatives(w):
             for i in range(last + 1):
                 less = quotient(o, o.damper_power, i, a)
                 store(o.other, i, a, less)
-                more = splat(0.0)
+                more = 0.0
                 for j in range(i + 1):
                     more = fma(load(o.rate, j, a), load(o.other, i - j, a), more)
-                more = choose(deep, contact * share * power * more, splat(0.0))
+                more = choose(deep, contact * share * power * more, 0.0)
                 store(o.soft, i, a, load(o.soft, i, a) + more)
     p, g = w.q.shape[0], o.corner
     for j in range(w.shape[4]):
         width, stiff = load(w.constants, row + ROUNDING, j), load(w.constants, row + STIFF, j)
-        straight = width == splat(0.0)
+        straight = width == 0.0
         for i in range(last + 1):
-            give = stiff if i == 0 else splat(0.0)
-            if bits(straight) != (1 << LANES) - 1:
+            give = stiff if i == 0 else 0.0
+            if bits(without(straight)):
                 give = choose(straight, give, stiff * (load(g, i, j) + load(g, 3 * p + i, j)))
             store(o.give, i, j, give)
 
@@ -398,7 +417,7 @@ def expand_any_tangent(shape, w, row, coupled, inverse):
     for i in range(last):
         deflect(shape, w, i, False)
         for a in range(w.k.shape[1]):
-            total = splat(0.0)
+            total = 0.0
             for j in range(i + 1):
                 total = fma(load(o.soft, j, a), load(w.x, i - j, a), total)
                 total = fma(load(o.damp, j, a), load(o.rate, i - j, a), total)
@@ -417,24 +436,24 @@ def expand_any_tangent(shape, w, row, coupled, inverse):
 def shorten(w):
     """Rewrite all series for the part of each lane's step over which they hold."""
     o, last = w.own, w.q.shape[0] - 1
-    end, before = splat(0.0), splat(0.0)
+    end, before = 0.0, 0.0
     for k in range(w.q.shape[1]):
         end = most(most(end, absolute(load(w.v, last, k))), absolute(load(w.q, last, k)))
         before = most(before, absolute(load(w.v, last - 1, k)))
         before = most(before, absolute(load(w.q, last - 1, k)))
-    if not bits((end > splat(TAIL)) | (before > splat(TAIL))):
+    if not bits((end > TAIL) | (before > TAIL)):
         return
     store(w.scale, 0, 0, end)
     store(w.scale, 1, 0, before)
-    for lane in range(LANES):
+    for lane in range(n_lanes(w.lane)):
         share = 1.0
-        if w.scale[0, 0, lane] > TAIL:
-            share = min(share, (TAIL / w.scale[0, 0, lane]) ** (1.0 / last))
-        if w.scale[1, 0, lane] > TAIL:
-            share = min(share, (TAIL / w.scale[1, 0, lane]) ** (1.0 / (last - 1)))
-        w.scale[2, 0, lane] = share
+        if get(w.scale, 0, 0, lane) > TAIL:
+            share = min(share, (TAIL / get(w.scale, 0, 0, lane)) ** (1.0 / last))
+        if get(w.scale, 1, 0, lane) > TAIL:
+            share = min(share, (TAIL / get(w.scale, 1, 0, lane)) ** (1.0 / (last - 1)))
+        put(w.scale, 2, 0, lane, share)
     share = load(w.scale, 2, 0)
-    scale = splat(1.0)
+    scale = 1.0
     for i in range(w.q.shape[0]):
         for k in range(w.q.shape[1]):
             store(w.q, i, k, load(w.q, i, k) * scale)

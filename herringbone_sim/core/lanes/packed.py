@@ -94,14 +94,25 @@ class AnyWork(NamedTuple):
 
 
 def make_work(
-    table: Array, shape: Shape, n_mesh: int, sides: int, order: int, tangents: int
+    table: Array,
+    shape: Shape,
+    n_mesh: int,
+    sides: int,
+    order: int,
+    tangents: int,
+    lanes: tuple[int, ...] = (LANES,),
 ) -> Work:
-    """Scratch for a batch with these constants and so much in them."""
+    """Scratch for a batch with these constants and so much in them.
+
+    Args:
+        table: (n, rows, entries) of ``constants``.
+        lanes: last axis of all arrays; none, ``()``, for one orbit.
+    """
     p, n_all = order + 1, sides + n_mesh // 2 + shape.own
     q = p if shape.any else 0
 
     def zeros(*shape: int) -> Array:
-        return np.zeros((*shape, LANES))
+        return np.zeros((*shape, *lanes))
 
     return Work(
         constants=zeros(*table.shape[1:]),
@@ -141,10 +152,10 @@ def make_work(
             push=zeros(1, n_all),
             turn=zeros(3, 1),
         ),
-        value=np.full(LANES, -1),
-        place=np.zeros(LANES, dtype=np.int64),
-        cycle=np.zeros(LANES, dtype=np.int64),
-        steps=np.ones(LANES, dtype=np.int64),
+        value=np.full(lanes or 1, -1),
+        place=np.zeros(lanes or 1, dtype=np.int64),
+        cycle=np.zeros(lanes or 1, dtype=np.int64),
+        steps=np.ones(lanes or 1, dtype=np.int64),
     )
 
 

@@ -46,10 +46,9 @@ from herringbone_sim.core.lanes.switching import (
     switch_contact,
     touch,
 )
-from herringbone_sim.core.lanes.vector import LANES, bits, choose, load, splat, store, without
-from herringbone_sim.core.packed import TWO_PI, compiled, embedded, inlined
+from herringbone_sim.core.lanes.vector import bits, choose, get, load, n_lanes, put, store, without
+from herringbone_sim.core.packed import LIMIT, TWO_PI, compiled, embedded, inlined
 from herringbone_sim.core.right_hand_side import ON_EDGE, angle_of
-from herringbone_sim.core.run import LIMIT
 
 IDLE = -1
 
@@ -57,8 +56,14 @@ IDLE = -1
 @inlined
 def begin_steps(w, index, steps):
     """Phase and remaining length of the step that each lane is in."""
-    for lane in range(LANES):
-        w.lane[PHASE, 0, lane] = TWO_PI * (index[lane] + w.lane[DONE, 0, lane]) / steps[lane]
+    for lane in range(n_lanes(w.lane)):
+        put(
+            w.lane,
+            PHASE,
+            0,
+            lane,
+            TWO_PI * (index[lane] + get(w.lane, DONE, 0, lane)) / steps[lane],
+        )
     left = load(w.constants, STEP, 0) * (1.0 - load(w.lane, DONE, 0))
     part = left
     for j in range(w.shape[2]):
@@ -72,7 +77,7 @@ def time_to_edge(w, row):
     """Dimensionless time to the next edge of an event, as ``right_hand_side.cycles_to_edge``."""
     s = cycles_from_event(w, row)
     half = load(w.constants, row + WIDTH, 0) * 0.5
-    near = splat(ON_EDGE)
+    near = ON_EDGE
     onset = s < 0.0 - half - near
     end = s < half - near
     cycles = choose(end, half - s, load(w.constants, row + PERIOD, 0) - half - s)
@@ -91,12 +96,12 @@ def take_value(w, lane, value, table, starts):
     """Put a value's constants and initial state into a lane."""
     for row in range(table.shape[1]):
         for m in range(table.shape[2]):
-            w.constants[row, m, lane] = table[value, row, m]
+            put(w.constants, row, m, lane, table[value, row, m])
     for t in range(starts.shape[1]):
         for j in range(starts.shape[2]):
-            w.y[t, j, lane] = starts[value, t, j]
-    w.lane[DONE, 0, lane] = 0.0
-    w.lane[SWITCHES, 0, lane] = 0.0
+            put(w.y, t, j, lane, starts[value, t, j])
+    put(w.lane, DONE, 0, lane, 0.0)
+    put(w.lane, SWITCHES, 0, lane, 0.0)
 
 
 @compiled
@@ -105,11 +110,11 @@ def normalise(w, lane, growth, last):
     for t in range(1, w.y.shape[0]):
         square = 0.0
         for j in range(w.y.shape[1]):
-            square += w.y[t, j, lane] * w.y[t, j, lane]
+            square += get(w.y, t, j, lane) * get(w.y, t, j, lane)
         length = np.sqrt(square)
         growth[last, t - 1] += np.log(length)
         for j in range(w.y.shape[1]):
-            w.y[t, j, lane] /= length
+            put(w.y, t, j, lane, get(w.y, t, j, lane) / length)
 
 
 @inlined
@@ -117,11 +122,11 @@ def out_of_range(w, lane):
     """Whether the deflections of a lane are those of no gear, or its state is none at all."""
     largest = 0.0
     for m in range(w.x.shape[1]):
-        size = abs(w.mesh[END, m, lane])
+        size = abs(get(w.mesh, END, m, lane))
         if size > largest or np.isnan(size):
             largest = size
     for j in range(w.y.shape[1]):
-        if not np.isfinite(w.y[0, j, lane]):
+        if not np.isfinite(get(w.y, 0, j, lane)):
             largest = np.inf
     return not largest < LIMIT
 
@@ -130,8 +135,22 @@ def out_of_range(w, lane):
 def forget(w, lane):
     """Count contact from here on."""
     for m in range(w.mesh.shape[1]):
-        w.mesh[DRIVE, m, lane] = 0.0
-        w.mesh[BACK, m, lane] = 0.0
+        put(w.mesh, DRIVE, m, lane, 0.0)
+        put(w.mesh, BACK, m, lane, 0.0)
+
+
+@inlined
+def begin_cycle(w, lane, now):
+    """Angles of all that does not repeat every mesh cycle, at phase 0 of a lane's cycle ``now``."""
+    angle = angle_of(get(w.constants, CONTROL_ORDER, 0, lane), 0.0, now)
+    put(w.lane, ANGLE, 0, lane, angle + get(w.constants, CONTROL_PHASE, 0, lane))
+    put(w.lane, CYCLE, 0, lane, now)
+    for j in range(w.shape[0]):
+        order = get(w.constants, HARMONICS + ROWS_A_HARMONIC * j + ORDER, 0, lane)
+        put(w.turned, j, 0, lane, angle_of(order, 0.0, now))
+    for j in range(w.shape[1]):
+        order = get(w.constants, load_row(w, j) + LOAD_ORDER, 0, lane)
+        put(w.turned, w.shape[0] + j, 0, lane, angle_of(order, 0.0, now))
 
 
 @compiled
@@ -142,16 +161,7 @@ def end_cycle(w, lane, cycle, before, transient, cycles, sections, growth, conta
     ``sections (points, n_state)``, ``growth (batches + 1, tangents)`` (running sum in the last
     row) and ``contact (n_mesh, 2)`` are those of its value.
     """
-    now = before + cycle
-    angle = angle_of(w.constants[CONTROL_ORDER, 0, lane], 0.0, now)
-    w.lane[ANGLE, 0, lane] = angle + w.constants[CONTROL_PHASE, 0, lane]
-    w.lane[CYCLE, 0, lane] = now
-    for j in range(w.shape[0]):
-        order = w.constants[HARMONICS + ROWS_A_HARMONIC * j + ORDER, 0, lane]
-        w.turned[j, 0, lane] = angle_of(order, 0.0, now)
-    for j in range(w.shape[1]):
-        order = w.constants[load_row(w, j) + LOAD_ORDER, 0, lane]
-        w.turned[w.shape[0] + j, 0, lane] = angle_of(order, 0.0, now)
+    begin_cycle(w, lane, before + cycle)
     seen = cycle - transient
     batches = growth.shape[0] - 1
     normalise(w, lane, growth, batches)
@@ -166,11 +176,11 @@ def end_cycle(w, lane, cycle, before, transient, cycles, sections, growth, conta
     kept = cycles - sections.shape[0]
     if kept <= seen < cycles:
         for j in range(sections.shape[1]):
-            sections[seen - kept, j] = w.y[0, j, lane]
+            sections[seen - kept, j] = get(w.y, 0, j, lane)
     if seen == cycles:
         for m in range(contact.shape[0]):
-            contact[m, 0] = w.mesh[BACK, m, lane]
-            contact[m, 1] = w.mesh[DRIVE, m, lane]
+            contact[m, 0] = get(w.mesh, BACK, m, lane)
+            contact[m, 1] = get(w.mesh, DRIVE, m, lane)
     return seen == cycles
 
 
@@ -212,7 +222,7 @@ def through_lanes(
     lane_steps = w.steps
     queue = 0
     busy = 0
-    for lane in range(LANES):
+    for lane in range(n_lanes(w.lane)):
         take_value(w, lane, min(lane, n - 1), table, starts)
         lane_steps[lane] = steps[min(lane, n - 1)]
         if queue < n:
@@ -236,13 +246,13 @@ def through_lanes(
         done = load(w.lane, DONE, 0)
         part = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
         reached = done + part * (1.0 - done)
-        nothing_left = without(reached < splat(1.0))  # or rounded so
-        whole = (part == splat(1.0)) | nothing_left
+        nothing_left = without(reached < 1.0)  # or rounded so
+        whole = (part == 1.0) | nothing_left
         arrived = bits(whole)
         switches = load(w.lane, SWITCHES, 0) + 1.0
-        store(w.lane, DONE, 0, choose(whole, splat(0.0), reached))
-        store(w.lane, SWITCHES, 0, choose(whole, splat(0.0), switches))
-        for lane in range(LANES):
+        store(w.lane, DONE, 0, choose(whole, 0.0, reached))
+        store(w.lane, SWITCHES, 0, choose(whole, 0.0, switches))
+        for lane in range(n_lanes(w.lane)):
             if not (arrived >> lane) & 1:
                 continue
             index[lane] += 1
@@ -266,7 +276,7 @@ def through_lanes(
                 contact[v],
             ):
                 for j in range(end.shape[1]):
-                    end[v, j] = w.y[0, j, lane]
+                    end[v, j] = get(w.y, 0, j, lane)
                 value[lane] = IDLE
                 busy -= 1
                 if queue < n:
@@ -297,12 +307,9 @@ def move_plain(shape, w, inverse, controlled):
     expand_motion(shape, w, 0, True, True, controlled, inverse)
     find_moves(w)
     take_state(w, 0)
-    if w.y.shape[0] > 1:
-        expand_motion(shape, w, 1, False, True, controlled, inverse)
-        take_state(w, 1)
-    if w.y.shape[0] > 2:
-        expand_motion(shape, w, 2, False, False, controlled, inverse)
-        take_state(w, 2)
+    for row in range(1, w.y.shape[0]):
+        expand_motion(shape, w, row, False, row == 1 or len(shape[0]) == 2, controlled, inverse)
+        take_state(w, row)
     count_contact(w)
     switch_contact(w)
 

@@ -1,4 +1,9 @@
-"""Taylor series of excitation and motion in all lanes: ``core.series``, all lanes at once."""
+"""Taylor series of the excitation and of the motion over one step in one contact state.
+
+Between two switches of contact the model is linear with periodic coefficients, so the series
+follows from a short recurrence: the stiffness series times the deflection series (a Cauchy product
+per mesh), then Newton's law. The series is dense output at no cost.
+"""
 
 from __future__ import annotations
 
@@ -41,19 +46,16 @@ from herringbone_sim.core.lanes.packed import (
     WINDOW_K,
 )
 from herringbone_sim.core.lanes.vector import (
-    LANES,
     absolute,
     bits,
     choose,
     fma,
     load,
     nearest,
-    splat,
     store,
+    without,
 )
 from herringbone_sim.core.packed import TWO_PI, compiled, inlined
-
-ALL = (1 << LANES) - 1
 
 HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 
@@ -62,37 +64,37 @@ HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 def sine_cosine(angle):
     """Sine and cosine of angles up to some thousand, to the last bit or two."""
     quarter = nearest(angle * 0.6366197723675814)
-    r = fma(quarter, splat(-HALF_PI_HIGH), angle)
-    r = fma(quarter, splat(-HALF_PI_LOW), r)
+    r = fma(quarter, -HALF_PI_HIGH, angle)
+    r = fma(quarter, -HALF_PI_LOW, r)
     z = r * r
-    s = fma(z, splat(1.58969099521155010221e-10), splat(-2.50507602534068634195e-08))
-    s = fma(s, z, splat(2.75573137070700676789e-06))
-    s = fma(s, z, splat(-1.98412698298579493134e-04))
-    s = fma(s, z, splat(8.33333333332248946124e-03))
-    s = fma(s, z, splat(-1.66666666666666324348e-01))
+    s = fma(z, 1.58969099521155010221e-10, -2.50507602534068634195e-08)
+    s = fma(s, z, 2.75573137070700676789e-06)
+    s = fma(s, z, -1.98412698298579493134e-04)
+    s = fma(s, z, 8.33333333332248946124e-03)
+    s = fma(s, z, -1.66666666666666324348e-01)
     sine = fma(s * z, r, r)
-    c = fma(z, splat(-1.13596475577881948265e-11), splat(2.08757232129817482790e-09))
-    c = fma(c, z, splat(-2.75573143513906633035e-07))
-    c = fma(c, z, splat(2.48015872894767294178e-05))
-    c = fma(c, z, splat(-1.38888888888741095749e-03))
-    c = fma(c, z, splat(4.16666666666666019037e-02))
-    cosine = fma(z * z, c, fma(z, splat(-0.5), splat(1.0)))
+    c = fma(z, -1.13596475577881948265e-11, 2.08757232129817482790e-09)
+    c = fma(c, z, -2.75573143513906633035e-07)
+    c = fma(c, z, 2.48015872894767294178e-05)
+    c = fma(c, z, -1.38888888888741095749e-03)
+    c = fma(c, z, 4.16666666666666019037e-02)
+    cosine = fma(z * z, c, fma(z, -0.5, 1.0))
     turned = quarter - nearest(quarter * 0.25) * 4.0
-    odd = absolute(turned) == splat(1.0)
+    odd = absolute(turned) == 1.0
     first, second = choose(odd, cosine, sine), choose(odd, sine, cosine)
-    back = absolute(turned) == splat(2.0)
-    minus_sine = (turned == splat(-1.0)) | back
-    minus_cosine = (turned == splat(1.0)) | back
+    back = absolute(turned) == 2.0
+    minus_sine = (turned == -1.0) | back
+    minus_cosine = (turned == 1.0) | back
     return choose(minus_sine, 0.0 - first, first), choose(minus_cosine, 0.0 - second, second)
 
 
 @inlined
 def expand_scale(w, turn, inverse):
     """Series turn^i / i! into ``w.scale``."""
-    scale = splat(1.0)
+    scale = 1.0
     for i in range(w.scale.shape[0]):
         store(w.scale, i, 0, scale)
-        scale = scale * turn * splat(inverse[i + 1])
+        scale = scale * turn * inverse[i + 1]
 
 
 @inlined
@@ -149,7 +151,7 @@ def window_row(w, j):
 def cycles_from_event(w, row):
     """Mesh cycles from the middle of the nearest event, in all lanes."""
     period = load(w.constants, row + PERIOD, 0)
-    s = fma(load(w.lane, PHASE, 0), splat(1.0 / TWO_PI), load(w.lane, CYCLE, 0))
+    s = fma(load(w.lane, PHASE, 0), (1.0 / TWO_PI), load(w.lane, CYCLE, 0))
     s = s - load(w.constants, row + POSITION, 0)
     return s - period * nearest(s / period)
 
@@ -159,13 +161,13 @@ def expand_window(w, row, turn, inverse):
     """Apply an event to the series of k and e of the lanes whose step is in it."""
     width = load(w.constants, row + WIDTH, 0)
     s = cycles_from_event(w, row)
-    middle = fma(turn, splat(0.5 / TWO_PI), s)
+    middle = fma(turn, (0.5 / TWO_PI), s)
     inside = absolute(middle) < width * 0.5
     if not bits(inside):
         return
-    width = choose(inside, width, splat(1.0))
-    height = choose(inside, splat(0.5), splat(0.0))
-    sine, cosine = sine_cosine(choose(inside, s, splat(0.0)) * TWO_PI / width)
+    width = choose(inside, width, 1.0)
+    height = choose(inside, 0.5, 0.0)
+    sine, cosine = sine_cosine(choose(inside, s, 0.0) * TWO_PI / width)
     expand_scale(w, turn / width, inverse)
     slope = 0.0 - sine
     for i in range(w.bump.shape[0]):
@@ -175,10 +177,10 @@ def expand_window(w, row, turn, inverse):
     for m in range(w.k.shape[1]):
         share = load(w.constants, row + WINDOW_K, m)
         displacement = load(w.constants, row + WINDOW_D, m)
-        some = bits(share == splat(0.0)) != ALL
+        some = bits(without(share == 0.0)) != 0
         for i in range(w.k.shape[0] - 1, -1, -1):
             if some:
-                product = splat(0.0)
+                product = 0.0
                 for j in range(i + 1):
                     product = fma(load(w.bump, i - j, 0), load(w.k, j, m), product)
                 store(w.k, i, m, load(w.k, i, m) - share * product)
@@ -221,7 +223,7 @@ def expand_control(w, inverse):
                 put = control * load(w.constants, CONTROL_R, side)
                 store(w.load, i, sides + side * c + k, put)
         for k in range(w.q.shape[1] - w.shape[4], w.q.shape[1]):
-            store(w.load, i, k, splat(0.0))
+            store(w.load, i, k, 0.0)
         cosine, slope = slope, 0.0 - cosine
 
 
@@ -251,9 +253,9 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
     for j in range(m):
         store(w.q, 0, j, load(w.y, row, j))
         store(w.v, 0, j, load(w.y, row, m + j))
-    per_step = splat(1.0) / step
+    per_step = 1.0 / step
     for i in range(last):
-        rate = per_step * splat(float(i + 1))
+        rate = per_step * float(i + 1)
         for side in range(sides):
             for k in range(c):
                 a = side * c + k
@@ -268,7 +270,7 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
                 place_mesh(w, i, half + a, r, dr, forced)
         for two in range(half):
             cauchy(w, i, 2 * two)
-        accelerate(shape, w, i, forced, coupled, controlled, step * splat(inverse[i + 1]))
+        accelerate(shape, w, i, forced, coupled, controlled, step * inverse[i + 1])
     if forced:
         for side in range(sides):
             for k in range(c):
@@ -296,18 +298,18 @@ def accelerate(shape, w, i, forced, coupled, controlled, scale):
     """Next order of the motion from the mesh forces (Eqs. 12-14, as 18)."""
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
-    carrier = splat(0.0)
+    carrier = 0.0
     if coupled:
-        total = splat(0.0)
+        total = 0.0
         for side in range(sides):
-            all_of_side = splat(0.0)
+            all_of_side = 0.0
             for k in range(c):
                 a = side * c + k
                 all_of_side = all_of_side + (load(w.force, 0, a) + load(w.force, 0, half + a))
             total = total + all_of_side
         carrier = load(w.constants, CARRIER, 0) * total
     for side in range(sides):
-        sun = splat(0.0)
+        sun = 0.0
         for k in range(c):
             sun = sun + load(w.force, 0, side * c + k)
         q = 0.0 - (load(w.constants, SUN, side) * sun + carrier * 2.0)

@@ -17,33 +17,34 @@ from herringbone_sim.core.lanes.packed import (
     SWITCHES,
 )
 from herringbone_sim.core.lanes.vector import (
-    LANES,
     absolute,
     bits,
     choose,
     fma,
+    get,
     load,
+    n_lanes,
+    put,
     root,
-    splat,
     store,
     without,
 )
 from herringbone_sim.core.packed import compiled, inlined
 from herringbone_sim.core.switching import leaves_at
-from herringbone_sim.core.taylor import MAX_SUBSTEPS
 
+MAX_SUBSTEPS = 400  # switches within a step of the grid, before a lane is let through
 CLOSE = 1e-6  # a Newton step, in parts of the grid step: each is about the square of the last
 
 
 @inlined
 def may_leave(start, start_slope, stop, stop_slope):
     """Lanes in which a margin turns negative within the step, or may have in between."""
-    dips = (start_slope < splat(0.0)) & (stop_slope > splat(0.0))
+    dips = (start_slope < 0.0) & (stop_slope > 0.0)
     if bits(dips):
         corner = (stop - stop_slope - start) / (start_slope - stop_slope)
         low = start + start_slope * corner < (stop_slope - start_slope) * 0.1
-        return (stop < splat(0.0)) | (dips & low)
-    return stop < splat(0.0)
+        return (stop < 0.0) | (dips & low)
+    return stop < 0.0
 
 
 @inlined
@@ -57,21 +58,21 @@ def cross(w, m, sign, border, start, start_slope, stop, wanted):
     bend = stop - start - start_slope
     discriminant = start_slope * start_slope - 4.0 * start * bend
     s = (start + start) / (root(absolute(discriminant)) - start_slope)
-    s = choose(wanted, s, splat(0.5))
-    low, high = splat(0.0), splat(1.0)
+    s = choose(wanted, s, 0.5)
+    low, high = 0.0, 1.0
     last = w.x.shape[0] - 1
     moving = wanted
     for _ in range(60):
-        value, ds = load(w.x, last, m), splat(0.0)
+        value, ds = load(w.x, last, m), 0.0
         for i in range(last - 1, -1, -1):
             ds = fma(ds, s, value)
             value = fma(value, s, load(w.x, i, m))
         value, ds = fma(sign, value, border), sign * ds
-        beyond = value < splat(0.0)
+        beyond = value < 0.0
         low, high = choose(beyond, low, s), choose(beyond, s, high)
         new = s - value / ds
         inside = without((new < low) | (new > high)) & (new == new)
-        there = inside & (absolute(new - s) < splat(CLOSE))
+        there = inside & (absolute(new - s) < CLOSE)
         s = choose(moving, choose(inside, new, (low + high) * 0.5), s)
         moving = moving & without(there)
         if not bits(moving):
@@ -86,15 +87,15 @@ def watch_mesh(w, m):
     Left over are the rare lanes that may dip through a border and back within the step, or that
     start on one.
     """
-    end, slope = splat(0.0), splat(0.0)
+    end, slope = 0.0, 0.0
     for i in range(w.x.shape[0] - 1, 0, -1):
         x = load(w.x, i, m)
         end = end + x
-        slope = fma(splat(float(i)), x, slope)
+        slope = fma(float(i), x, slope)
     start, first = load(w.x, 0, m), load(w.x, 1, m)
     end = end + start
     b, contact = load(w.constants, BORDER, m), load(w.mesh, CONTACT, m)
-    zero, one = splat(0.0), splat(1.0)
+    zero, one = 0.0, 1.0
     is_open = contact == zero
     up = is_open & (end > zero)
     sign = choose(is_open, choose(up, zero - one, one), contact)
@@ -105,7 +106,7 @@ def watch_mesh(w, m):
     other = may_leave(b - sign * start, zero - sign * first, b - sign * end, zero - sign * slope)
     other = other & is_open
     plain = plain & without(other)
-    at = splat(2.0)
+    at = 2.0
     if bits(plain):
         at = choose(plain, cross(w, m, sign, border, begin, sign * first, stop, plain), at)
     store(w.mesh, END, m, end)
@@ -120,21 +121,21 @@ def watch_mesh(w, m):
 @compiled
 def locate(x, w, m, lane):
     """Where mesh m switches in one lane (2: nowhere) and to what, into ``w.mesh``."""
-    contact, b = w.mesh[CONTACT, m, lane], w.constants[BORDER, m, lane]
-    end, slope = w.mesh[END, m, lane], w.mesh[END_SLOPE, m, lane]
-    before = w.lane[MOVE, 0, lane]
-    column = m * LANES + lane
+    contact, b = get(w.mesh, CONTACT, m, lane), get(w.constants, BORDER, m, lane)
+    end, slope = get(w.mesh, END, m, lane), get(w.mesh, END_SLOPE, m, lane)
+    before = get(w.lane, MOVE, 0, lane)
+    column = m * n_lanes(w.lane) + lane
     if contact != 0.0:
         at = leaves_at(x, column, contact * b, contact, end, slope, before)
-        w.mesh[NEXT, m, lane] = 0.0
+        put(w.mesh, NEXT, m, lane, 0.0)
     else:
         up = leaves_at(x, column, b, -1.0, end, slope, before)
         down = leaves_at(x, column, -b, 1.0, end, slope, before)
         at = min(up, down)
-        w.mesh[NEXT, m, lane] = 1.0 if up < down else -1.0
-    w.mesh[AT, m, lane] = at
+        put(w.mesh, NEXT, m, lane, 1.0 if up < down else -1.0)
+    put(w.mesh, AT, m, lane, at)
     if at < before:
-        w.lane[MOVE, 0, lane] = at
+        put(w.lane, MOVE, 0, lane, at)
 
 
 @compiled
@@ -143,9 +144,9 @@ def find_moves(w):
 
     A lane that has passed 400 switches within one step is let through to its end.
     """
-    order, n = w.x.shape[0], w.x.shape[1]
-    x = w.x.reshape(order, n * LANES)
-    store(w.lane, MOVE, 0, splat(1.0))
+    n = w.x.shape[1]
+    x = w.x.reshape(w.x.shape[0], w.x.size // w.x.shape[0])
+    store(w.lane, MOVE, 0, 1.0)
     for m in range(n):
         seen = watch_mesh(w, m)
         lane = 0
@@ -154,15 +155,15 @@ def find_moves(w):
                 locate(x, w, m, lane)
             seen >>= 1
             lane += 1
-    stuck = load(w.lane, SWITCHES, 0) > splat(MAX_SUBSTEPS - 0.5)
-    store(w.lane, MOVE, 0, choose(stuck, splat(1.0), load(w.lane, MOVE, 0)))
+    stuck = load(w.lane, SWITCHES, 0) > (MAX_SUBSTEPS - 0.5)
+    store(w.lane, MOVE, 0, choose(stuck, 1.0, load(w.lane, MOVE, 0)))
 
 
 @inlined
 def switch_contact(w):
     """New contact of all meshes that switch at the end of their lane's move."""
     move = load(w.lane, MOVE, 0)
-    switching = move < splat(1.0)
+    switching = move < 1.0
     if bits(switching):
         for m in range(w.x.shape[1]):
             here = (load(w.mesh, AT, m) == move) & switching
@@ -175,7 +176,7 @@ def touch(shape, w):
     """Contact (Eqs. 1, 4) from the states in all lanes that begin a step of the grid."""
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
-    begins = load(w.lane, SWITCHES, 0) == splat(0.0)
+    begins = load(w.lane, SWITCHES, 0) == 0.0
     for side in range(sides):
         for k in range(c):
             a = side * c + k
@@ -189,8 +190,8 @@ def touch(shape, w):
 def touch_mesh(w, m, x, begins):
     """Contact of mesh m where a lane begins a step."""
     b = load(w.constants, BORDER, m)
-    back = choose(x < 0.0 - b, splat(-1.0), splat(0.0))
-    contact = choose(x > b, splat(1.0), back)
+    back = choose(x < 0.0 - b, -1.0, 0.0)
+    contact = choose(x > b, 1.0, back)
     store(w.mesh, CONTACT, m, choose(begins, contact, load(w.mesh, CONTACT, m)))
 
 
@@ -198,7 +199,7 @@ def touch_mesh(w, m, x, begins):
 def count_contact(w):
     """Add the time of this move to the contact that each mesh was in, in parts of a grid step."""
     time = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0) * (1.0 - load(w.lane, DONE, 0))
-    none = splat(0.0)
+    none = 0.0
     for m in range(w.x.shape[1]):
         contact = load(w.mesh, CONTACT, m)
         drive = choose(contact > none, time, none)

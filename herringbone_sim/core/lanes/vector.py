@@ -1,14 +1,15 @@
-"""Sixteen numbers side by side: the type that the lanes of the kernel are written in.
+"""One number or sixteen side by side: the types that the kernel is written in.
 
-Numba compiles ``a * b`` on these to one instruction a register, on every machine: two of the
+Numba compiles ``a * b`` on sixteen to one instruction a register, on every machine: two of the
 widest registers, or more of narrower ones; so one product needn't wait for another. Lanes never
 mix: what a lane gives does not depend on its neighbours. Products that are added are fused by
-``fma`` and by nothing else.
+``fma`` and by nothing else. The arrays decide: ``(.., ..)`` hold one number an entry, the kernel is
+then compiled for a single orbit, ``(.., .., 16)`` one in each lane.
 
-Within compiled code: ``load(a, i, j)`` takes the lanes ``a[i, j, :]`` of a C-ordered float64
-array ``(.., .., 16)``, ``store(a, i, j, x)`` puts them back, ``splat(x)`` is one number in all
-lanes, ``+ - *`` and the comparisons work lane by lane, ``choose(mask, x, y)`` selects, ``bits``
-gives a mask as an integer.
+Within compiled code: ``load(a, i, j)`` takes the lanes of an entry of a C-ordered float64 array,
+``store(a, i, j, x)`` puts them back, ``get`` and ``put`` do so in one lane, a number by itself
+stands in all lanes, ``+ - * /`` and the comparisons work lane by lane, ``choose(mask, x, y)``
+selects, ``bits`` gives a mask as an integer.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-from numba.extending import intrinsic, models, overload, register_model
+from numba.core.typeconv import Conversion
+from numba.extending import intrinsic, lower_cast, models, overload, register_model
 
 from herringbone_sim.core.numba_private import cgutils, ir, make_array
 
@@ -29,10 +31,16 @@ _BITS = ir.VectorType(ir.IntType(1), LANES)
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """Numba's type of sixteen float64."""
+    """Numba's type of sixteen float64; one number becomes sixteen alike."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Lanes({LANES})")
+
+    def can_convert_from(self, _: Any, other: Any) -> Any:
+        return Conversion.safe if isinstance(other, types.Number) else None
+
+    def unify(self, _: Any, other: Any) -> Any:
+        return self if isinstance(other, types.Number) else None
 
 
 class Mask(types.Type):  # type: ignore[misc]
@@ -57,8 +65,20 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
         super().__init__(manager, kind, _BITS)
 
 
+@lower_cast(types.Number, Lanes)
+def _everywhere(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
+    value = context.cast(builder, value, kind, types.float64)
+    none = ir.Constant(_DOUBLES, ir.Undefined)
+    first = builder.insert_element(none, value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(
+        first, none, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    )
+
+
 def _pointer(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any) -> Any:
     struct = make_array(kind)(context, builder, array)
+    if kind.ndim == 2:
+        return cgutils.get_item_pointer(context, builder, kind, struct, [i, j])
     zero = context.get_constant(types.intp, 0)
     place = cgutils.get_item_pointer(context, builder, kind, struct, [i, j, zero])
     return builder.bitcast(place, _DOUBLES.as_pointer())
@@ -66,75 +86,104 @@ def _pointer(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any) 
 
 @intrinsic
 def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
-    """Lanes ``array[i, j, :]``."""
+    """Lanes ``array[i, j, :]``, or the number ``array[i, j]``."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_pointer(context, builder, array, *args), align=8)
 
-    return lanes(array, types.intp, types.intp), code
+    kind = types.float64 if array.ndim == 2 else lanes
+    return kind(array, types.intp, types.intp), code
 
 
 @intrinsic
 def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
-    """Put lanes into ``array[i, j, :]``."""
+    """Put lanes into ``array[i, j, :]``, or a number into ``array[i, j]``."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.store(args[3], _pointer(context, builder, array, *args[:3]), align=8)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, types.intp, lanes), code
+    kind = types.float64 if array.ndim == 2 else lanes
+    return types.void(array, types.intp, types.intp, kind), code
+
+
+def _element(context: Any, builder: Any, kind: Any, array: Any, *place: Any) -> Any:
+    struct = make_array(kind)(context, builder, array)
+    return cgutils.get_item_pointer(context, builder, kind, struct, list(place[: kind.ndim]))
 
 
 @intrinsic
-def splat(typing: Any, value: Any) -> Any:
-    """One number in all lanes."""
+def get(typing: Any, array: Any, i: Any, j: Any, lane: Any) -> Any:
+    """Number of one lane."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        first = builder.insert_element(ir.Constant(_DOUBLES, ir.Undefined), args[0], _index(0))
-        everywhere = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-        return builder.shuffle_vector(first, ir.Constant(_DOUBLES, ir.Undefined), everywhere)
+        return builder.load(_element(context, builder, array, *args))
 
-    return lanes(types.float64), code
+    return types.float64(array, types.intp, types.intp, types.intp), code
 
 
-def _index(i: int) -> Any:
-    return ir.Constant(ir.IntType(32), i)
-
-
-def _function(name: str, operands: int) -> Any:
-    """Function of lanes that LLVM knows by name."""
+@intrinsic
+def put(typing: Any, array: Any, i: Any, j: Any, lane: Any, value: Any) -> Any:
+    """Put a number into one lane."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(_DOUBLES, [_DOUBLES] * operands)
-        known = f"llvm.{name}.v{LANES}f64"
-        function = cgutils.get_or_insert_function(builder.module, kind, known)
+        builder.store(args[4], _element(context, builder, array, *args[:4]))
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, types.intp, types.float64), code
+
+
+@intrinsic
+def n_lanes(typing: Any, array: Any) -> Any:
+    """How many lanes an array has."""
+    n = LANES if array.ndim == 3 else 1
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.get_constant(types.intp, n)
+
+    return types.intp(array), code
+
+
+def _all_of(operands: tuple[Any, ...]) -> Any:
+    """Type of what comes of numbers or lanes."""
+    return lanes if lanes in operands else types.float64
+
+
+def _function(name: str, operands: tuple[Any, ...]) -> tuple[Any, Any]:
+    """Signature and code of a function that LLVM knows by name."""
+    kind = _all_of(operands)
+    double, of = (_DOUBLES, f"v{LANES}f64") if kind is lanes else (ir.DoubleType(), "f64")
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        form = ir.FunctionType(double, [double] * len(operands))
+        function = cgutils.get_or_insert_function(builder.module, form, f"llvm.{name}.{of}")
         return builder.call(function, args)
 
-    return code
+    return kind(*(kind,) * len(operands)), code
 
 
 @intrinsic
 def fma(typing: Any, a: Any, b: Any, c: Any) -> Any:
     """a * b + c, rounded once."""
-    return lanes(lanes, lanes, lanes), _function("fma", 3)
+    return _function("fma", (a, b, c))
 
 
 @intrinsic
 def absolute(typing: Any, a: Any) -> Any:
     """Magnitudes."""
-    return lanes(lanes), _function("fabs", 1)
+    return _function("fabs", (a,))
 
 
 @intrinsic
 def root(typing: Any, a: Any) -> Any:
     """Square roots."""
-    return lanes(lanes), _function("sqrt", 1)
+    return _function("sqrt", (a,))
 
 
 @intrinsic
 def nearest(typing: Any, a: Any) -> Any:
     """Nearest whole numbers."""
-    return lanes(lanes), _function("rint", 1)
+    return _function("rint", (a,))
 
 
 @intrinsic
@@ -144,7 +193,8 @@ def choose(typing: Any, where: Any, a: Any, b: Any) -> Any:
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.select(*args)
 
-    return lanes(mask, lanes, lanes), code
+    kind = lanes if where is mask else _all_of((a, b))
+    return kind(where, kind, kind), code
 
 
 @intrinsic
@@ -154,7 +204,7 @@ def without(typing: Any, where: Any) -> Any:
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.not_(args[0])
 
-    return mask(mask), code
+    return where(where), code
 
 
 @intrinsic
@@ -162,9 +212,10 @@ def bits(typing: Any, where: Any) -> Any:
     """The mask as an integer, lane 0 in its lowest bit."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), ir.IntType(64))
+        whole = args[0] if where is not mask else builder.bitcast(args[0], ir.IntType(LANES))
+        return builder.zext(whole, ir.IntType(64))
 
-    return types.int64(mask), code
+    return types.int64(where), code
 
 
 def _binary(kind: Any, result: Any, build: Callable[[Any, Any, Any], Any]) -> Any:
@@ -181,12 +232,9 @@ def _binary(kind: Any, result: Any, build: Callable[[Any, Any, Any], Any]) -> An
 def _operator(symbol: Any, kind: Any, apply: Any) -> None:
     @overload(symbol)
     def choose_implementation(a, b):
-        if a is kind and b is kind:
+        others = (kind, types.Float) if kind is lanes else (kind,)
+        if kind in (a, b) and all(x is kind or isinstance(x, others[1:]) for x in (a, b)):
             return lambda a, b: apply(a, b)
-        if kind is lanes and a is kind and isinstance(b, types.Float):
-            return lambda a, b: apply(a, splat(b))
-        if kind is lanes and b is kind and isinstance(a, types.Float):
-            return lambda a, b: apply(splat(a), b)
         return None
 
 

@@ -1,0 +1,81 @@
+"""One orbit: the kernel of the lanes with a single one, a step of the grid at a time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from herringbone_sim.core.lanes.packed import (
+    DONE,
+    MOVE,
+    SHARE,
+    SWITCHES,
+    Array,
+    Work,
+    constants,
+    make_work,
+    shape_of,
+)
+from herringbone_sim.core.lanes.run import begin_cycle, begin_steps
+from herringbone_sim.core.lanes.vector import load, store
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.packed import embedded
+
+
+class Orbit(NamedTuple):
+    """What the kernel takes of one orbit; both halves are integrated.
+
+    Attributes:
+        shape: tuples of zeros, as many as sides and as classes: loops over them are unrolled.
+        work: constants and scratch; ``work.y (1 + k, n_state)`` is the state and k tangents.
+        inverse: (order + 2,) 1 / i.
+        controlled: whether K != 0, or there are further torques.
+    """
+
+    shape: tuple[tuple[int, ...], tuple[int, ...]]
+    work: Work
+    inverse: Array
+    controlled: bool
+
+
+def orbit_of(model: Model, tangents: int) -> Orbit:
+    """Orbit of a model with so many tangent vectors, its state still zero."""
+    p, layout, shape = model.parameters, model.layout, shape_of([model])
+    table = constants([model], 2, shape)
+    work = make_work(table, shape, layout.n_mesh, 2, p.order, tangents, lanes=())
+    work.constants[:] = table[0]
+    work.steps[0] = p.steps
+    return Orbit(
+        ((0,) * 2, (0,) * layout.n_classes),
+        work,
+        1.0 / np.maximum(np.arange(p.order + 2.0), 1.0),
+        shape.loads > 0 or model.packed.K != 0.0,
+    )
+
+
+@embedded
+def grid_step(move, orbit, cycle, index):
+    """Advance the state and its tangents by a step of the grid; returns the switches passed.
+
+    Args:
+        move: as of ``lanes.run.through_lanes``.
+    """
+    w = orbit.work
+    begin_cycle(w, 0, cycle)
+    w.place[0] = index
+    store(w.lane, DONE, 0, 0.0)
+    store(w.lane, SWITCHES, 0, 0.0)
+    switches = 0
+    going = True
+    while going:
+        begin_steps(w, w.place, w.steps)
+        move(orbit.shape, w, orbit.inverse, orbit.controlled)
+        done, part = load(w.lane, DONE, 0), load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
+        if load(w.lane, MOVE, 0) < 1.0:
+            switches += 1
+        done = done + part * (1.0 - done)
+        store(w.lane, DONE, 0, done)
+        store(w.lane, SWITCHES, 0, load(w.lane, SWITCHES, 0) + 1.0)
+        going = part != 1.0 and done < 1.0
+    return switches
