@@ -24,14 +24,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.peers.problem import BOTH, Array, at_rest, rig
-from herringbone_sim.core import batch
+from benchmarks.peers.problem import BOTH, Array, rig
+from herringbone_sim.core import batch, orbit
 from herringbone_sim.core.lanes import run, series, switching
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.packed import TWO_PI, make_work
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.core.right_hand_side import right_hand_side, rk4_step
-from herringbone_sim.core.taylor import taylor_step
 
 CYCLES = 2
 SETTINGS = [(12, 16), (12, 8)]
@@ -113,13 +112,15 @@ VECTOR: dict[str, Callable[..., Any]] = {
     "load": _load,
     "store": _store,
     "choose": _choose,
-    "splat": lambda x: Counted(np.full(LANES, float(x))),
+    "get": lambda a, i, j, lane: a[i, j, lane] if a.ndim == 3 else a[i, j],
+    "put": lambda a, i, j, lane, x: a.__setitem__((i, j, lane)[: a.ndim], plain(x)),
+    "n_lanes": lambda a: LANES if a.ndim == 3 else 1,
     "fma": counted("fused", lambda a, b, c: a * b + c, 2),
     "root": counted("rest", np.sqrt),
     "nearest": counted("rest", np.rint),
     "absolute": abs,
     "without": np.logical_not,
-    "bits": lambda where: sum(1 << i for i, bit in enumerate(where) if bit),
+    "bits": lambda where: sum(1 << i for i, bit in enumerate(np.atleast_1d(where)) if bit),
 }
 
 
@@ -148,44 +149,49 @@ def per_cycle(found: dict[str, float], n: int) -> dict[str, float]:
 
 def of_right_hand_side(start: Array) -> dict[str, float]:
     """Operations of one evaluation of the right-hand side."""
-    packed, work, y = scalar_kernel(start, 12, 16)
-    return tally(lambda: right_hand_side(packed, work, y, Counted(0.1), 0, work.rate[0]))
+    packed, work, y = scalar_kernel(start)
+    return tally(lambda: right_hand_side(packed, work, y, Counted(0.1), 0, work.slope[0]))
 
 
-def scalar_kernel(start: Array, order: int, steps: int) -> tuple[Any, Any, Any]:
+def scalar_kernel(start: Array) -> tuple[Any, Any, Any]:
     """Model, scratch and state of work (a), all counted."""
-    model = rig(order=order, steps_per_cycle=steps, samples_per_cycle=4)
+    model = rig()
     layout = model.layout
     work = make_work(layout.n_mesh, layout.n_coordinate)
     packed = type(model.packed)(*(wrapped(a) for a in model.packed))
     return packed, type(work)(*(wrapped(a) for a in work)), wrapped(start)
 
 
+def read_vectors() -> None:
+    """Let the interpreter run the kernel, and count."""
+    for module in (orbit, run, series, switching):
+        for name in VECTOR.keys() & vars(module).keys():
+            setattr(module, name, VECTOR[name])
+
+
 def of_stepper(start: Array, order: int, steps: int) -> dict[str, float]:
     """Operations of a mesh cycle of the stepper's Taylor steps, samples not counted."""
-    packed, work, y = scalar_kernel(start, order, steps)
-    none = at_rest(start).tangents
+    read_vectors()
+    one = orbit.orbit_of(rig(order=order, steps_per_cycle=steps, samples_per_cycle=4), 0)
+    one.work.y[0] = start
 
     def cycle() -> None:
         for i in range(CYCLES * steps):
-            phase = Counted(TWO_PI * (i % steps) / steps)
-            taylor_step(packed, work, y, none, phase, i // steps, Counted(TWO_PI / steps))
+            orbit.grid_step(run.move_plain, one, i // steps, i % steps)
 
     return per_cycle(tally(cycle), CYCLES)
 
 
 def of_rk4(start: Array, steps: int) -> dict[str, float]:
     """Operations of a mesh cycle of the classical Runge-Kutta method."""
-    packed, work, y = scalar_kernel(start, 12, 16)
+    packed, work, y = scalar_kernel(start)
     step = tally(lambda: rk4_step(packed, work, y, Counted(0.1), 0, Counted(TWO_PI / steps)))
     return {kind: steps * number for kind, number in step.items()}
 
 
 def of_lanes(start: Array, order: int, steps: int, both: bool) -> dict[str, float]:
     """Operations of a mesh cycle of one value in the lanes; ``both`` halves or one for two."""
-    for module in (run, series, switching):
-        for name in VECTOR.keys() & vars(module).keys():
-            setattr(module, name, VECTOR[name])
+    read_vectors()
     values = {"order": order, "steps_per_cycle": steps, "samples_per_cycle": 4}
     models = [rig(**values | (BOTH if both else {}))] * LANES
     starts = np.repeat(start[None], LANES, axis=0)

@@ -27,7 +27,7 @@ from benchmarks.peers.measure import cpu_name, seconds, summary
 from benchmarks.peers.problem import BOTH, Array, at_rest, orbit_start, rig
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
-from herringbone_sim.core.lanes.vector import LANES, fma, load, splat, store
+from herringbone_sim.core.lanes.vector import LANES, fma, load, store
 from herringbone_sim.core.packed import make_work
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.core.right_hand_side import right_hand_side
@@ -54,8 +54,7 @@ def scalar_chains(turns, x, y):
 @njit
 def vector_chains(turns, out, x, y):
     """The same in lanes."""
-    x, y = splat(x), splat(y)
-    a = b = c = d = e = f = g = h = i = j = k = m = y
+    a = b = c = d = e = f = g = h = i = j = k = m = load(out, 0, 0)
     for _ in range(turns):
         a, b, c, d = fma(a, x, y), fma(b, x, y), fma(c, x, y), fma(d, x, y)
         e, f, g, h = fma(e, x, y), fma(f, x, y), fma(g, x, y), fma(h, x, y)

@@ -11,6 +11,7 @@ import sys
 import numpy as np
 from gears import UNEVEN, make
 
+from herringbone_sim.core import orbit
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.lanes import any_moves, any_series
@@ -18,8 +19,7 @@ from herringbone_sim.core.lanes import run as lane_run
 from herringbone_sim.core.lanes import series as lane_series
 from herringbone_sim.core.lanes import switching as lane_switching
 from herringbone_sim.core.lanes.vector import LANES
-from herringbone_sim.core.packed import make_work
-from herringbone_sim.core.run import crosser
+from herringbone_sim.core.run import Kernel
 from herringbone_sim.core.switching import leaves_at
 from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.written import read_effects
@@ -95,13 +95,14 @@ LANES_CASES = {
 VECTOR = {
     "load": lambda a, i, j: a[i, j].copy(),
     "choose": np.where,
-    "splat": lambda x: np.full(LANES, float(x)),
+    "get": lambda a, i, j, lane: a[i, j, lane] if a.ndim == 3 else a[i, j],
+    "n_lanes": lambda a: LANES if a.ndim == 3 else 1,
     "fma": lambda a, b, c: a * b + c,
     "root": np.sqrt,
     "nearest": np.rint,
     "absolute": np.abs,
     "without": np.logical_not,
-    "bits": lambda where: sum(1 << i for i, bit in enumerate(where) if bit),
+    "bits": lambda where: sum(1 << i for i, bit in enumerate(np.atleast_1d(where)) if bit),
 }
 
 
@@ -109,12 +110,16 @@ def store(a, i, j, x):
     a[i, j] = x
 
 
+def put(a, i, j, lane, x):
+    a[(i, j, lane)[: a.ndim]] = x
+
+
 def read_lanes():
     """Let the interpreter run the lanes: vectors become arrays of NumPy."""
-    for module in (lane_run, lane_series, lane_switching, any_series, any_moves):
-        for name in vars(module).keys() & VECTOR.keys():
-            setattr(module, name, VECTOR[name])
-        module.store = store
+    vector = VECTOR | {"store": store, "put": put}
+    for module in (orbit, lane_run, lane_series, lane_switching, any_series, any_moves):
+        for name in vars(module).keys() & vector.keys():
+            setattr(module, name, vector[name])
     np.seterr(all="ignore")
 
 
@@ -167,10 +172,9 @@ def with_effects(cases):
     for name, (stepper, start, n) in cases.items():
         block = stepper.advance(start, n)
         parts = [block.rows, block.end.y, block.end.growth, block.end.tangents]
-        model, p = stepper.model, stepper.model.parameters
+        model = stepper.model
         y, tangents = start.y.copy(), np.eye(model.n_state)[: len(start.tangents)]
-        work = make_work(model.layout.n_mesh, model.layout.n_coordinate, p.order, model.n_own)
-        crosser(p.method, model.packed.plain)(model.packed, work, y, tangents, 0, 1, p.steps)
+        y, tangents = Kernel(model).cross(y, tangents, 0, 1)
         found[f"effects_{name}"] = np.concatenate([part.ravel() for part in (*parts, y, tangents)])
     return found
 
@@ -182,10 +186,7 @@ def whole_cycles(cases):
         stepper, start, _ = cases[name]
         model = stepper.model
         y, tangents = start.y.copy(), np.eye(model.layout.n_state)
-        layout, p = model.layout, model.parameters
-        work = make_work(layout.n_mesh, layout.n_coordinate)
-        cross = crosser(p.method, model.packed.plain)
-        cross(model.packed, work, y, tangents, 0, 2, p.steps)
+        y, tangents = Kernel(model).cross(y, tangents, 0, 2)
         found[f"cycles_{name}"] = np.vstack([y, tangents])
     return found
 

@@ -1,7 +1,8 @@
-"""The kernel read by the interpreter gives what its compiled form gives, to the bit.
+"""The kernel read by the interpreter gives what its compiled form gives.
 
 Compiled functions are the same text under another set of rules for types, division and slices;
-this holds the two against each other, and lets coverage see into the kernel.
+this holds the two against each other, and lets coverage see into the kernel. Where products are
+fused the interpreter rounds twice: Runge-Kutta agrees to the bit, series nearly.
 """
 
 from __future__ import annotations
@@ -38,17 +39,20 @@ def both(tmp_path_factory):
 @pytest.mark.parametrize("case", interpreted.CASES)
 def test_interpreted_and_compiled_kernel_agree(both, case, part):
     compiled, read = (found[f"{case}_{part}"] for found in both)
-    assert np.array_equal(compiled, read)
+    if part == "counts" or interpreted.CASES[case][0].get("method") == "rk4":
+        assert np.array_equal(compiled, read)
+    else:
+        np.testing.assert_allclose(compiled, read, rtol=1e-9, atol=1e-9)
 
 
 def test_interpreted_and_compiled_search_agree(both):
     assert np.array_equal(interpreted.leaving(), both[1]["leaving"])
 
 
-@pytest.mark.parametrize("name", ["cycles_reduced", "cycles_rk4"])
-def test_interpreted_and_compiled_cycles_agree(both, name):
+@pytest.mark.parametrize(("name", "within"), [("cycles_reduced", 1e-9), ("cycles_rk4", 0.0)])
+def test_interpreted_and_compiled_cycles_agree(both, name, within):
     compiled, read = (found[name] for found in both)
-    assert np.array_equal(compiled, read)
+    np.testing.assert_allclose(compiled, read, rtol=within, atol=within)
 
 
 @pytest.mark.parametrize("case", interpreted.LANES_CASES)

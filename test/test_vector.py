@@ -16,7 +16,6 @@ from herringbone_sim.core.lanes.vector import (
     load,
     nearest,
     root,
-    splat,
     store,
     without,
 )
@@ -31,7 +30,7 @@ def arithmetic(a, out):
     store(out, 0, 1, x - 2.0)
     store(out, 0, 2, 2.0 * y)
     store(out, 0, 3, x / y)
-    store(out, 0, 4, fma(x, y, splat(1.0)))
+    store(out, 0, 4, fma(x, y, 1.0))
     store(out, 0, 5, absolute(x))
     store(out, 0, 6, nearest(y))
     store(out, 0, 7, root(absolute(x)))
@@ -40,9 +39,9 @@ def arithmetic(a, out):
 @plain
 def masks(a, out):
     x, y = load(a, 0, 0), load(a, 0, 1)
-    both = (x > splat(0.0)) & (y < splat(0.5))
+    both = (x > 0.0) & (y < 0.5)
     store(out, 0, 0, choose(both, x, y))
-    store(out, 0, 1, choose(without(both) | (x == y), splat(1.0), splat(0.0)))
+    store(out, 0, 1, choose(without(both) | (x == y), 1.0, 0.0))
     return bits(both)
 
 
@@ -91,6 +90,17 @@ def test_masks_select_lane_by_lane(pair):
 def test_nan_compares_as_false():
     out = np.zeros((1, 2, LANES))
     assert masks(np.full((1, 2, LANES), np.nan), out) == 0
+
+
+def test_one_number_is_taken_as_sixteen_are(pair):
+    """Arrays without a last axis: the same to the bit as the lane of the same numbers."""
+    lanes, one = np.zeros((1, 8, LANES)), np.zeros((1, 8))
+    arithmetic(pair, lanes)
+    arithmetic(pair[:, :, 5].copy(), one)
+    assert np.array_equal(one, lanes[:, :, 5])
+    found = np.zeros((1, 2, LANES)), np.zeros((1, 2))
+    assert masks(pair[:, :, 5].copy(), found[1]) == masks(pair, found[0]) >> 5 & 1
+    assert np.array_equal(found[1], found[0][:, :, 5])
 
 
 @pytest.mark.parametrize("reach", [1.0, 10.0, 700.0])

@@ -261,10 +261,10 @@ def right_hand_side(p, w, y, phase, cycle, dy):
 
 
 @compiled
-def rk4_step(p, w, y, tangents, phase, cycle, h):
+def rk4_step(p, w, y, phase, cycle, h):
     """Advance y by h with the classical Runge-Kutta method of order 4, as the paper did.
 
-    It steps over kinks, so there are no switches to return, and leaves tangents alone.
+    It steps over kinks.
     """
     half = 0.5 * h
     middle = phase + p.Omega * half
@@ -281,4 +281,3 @@ def rk4_step(p, w, y, tangents, phase, cycle, h):
     for k in range(y.size):
         inner = w.slope[1, k] + w.slope[2, k]
         y[k] += h / 6.0 * (w.slope[0, k] + 2.0 * inner + w.slope[3, k])
-    return 0

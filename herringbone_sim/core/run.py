@@ -288,7 +288,7 @@ class Kernel:
         t: float,
         rest: tuple[Any, ...],
     ) -> tuple[Array, Array, float, int, int]:
-        """``sample`` from a state on: state and tangents at the end, time, rows filled, switches."""
+        """``sample`` from a state on: state and tangents after it, time, rows filled, switches."""
         kernel, y, tangents = self._begin(y, tangents)
         packed, omega_n = self.model.packed, self.model.scales.omega_n
         run = self._run(

@@ -93,8 +93,10 @@ def power_of(w, out, i, a, row):
 
 @compiled
 def set_factors(w):
-    """Factors on f and c v of every mesh, from its contact; of the same work up to ``NEAR`` where the law is
-    taken linear."""
+    """Factors on f and c v of every mesh, from its contact.
+
+    Where the law is taken linear, they are of the same work up to ``NEAR``.
+    """
     row = law_row(w)
     for a in range(w.k.shape[1]):
         for lane in range(n_lanes(w.lane)):

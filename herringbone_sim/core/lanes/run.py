@@ -141,7 +141,7 @@ def forget(w, lane):
 
 @inlined
 def begin_cycle(w, lane, now):
-    """Angles of all that does not repeat every mesh cycle, at phase 0 of a lane's cycle ``now``."""
+    """Angles at phase 0 of cycle ``now`` of all that does not repeat every mesh cycle."""
     angle = angle_of(get(w.constants, CONTROL_ORDER, 0, lane), 0.0, now)
     put(w.lane, ANGLE, 0, lane, angle + get(w.constants, CONTROL_PHASE, 0, lane))
     put(w.lane, CYCLE, 0, lane, now)

@@ -3,8 +3,8 @@
 Numba compiles ``a * b`` on sixteen to one instruction a register, on every machine: two of the
 widest registers, or more of narrower ones; so one product needn't wait for another. Lanes never
 mix: what a lane gives does not depend on its neighbours. Products that are added are fused by
-``fma`` and by nothing else. The arrays decide: ``(.., ..)`` hold one number an entry, the kernel is
-then compiled for a single orbit, ``(.., .., 16)`` one in each lane.
+``fma`` and by nothing else. The arrays decide: ``(.., ..)`` hold one number an entry, and the
+kernel is compiled for a single orbit, ``(.., .., 16)`` one in each lane.
 
 Within compiled code: ``load(a, i, j)`` takes the lanes of an entry of a C-ordered float64 array,
 ``store(a, i, j, x)`` puts them back, ``get`` and ``put`` do so in one lane, a number by itself
