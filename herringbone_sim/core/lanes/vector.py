@@ -44,10 +44,16 @@ class Lanes(types.Type):  # type: ignore[misc]
 
 
 class Mask(types.Type):  # type: ignore[misc]
-    """Numba's type of sixteen truth values."""
+    """Numba's type of sixteen truth values; one becomes sixteen alike."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Mask({LANES})")
+
+    def can_convert_from(self, _: Any, other: Any) -> Any:
+        return Conversion.safe if isinstance(other, types.Boolean) else None
+
+    def unify(self, _: Any, other: Any) -> Any:
+        return self if isinstance(other, types.Boolean) else None
 
 
 lanes, mask = Lanes(), Mask()
@@ -65,14 +71,22 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
         super().__init__(manager, kind, _BITS)
 
 
-@lower_cast(types.Number, Lanes)
-def _everywhere(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
-    value = context.cast(builder, value, kind, types.float64)
-    none = ir.Constant(_DOUBLES, ir.Undefined)
+def _everywhere(builder: Any, kind: Any, value: Any) -> Any:
+    """One value in all lanes."""
+    none = ir.Constant(kind, ir.Undefined)
     first = builder.insert_element(none, value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(
-        first, none, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    )
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(first, none, zeros)
+
+
+@lower_cast(types.Number, Lanes)
+def _number_everywhere(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
+    return _everywhere(builder, _DOUBLES, context.cast(builder, value, kind, types.float64))
+
+
+@lower_cast(types.Boolean, Mask)
+def _truth_everywhere(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
+    return _everywhere(builder, _BITS, value)
 
 
 def _pointer(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any) -> Any:
