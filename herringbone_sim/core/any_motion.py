@@ -1,7 +1,7 @@
-"""Taylor series of a motion whose forces need not be linear between switches.
+"""Taylor series of a motion whose forces are not linear between switches.
 
-A gear that is not ``plain`` may have force laws with powers, friction on the flanks, and further
-coordinates (a ring or pins that move), see ``Packed``. The recurrences are those of ``series``
+That is of a gear with a power of the deflection in its laws, or with rounded corners of a play:
+see ``Packed.powers``. The recurrences are those of ``series``
 with the products and powers of series that such laws ask for (Jorba and Zou, Exp. Math. 14, 99,
 2005); how far the series hold is read off their last terms.
 """
@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.packed import TWO_PI, compiled, inlined
-from herringbone_sim.core.right_hand_side import accelerate, pitch_side
+from herringbone_sim.core.extended import know_signs, push_series, shift_series
+from herringbone_sim.core.packed import compiled, inlined
+from herringbone_sim.core.right_hand_side import accelerate
+from herringbone_sim.core.series import begin_series
 
 # Where |f| is below this, in b_c (10 nm for b_c = 10 um), a law with a power of |f| is taken
 # linear, of the same work: a power has no series at 0.
@@ -20,23 +22,10 @@ TAIL = 1e-10  # of the last two terms of a series that still holds, b_c and b_c 
 
 
 @inlined
-def begin_series(w, y, m):
-    """Order 0 of all coordinates from a state."""
-    s = w.q.shape[1] - m
-    for k in range(m):
-        w.q[0, k] = y[k]
-        w.v[0, k] = y[m + k]
-    for j in range(s):
-        w.q[0, m + j] = y[2 * m + j]
-        w.v[0, m + j] = y[2 * m + s + j]
-
-
-@inlined
 def deflect(p, w, i, rate, error):
     """Order i of the deflections and of their rates."""
     c = len(p.classes)
     n = 4 * c
-    m = 2 + 2 * c
     for side in range(2):
         for k in range(c):
             a = side * c + k
@@ -47,10 +36,7 @@ def deflect(p, w, i, rate, error):
             w.x[i, b] = r - error[i, b]
             w.any.rate[i, a] = w.v[i, side] - dr - rate * error[i + 1, a]
             w.any.rate[i, b] = dr - rate * error[i + 1, b]
-    for j in range(p.seat.shape[0]):
-        for a in range(n):
-            w.x[i, a] += p.own_shift[j, a] * w.q[i, m + j]
-            w.any.rate[i, a] += p.own_shift[j, a] * w.v[i, m + j]
+    shift_series(p, w, i, w.any.rate[i])
 
 
 @inlined
@@ -108,7 +94,7 @@ def mesh_force(p, w, i, a, border):
         for j in range(i + 1):
             force += spring * w.k[j, a] * w.f[i - j, a]
         force += p.damping[a] * damper * z.rate[i, a]
-    z.force[i, a] = force
+    w.forces[i, a] = force
 
 
 @inlined
@@ -140,67 +126,51 @@ def corner(z, which, i, j, distance, rounding, sign, q):
 
 
 @inlined
-def hold_force(p, w, i, j, m):
-    """Order i of the force of the spring of a further coordinate."""
+def hold_force(p, w, i, j):
+    """Order i of the force of the seat of a further coordinate."""
     z = w.any
-    play = w.q[i, m + j]
+    a = 4 * len(p.classes) + j
+    play = abs(w.contact[a]) * w.x[i, a]
+    if i == 0:
+        play -= w.contact[a] * p.seat[j, 2]
     if p.seat[j, 3] != 0.0:
-        own = w.q[:, m:]
+        own = w.x[:, 4 * len(p.classes) :]
         corner(z, 0, i, j, p.seat[j, 2], p.seat[j, 3], 1.0, own)
         corner(z, 3, i, j, p.seat[j, 2], p.seat[j, 3], -1.0, own)
         play = p.seat[j, 3] * (z.corner[2, i, j] - z.corner[5, i, j])
-    z.hold[i, j] = p.seat[j, 0] * play + p.seat[j, 1] * w.v[i, m + j]
+    w.forces[i, a] = p.seat[j, 0] * play + p.seat[j, 1] * z.rate[i, a]
 
 
 @inlined
-def push(p, w, i, phase, h, load, force, hold):
+def push(p, w, i, h, load):
     """Order i + 1 of the motion from order i of all forces."""
-    c = len(p.classes)
-    n = 4 * c
-    s = p.seat.shape[0]
-    m = 2 + 2 * c
-    for k in range(m + s):
+    n_all = w.v.shape[1]
+    for k in range(n_all):
         w.v[i + 1, k] = load[i, k]
-    for a in range(n):
-        w.force[a] = force[i, a]
+    for a in range(4 * len(p.classes)):
+        w.force[a] = w.forces[i, a]
     accelerate(p, w.force, w.v[i + 1])
-    if s > 0:
-        for k in range(m + s):
-            for a in range(n):
-                w.v[i + 1, k] -= p.own_force[k, a] * force[i, a]
-            for j in range(s):
-                w.v[i + 1, k] -= p.own_hold[k, j] * hold[i, j]
-    if p.slide.shape[0] > 0:
-        turn = p.Omega * h / TWO_PI
-        start, side = pitch_side(phase, turn)
-        for a in range(n):
-            g = side * w.any.sign[a]
-            first = g * force[i, a]
-            lever = start * first
-            if i > 0:
-                lever += turn * g * force[i - 1, a]
-            for k in range(m):
-                w.v[i + 1, k] += p.slide[0, k, a] * first + p.slide[1, k, a] * lever
+    push_series(p, w, i, w.v[i + 1])
     scale = h * w.inverse[i + 1]
-    for k in range(m + s):
+    for k in range(n_all):
         w.v[i + 1, k] *= scale
         w.q[i + 1, k] = w.v[i, k] * scale
 
 
 @compiled
-def expand_any_motion(p, w, y, phase, h):
+def expand_any_motion(p, w, y, h):
     """Series of the motion over one step in the state of its switches; see ``series``."""
     order = w.k.shape[0] - 1
-    c = len(p.classes)
-    m = 2 + 2 * c
-    begin_series(w, y, m)
+    begin_series(p, w, y)
     for i in range(order):
         deflect(p, w, i, (i + 1) / h, w.error)
-        for a in range(4 * c):
+        for a in range(4 * len(p.classes)):
             mesh_force(p, w, i, a, 1.0)
         for j in range(p.seat.shape[0]):
-            hold_force(p, w, i, j, m)
-        push(p, w, i, phase, h, w.load, w.any.force, w.any.hold)
+            hold_force(p, w, i, j)
+        if i == 0:
+            know_signs(p, w)
+        push(p, w, i, h, w.load)
     last_deflection(p, w)
 
 
@@ -209,16 +179,15 @@ def last_deflection(p, w):
     """Highest order of the deflections; that of their rates is left at zero."""
     order = w.k.shape[0] - 1
     c = len(p.classes)
-    m = 2 + 2 * c
     for a in range(4 * c):
         side = (a // c) % 2
         r = w.q[order, 2 + side * c + a % c]
         x = w.q[order, side] - r if a < 2 * c else r
-        for j in range(p.seat.shape[0]):
-            x += p.own_shift[j, a] * w.q[order, m + j]
         w.x[order, a] = x - w.error[order, a]
+    shift_series(p, w, order, w.any.rate[order])
+    for a in range(w.x.shape[1]):
         w.any.rate[order, a] = 0.0
-        w.any.force[order, a] = 0.0
+        w.forces[order, a] = 0.0
 
 
 @compiled
@@ -257,36 +226,33 @@ def expand_derivatives(p, w):
             if p.seat[j, 3] != 0.0:
                 z.give[i, j] = p.seat[j, 0] * (z.corner[0, i, j] + z.corner[3, i, j])
         if p.seat[j, 3] == 0.0:
-            z.give[0, j] = p.seat[j, 0]
+            z.give[0, j] = p.seat[j, 0] * abs(w.contact[4 * len(p.classes) + j])
 
 
 @compiled
-def expand_any_tangent(p, w, tangent, phase, h, load, force, hold):
+def expand_any_tangent(p, w, tangent, h, load):
     """Series of a tangent vector over the step of ``expand_derivatives``.
 
     Args:
         load: (p + 1, m + s) series of the acceleration that drives it; zeros for a perturbation.
-        force, hold: scratch, (p + 1, n) and (p + 1, s).
     """
     order = w.k.shape[0] - 1
-    c = len(p.classes)
-    n = 4 * c
-    m = 2 + 2 * c
+    n = 4 * len(p.classes)
     z = w.any
-    begin_series(w, tangent, m)
+    begin_series(p, w, tangent)
     for i in range(order):
         deflect(p, w, i, (i + 1) / h, w.none_n)
         for a in range(n):
             total = 0.0
             for j in range(i + 1):
                 total += z.soft[j, a] * w.x[i - j, a] + z.damp[j, a] * z.rate[i - j, a]
-            force[i, a] = total
+            w.forces[i, a] = total
         for j in range(p.seat.shape[0]):
-            total = p.seat[j, 1] * w.v[i, m + j]
+            total = p.seat[j, 1] * z.rate[i, n + j]
             for r in range(i + 1):
-                total += z.give[r, j] * w.q[i - r, m + j]
-            hold[i, j] = total
-        push(p, w, i, phase, h, load, force, hold)
+                total += z.give[r, j] * w.x[i - r, n + j]
+            w.forces[i, n + j] = total
+        push(p, w, i, h, load)
 
 
 @inlined
@@ -316,13 +282,16 @@ def shorten(w, share):
             w.q[i, k] *= scale
             w.v[i, k] *= scale
         for a in range(w.x.shape[1]):
-            w.k[i, a] *= scale
             w.x[i, a] *= scale
+            w.forces[i, a] *= scale
             z.rate[i, a] *= scale
+        for a in range(w.k.shape[1]):
+            w.k[i, a] *= scale
             z.depth[i, a] *= scale
             z.damper[i, a] *= scale
-            z.force[i, a] *= scale
-        for j in range(z.hold.shape[1]):
+        for j in range(z.give.shape[1]):
             for which in range(6):
                 z.corner[which, i, j] *= scale
         scale *= share
+    for t in range(w.mix.shape[1]):
+        w.mix[1, t] *= share

@@ -1,71 +1,42 @@
-"""The Taylor step of a gear that is not plain: as ``taylor``, with more that switches.
+"""The Taylor step of a gear with powers: as ``taylor``, with more that ends a step.
 
-Besides contact, a step ends where a law with a power of |f| begins to bend, where a force that
-rubs changes its sign, at the pitch point, and where the series no longer hold.
+That is the place where a law with a power of |f| begins to bend, and the end of what the series
+hold for.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from herringbone_sim.core.any_motion import (
     NEAR,
-    begin_series,
     bends,
     deflect,
     expand_any_motion,
     expand_any_tangent,
     expand_derivatives,
     linear_law,
-    mesh_force,
     share_that_holds,
     shorten,
 )
+from herringbone_sim.core.extended import jump_tangents, set_seats, up_to_pitch
 from herringbone_sim.core.packed import compiled, inlined
-from herringbone_sim.core.right_hand_side import ON_EDGE, accelerate, force_law
-from herringbone_sim.core.series import expand_excitation
-from herringbone_sim.core.switching import leaves_at, polynomial, slope
-from herringbone_sim.core.taylor import up_to_edge
+from herringbone_sim.core.right_hand_side import force_law
+from herringbone_sim.core.series import begin_series, expand_excitation
+from herringbone_sim.core.switching import leaves_at, next_sign, polynomial, slope, turn_signs
+from herringbone_sim.core.taylor import take_state, up_to_edge
 
 MOST_MOVES = 4000
-CONTACT, DEPTH, SIGN = range(3)
-
-
-@inlined
-def up_to_pitch(p, phase, part):
-    """A part of a step, or as much of it as lies before the flanks next change their slide."""
-    if p.slide.shape[0] > 0:
-        half = phase / np.pi + 2.0 * ON_EDGE
-        part = min(part, (np.floor(half) + 1.0 - phase / np.pi) * np.pi / p.Omega)
-    return part
 
 
 @compiled
 def set_any_contact(p, w, y):
-    """Contact, depth and sign of the force of every mesh from the state and ``w.error``."""
-    m = 2 + 2 * len(p.classes)
-    begin_series(w, y, m)
+    """Contact and depth of every mesh and contact of the seats, from the state, ``w.error``."""
+    begin_series(p, w, y)
+    set_seats(p, w, y)
     deflect(p, w, 0, 0.0, w.error)
     for a in range(4 * len(p.classes)):
         x = w.x[0, a]
         w.contact[a] = 1.0 if x > p.b[a] else (-1.0 if x < -p.b[a] else 0.0)
         w.any.deep[a] = 1.0 if bends(p, a) and abs(x) > p.b[a] + NEAR else 0.0
-
-
-@compiled
-def set_signs(p, w):
-    """Sign of the force of every mesh at the start of the series."""
-    for a in range(4 * len(p.classes)):
-        w.any.sign[a] = 1.0 if w.any.force[0, a] >= 0.0 else -1.0
-
-
-@compiled
-def start_forces(p, w, y, h):
-    """Order 0 of all mesh forces."""
-    begin_series(w, y, 2 + 2 * len(p.classes))
-    deflect(p, w, 0, 1.0 / h, w.error)
-    for a in range(4 * len(p.classes)):
-        mesh_force(p, w, 0, a, 1.0)
 
 
 @inlined
@@ -79,31 +50,39 @@ def value_at_end(a, m):
 
 @compiled
 def next_event(p, w):
-    """First s in the step at which anything switches, 2 when nothing does; all in ``any.at``."""
+    """First s in the step at which anything switches, 2 when nothing does.
+
+    Where contact, depth and sign do is left in ``at``, ``any.at`` and ``sign_at``.
+    """
     z = w.any
-    first = 2.0
-    for a in range(4 * len(p.classes)):
-        z.at[CONTACT, a] = z.at[DEPTH, a] = z.at[SIGN, a] = 2.0
+    n = 4 * len(p.classes)
+    first = next_sign(p, w)
+    for a in range(w.x.shape[1]):
+        w.at[a] = 2.0
+        if a < n:
+            z.at[a] = 2.0
+        elif p.seat[a - n, 3] != 0.0 or p.seat[a - n, 2] == 0.0:
+            continue
+        b = p.b[a] if a < n else p.seat[a - n, 2]
         side = w.contact[a]
         end, rate = value_at_end(w.x, a), slope(w.x, a, 1.0)
         if side == 0.0:
-            up = leaves_at(w.x, a, p.b[a], -1.0, end, rate, first)
-            down = leaves_at(w.x, a, -p.b[a], 1.0, end, rate, first)
-            z.at[CONTACT, a] = min(up, down)
+            up = leaves_at(w.x, a, b, -1.0, end, rate, first)
+            down = leaves_at(w.x, a, -b, 1.0, end, rate, first)
+            w.at[a] = min(up, down)
             w.next[a] = 1.0 if up < down else -1.0
         else:
             w.next[a] = 0.0
-            border = side * (p.b[a] + NEAR)
-            if z.deep[a] != 0.0:
-                z.at[DEPTH, a] = leaves_at(w.x, a, border, side, end, rate, first)
+            border = side * (b + NEAR)
+            if a < n and z.deep[a] != 0.0:
+                z.at[a] = leaves_at(w.x, a, border, side, end, rate, first)
             else:
-                z.at[CONTACT, a] = leaves_at(w.x, a, side * p.b[a], side, end, rate, first)
-                if bends(p, a):
-                    z.at[DEPTH, a] = leaves_at(w.x, a, border, -side, end, rate, first)
-        if p.slide.shape[0] > 0:
-            end, rate = value_at_end(z.force, a), slope(z.force, a, 1.0)
-            z.at[SIGN, a] = leaves_at(z.force, a, 0.0, z.sign[a], end, rate, first)
-        first = min(first, z.at[CONTACT, a], z.at[DEPTH, a], z.at[SIGN, a])
+                w.at[a] = leaves_at(w.x, a, side * b, side, end, rate, first)
+                if a < n and bends(p, a):
+                    z.at[a] = leaves_at(w.x, a, border, -side, end, rate, first)
+        first = min(first, w.at[a])
+        if a < n:
+            first = min(first, z.at[a])
     return first
 
 
@@ -127,95 +106,54 @@ def meet(p, w, s):
 
 @compiled
 def switch(p, w, s):
-    """Switch all that does so at s; leaves the jump of each mesh force in ``any.jump``."""
+    """Switch all that does so at s; leaves in ``jump`` how forces jump, over the rate."""
     z = w.any
-    for a in range(4 * len(p.classes)):
-        z.jump[a] = 0.0
-        if z.at[CONTACT, a] == s or z.at[DEPTH, a] == s:
+    n = 4 * len(p.classes)
+    turn_signs(p, w, s)
+    for a in range(n):
+        w.jump[a] = 0.0
+        if w.at[a] == s or z.at[a] == s:
             k, x, v = polynomial(w.k, a, s), w.end[a], w.end_slope[a]
             before = force_in_state(p, w, a, k, x, v)
-            if z.at[CONTACT, a] == s:
+            if w.at[a] == s:
                 w.contact[a] = w.next[a]
             else:
                 z.deep[a] = 1.0 - z.deep[a]
-            z.jump[a] = force_in_state(p, w, a, k, x, v) - before
-        if z.at[SIGN, a] == s:
-            z.sign[a] = -z.sign[a]
-
-
-@inlined
-def take_any_state(w, y, m, s):
-    """State of the series at s into y."""
-    own = w.q.shape[1] - m
-    for k in range(m):
-        y[k] = polynomial(w.q, k, s)
-        y[m + k] = polynomial(w.v, k, s)
-    for j in range(own):
-        y[2 * m + j] = polynomial(w.q, m + j, s)
-        y[2 * m + own + j] = polynomial(w.v, m + j, s)
+            jump = force_in_state(p, w, a, k, x, v) - before
+            if v != 0.0 and jump != 0.0:
+                w.jump[a] = jump / v
+                w.sign[a] = 1.0 if v > 0.0 else -1.0
+    for a in range(n, w.x.shape[1]):
+        if w.at[a] == s:
+            w.contact[a] = w.next[a]
 
 
 @compiled
-def move_any_tangents(p, w, tangents, phase, h, s):
+def move_any_tangents(p, w, tangents, h, s):
     """Advance tangent vectors by s * h with the series of the step just taken."""
     if tangents.shape[0] == 0:
         return
-    m = 2 + 2 * len(p.classes)
     expand_derivatives(p, w)
     for k in range(tangents.shape[0]):
-        expand_any_tangent(p, w, tangents[k], phase, h, w.none_m, w.any.spring, w.any.hold)
-        take_any_state(w, tangents[k], m, s)
-
-
-@compiled
-def jump_tangents(p, w, tangents):
-    """Saltation of tangent vectors where a mesh force jumps: the other motion jumps later."""
-    c = len(p.classes)
-    n = 4 * c
-    m = 2 + 2 * c
-    s = p.seat.shape[0]
-    for a in range(n):
-        if w.any.jump[a] == 0.0 or w.end_slope[a] == 0.0:
-            continue
-        for b in range(n):
-            w.force[b] = 0.0
-        w.force[a] = w.any.jump[a] / w.end_slope[a]
-        for k in range(m + s):
-            w.push[k] = 0.0
-        accelerate(p, w.force, w.push)
-        for k in range(m + s):
-            w.push[k] -= p.own_force[k, a] * w.force[a]
-        for t in range(tangents.shape[0]):
-            y = tangents[t]
-            side = (a // c) % 2
-            r = y[2 + side * c + a % c]
-            x = y[side] - r if a < 2 * c else r
-            for j in range(s):
-                x += p.own_shift[j, a] * y[2 * m + j]
-            for k in range(m):
-                y[m + k] += w.push[k] * x
-            for j in range(s):
-                y[2 * m + s + j] += w.push[m + j] * x
+        expand_any_tangent(p, w, tangents[k], h, w.none_m)
+        take_state(p, w, tangents[k], s)
 
 
 @compiled
 def any_step(p, w, y, tangents, phase, cycle, h):
     """Advance y, and tangents (k, n_state) if any, by h; returns the switches passed."""
-    m = 2 + 2 * len(p.classes)
     left = h
     at = phase
     switches = 0
     moves = 0
     begins = True
     while True:
-        part = up_to_pitch(p, at, up_to_edge(p, at, cycle, left))
+        part = up_to_pitch(p, w, at, up_to_edge(p, at, cycle, left))
         expand_excitation(p, w, at, cycle, part)
         if begins:
             set_any_contact(p, w, y)
-            start_forces(p, w, y, part)
-            set_signs(p, w)
             begins = False
-        expand_any_motion(p, w, y, at, part)
+        expand_any_motion(p, w, y, part)
         share = share_that_holds(w) if moves < MOST_MOVES else 1.0
         if share < 1.0:
             shorten(w, share)
@@ -226,13 +164,13 @@ def any_step(p, w, y, tangents, phase, cycle, h):
             switches += 1
         else:
             s = 1.0
-        take_any_state(w, y, m, s)
+        take_state(p, w, y, s)
         meet(p, w, s)
-        move_any_tangents(p, w, tangents, at, part, s)
+        move_any_tangents(p, w, tangents, part, s)
         if s == 1.0 and part == left:
             return switches
         if s < 1.0:
             switch(p, w, s)
-            jump_tangents(p, w, tangents)
+            jump_tangents(p, w, tangents, s)
         at += p.Omega * part * s
         left -= part * s

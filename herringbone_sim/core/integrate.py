@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
@@ -83,7 +84,8 @@ class Stepper:
         self._work = make_work(
             layout.n_mesh, layout.n_coordinate, model.parameters.order, model.n_own
         )
-        self._run = runner(model.parameters.method, model.packed.plain)
+        self._run = runner(model.parameters.method, model.packed.powers)
+        self._kind = typeof(model.packed)
         force = s.b_c * s.omega_n**2 / s.projection
         self._si = np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta])
         self._carrier = carrier_row(model) * s.b_c
@@ -91,11 +93,14 @@ class Stepper:
     @property
     def compiled(self) -> bool:
         """Whether this process has the kernel of such a gear ready."""
-        return bool(getattr(self._run, "signatures", True))
+        made = getattr(self._run, "signatures", None)
+        return made is None or any(one[0] == self._kind for one in made)
 
     def alike(self, other: object) -> bool:
         """Whether another stepper runs on the same kernel."""
-        return isinstance(other, Stepper) and other._run is self._run
+        if not isinstance(other, Stepper):
+            return False
+        return other._run is self._run and bool(other._kind == self._kind)
 
     def start(self, tangents: int = 0) -> State:
         """Initial state, with so many tangent vectors."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.cache import compiled_from, forget_stale
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 TWO_PI = 2.0 * np.pi
 
@@ -66,16 +67,21 @@ class Packed(NamedTuple):
         load_orders: (l,) of the mesh frequency, of the harmonics of further torques.
         load_cos: (l, m + s) cosine amplitudes of the accelerations that they give the coordinates.
         load_sin: (l, m + s) sine amplitudes.
-        plain: whether all that follows is empty: force is linear between switches of contact.
+        plain: whether all that follows is empty.
+        extended: one zero where it is not, as in ``classes``: plain gears compile without it.
+        powers: whether forces are not linear between switches: a power in ``law`` that is no
+            constant, or rounded corners in ``seat``.
         law: (5, n) force of a mesh, k f (|f| / law[0])^(law[1] - 1) + c v [1 - law[2] + law[2]
             (|f| / law[4])^law[3]]; exponents 1 and share 0 give k f + c v.
-        slide: (2, m, n) accelerations of the coordinates by friction for a force 1 of a mesh,
-            its first part and that in proportion to the turn s from the pitch point; or (0, m, n).
         own_shift: (s, n) displacement of the meshes by s further coordinates.
-        own_force: (m + s, n) what mesh forces take off the accelerations, in addition.
-        own_hold: (m + s, s) what the springs of the further coordinates take off.
-        seat: (s, 4) those springs: stiffness, damping, half of the free play, rounding of its
-            corners; a rounding of 0 is a linear spring without play.
+        seat: (s, 4) their springs: stiffness, damping, half of the free play, rounding of its
+            corners.
+        push: (3, m + s + 1, n + s) what forces 1 of the meshes and of those springs add to the
+            accelerations of the coordinates, the last row being that of the carrier, which all
+            coordinates of the layout share: without friction; by friction, its first part and
+            that in proportion to the turn s from the pitch point.
+        pairs: (t, 2) rows and columns of ``push`` that hold anything.
+        rubs: (r,) meshes with friction.
         Omega: mesh frequency over omega_n.
     """
 
@@ -109,34 +115,32 @@ class Packed(NamedTuple):
     load_cos: Array
     load_sin: Array
     plain: bool
+    extended: tuple[int, ...]
+    powers: bool
     law: Array
-    slide: Array
     own_shift: Array
-    own_force: Array
-    own_hold: Array
     seat: Array
+    push: Array
+    pairs: Indices
+    rubs: Indices
     K: float
     Omega: float
 
 
 class AnyWork(NamedTuple):
-    """Scratch of a gear that is not plain; p, n and s as in ``Work`` and ``Packed``."""
+    """Scratch of a gear with powers; p, n and s as in ``Work`` and ``Packed``."""
 
-    rate: Array  # (p + 1, n) series of the rate of deflection
+    rate: Array  # (p + 1, n + s) series of the rate of deflection, seats included
     depth: Array  # (p + 1, n) series of |f|
     spring: Array  # (p + 1, n) series of the spring's part of the force over k, by its law
     damper: Array  # (p + 1, n) series of the factor on c v, by its law
-    force: Array  # (p + 1, n) series of the mesh force
     soft: Array  # (p + 1, n) series of the derivative of the force by the deflection
     damp: Array  # (p + 1, n) series of the derivative by the rate
     power: Array  # (p + 1, n) series of a power of |f|
-    hold: Array  # (p + 1, s) series of the springs' forces on further coordinates
-    give: Array  # (p + 1, s) series of their derivative by the displacement
+    give: Array  # (p + 1, s) series of the derivative of seats' forces by the displacement
     corner: Array  # (6, p + 1, s) series of both corners of a free play
     deep: Array  # (n,) 1 where the law bends, 0 where |f| is so small that it is taken linear
-    sign: Array  # (n,) of the mesh force
-    at: Array  # (3, n) where in the step contact, depth, sign switch
-    jump: Array  # (n,) of the mesh force at a switch
+    at: Array  # (n,) where in the step a law begins or ceases to bend
 
 
 class Work(NamedTuple):
@@ -154,20 +158,28 @@ class Work(NamedTuple):
     none_m: Array  # (p + 1, m + s) zeros
     q: Array  # (p + 1, m + s) series of the displacements
     v: Array  # (p + 1, m + s) series of the velocities
-    x: Array  # (p + 1, n) series of the deflections
-    f: Array  # (p + 1, n) the same where in contact, else 0
-    contact: Array  # (n,) -1 back, 0 separated, 1 drive
-    now: Array  # (n,) contact during the step, when ``contact`` has switched already
-    next: Array  # (n,) contact after the switch
-    at: Array  # (n,) where in the step a mesh switches, 2 when it does not
-    end: Array  # (n,) deflection at the end of the step
-    end_slope: Array  # (n,) its rate
-    closed: Array  # (n,) 1 in contact, 0 separated
-    force: Array  # (n,) one order of the mesh forces
+    x: Array  # (p + 1, n + s) series of the deflections, of seats behind those of meshes
+    f: Array  # (p + 1, n + s) the same where in contact, else 0
+    contact: Array  # (n + s,) -1 back, 0 separated, 1 drive
+    now: Array  # (n + s,) contact during the step, when ``contact`` has switched already
+    next: Array  # (n + s,) contact after the switch
+    at: Array  # (n + s,) where in the step a mesh switches, 2 when it does not
+    end: Array  # (n + s,) deflection at the end of the step
+    end_slope: Array  # (n + s,) its rate
+    closed: Array  # (n + s,) 1 in contact, 0 separated
+    force: Array  # (n + s,) one order of the forces of meshes and seats
+    forces: Array  # (p + 1, n + s) series of them, of gears that are not plain
+    damping: Array  # (n + s,) in the present contact, as the next three of gears not plain
+    border: Array  # (n + s,) half of the play
+    sign: Array  # (n,) of the mesh force; 0 where not known yet
+    sign_at: Array  # (n,) where in the step it changes
+    jump: Array  # (n,) of the mesh force at a switch, over the rate of deflection
+    pitch: Array  # (3,) turn from the pitch point, its side, turn of the step
+    mix: Array  # (2, t) accelerations of ``Packed.pairs`` by a force and by its order before
     rate: Array  # (4, n_state + 2 s) stages of RK4
     stage: Array  # (n_state + 2 s,)
     push: Array  # (m + s,) accelerations at one phase
-    any: AnyWork  # of forces that are not linear between switches
+    any: AnyWork  # of gears with powers
 
 
 def make_work(n_mesh: int, n_coordinate: int, order: int, n_own: int = 0) -> Work:
@@ -177,7 +189,7 @@ def make_work(n_mesh: int, n_coordinate: int, order: int, n_own: int = 0) -> Wor
         n_own: further coordinates, as rows of ``Packed.seat``.
     """
     p = order + 1
-    n_all = n_coordinate + n_own
+    n_all, n_row = n_coordinate + n_own, n_mesh + n_own
 
     def zeros(*shape: int) -> Array:
         return np.zeros(shape)
@@ -195,34 +207,38 @@ def make_work(n_mesh: int, n_coordinate: int, order: int, n_own: int = 0) -> Wor
         none_m=zeros(p, n_all),
         q=zeros(p, n_all),
         v=zeros(p, n_all),
-        x=zeros(p, n_mesh),
-        f=zeros(p, n_mesh),
-        contact=zeros(n_mesh),
-        now=zeros(n_mesh),
-        next=zeros(n_mesh),
-        at=zeros(n_mesh),
-        end=zeros(n_mesh),
-        end_slope=zeros(n_mesh),
-        closed=zeros(n_mesh),
-        force=zeros(n_mesh),
+        x=zeros(p, n_row),
+        f=zeros(p, n_row),
+        contact=zeros(n_row),
+        now=zeros(n_row),
+        next=zeros(n_row),
+        at=zeros(n_row),
+        end=zeros(n_row),
+        end_slope=zeros(n_row),
+        closed=zeros(n_row),
+        force=zeros(n_row),
+        forces=zeros(p, n_row),
+        damping=zeros(n_row),
+        border=zeros(n_row),
+        sign=zeros(n_mesh),
+        sign_at=zeros(n_mesh),
+        jump=zeros(n_mesh),
+        pitch=zeros(3),
+        mix=zeros(2, (n_all + 1) * n_row),
         rate=zeros(4, 2 * n_all),
         stage=zeros(2 * n_all),
         push=zeros(n_all),
         any=AnyWork(
-            rate=zeros(p, n_mesh),
+            rate=zeros(p, n_row),
             depth=zeros(p, n_mesh),
             spring=zeros(p, n_mesh),
             damper=zeros(p, n_mesh),
-            force=zeros(p, n_mesh),
             soft=zeros(p, n_mesh),
             damp=zeros(p, n_mesh),
             power=zeros(p, n_mesh),
-            hold=zeros(p, n_own),
             give=zeros(p, n_own),
             corner=zeros(6, p, n_own),
             deep=zeros(n_mesh),
-            sign=zeros(n_mesh),
-            at=zeros(3, n_mesh),
-            jump=zeros(n_mesh),
+            at=zeros(n_mesh),
         ),
     )

@@ -131,7 +131,7 @@ def over_cycles(step, p, w, y, tangents, cycle, cycles, steps):
 def run_plain(
     p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
 ):
-    """``sample`` of a gear that is plain, by series."""
+    """``sample`` of a gear without powers, by series."""
     return sample(
         taylor_step,
         p,
@@ -156,7 +156,7 @@ def run_plain(
 def run_any(
     p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
 ):
-    """``sample`` of any gear, by series."""
+    """``sample`` of a gear with powers, by series."""
     return sample(
         any_step,
         p,
@@ -204,13 +204,13 @@ def run_rk4(
 
 @compiled
 def cross_plain(p, w, y, tangents, cycle, cycles, steps):
-    """``over_cycles`` of a gear that is plain, by series."""
+    """``over_cycles`` of a gear without powers, by series."""
     over_cycles(taylor_step, p, w, y, tangents, cycle, cycles, steps)
 
 
 @compiled
 def cross_any(p, w, y, tangents, cycle, cycles, steps):
-    """``over_cycles`` of any gear, by series."""
+    """``over_cycles`` of a gear with powers, by series."""
     over_cycles(any_step, p, w, y, tangents, cycle, cycles, steps)
 
 
@@ -220,11 +220,11 @@ def cross_rk4(p, w, y, tangents, cycle, cycles, steps):
     over_cycles(rk4_step, p, w, y, tangents, cycle, cycles, steps)
 
 
-def runner(method: str, plain: bool) -> Any:
+def runner(method: str, powers: bool) -> Any:
     """The compiled ``sample`` for a method and a kind of gear."""
-    return run_rk4 if method == "rk4" else run_plain if plain else run_any
+    return run_rk4 if method == "rk4" else run_any if powers else run_plain
 
 
-def crosser(method: str, plain: bool) -> Any:
+def crosser(method: str, powers: bool) -> Any:
     """The compiled ``over_cycles`` for a method and a kind of gear."""
-    return cross_rk4 if method == "rk4" else cross_plain if plain else cross_any
+    return cross_rk4 if method == "rk4" else cross_any if powers else cross_plain

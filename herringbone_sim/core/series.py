@@ -9,6 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from herringbone_sim.core.extended import (
+    know_signs,
+    n_own,
+    push_series,
+    set_damping,
+    shift_series,
+)
 from herringbone_sim.core.packed import TWO_PI, inlined
 from herringbone_sim.core.right_hand_side import (
     accelerate,
@@ -156,10 +163,15 @@ def expand_motion(p, w, y, h, error, load, border):
     c = len(p.classes)
     n = 4 * c
     m_coordinate = 2 + 2 * c
-    for k in range(m_coordinate):
-        w.q[0, k] = y[k]
-        w.v[0, k] = y[m_coordinate + k]
-    for m in range(n):
+    own = n_own(p)
+    damping = p.damping
+    b = p.b
+    begin_series(p, w, y)
+    if len(p.extended) > 0:
+        set_damping(p, w)
+        damping = w.damping
+        b = w.border
+    for m in range(n + own):
         w.closed[m] = abs(w.contact[m])
     for i in range(order):
         rate = (i + 1) / h
@@ -172,19 +184,29 @@ def expand_motion(p, w, y, h, error, load, border):
                 w.x[i, n // 2 + m] = r - error[i, n // 2 + m]
                 w.force[m] = w.v[i, side] - dr - rate * error[i + 1, m]
                 w.force[n // 2 + m] = dr - rate * error[i + 1, n // 2 + m]
-        for m in range(n):
-            w.force[m] *= p.damping[m]
+        if len(p.extended) > 0:
+            shift_series(p, w, i, w.force)
+        for m in range(n + own):
+            w.force[m] *= damping[m]
             w.f[i, m] = w.closed[m] * w.x[i, m]
         if i == 0:
-            for m in range(n):
-                w.f[0, m] -= w.contact[m] * border * p.b[m]
+            for m in range(n + own):
+                w.f[0, m] -= w.contact[m] * border * b[m]
         for four in range(c):
             cauchy(w, i, 4 * four)
-        for k in range(m_coordinate):
+        for j in range(own):
+            w.force[n + j] += p.seat[j, 0] * w.f[i, n + j]
+        for k in range(m_coordinate + own):
             w.v[i + 1, k] = load[i, k]
         accelerate(p, w.force, w.v[i + 1])
+        if len(p.extended) > 0:
+            for m in range(n + own):
+                w.forces[i, m] = w.force[m]
+            if i == 0 and border != 0.0:
+                know_signs(p, w)
+            push_series(p, w, i, w.v[i + 1])
         scale = h * w.inverse[i + 1]
-        for k in range(m_coordinate):
+        for k in range(m_coordinate + own):
             w.v[i + 1, k] *= scale
             w.q[i + 1, k] = w.v[i, k] * scale
     for side in range(2):
@@ -193,3 +215,20 @@ def expand_motion(p, w, y, h, error, load, border):
             r = w.q[order, 2 + m]
             w.x[order, m] = w.q[order, side] - r - error[order, m]
             w.x[order, n // 2 + m] = r - error[order, n // 2 + m]
+    if len(p.extended) > 0:
+        shift_series(p, w, order, w.force)
+        for m in range(n):
+            w.forces[order, m] = 0.0
+
+
+@inlined
+def begin_series(p, w, y):
+    """Order 0 of all coordinates from a state or a tangent vector."""
+    m = 2 + 2 * len(p.classes)
+    own = n_own(p)
+    for k in range(m):
+        w.q[0, k] = y[k]
+        w.v[0, k] = y[m + k]
+    for j in range(own):
+        w.q[0, m + j] = y[2 * m + j]
+        w.v[0, m + j] = y[2 * m + own + j]

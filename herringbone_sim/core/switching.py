@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from herringbone_sim.core.extended import n_own, set_seats, shift_deflections
 from herringbone_sim.core.packed import compiled, inlined
 from herringbone_sim.core.right_hand_side import deflections
 
@@ -127,6 +128,9 @@ def leaves_at(a, m, level, sign, end, end_slope, before):
 def set_contact(p, w, y):
     """Contact of every mesh (Eqs. 1, 4) from the state and ``w.error``."""
     deflections(p, y[: 2 + 2 * len(p.classes)], w.end)
+    if len(p.extended) > 0:
+        shift_deflections(p, y, w.end)
+        set_seats(p, w, y)
     for m in range(4 * len(p.classes)):
         x = w.end[m] - w.error[0, m]
         w.contact[m] = 1.0 if x > p.b[m] else (-1.0 if x < -p.b[m] else 0.0)
@@ -139,29 +143,62 @@ def next_switch(p, w):
     All meshes that switch at that very s switch together: identical halves and planets do.
     """
     n = 4 * len(p.classes)
-    for m in range(n):
+    rows = n + n_own(p)
+    b = w.border if len(p.extended) > 0 else p.b
+    for m in range(rows):
         w.end[m] = w.x[0, m]
         w.end_slope[m] = 0.0
     for i in range(1, w.x.shape[0]):
-        for m in range(n):
+        for m in range(rows):
             w.end[m] += w.x[i, m]
             w.end_slope[m] += i * w.x[i, m]
     first = 2.0
-    for m in range(n):
+    if len(p.extended) > 0:
+        first = next_sign(p, w)
+    for m in range(rows):
+        if m >= n and b[m] == 0.0:  # a seat without play
+            w.at[m] = 2.0
+            continue
         side = w.contact[m]
         end = w.end[m]
         end_slope = w.end_slope[m]
         w.next[m] = 0.0
         if side != 0.0:
-            w.at[m] = leaves_at(w.x, m, side * p.b[m], side, end, end_slope, first)
+            w.at[m] = leaves_at(w.x, m, side * b[m], side, end, end_slope, first)
         else:
-            up = leaves_at(w.x, m, p.b[m], -1.0, end, end_slope, first)
-            down = leaves_at(w.x, m, -p.b[m], 1.0, end, end_slope, first)
+            up = leaves_at(w.x, m, b[m], -1.0, end, end_slope, first)
+            down = leaves_at(w.x, m, -b[m], 1.0, end, end_slope, first)
             w.at[m] = min(up, down)
             w.next[m] = 1.0 if up < down else -1.0
         first = min(first, w.at[m])
     if first < 1.0:
-        for m in range(n):
+        for m in range(rows):
             if w.at[m] == first:
                 w.contact[m] = w.next[m]
+        if len(p.extended) > 0:
+            turn_signs(p, w, first)
     return first
+
+
+@inlined
+def next_sign(p, w):
+    """First s in the step at which a force that rubs changes its sign, 2 when none does."""
+    first = 2.0
+    for r in range(p.rubs.size):
+        a = p.rubs[r]
+        end = 0.0
+        for i in range(w.forces.shape[0] - 1, -1, -1):
+            end += w.forces[i, a]
+        rate = slope(w.forces, a, 1.0)
+        w.sign_at[a] = leaves_at(w.forces, a, 0.0, w.sign[a], end, rate, first)
+        first = min(first, w.sign_at[a])
+    return first
+
+
+@inlined
+def turn_signs(p, w, s):
+    """Change the signs of the forces that do so at s."""
+    for r in range(p.rubs.size):
+        a = p.rubs[r]
+        if w.sign_at[a] == s:
+            w.sign[a] = -w.sign[a]

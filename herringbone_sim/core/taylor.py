@@ -6,6 +6,7 @@ are never stepped over, so the order holds (measured in ``test/test_integrate.py
 
 from __future__ import annotations
 
+from herringbone_sim.core.extended import jump_tangents, n_own, set_jumps, up_to_pitch
 from herringbone_sim.core.packed import TWO_PI, compiled, inlined
 from herringbone_sim.core.right_hand_side import cycles_to_edge
 from herringbone_sim.core.series import expand_excitation, expand_motion
@@ -15,18 +16,22 @@ MAX_SUBSTEPS = 400
 
 
 @inlined
-def take_state(w, y, s):
+def take_state(p, w, y, s):
     """State of the series at s into y."""
-    m = w.q.shape[1]
+    m = 2 + 2 * len(p.classes)
+    own = n_own(p)
     for k in range(m):
         y[k] = polynomial(w.q, k, s)
         y[m + k] = polynomial(w.v, k, s)
+    for j in range(own):
+        y[2 * m + j] = polynomial(w.q, m + j, s)
+        y[2 * m + own + j] = polynomial(w.v, m + j, s)
 
 
 @inlined
-def take_end(w, y):
+def take_end(p, w, y):
     """State at the end of the step into y."""
-    m = w.q.shape[1]
+    m = 2 + 2 * len(p.classes)
     last = w.q.shape[0] - 1
     for k in range(m):
         y[k] = w.q[last, k]
@@ -35,6 +40,10 @@ def take_end(w, y):
         for k in range(m):
             y[k] += w.q[i, k]
             y[m + k] += w.v[i, k]
+    own = n_own(p)
+    for j in range(own):
+        y[2 * m + j] = polynomial(w.q, m + j, 1.0)
+        y[2 * m + own + j] = polynomial(w.v, m + j, 1.0)
 
 
 @compiled
@@ -42,12 +51,12 @@ def move_tangents(p, w, tangents, h, s):
     """Advance tangent vectors by s * h with the series of the step just taken."""
     if tangents.shape[0] == 0:
         return
-    for m in range(4 * len(p.classes)):
+    for m in range(4 * len(p.classes) + n_own(p)):
         w.contact[m], w.now[m] = w.now[m], w.contact[m]
     for k in range(tangents.shape[0]):
         expand_motion(p, w, tangents[k], h, w.none_n, w.none_m, 0.0)
-        take_state(w, tangents[k], s)
-    for m in range(4 * len(p.classes)):
+        take_state(p, w, tangents[k], s)
+    for m in range(4 * len(p.classes) + n_own(p)):
         w.contact[m], w.now[m] = w.now[m], w.contact[m]
 
 
@@ -65,7 +74,8 @@ def taylor_step(p, w, y, tangents, phase, cycle, h):
     """Advance y, and tangents (k, n_state) if any, by h; returns the switches passed.
 
     At a switch the force is continuous in the displacement, so the saltation matrix is the
-    identity: tangents go through unchanged and see the new stiffness from there on.
+    identity: tangents go through unchanged and see the new stiffness from there on. Damping that
+    hangs on contact makes the exception.
     """
     left = h
     at = phase
@@ -73,24 +83,29 @@ def taylor_step(p, w, y, tangents, phase, cycle, h):
     begins = True
     while True:
         part = up_to_edge(p, at, cycle, left)
+        if len(p.extended) > 0:
+            part = up_to_pitch(p, w, at, part)
         expand_excitation(p, w, at, cycle, part)
         if begins:
             set_contact(p, w, y)
             begins = False
         expand_motion(p, w, y, part, w.error, w.load, 1.0)
-        for m in range(4 * len(p.classes)):
+        for m in range(4 * len(p.classes) + n_own(p)):
             w.now[m] = w.contact[m]
         s = next_switch(p, w) if switches < MAX_SUBSTEPS else 2.0
         if s >= 1.0:
-            take_end(w, y)
+            take_end(p, w, y)
             move_tangents(p, w, tangents, part, 1.0)
             if part == left:
                 return switches
             at += p.Omega * part
             left -= part
         else:
-            take_state(w, y, s)
+            take_state(p, w, y, s)
             move_tangents(p, w, tangents, part, s)
+            if len(p.extended) > 0:
+                set_jumps(p, w)
+                jump_tangents(p, w, tangents, s)
             at += p.Omega * part * s
             left -= part * s
             switches += 1

@@ -71,7 +71,7 @@ class GearFlow:
         self.model = model
         self.cycles = period_of(model) if cycles is None else cycles
         self._work = make_work(layout.n_mesh, layout.n_coordinate, p.order, model.n_own)
-        self._cross = crosser(p.method, model.packed.plain)
+        self._cross = crosser(p.method, model.packed.powers)
 
     @property
     def n(self) -> int:
@@ -162,8 +162,11 @@ def cycles_of(order: float, most: int = MOST_ORDER) -> int:
 
 
 def symmetry(model: Model) -> NDArray[np.int64] | None:
-    """``mirror`` where left and right of a gear are alike to the last bit, else None."""
-    return mirror(model.layout) if alike_halves(model) else None
+    """``mirror`` where left and right of a gear are alike to the last bit, else None.
+
+    None also for a gear with further coordinates, which section points do not hold.
+    """
+    return mirror(model.layout) if not model.n_own and alike_halves(model) else None
 
 
 def settle(flow: Flow, y: Array, periods: int, at: int = 0) -> Array:

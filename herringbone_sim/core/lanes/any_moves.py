@@ -1,31 +1,26 @@
-"""A move of gears that are not plain, in all lanes: ``core.any_step``, lanes at once."""
+"""A move of gears with powers, in all lanes: ``core.any_step``, lanes at once."""
 
 from __future__ import annotations
-
-import numpy as np
 
 from herringbone_sim.core.any_motion import NEAR
 from herringbone_sim.core.any_step import MOST_MOVES
 from herringbone_sim.core.lanes.any_series import (
-    SIDE,
-    START,
-    TURN,
-    begin_series,
-    coordinate_row,
-    deflect,
     expand_any_motion,
     expand_any_tangent,
     expand_derivatives,
-    law_row,
-    shift_row,
     shorten,
+)
+from herringbone_sim.core.lanes.extended import (
+    ends,
+    jump_tangents,
+    law_row,
+    stop_at_pitch,
+    turn_signs,
 )
 from herringbone_sim.core.lanes.packed import (
     AT,
     AT_DEPTH,
-    AT_SIGN,
     BORDER,
-    CARRIER,
     CONTACT,
     DAMPING,
     DEEP,
@@ -33,45 +28,19 @@ from herringbone_sim.core.lanes.packed import (
     END,
     END_SLOPE,
     EXPONENT,
-    LEFT,
+    JUMP,
     MOVE,
     NEXT,
-    OMEGA,
     OTHER,
-    PHASE,
-    PLANET,
     POWER,
-    SHARE,
     SIGN,
-    SUN,
     SWITCHES,
 )
-from herringbone_sim.core.lanes.series import expand_excitation
-from herringbone_sim.core.lanes.switching import count_contact
-from herringbone_sim.core.lanes.vector import LANES, fma, load, splat, store
-from herringbone_sim.core.packed import TWO_PI, compiled, inlined
-from herringbone_sim.core.right_hand_side import ON_EDGE
+from herringbone_sim.core.lanes.series import expand_excitation, take_state
+from herringbone_sim.core.lanes.switching import count_contact, may_leave, touch, watch_sign
+from herringbone_sim.core.lanes.vector import LANES, bits, choose, load, splat, store, without
+from herringbone_sim.core.packed import compiled, inlined
 from herringbone_sim.core.switching import leaves_at, polynomial
-
-
-@compiled
-def stop_at_pitch(w):
-    """End the step of each lane where its flanks next change their slide, if there is friction."""
-    if w.shape[5] == 0:
-        return
-    for lane in range(LANES):
-        phase, Omega = w.lane[PHASE, 0, lane], w.constants[OMEGA, 0, lane]
-        left = w.lane[LEFT, 0, lane]
-        half = phase / np.pi
-        part = min(left, (np.floor(half + 2.0 * ON_EDGE) + 1.0 - half) * np.pi / Omega)
-        turn = part * Omega / TWO_PI
-        start = phase / TWO_PI
-        whole = np.floor(start + 0.5 * turn + 0.5)
-        w.lane[LEFT, 0, lane] = part
-        w.lane[SHARE, 0, lane] *= part / left
-        w.own.turn[START, 0, lane] = start - whole
-        w.own.turn[SIDE, 0, lane] = 1.0 if start + 0.5 * turn > whole else -1.0
-        w.own.turn[TURN, 0, lane] = turn
 
 
 @inlined
@@ -83,60 +52,58 @@ def bends(w, a, lane):
 
 
 @compiled
-def touch_depth(shape, w):
-    """Depth of the meshes of lanes that begin a step of the grid."""
-    begin_series(w, 0)
-    deflect(shape, w, 0, True)
+def touch_depth(w):
+    """Depth of the meshes of lanes that begin a step of the grid, after ``touch``."""
     for a in range(w.k.shape[1]):
         for lane in range(LANES):
             if w.lane[SWITCHES, 0, lane] == 0.0:
                 x, b = w.x[0, a, lane], w.constants[BORDER, a, lane]
-                contact = 1.0 if x > b else (-1.0 if x < -b else 0.0)
-                w.mesh[CONTACT, a, lane] = contact
                 deep = bends(w, a, lane) and abs(x) > b + NEAR
                 w.mesh[DEEP, a, lane] = 1.0 if deep else 0.0
 
 
 @compiled
-def ends(w, series, end_row, slope_row):
-    """Value and slope at the end of the step of each mesh's series, into rows of ``w.mesh``."""
-    for a in range(w.k.shape[1]):
-        end, slope = splat(0.0), splat(0.0)
-        for i in range(series.shape[0] - 1, 0, -1):
-            x = load(series, i, a)
-            end = end + x
-            slope = fma(splat(float(i)), x, slope)
-        store(w.mesh, end_row, a, end + load(series, 0, a))
-        store(w.mesh, slope_row, a, slope)
-
-
-@compiled
 def find_events(w):
     """How far each lane goes, 1 or up to its first event, into ``w.lane``."""
-    order, n = w.x.shape[0], w.k.shape[1]
+    order, n = w.x.shape[0], w.x.shape[1]
     x = w.x.reshape(order, n * LANES)
-    force = w.own.force.reshape(order, n * LANES)
-    ends(w, w.own.force, AT_DEPTH, AT_SIGN)
     store(w.lane, MOVE, 0, splat(1.0))
+    for r in range(w.rubs.size):
+        watch_sign(w, w.rubs[r])
     for a in range(n):
-        for lane in range(LANES):
-            at = 2.0
-            if w.shape[5] > 0 and w.lane[SWITCHES, 0, lane] < MOST_MOVES:
-                end, slope = w.mesh[AT_DEPTH, a, lane], w.mesh[AT_SIGN, a, lane]
-                sign, first = w.mesh[SIGN, a, lane], w.lane[MOVE, 0, lane]
-                at = leaves_at(force, a * LANES + lane, 0.0, sign, end, slope, first)
-                w.lane[MOVE, 0, lane] = min(first, at)
-            w.mesh[AT_SIGN, a, lane] = at
-    ends(w, w.x, END, END_SLOPE)
-    for a in range(n):
-        for lane in range(LANES):
-            locate(x, w, a, lane)
+        ends(w, w.x, a, END, END_SLOPE)
+        store(w.mesh, AT, a, splat(2.0))
+        store(w.mesh, AT_DEPTH, a, splat(2.0))
+        seen, lane = may_switch(w, a), 0
+        while seen:
+            if seen & 1:
+                locate(x, w, a, lane)
+            seen >>= 1
+            lane += 1
+    stuck = load(w.lane, SWITCHES, 0) > splat(MOST_MOVES - 0.5)
+    store(w.lane, MOVE, 0, choose(stuck, splat(1.0), load(w.lane, MOVE, 0)))
+
+
+@inlined
+def may_switch(w, a):
+    """Lanes, as bits, in which mesh a may pass a border of its contact or law within the step."""
+    contact, b = load(w.mesh, CONTACT, a), load(w.constants, BORDER, a)
+    start, first = load(w.x, 0, a), load(w.x, 1, a)
+    stop, slope = load(w.mesh, END, a), load(w.mesh, END_SLOPE, a)
+    zero, near = splat(0.0), splat(NEAR)
+    is_open, deep = contact == zero, load(w.mesh, DEEP, a) != zero
+    sign = choose(is_open, splat(1.0), contact)
+    inner = choose(is_open, b, choose(deep, 0.0 - b - near, 0.0 - b))
+    outer = choose(is_open, b, b + near)
+    s, ds, e, de = sign * start, sign * first, sign * stop, sign * slope
+    seen = may_leave(s + inner, ds, e + inner, de)
+    other = may_leave(outer - s, zero - ds, outer - e, zero - de)
+    return bits(seen | (other & without(deep)))
 
 
 @compiled
 def locate(x, w, a, lane):
     """Where mesh a makes or loses contact, or its law begins or ceases to bend, in one lane."""
-    w.mesh[AT, a, lane] = w.mesh[AT_DEPTH, a, lane] = 2.0
     if w.lane[SWITCHES, 0, lane] >= MOST_MOVES:
         return
     column, first = a * LANES + lane, w.lane[MOVE, 0, lane]
@@ -154,23 +121,9 @@ def locate(x, w, a, lane):
             w.mesh[AT_DEPTH, a, lane] = leaves_at(x, column, border, side, end, slope, first)
         else:
             w.mesh[AT, a, lane] = leaves_at(x, column, side * b, side, end, slope, first)
-            if bends(w, a, lane):
+            if a < w.k.shape[1] and bends(w, a, lane):
                 w.mesh[AT_DEPTH, a, lane] = leaves_at(x, column, border, -side, end, slope, first)
     w.lane[MOVE, 0, lane] = min(first, w.mesh[AT, a, lane], w.mesh[AT_DEPTH, a, lane])
-
-
-@compiled
-def take_any_state(w, row):
-    """State or tangent vector at the end of each lane's move into ``w.y``."""
-    move, s = load(w.lane, MOVE, 0), w.shape[4]
-    m, last = w.q.shape[1] - s, w.q.shape[0] - 1
-    for k in range(m + s):
-        q, v = load(w.q, last, k), load(w.v, last, k)
-        for i in range(last - 1, -1, -1):
-            q = fma(q, move, load(w.q, i, k))
-            v = fma(v, move, load(w.v, i, k))
-        store(w.y, row, k if k < m else m + k, q)
-        store(w.y, row, m + k if k < m else m + s + k, v)
 
 
 @inlined
@@ -199,8 +152,8 @@ def meet(w):
     """Deflection, its rate and the stiffness of every mesh at the end of the moves, kept in
     ``w.mesh`` and ``own.other`` while tangent vectors use their series.
     """
-    order, n = w.x.shape[0], w.k.shape[1]
-    x, v = w.x.reshape(order, n * LANES), w.own.rate.reshape(order, n * LANES)
+    order, n, rows = w.x.shape[0], w.k.shape[1], w.x.shape[1]
+    x, v = w.x.reshape(order, rows * LANES), w.own.rate.reshape(order, rows * LANES)
     k = w.k.reshape(order, n * LANES)
     for a in range(n):
         for lane in range(LANES):
@@ -214,15 +167,19 @@ def meet(w):
 
 @compiled
 def switch(w):
-    """Switch all that does so at the end of the moves; jumps of the forces into ``own.jump``."""
+    """Switch all that does so at the end of the moves; returns whether a force jumps."""
     jumps = False
-    for a in range(w.k.shape[1]):
+    turn_signs(w)
+    for a in range(w.x.shape[1]):
         for lane in range(LANES):
-            w.own.jump[0, a, lane] = 0.0
+            w.mesh[JUMP, a, lane] = 0.0
             move = w.lane[MOVE, 0, lane]
             if not move < 1.0:
                 continue
-            if w.mesh[AT, a, lane] == move or w.mesh[AT_DEPTH, a, lane] == move:
+            if a >= w.k.shape[1]:
+                if w.mesh[AT, a, lane] == move:
+                    w.mesh[CONTACT, a, lane] = w.mesh[NEXT, a, lane]
+            elif w.mesh[AT, a, lane] == move or w.mesh[AT_DEPTH, a, lane] == move:
                 x, v = w.mesh[END, a, lane], w.mesh[END_SLOPE, a, lane]
                 k = w.own.met[0, a, lane]
                 before = law_force(w, a, lane, k, x, v)
@@ -232,46 +189,10 @@ def switch(w):
                     w.mesh[DEEP, a, lane] = 1.0 - w.mesh[DEEP, a, lane]
                 jump = law_force(w, a, lane, k, x, v) - before
                 if v != 0.0 and jump != 0.0:
-                    w.own.jump[0, a, lane] = jump / v
+                    w.mesh[JUMP, a, lane] = jump / v
+                    w.mesh[SIGN, a, lane] = 1.0 if v > 0.0 else -1.0
                     jumps = True
-            if w.mesh[AT_SIGN, a, lane] == move:
-                w.mesh[SIGN, a, lane] = -w.mesh[SIGN, a, lane]
     return jumps
-
-
-@compiled
-def jump_tangents(shape, w):
-    """Saltation of tangent vectors where a mesh force jumps, see ``any_step.jump_tangents``."""
-    sides, c, s = len(shape[0]), len(shape[1]), w.shape[4]
-    half, m = sides * c, w.q.shape[1] - s
-    for row in range(1, w.y.shape[0]):
-        coupled = row == 1 or sides == 2
-        for lane in range(LANES):
-            for a in range(2 * half):
-                jump = w.own.jump[0, a, lane]
-                if jump == 0.0:
-                    continue
-                planet = a % half
-                r = w.y[row, sides + planet, lane]
-                x = w.y[row, planet // c, lane] - r if a < half else r
-                for j in range(s):
-                    shift = w.constants[shift_row(w, j), a, lane]
-                    x += shift * w.y[row, 2 * m + j, lane]
-                push = jump * x
-                carrier = push * w.constants[CARRIER, 0, lane] if coupled else 0.0
-                for side in range(sides):
-                    w.y[row, m + side, lane] -= 2.0 * carrier
-                for k in range(half):
-                    w.y[row, m + sides + k, lane] -= carrier
-                own = push * w.constants[PLANET, planet, lane]
-                if a < half:
-                    w.y[row, m + planet // c, lane] -= push * w.constants[SUN, planet // c, lane]
-                    w.y[row, m + sides + planet, lane] += own
-                else:
-                    w.y[row, m + sides + planet, lane] -= own
-                for k in range(m + s):
-                    at = m + k if k < m else m + s + k
-                    w.y[row, at, lane] -= push * w.constants[coordinate_row(w, 2, k), a, lane]
 
 
 @compiled
@@ -279,20 +200,21 @@ def move_any(shape, w, inverse, controlled):
     """One move of every lane: to the end of its step, an event, or where the series end."""
     stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
-    touch_depth(shape, w)
+    touch(shape, w)
+    touch_depth(w)
     expand_any_motion(shape, w, controlled, inverse)
     shorten(w)
     find_events(w)
-    take_any_state(w, 0)
+    take_state(shape, w, 0)
     meet(w)
     if w.y.shape[0] > 1:
         expand_derivatives(w)
     if w.y.shape[0] > 1:
         expand_any_tangent(shape, w, 1, True, inverse)
-        take_any_state(w, 1)
+        take_state(shape, w, 1)
     if w.y.shape[0] > 2:
         expand_any_tangent(shape, w, 2, False, inverse)
-        take_any_state(w, 2)
+        take_state(shape, w, 2)
     count_contact(w)
-    if switch(w):
+    if switch(w) and w.y.shape[0] > 1:
         jump_tangents(shape, w)
