@@ -43,6 +43,8 @@ EFFECTS = (
     "ring_flexibility@rp:stiffness=3e9",
     "bearing_clearance:clearance=1e-5",
     "tooth_crack@sp:depth=0.3,member=sun; tooth_friction:mu=0.05",
+    "ring_flexibility@rp:stiffness=3e9; tooth_friction:mu=0.08",
+    "ring_flexibility@rp:stiffness=3e9; bearing_clearance:clearance=1e-5",
 )
 ORBIT = {"xi": 0.07, "delta_T": 90.0}
 CYCLES, VALUES, LENGTH = 20, 64, 100

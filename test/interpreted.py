@@ -15,6 +15,7 @@ from herringbone_sim.core import orbit
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.lanes import any_moves, any_series
+from herringbone_sim.core.lanes import extended as lane_extended
 from herringbone_sim.core.lanes import run as lane_run
 from herringbone_sim.core.lanes import series as lane_series
 from herringbone_sim.core.lanes import switching as lane_switching
@@ -38,7 +39,7 @@ CASES = {
 }
 
 
-# Gears with effects: those of the first kind of kernel, and all that the second kind knows.
+# Gears with effects: all that the kernel without powers knows, and that with powers.
 EVENTS = (
     "tooth_crack@sp:depth=0.3,member=sun,position=0.4,width=0.5; "
     "tooth_spall@rp:height=4e-6,member=ring,position=0.3,width=0.4; torque_ripple:amplitude=0.2; "
@@ -46,8 +47,11 @@ EVENTS = (
 )
 BENDS = (
     "tooth_friction:mu=0.08; contact_nonlinearity@sp:exponent=1.1; "
-    "damping_law@rp:share=0.4,power=0.5,depth=1e-5; ring_flexibility@rp:stiffness=3e9"
+    "damping_law@rp:share=0.4,power=0.5,depth=1e-5; ring_flexibility@rp:stiffness=3e9; "
+    "bearing_clearance:clearance=1e-5"
 )
+ROUND = "bearing_clearance:clearance=1e-5,softness=0.05"
+RUBS = "tooth_friction:mu=0.08; ring_flexibility@rp:stiffness=3e9; damping_law:share=1,power=0"
 JUMPS = "damping_law:share=0.4,power=0,depth=1e-5; bearing_clearance:clearance=1e-5"
 HOT = {"xi": 0.07, "delta_T": 90.0, "K": 0.1}
 SLOW = {"method": "rk4", "steps_per_cycle": 32}
@@ -55,10 +59,21 @@ EFFECT_CASES = {
     "events": (EVENTS, HOT, 20, 1),
     "bends": (BENDS, HOT, 12, 1),
     "jumps": (JUMPS, HOT, 16, 1),
+    "rubs": (RUBS, HOT, 16, 1),
+    "round": (ROUND, HOT, 10, 1),
     "rk4": (f"{EVENTS}; tooth_friction:mu=0.08; {JUMPS}", HOT | SLOW, 10, 0),
-    "rk4_bends": (BENDS, HOT | SLOW, 10, 0),
+    "rk4_bends": (f"{BENDS}; {ROUND}", HOT | SLOW, 10, 0),
 }
-EFFECT_BATCHES = {"events": (EVENTS, True), "bends": (BENDS, True), "jumps": (JUMPS, True)}
+EFFECT_BATCHES = {
+    name: (text, True)
+    for name, text in (
+        ("events", EVENTS),
+        ("bends", BENDS),
+        ("jumps", JUMPS),
+        ("rubs", RUBS),
+        ("round", ROUND),
+    )
+}
 
 POLYNOMIALS = [
     (0.0, 1.0, -2.0, 0.0),
@@ -117,7 +132,10 @@ def put(a, i, j, lane, x):
 def read_lanes():
     """Let the interpreter run the lanes: vectors become arrays of NumPy."""
     vector = VECTOR | {"store": store, "put": put}
-    for module in (orbit, lane_run, lane_series, lane_switching, any_series, any_moves):
+    for module in (
+        *(orbit, lane_run, lane_series, lane_switching, lane_extended),
+        *(any_series, any_moves),
+    ):
         for name in vars(module).keys() & vector.keys():
             setattr(module, name, vector[name])
     np.seterr(all="ignore")

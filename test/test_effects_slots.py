@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from reference import Reference, integrate
 
-from herringbone_sim.core.batch import alike_halves, run_batch
+from herringbone_sim.core.batch import alike_halves, run_batch, state_mirror
 from herringbone_sim.core.integrate import State, Stepper
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.packed import make_work
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.right_hand_side import rk4_step
+from herringbone_sim.dynamics.flow import GearFlow, settle
 from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.registry import effects
@@ -47,6 +48,10 @@ TEXTS = (
     "contact_nonlinearity:exponent=1.1",
     "ring_flexibility@rp:stiffness=3e9,damping=0.05",
     "bearing_clearance:clearance=1e-5",
+    "bearing_clearance:clearance=1e-5,softness=0.05",
+    "damping_law:share=1,power=0,depth=1e-5; tooth_friction:mu=0.08",
+    "ring_flexibility@rp:stiffness=3e9; bearing_clearance:clearance=1e-5",
+    "contact_nonlinearity:exponent=1.1; bearing_clearance:clearance=4e-6",
     "tooth_crack@sp:depth=0.3,member=sun,position=3.2; tooth_friction:mu=0.05",
 )
 
@@ -83,7 +88,7 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
     n_own = EffectStepper(model, actives).laws.n_own
     layout, rng = model.layout, np.random.default_rng(3)
     work = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
-    n, s, h = layout.n_state, model.n_own, 1e-9
+    n, h = layout.n_state, 1e-9
     for cycle in (0, 3, 5, 40):
         y = rng.normal(size=model.n_state) * 4.0
         y[n:] *= 0.1
@@ -163,7 +168,44 @@ def test_tangents_are_differences_of_neighbours(text: str) -> None:
 def test_halves_that_an_effect_makes_unlike_are_integrated_both() -> None:
     assert alike_halves(gear("mean_stiffness@sp:factor=1.2"))
     assert alike_halves(gear("tooth_friction:mu=0.08"))
+    assert alike_halves(gear("ring_flexibility@rp:stiffness=3e9"))
+    assert not alike_halves(gear("ring_flexibility@rp/all/L:stiffness=3e9"))
+    assert alike_halves(gear("bearing_clearance:clearance=1e-5"))
+    assert not alike_halves(gear("bearing_clearance@all/all/L:clearance=1e-5"))
     assert not alike_halves(gear("stagger@all/all/L:phase=0.2"))
     assert not alike_halves(
         gear("torque_ripple:amplitude=0.2; pin_position@all/all/R:offset=1e-6")
     )
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # one batch has no spread
+@pytest.mark.parametrize(
+    "text",
+    [
+        "tooth_friction:mu=0.08",
+        "damping_law:share=0.4,power=0,depth=1e-5",
+        "ring_flexibility@rp:stiffness=3e9",
+        "bearing_clearance:clearance=1e-5",
+        "bearing_clearance:clearance=1e-5; tooth_friction:mu=0.08; contact_nonlinearity",
+    ],
+)
+def test_one_half_grows_as_the_whole_does(text: str) -> None:
+    """Growth of perturbations within symmetry and across it, by the map of the whole gear."""
+    model = gear(text)
+    flow = GearFlow(model, 1)
+    y = settle(flow, flow.start(), 3)
+    batch = run_batch([model], y[None], 0, 1, 1, True, before=np.array([3]))
+    _, tangents = flow.advance(y, np.eye(flow.n), 3)
+    mirror = state_mirror(model)
+    half = np.unique(np.minimum(mirror, np.arange(flow.n)))
+    z = np.random.default_rng(0).normal(size=len(half))
+    for sign, found in ((1.0, batch.within), (-1.0, batch.transverse)):
+        whole = np.zeros(flow.n)
+        whole[half] = z
+        if sign < 0.0:
+            whole[mirror == np.arange(flow.n)] = 0.0
+        start = whole[half].copy()
+        whole[mirror[half]] = sign * start
+        growth = np.linalg.norm((tangents.T @ whole)[half]) / np.linalg.norm(start)
+        wanted = np.log(growth) / flow.period
+        np.testing.assert_allclose(found[0], wanted, atol=1e-9)

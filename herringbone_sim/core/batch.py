@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.integrate import Stepper
-from herringbone_sim.core.lanes.packed import constants, make_work, shape_of
+from herringbone_sim.core.lanes.packed import (
+    chosen_own,
+    constants,
+    make_work,
+    own_mirror,
+    shape_of,
+)
 from herringbone_sim.core.lanes.run import run_any_lanes, run_lanes
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, initial_state
@@ -101,10 +107,12 @@ def run_batch(
     rest = np.zeros((len(models), max(n_all - starts.shape[1], 0)))
     starts = np.nan_to_num(np.concatenate([starts, rest], axis=1))
     found = _empty(len(models), points, layout, n_all)
-    mirror = layout_mirror(layout)
+    mirror = state_mirror(models[0]) if len(models) else np.zeros(0, dtype=np.int64)
     alike = np.array(
         [
-            np.array_equal(y[: layout.n_state], y[mirror]) and alike_halves(m)
+            np.array_equal(y, y[mirror])
+            and alike_halves(m)
+            and np.array_equal(mirror, state_mirror(m))
             for m, y in zip(models, starts, strict=True)
         ]
     )
@@ -142,33 +150,33 @@ def layout_mirror(layout: Layout) -> Indices:
     return np.concatenate([half, m + half])
 
 
-def alike_halves(model: Model) -> bool:
-    """Whether left and right of a gear, effects included, are the same to the bit.
+def state_mirror(model: Model) -> Indices:
+    """Indices (n_state,) that exchange left and right in a state with its further coordinates."""
+    first, own = model.layout.n_state, own_mirror(model)
+    return np.concatenate([layout_mirror(model.layout), first + own, first + model.n_own + own])
 
-    Further coordinates of effects are taken for unlike.
-    """
+
+def alike_halves(model: Model) -> bool:
+    """Whether left and right of a gear, effects included, are the same to the bit."""
     p, c = model.packed, model.layout.n_classes
-    m = model.layout.n_coordinate
+    n, m, own = model.layout.n_mesh, model.layout.n_coordinate, own_mirror(model)
     one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
     many = (p.k_cos, p.k_sin, p.e_cos, p.e_sin, p.d_cos, p.d_sin, p.window_k, p.window_d, p.law)
     by_mesh = np.concatenate([np.array(one), *many]).reshape(-1, 2, 2, c)
     by_side = (p.inv_M_s, p.inv_M_p, p.load_q, p.control_q, p.control_r)
     loads = np.concatenate([p.load_cos, p.load_sin])
+    mesh = np.arange(n).reshape(2, 2, c)[:, ::-1].ravel()
+    mirror = np.concatenate([layout_mirror(model.layout)[:m], m + own])
+    to = np.concatenate([mirror, [m + len(own)]])
     return (
-        not len(p.seat)
+        np.array_equal(own[own], np.arange(len(own)))
+        and np.array_equal(p.seat[own], p.seat)
+        and np.array_equal(p.own_shift[own][:, mesh], p.own_shift)
+        and np.array_equal(p.push[:, to][:, :, np.concatenate([mesh, n + own])], p.push)
         and np.array_equal(by_mesh[:, :, 0], by_mesh[:, :, 1])
         and all(np.array_equal(row[0], row[1]) for row in by_side)
-        and np.array_equal(loads, loads[:, layout_mirror(model.layout)[:m]])
-        and _alike_friction(model)
+        and np.array_equal(loads, loads[:, mirror])
     )
-
-
-def _alike_friction(model: Model) -> bool:
-    """Whether friction does to the coordinates of one half what it does to the other."""
-    slide, m = model.packed.slide, model.layout.n_coordinate
-    c = model.layout.n_classes
-    kind = slide.reshape(len(slide), m, 2, 2, c)[:, :, :, ::-1].reshape(slide.shape)
-    return np.array_equal(slide, kind[:, layout_mirror(model.layout)[:m]])
 
 
 def _empty(n: int, points: int, layout: Layout, n_all: int) -> Batch:
@@ -181,18 +189,27 @@ def _empty(n: int, points: int, layout: Layout, n_all: int) -> Batch:
     return Batch(sections, none(n_all), none(), none(), none(), none(), contact, ())
 
 
-def _one_half(layout: Layout) -> Indices:
-    """Indices of the left half in a state."""
-    m, c = layout.n_coordinate, layout.n_classes
+def _one_half(model: Model) -> Indices:
+    """Indices of the left half in a state, with what lies on the mirror."""
+    m, c, own = model.layout.n_coordinate, model.layout.n_classes, chosen_own(model, 1)
     half = np.concatenate([[0], np.arange(2, 2 + c)])
-    return np.concatenate([half, m + half])
+    return np.concatenate([half, m + half, 2 * m + own, 2 * m + model.n_own + own])
 
 
-def _from_half(layout: Layout) -> Indices:
+def _from_half(model: Model) -> Indices:
     """Indices that make a whole state from its left half."""
-    c = layout.n_classes
+    c, own = model.layout.n_classes, chosen_own(model, 1)
     half = np.concatenate([[0, 0], np.tile(np.arange(1, 1 + c), 2)])
-    return np.concatenate([half, 1 + c + half])
+    image = np.minimum(own_mirror(model), np.arange(model.n_own))
+    rest = 2 * (1 + c) + np.searchsorted(own, image)
+    return np.concatenate([half, 1 + c + half, rest, len(own) + rest])
+
+
+def _on_mirror(model: Model) -> Indices:
+    """Indices in a half state of what a perturbation that parts the halves leaves at rest."""
+    own, first = chosen_own(model, 1), 2 * (1 + model.layout.n_classes)
+    alone = np.flatnonzero(own_mirror(model)[own] == own)
+    return np.concatenate([first + alone, first + len(own) + alone])
 
 
 def _run_lanes(
@@ -205,20 +222,22 @@ def _run_lanes(
 ) -> list[str]:
     """Values of one kind through the lanes into ``found``; returns their reasons."""
     layout, n, order = models[0].layout, len(models), models[0].parameters.order
-    taken = _one_half(layout) if sides == 1 else np.arange(models[0].n_state)
-    shape = shape_of(models)
+    taken = _one_half(models[0]) if sides == 1 else np.arange(models[0].n_state)
+    shape = shape_of(models, len(chosen_own(models[0], sides)))
     table = constants(models, sides, shape)
     size, n_mesh = len(taken), layout.n_mesh // 2 * sides
     starts = np.zeros((n, 1 + length.tangents, size))
     starts[:, 0] = begin[0][:, taken]
     starts[:, 1:] = np.random.default_rng(0).normal(size=size)
+    if sides == 1 and length.tangents:
+        starts[:, 2, _on_mirror(models[0])] = 0.0
     sections = np.full((n, length.points, size), np.nan)
     end, contact = np.full((n, size), np.nan), np.full((n, n_mesh, 2), np.nan)
     growth = np.zeros((n, length.batches + 1, length.tangents))
     failed = np.zeros(n, dtype=np.bool_)
-    lanes = run_any_lanes if shape.any else run_lanes
+    lanes = run_any_lanes if shape.powers else run_lanes
     lanes(
-        ((0,) * sides, (0,) * layout.n_classes),
+        ((0,) * sides, (0,) * layout.n_classes, (0,) * shape.extended),
         make_work(table, shape, n_mesh, sides, order, length.tangents),
         1.0 / np.maximum(np.arange(order + 2.0), 1.0),
         table,
@@ -234,7 +253,7 @@ def _run_lanes(
         contact,
         failed,
     )
-    whole = _from_half(layout) if sides == 1 else taken
+    whole = _from_half(models[0]) if sides == 1 else taken
     found.sections[chosen] = sections[..., whole[: layout.n_state]]
     found.end[chosen] = end[..., whole]
     _put_exponents(found, chosen, models, growth, length)

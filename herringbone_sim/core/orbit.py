@@ -27,13 +27,14 @@ class Orbit(NamedTuple):
     """What the kernel takes of one orbit; both halves are integrated.
 
     Attributes:
-        shape: tuples of zeros, as many as sides and as classes: loops over them are unrolled.
+        shape: tuples of zeros, as many as sides and as classes: loops over them are unrolled; one
+            more where the gear is ``Packed.extended``.
         work: constants and scratch; ``work.y (1 + k, n_state)`` is the state and k tangents.
         inverse: (order + 2,) 1 / i.
         controlled: whether K != 0, or there are further torques.
     """
 
-    shape: tuple[tuple[int, ...], tuple[int, ...]]
+    shape: tuple[tuple[int, ...], ...]
     work: Work
     inverse: Array
     controlled: bool
@@ -41,13 +42,13 @@ class Orbit(NamedTuple):
 
 def orbit_of(model: Model, tangents: int) -> Orbit:
     """Orbit of a model with so many tangent vectors, its state still zero."""
-    p, layout, shape = model.parameters, model.layout, shape_of([model])
+    p, layout, shape = model.parameters, model.layout, shape_of([model], model.n_own)
     table = constants([model], 2, shape)
     work = make_work(table, shape, layout.n_mesh, 2, p.order, tangents, lanes=())
     work.constants[:] = table[0]
     work.steps[0] = p.steps
     return Orbit(
-        ((0,) * 2, (0,) * layout.n_classes),
+        ((0,) * 2, (0,) * layout.n_classes, (0,) * shape.extended),
         work,
         1.0 / np.maximum(np.arange(p.order + 2.0), 1.0),
         shape.loads > 0 or model.packed.K != 0.0,

@@ -18,6 +18,7 @@ from herringbone_sim.core.cache import compiled_from, forget_stale
 from herringbone_sim.core.numba_private import COMPILED
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 TWO_PI = 2.0 * np.pi
 LIMIT = 1e6  # of a deflection, in b_c: beyond it is the motion of no gear
@@ -66,16 +67,21 @@ class Packed(NamedTuple):
         load_orders: (l,) of the mesh frequency, of the harmonics of further torques.
         load_cos: (l, m + s) cosine amplitudes of the accelerations that they give the coordinates.
         load_sin: (l, m + s) sine amplitudes.
-        plain: whether all that follows is empty: force is linear between switches of contact.
+        plain: whether all that follows is empty.
+        extended: one zero where it is not, as in ``classes``: plain gears compile without it.
+        powers: whether forces are not linear between switches: a power in ``law`` that is no
+            constant, or rounded corners in ``seat``.
         law: (5, n) force of a mesh, k f (|f| / law[0])^(law[1] - 1) + c v [1 - law[2] + law[2]
             (|f| / law[4])^law[3]]; exponents 1 and share 0 give k f + c v.
-        slide: (2, m, n) accelerations of the coordinates by friction for a force 1 of a mesh,
-            its first part and that in proportion to the turn s from the pitch point; or (0, m, n).
         own_shift: (s, n) displacement of the meshes by s further coordinates.
-        own_force: (m + s, n) what mesh forces take off the accelerations, in addition.
-        own_hold: (m + s, s) what the springs of the further coordinates take off.
-        seat: (s, 4) those springs: stiffness, damping, half of the free play, rounding of its
-            corners; a rounding of 0 is a linear spring without play.
+        seat: (s, 4) their springs: stiffness, damping, half of the free play, rounding of its
+            corners.
+        push: (3, m + s + 1, n + s) what forces 1 of the meshes and of those springs add to the
+            accelerations of the coordinates, the last row being that of the carrier, which all
+            coordinates of the layout share: without friction; by friction, its first part and
+            that in proportion to the turn s from the pitch point.
+        pairs: (t, 2) rows and columns of ``push`` that hold anything.
+        rubs: (r,) meshes with friction.
         Omega: mesh frequency over omega_n.
     """
 
@@ -109,12 +115,14 @@ class Packed(NamedTuple):
     load_cos: Array
     load_sin: Array
     plain: bool
+    extended: tuple[int, ...]
+    powers: bool
     law: Array
-    slide: Array
     own_shift: Array
-    own_force: Array
-    own_hold: Array
     seat: Array
+    push: Array
+    pairs: Indices
+    rubs: Indices
     K: float
     Omega: float
 
@@ -127,7 +135,7 @@ class Work(NamedTuple):
     error_rate: Array  # (n,) de/dtau
     x: Array  # (n,) deflection
     v: Array  # (n,) its rate
-    force: Array  # (n,) mesh forces
+    force: Array  # (n + s,) forces of meshes and seats
     push: Array  # (m + s,) accelerations
     slope: Array  # (4, n_state + 2 s) of the stages of RK4
     stage: Array  # (n_state + 2 s,)
@@ -140,5 +148,5 @@ def make_work(n_mesh: int, n_coordinate: int, n_own: int = 0) -> Work:
         n_own: further coordinates, as rows of ``Packed.seat``.
     """
     n_all = n_coordinate + n_own
-    meshes = np.zeros((6, n_mesh))
-    return Work(*meshes, np.zeros(n_all), np.zeros((4, 2 * n_all)), np.zeros(2 * n_all))
+    sizes = *(n_mesh,) * 5, n_mesh + n_own, n_all, (4, 2 * n_all), 2 * n_all
+    return Work(*(np.zeros(size) for size in sizes))

@@ -142,7 +142,7 @@ def shift_by_own(p, y, sign, x, v):
     s = p.seat.shape[0]
     first = 4 + 4 * len(p.classes)
     for j in range(s):
-        for m in range(x.size):
+        for m in range(4 * len(p.classes)):
             x[m] += sign * p.own_shift[j, m] * y[first + j]
             v[m] += sign * p.own_shift[j, m] * y[first + s + j]
 
@@ -176,7 +176,8 @@ def pitch_side(phase, turn):
 @inlined
 def hold_law(p, j, displacement, rate):
     """Force of the spring of further coordinate j, by ``Packed.seat``."""
-    play = displacement
+    half = p.seat[j, 2]
+    play = max(displacement - half, 0.0) + min(displacement + half, 0.0)
     if p.seat[j, 3] != 0.0:
         u = (displacement - p.seat[j, 2]) / p.seat[j, 3]
         d = (-displacement - p.seat[j, 2]) / p.seat[j, 3]
@@ -190,20 +191,29 @@ def push_own(p, w, y, phase, acceleration):
     """Add what friction does and what further coordinates do to the accelerations (m + s,)."""
     s = p.seat.shape[0]
     m = 2 + 2 * len(p.classes)
-    n = w.force.size
-    if p.slide.shape[0] > 0:
-        start, side = pitch_side(phase, 0.0)
-        for a in range(n):
-            g = side * abs(w.force[a])
-            for k in range(m):
-                acceleration[k] += g * (p.slide[0, k, a] + start * p.slide[1, k, a])
-    for k in range(m + s):
-        if s > 0:
-            for a in range(n):
-                acceleration[k] -= p.own_force[k, a] * w.force[a]
-            for j in range(s):
-                hold = hold_law(p, j, y[2 * m + j], y[2 * m + s + j])
-                acceleration[k] -= p.own_hold[k, j] * hold
+    n = 4 * len(p.classes)
+    for j in range(s):
+        w.force[n + j] = hold_law(p, j, y[2 * m + j], y[2 * m + s + j])
+    start, side = pitch_side(phase, 0.0)
+    carrier = 0.0
+    for t in range(p.pairs.shape[0]):
+        k, a = p.pairs[t, 0], p.pairs[t, 1]
+        rub = side * (p.push[1, k, a] + start * p.push[2, k, a])
+        added = p.push[0, k, a] * w.force[a] + rub * abs(w.force[a])
+        if k < m + s:
+            acceleration[k] += added
+        else:
+            carrier += added
+    turn_carrier(p, carrier, acceleration)
+
+
+@inlined
+def turn_carrier(p, carrier, acceleration):
+    """Add a further acceleration of the carrier to those of the coordinates, which share it."""
+    for side in range(2):
+        acceleration[side] -= 2.0 * carrier
+    for k in range(2, 2 + 2 * len(p.classes)):
+        acceleration[k] -= carrier
 
 
 @inlined

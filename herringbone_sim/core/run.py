@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 from herringbone_sim.core.lanes.any_moves import move_any
@@ -129,13 +130,13 @@ def over_cycles(step, kernel, y, cycle, cycles, steps):
 
 @inlined
 def plain_step(orbit, y, cycle, index):
-    """A step of the grid of a gear that is plain, by series."""
+    """A step of the grid of a gear without powers, by series."""
     return grid_step(move_plain, orbit, cycle, index)
 
 
 @inlined
 def any_step(orbit, y, cycle, index):
-    """A step of the grid of any gear, by series."""
+    """A step of the grid of a gear with powers, by series."""
     return grid_step(move_any, orbit, cycle, index)
 
 
@@ -152,7 +153,7 @@ def slow_step(kernel, y, cycle, index):
 def run_plain(
     kernel, p, w, y, tangents, growth, place, t, omega_n, stride, head, si, carrier, rows, contact
 ):
-    """``sample`` of a gear that is plain, by series."""
+    """``sample`` of a gear without powers, by series."""
     return sample(
         plain_step,
         kernel,
@@ -177,7 +178,7 @@ def run_plain(
 def run_any(
     kernel, p, w, y, tangents, growth, place, t, omega_n, stride, head, si, carrier, rows, contact
 ):
-    """``sample`` of any gear, by series."""
+    """``sample`` of a gear with powers, by series."""
     return sample(
         any_step,
         kernel,
@@ -225,13 +226,13 @@ def run_rk4(
 
 @compiled
 def cross_plain(kernel, y, cycle, cycles, steps):
-    """``over_cycles`` of a gear that is plain, by series."""
+    """``over_cycles`` of a gear without powers, by series."""
     over_cycles(plain_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
 def cross_any(kernel, y, cycle, cycles, steps):
-    """``over_cycles`` of any gear, by series."""
+    """``over_cycles`` of a gear with powers, by series."""
     over_cycles(any_step, kernel, y, cycle, cycles, steps)
 
 
@@ -253,19 +254,21 @@ class Kernel:
             (run_rk4, cross_rk4)
             if self._slow
             else (run_plain, cross_plain)
-            if model.packed.plain
+            if not model.packed.powers
             else (run_any, cross_any)
         )
+        self._kind = typeof(model.packed)
         self._orbits: dict[int, Orbit] = {}
 
     @property
     def compiled(self) -> bool:
         """Whether this process has compiled ``run`` for such a gear."""
-        return bool(getattr(self._run, "signatures", True))
+        made = getattr(self._run, "signatures", None)
+        return made is None or any(one[1] == self._kind for one in made)
 
     def alike(self, other: Kernel) -> bool:
         """Whether another one runs the same code."""
-        return other._run is self._run
+        return other._run is self._run and bool(other._kind == self._kind)
 
     def _begin(self, y: Array, tangents: Array) -> tuple[Any, Array, Array]:
         """What the method takes, and arrays of its own of the state and of its tangents."""

@@ -158,8 +158,11 @@ def cycles_of(order: float, most: int = MOST_ORDER) -> int:
 
 
 def symmetry(model: Model) -> NDArray[np.int64] | None:
-    """``mirror`` where left and right of a gear are alike to the last bit, else None."""
-    return mirror(model.layout) if alike_halves(model) else None
+    """``mirror`` where left and right of a gear are alike to the last bit, else None.
+
+    None also for a gear with further coordinates, which section points do not hold.
+    """
+    return mirror(model.layout) if not model.n_own and alike_halves(model) else None
 
 
 def settle(flow: Flow, y: Array, periods: int, at: int = 0) -> Array:

@@ -188,26 +188,42 @@ class Slots:
         )
 
     def _forces(self) -> dict[str, Any]:
-        """Fields of ``Packed`` for forces that are not linear between switches of contact."""
-        model, p, s, n = self.model, self.model.bare, self.model.scales, self.model.layout.n_mesh
+        """Fields of ``Packed`` that a gear without effects leaves empty."""
+        model, s, n = self.model, self.model.scales, self.model.layout.n_mesh
         newton = s.b_c * s.omega_n**2 / s.projection  # a mesh force of 1 in the kernel
         m, bodies = model.layout.n_coordinate, len(model.layout.bodies)
-        rubs, bends = bool(self._slide.any()), not np.array_equal(self._law, p.law)
-        slide = np.swapaxes(self._accelerations(self._slide) * newton, 1, 2)
         joined = _joined(self._own, n, bodies)
-        mass = 1.0 / s.projection  # of a mesh force of 1 on a mass of 1 kg
-        force = [self._accelerations(joined.body_force).T * newton, joined.force * mass]
-        hold = [self._accelerations(joined.body_hold).T, joined.hold / (s.b_c * s.omega_n**2)]
+        push = np.zeros((3, m + len(joined.seat) + 1, n + len(joined.seat)))
+        base, own, seats = np.append(np.arange(m), -1), slice(m, -1), slice(n, None)
+        push[0, base, :n] = self._of_bodies(joined.body_force).T * newton
+        push[0, base, seats] = self._of_bodies(joined.body_hold).T
+        push[0, own, :n] = joined.force / s.projection
+        push[0, own, seats] = joined.hold / (s.b_c * s.omega_n**2)
+        push[1:, base, :n] = np.swapaxes(self._of_bodies(self._slide) * newton, 1, 2)
         seat = joined.seat * np.array([s.b_c, s.velocity_m_per_s, 1.0 / s.b_c, 1.0 / s.b_c])
+        bends, damps = self._law[1] != 1.0, self._law[2] != 0.0
+        plain = not (push.any() or bends.any() or damps.any())
+        bends |= damps & (self._law[3] != 0.0)
         return {
-            "plain": not (rubs or bends or self._own),
+            "plain": plain,
+            "extended": () if plain else (0,),
+            "powers": bool(bends.any() or seat[:, 3].any()),
             "law": self._law,
-            "slide": np.ascontiguousarray(slide) if rubs else np.zeros((0, m, n)),
             "own_shift": joined.shift,
-            "own_force": -np.concatenate(force),
-            "own_hold": -np.concatenate(hold),
             "seat": seat,
+            "push": push,
+            "pairs": np.ascontiguousarray(np.argwhere(push.any(axis=0))),
+            "rubs": np.flatnonzero(self._slide.any(axis=(0, 2))),
         }
+
+    def _of_bodies(self, torque: Array) -> Array:
+        """Dimensionless accelerations (..., m + 1) of suns and planets without what they share
+        with the carrier, and of the carrier, by torques (..., n_bodies).
+        """
+        p, s = self.model.bare, self.model.scales
+        inverse = np.concatenate([p.inv_M_s, [p.inv_M_c], p.inv_M_p.ravel()])
+        whole = torque * inverse * s.cos_beta / (s.b_c * s.omega_n**2)
+        return np.concatenate([whole[..., :2], whole[..., 3:], whole[..., 2:3]], axis=-1)
 
     def _accelerations(self, torque: Array) -> Array:
         """Dimensionless accelerations (..., m) of the coordinates by torques (..., n_bodies)."""
@@ -225,13 +241,12 @@ class Coordinates:
 
     With F the mesh forces and H_j = k g(u_j) + c u_j' the springs' forces, u'' = force F + hold H
     + load + K cos(..) control, and the bodies take torques over base radius body_force F +
-    body_hold H + body_load + K cos(..) body_control. g is the identity, or a free play with
-    rounded corners.
+    body_hold H + body_load + K cos(..) body_control. g is the backlash function, its
+    corners rounded or not; without play it is the identity.
 
     Attributes:
         shift: (s, n) displacement of each mesh for u_j = 1.
-        seat: (s, 4) k [N/m], c [N s/m], half of the play [m], rounding of its corners [m], which
-            is 0 for a spring without play.
+        seat: (s, 4) k [N/m], c [N s/m], half of the play [m], rounding of its corners [m].
         force: (s, n) [1/kg]. hold: (s, s) [1/kg]. load, control: (s,) [m/s^2].
         body_force: (n, b) [-]. body_hold: (s, b) [-]. body_load, body_control: (b,) [N].
     """

@@ -1,34 +1,29 @@
-"""A move of gears that are not plain: more ends it than contact.
+"""A move of gears with powers: more ends it than of those without.
 
-A step ends also where a law with a power of |f| begins to bend, where a force that rubs changes
-its sign, at the pitch point, and where the series no longer hold.
+A step ends also where a law with a power of |f| begins to bend, and where the series no longer
+hold.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from herringbone_sim.core.lanes.any_series import (
     NEAR,
-    SIDE,
-    START,
-    TURN,
-    begin_series,
-    coordinate_row,
-    deflect,
     expand_any_motion,
     expand_any_tangent,
     expand_derivatives,
-    law_row,
-    shift_row,
     shorten,
+)
+from herringbone_sim.core.lanes.extended import (
+    ends,
+    jump_tangents,
+    law_row,
+    stop_at_pitch,
+    turn_signs,
 )
 from herringbone_sim.core.lanes.packed import (
     AT,
     AT_DEPTH,
-    AT_SIGN,
     BORDER,
-    CARRIER,
     CONTACT,
     DAMPING,
     DEEP,
@@ -36,47 +31,30 @@ from herringbone_sim.core.lanes.packed import (
     END,
     END_SLOPE,
     EXPONENT,
-    LEFT,
+    JUMP,
     MOVE,
     NEXT,
-    OMEGA,
     OTHER,
-    PHASE,
-    PLANET,
     POWER,
-    SHARE,
     SIGN,
-    SUN,
     SWITCHES,
 )
-from herringbone_sim.core.lanes.series import expand_excitation
-from herringbone_sim.core.lanes.switching import count_contact
-from herringbone_sim.core.lanes.vector import fma, get, load, n_lanes, put, store
-from herringbone_sim.core.packed import TWO_PI, compiled, inlined
-from herringbone_sim.core.right_hand_side import ON_EDGE
+from herringbone_sim.core.lanes.series import expand_excitation, take_state
+from herringbone_sim.core.lanes.switching import count_contact, may_leave, touch, watch_sign
+from herringbone_sim.core.lanes.vector import (
+    bits,
+    choose,
+    get,
+    load,
+    n_lanes,
+    put,
+    store,
+    without,
+)
+from herringbone_sim.core.packed import compiled, inlined
 from herringbone_sim.core.switching import leaves_at, polynomial
 
 MOST_MOVES = 4000  # within a step of the grid; a lane that has made them is let through
-
-
-@compiled
-def stop_at_pitch(w):
-    """End the step of each lane where its flanks next change their slide, if there is friction."""
-    if w.shape[5] == 0:
-        return
-    for lane in range(n_lanes(w.lane)):
-        phase, Omega = get(w.lane, PHASE, 0, lane), get(w.constants, OMEGA, 0, lane)
-        left = get(w.lane, LEFT, 0, lane)
-        half = phase / np.pi
-        part = min(left, (np.floor(half + 2.0 * ON_EDGE) + 1.0 - half) * np.pi / Omega)
-        turn = part * Omega / TWO_PI
-        start = phase / TWO_PI
-        whole = np.floor(start + 0.5 * turn + 0.5)
-        put(w.lane, LEFT, 0, lane, part)
-        put(w.lane, SHARE, 0, lane, get(w.lane, SHARE, 0, lane) * (part / left))
-        put(w.own.turn, START, 0, lane, start - whole)
-        put(w.own.turn, SIDE, 0, lane, 1.0 if start + 0.5 * turn > whole else -1.0)
-        put(w.own.turn, TURN, 0, lane, turn)
 
 
 @inlined
@@ -91,61 +69,58 @@ def bends(w, a, lane):
 
 
 @compiled
-def touch_depth(shape, w):
-    """Depth of the meshes of lanes that begin a step of the grid."""
-    begin_series(w, 0)
-    deflect(shape, w, 0, True)
+def touch_depth(w):
+    """Depth of the meshes of lanes that begin a step of the grid, after ``touch``."""
     for a in range(w.k.shape[1]):
         for lane in range(n_lanes(w.lane)):
             if get(w.lane, SWITCHES, 0, lane) == 0.0:
                 x, b = get(w.x, 0, a, lane), get(w.constants, BORDER, a, lane)
-                contact = 1.0 if x > b else (-1.0 if x < -b else 0.0)
-                put(w.mesh, CONTACT, a, lane, contact)
                 deep = bends(w, a, lane) and abs(x) > b + NEAR
                 put(w.mesh, DEEP, a, lane, 1.0 if deep else 0.0)
 
 
 @compiled
-def ends(w, series, end_row, slope_row):
-    """Value and slope at the end of the step of each mesh's series, into rows of ``w.mesh``."""
-    for a in range(w.k.shape[1]):
-        end, slope = 0.0, 0.0
-        for i in range(series.shape[0] - 1, 0, -1):
-            x = load(series, i, a)
-            end = end + x
-            slope = fma(float(i), x, slope)
-        store(w.mesh, end_row, a, end + load(series, 0, a))
-        store(w.mesh, slope_row, a, slope)
-
-
-@compiled
 def find_events(w):
     """How far each lane goes, 1 or up to its first event, into ``w.lane``."""
-    n = w.k.shape[1]
-    x = w.x.reshape(w.x.shape[0], w.x.size // w.x.shape[0])
-    force = w.own.force.reshape(w.x.shape[0], w.x.size // w.x.shape[0])
-    ends(w, w.own.force, AT_DEPTH, AT_SIGN)
+    order, n = w.x.shape[0], w.x.shape[1]
+    x = w.x.reshape(order, w.x.size // order)
     store(w.lane, MOVE, 0, 1.0)
+    for r in range(w.rubs.size):
+        watch_sign(w, w.rubs[r])
     for a in range(n):
-        for lane in range(n_lanes(w.lane)):
-            at = 2.0
-            if w.shape[5] > 0 and get(w.lane, SWITCHES, 0, lane) < MOST_MOVES:
-                end, slope = get(w.mesh, AT_DEPTH, a, lane), get(w.mesh, AT_SIGN, a, lane)
-                sign, first = get(w.mesh, SIGN, a, lane), get(w.lane, MOVE, 0, lane)
-                at = leaves_at(force, a * n_lanes(w.lane) + lane, 0.0, sign, end, slope, first)
-                put(w.lane, MOVE, 0, lane, min(first, at))
-            put(w.mesh, AT_SIGN, a, lane, at)
-    ends(w, w.x, END, END_SLOPE)
-    for a in range(n):
-        for lane in range(n_lanes(w.lane)):
-            locate(x, w, a, lane)
+        ends(w, w.x, a, END, END_SLOPE)
+        store(w.mesh, AT, a, 2.0)
+        store(w.mesh, AT_DEPTH, a, 2.0)
+        seen, lane = may_switch(w, a), 0
+        while seen:
+            if seen & 1:
+                locate(x, w, a, lane)
+            seen >>= 1
+            lane += 1
+    stuck = load(w.lane, SWITCHES, 0) > (MOST_MOVES - 0.5)
+    store(w.lane, MOVE, 0, choose(stuck, 1.0, load(w.lane, MOVE, 0)))
+
+
+@inlined
+def may_switch(w, a):
+    """Lanes, as bits, in which mesh a may pass a border of its contact or law within the step."""
+    contact, b = load(w.mesh, CONTACT, a), load(w.constants, BORDER, a)
+    start, first = load(w.x, 0, a), load(w.x, 1, a)
+    stop, slope = load(w.mesh, END, a), load(w.mesh, END_SLOPE, a)
+    zero, near = 0.0, NEAR
+    is_open, deep = contact == zero, load(w.mesh, DEEP, a) != zero
+    sign = choose(is_open, 1.0, contact)
+    inner = choose(is_open, b, choose(deep, 0.0 - b - near, 0.0 - b))
+    outer = choose(is_open, b, b + near)
+    s, ds, e, de = sign * start, sign * first, sign * stop, sign * slope
+    seen = may_leave(s + inner, ds, e + inner, de)
+    other = may_leave(outer - s, zero - ds, outer - e, zero - de)
+    return bits(seen | (other & without(deep)))
 
 
 @compiled
 def locate(x, w, a, lane):
     """Where mesh a makes or loses contact, or its law begins or ceases to bend, in one lane."""
-    put(w.mesh, AT, a, lane, 2.0)
-    put(w.mesh, AT_DEPTH, a, lane, 2.0)
     if get(w.lane, SWITCHES, 0, lane) >= MOST_MOVES:
         return
     column, first = a * n_lanes(w.lane) + lane, get(w.lane, MOVE, 0, lane)
@@ -163,7 +138,7 @@ def locate(x, w, a, lane):
             put(w.mesh, AT_DEPTH, a, lane, leaves_at(x, column, border, side, end, slope, first))
         else:
             put(w.mesh, AT, a, lane, leaves_at(x, column, side * b, side, end, slope, first))
-            if bends(w, a, lane):
+            if a < w.k.shape[1] and bends(w, a, lane):
                 put(
                     w.mesh,
                     AT_DEPTH,
@@ -174,20 +149,6 @@ def locate(x, w, a, lane):
     put(
         w.lane, MOVE, 0, lane, min(first, get(w.mesh, AT, a, lane), get(w.mesh, AT_DEPTH, a, lane))
     )
-
-
-@compiled
-def take_any_state(w, row):
-    """State or tangent vector at the end of each lane's move into ``w.y``."""
-    move, s = load(w.lane, MOVE, 0), w.shape[4]
-    m, last = w.q.shape[1] - s, w.q.shape[0] - 1
-    for k in range(m + s):
-        q, v = load(w.q, last, k), load(w.v, last, k)
-        for i in range(last - 1, -1, -1):
-            q = fma(q, move, load(w.q, i, k))
-            v = fma(v, move, load(w.v, i, k))
-        store(w.y, row, k if k < m else m + k, q)
-        store(w.y, row, m + k if k < m else m + s + k, v)
 
 
 @inlined
@@ -219,12 +180,12 @@ def meet(w):
     """Deflection, its rate and the stiffness of every mesh at the end of the moves, kept in
     ``w.mesh`` and ``own.other`` while tangent vectors use their series.
     """
-    n = w.k.shape[1]
+    order, n = w.x.shape[0], w.k.shape[1]
     x, v = (
-        w.x.reshape(w.x.shape[0], w.x.size // w.x.shape[0]),
-        w.own.rate.reshape(w.x.shape[0], -1),
+        w.x.reshape(order, w.x.size // order),
+        w.own.rate.reshape(order, w.own.rate.size // order),
     )
-    k = w.k.reshape(w.x.shape[0], w.x.size // w.x.shape[0])
+    k = w.k.reshape(order, w.k.size // order)
     for a in range(n):
         for lane in range(n_lanes(w.lane)):
             move = get(w.lane, MOVE, 0, lane)
@@ -237,15 +198,19 @@ def meet(w):
 
 @compiled
 def switch(w):
-    """Switch all that does so at the end of the moves; jumps of the forces into ``own.jump``."""
+    """Switch all that does so at the end of the moves; returns whether a force jumps."""
     jumps = False
-    for a in range(w.k.shape[1]):
+    turn_signs(w)
+    for a in range(w.x.shape[1]):
         for lane in range(n_lanes(w.lane)):
-            put(w.own.jump, 0, a, lane, 0.0)
+            put(w.mesh, JUMP, a, lane, 0.0)
             move = get(w.lane, MOVE, 0, lane)
             if not move < 1.0:
                 continue
-            if get(w.mesh, AT, a, lane) == move or get(w.mesh, AT_DEPTH, a, lane) == move:
+            if a >= w.k.shape[1]:
+                if get(w.mesh, AT, a, lane) == move:
+                    put(w.mesh, CONTACT, a, lane, get(w.mesh, NEXT, a, lane))
+            elif get(w.mesh, AT, a, lane) == move or get(w.mesh, AT_DEPTH, a, lane) == move:
                 x, v = get(w.mesh, END, a, lane), get(w.mesh, END_SLOPE, a, lane)
                 k = get(w.own.met, 0, a, lane)
                 before = law_force(w, a, lane, k, x, v)
@@ -255,74 +220,10 @@ def switch(w):
                     put(w.mesh, DEEP, a, lane, 1.0 - get(w.mesh, DEEP, a, lane))
                 jump = law_force(w, a, lane, k, x, v) - before
                 if v != 0.0 and jump != 0.0:
-                    put(w.own.jump, 0, a, lane, jump / v)
+                    put(w.mesh, JUMP, a, lane, jump / v)
+                    put(w.mesh, SIGN, a, lane, 1.0 if v > 0.0 else -1.0)
                     jumps = True
-            if get(w.mesh, AT_SIGN, a, lane) == move:
-                put(w.mesh, SIGN, a, lane, -get(w.mesh, SIGN, a, lane))
     return jumps
-
-
-@compiled
-def jump_tangents(shape, w):
-    """Saltation of tangent vectors where a mesh force jumps: the other motion jumps later."""
-    sides, c, s = len(shape[0]), len(shape[1]), w.shape[4]
-    half, m = sides * c, w.q.shape[1] - s
-    for row in range(1, w.y.shape[0]):
-        coupled = row == 1 or sides == 2
-        for lane in range(n_lanes(w.lane)):
-            for a in range(2 * half):
-                jump = get(w.own.jump, 0, a, lane)
-                if jump == 0.0:
-                    continue
-                planet = a % half
-                r = get(w.y, row, sides + planet, lane)
-                x = get(w.y, row, planet // c, lane) - r if a < half else r
-                for j in range(s):
-                    shift = get(w.constants, shift_row(w, j), a, lane)
-                    x += shift * get(w.y, row, 2 * m + j, lane)
-                push = jump * x
-                carrier = push * get(w.constants, CARRIER, 0, lane) if coupled else 0.0
-                for side in range(sides):
-                    put(w.y, row, m + side, lane, get(w.y, row, m + side, lane) - 2.0 * carrier)
-                for k in range(half):
-                    put(
-                        w.y, row, m + sides + k, lane, get(w.y, row, m + sides + k, lane) - carrier
-                    )
-                own = push * get(w.constants, PLANET, planet, lane)
-                if a < half:
-                    put(
-                        w.y,
-                        row,
-                        m + planet // c,
-                        lane,
-                        get(w.y, row, m + planet // c, lane)
-                        - push * get(w.constants, SUN, planet // c, lane),
-                    )
-                    put(
-                        w.y,
-                        row,
-                        m + sides + planet,
-                        lane,
-                        get(w.y, row, m + sides + planet, lane) + own,
-                    )
-                else:
-                    put(
-                        w.y,
-                        row,
-                        m + sides + planet,
-                        lane,
-                        get(w.y, row, m + sides + planet, lane) - own,
-                    )
-                for k in range(m + s):
-                    at = m + k if k < m else m + s + k
-                    put(
-                        w.y,
-                        row,
-                        at,
-                        lane,
-                        get(w.y, row, at, lane)
-                        - push * get(w.constants, coordinate_row(w, 2, k), a, lane),
-                    )
 
 
 @compiled
@@ -330,17 +231,18 @@ def move_any(shape, w, inverse, controlled):
     """One move of every lane: to the end of its step, an event, or where the series end."""
     stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
-    touch_depth(shape, w)
+    touch(shape, w)
+    touch_depth(w)
     expand_any_motion(shape, w, controlled, inverse)
     shorten(w)
     find_events(w)
-    take_any_state(w, 0)
+    take_state(shape, w, 0)
     meet(w)
     if w.y.shape[0] > 1:
         expand_derivatives(w)
     for row in range(1, w.y.shape[0]):
         expand_any_tangent(shape, w, row, row == 1 or len(shape[0]) == 2, inverse)
-        take_any_state(w, row)
+        take_state(shape, w, row)
     count_contact(w)
-    if switch(w):
+    if switch(w) and w.y.shape[0] > 1:
         jump_tangents(shape, w)

@@ -1,40 +1,33 @@
-"""Taylor series of a motion whose forces need not be linear between switches.
+"""Taylor series of a motion whose forces are not linear between switches.
 
-A gear that is not ``plain`` may have force laws with powers, friction on the flanks, and further
-coordinates (a ring or pins that move), see ``Packed``. The recurrences are those of ``series``
-with the products and powers of series that such laws ask for (Jorba and Zou, Exp. Math. 14, 99,
-2005); how far the series hold is read off their last terms.
+A gear with ``powers`` has force laws with powers of |f|, or seats with rounded corners, see
+``Packed``. The recurrences are those of ``series`` with the products and powers of series that
+such laws ask for (Jorba and Zou, Exp. Math. 14, 99, 2005); how far the series hold is read off
+their last terms.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from herringbone_sim.core.lanes.extended import know_signs, law_row, push_pairs, shift_series
 from herringbone_sim.core.lanes.packed import (
     BORDER,
-    CARRIER,
     CONTACT,
     DAMPING,
-    DASHPOT,
     DEEP,
     DEPTH,
     EXPONENT,
-    HALF_PLAY,
+    HALF,
     LEFT,
-    LOAD_Q,
-    LOAD_R,
     OTHER,
-    PLANET,
     POWER,
     ROUNDING,
-    ROWS_OF_LAWS,
     SHARE,
-    SIGN,
     STIFF,
-    SUN,
-    SWITCHES,
+    TURN,
 )
-from herringbone_sim.core.lanes.series import window_row
+from herringbone_sim.core.lanes.series import accelerate, begin_series
 from herringbone_sim.core.lanes.vector import (
     absolute,
     bits,
@@ -54,28 +47,9 @@ from herringbone_sim.core.packed import compiled, inlined
 NEAR = 1e-3
 TAIL = 1e-10  # of the last two terms of a series that still holds, b_c and b_c omega_n
 LINEAR, LINEAR_DAMPER, STRENGTH, BENT_SHARE = range(4)
-START, SIDE, TURN = range(3)
 
 
 @inlined
-def law_row(w):
-    """First row of the constants of laws."""
-    return window_row(w, w.shape[2])
-
-
-@inlined
-def coordinate_row(w, which, k):
-    """Row of slide (0, 1), own_force (2) or own_hold (3) of coordinate k."""
-    return law_row(w) + ROWS_OF_LAWS + w.shape[4] + which * w.q.shape[1] + k
-
-
-@inlined
-def shift_row(w, j):
-    """Row of the displacement of the meshes by further coordinate j."""
-    return law_row(w) + ROWS_OF_LAWS + j
-
-
-@compiled
 def power_of(w, out, i, a, row):
     """Order i of the power of ``depth`` whose exponent is a constant of mesh a."""
     depth = w.own.depth
@@ -123,7 +97,19 @@ def set_factors(w):
             put(w.own.factor, BENT_SHARE, a, lane, bent)
 
 
-@compiled
+@inlined
+def bends_spring(w, a):
+    """Whether the spring of mesh a follows a power in any lane."""
+    return bits(load(w.constants, law_row(w) + EXPONENT, a) != 1.0) != 0
+
+
+@inlined
+def bends_damper(w, a):
+    """Whether the damping of mesh a follows another law in any lane."""
+    return bits(load(w.constants, law_row(w) + OTHER, a) != 0.0) != 0
+
+
+@inlined
 def mesh_force(w, i, a):
     """Order i of the force of mesh a from its deflection up to that order."""
     o, row = w.own, law_row(w)
@@ -139,36 +125,41 @@ def mesh_force(w, i, a):
         damper = load(o.factor, LINEAR_DAMPER, a)
         unit = 1.0
     spring = load(o.factor, LINEAR, a) * f
-    if bits(deep):
-        store(o.depth, i, a, choose(deep, contact * f, unit))
+    store(o.depth, i, a, choose(deep, contact * f, unit))
+    if bits(deep) and bends_spring(w, a):
         power_of(w, o.spring_power, i, a, row + EXPONENT)
-        power_of(w, o.damper_power, i, a, row + POWER)
         bent = contact * load(o.factor, STRENGTH, a) * load(o.spring_power, i, a)
         spring = choose(deep, bent, spring)
+    if bits(deep) and bends_damper(w, a):
+        power_of(w, o.damper_power, i, a, row + POWER)
         share = load(o.factor, BENT_SHARE, a)
         damper = choose(deep, fma(share, load(o.damper_power, i, a), rest), damper)
     store(o.spring, i, a, spring)
     store(o.damper, i, a, damper)
     total = 0.0
-    slow = 0.0
+    slow = load(o.damper, 0, a) * load(o.rate, i, a)
     for j in range(i + 1):
         total = fma(load(w.k, j, a), load(o.spring, i - j, a), total)
-        slow = fma(load(o.damper, j, a), load(o.rate, i - j, a), slow)
-    store(o.force, i, a, fma(load(w.constants, DAMPING, a), slow, total))
+    if bends_damper(w, a):
+        for j in range(1, i + 1):
+            slow = fma(load(o.damper, j, a), load(o.rate, i - j, a), slow)
+    store(w.forces, i, a, fma(load(w.constants, DAMPING, a), slow, total))
 
 
 @compiled
-def logarithms(w, which, j, sign):
-    """Order 0 of a corner of the play of coordinate j, with rows of ``corner`` from there on: the
-    logistic function of u = (sign q - half play) / rounding, its slope by itself, ln(1 + e^u)."""
-    row, p = law_row(w), w.q.shape[0]
-    k = w.q.shape[1] - w.shape[4] + j
+def logarithms(w, which, a, sign):
+    """Order 0 of a corner of the play of the seat in column a.
+
+    Three blocks of rows of ``corner`` from ``which`` on: the logistic function of
+    u = (sign x - half play) / rounding, its slope by itself, and ln(1 + e^u).
+    """
+    row, p, j = law_row(w), w.q.shape[0], a - w.k.shape[1]
     g = w.own.corner
     for lane in range(n_lanes(w.lane)):
-        width = get(w.constants, row + ROUNDING, j, lane)
+        width = get(w.constants, row + ROUNDING, a, lane)
         if width == 0.0:
             width = 1.0
-        u = (sign * get(w.q, 0, k, lane) - get(w.constants, row + HALF_PLAY, j, lane)) / width
+        u = (sign * get(w.x, 0, a, lane) - get(w.constants, row + HALF, a, lane)) / width
         e = np.exp(-abs(u))
         logistic = 1.0 / (1.0 + e) if u > 0.0 else e / (1.0 + e)
         put(g, which * p, j, lane, logistic)
@@ -177,18 +168,17 @@ def logarithms(w, which, j, sign):
 
 
 @compiled
-def corner(w, which, i, j, sign):
+def corner(w, which, i, a, sign):
     """Order i of a corner, see ``logarithms``."""
     if i == 0:
-        logarithms(w, which, j, sign)
+        logarithms(w, which, a, sign)
         return
-    p, g = w.q.shape[0], w.own.corner
-    k = w.q.shape[1] - w.shape[4] + j
-    width = load(w.constants, law_row(w) + ROUNDING, j)
+    p, g, j = w.q.shape[0], w.own.corner, a - w.k.shape[1]
+    width = load(w.constants, law_row(w) + ROUNDING, a)
     per_width = sign / choose(width == 0.0, 1.0, width)
     logistic, rise = 0.0, 0.0
     for r in range(1, i + 1):
-        du = load(w.q, r, k) * per_width * float(r)
+        du = load(w.x, r, a) * per_width * float(r)
         logistic = fma(du, load(g, (which + 1) * p + i - r, j), logistic)
         rise = fma(du, load(g, which * p + i - r, j), rise)
     store(g, which * p + i, j, logistic / float(i))
@@ -199,24 +189,26 @@ def corner(w, which, i, j, sign):
     store(g, (which + 1) * p + i, j, slope)
 
 
-@compiled
-def hold_force(w, i, j):
-    """Order i of the force of the spring of further coordinate j."""
-    row, p, g = law_row(w), w.q.shape[0], w.own.corner
-    k = w.q.shape[1] - w.shape[4] + j
-    width = load(w.constants, row + ROUNDING, j)
+@inlined
+def hold_force(w, i, a):
+    """Order i of the force of the seat in column a."""
+    row, p, g, j = law_row(w), w.q.shape[0], w.own.corner, a - w.k.shape[1]
+    contact = load(w.mesh, CONTACT, a)
+    play = absolute(contact) * load(w.x, i, a)
+    if i == 0:
+        play = play - contact * load(w.constants, row + HALF, a)
+    width = load(w.constants, row + ROUNDING, a)
     straight = width == 0.0
-    play = load(w.q, i, k)
     if bits(without(straight)):
-        corner(w, 0, i, j, 1.0)
-        corner(w, 3, i, j, -1.0)
+        corner(w, 0, i, a, 1.0)
+        corner(w, 3, i, a, -1.0)
         play = choose(straight, play, width * (load(g, 2 * p + i, j) - load(g, 5 * p + i, j)))
-    dashpot = load(w.constants, row + DASHPOT, j) * load(w.v, i, k)
-    store(w.own.hold, i, j, fma(load(w.constants, row + STIFF, j), play, dashpot))
+    dashpot = load(w.constants, DAMPING, a) * load(w.own.rate, i, a)
+    store(w.forces, i, a, fma(load(w.constants, row + STIFF, a), play, dashpot))
 
 
-@compiled
-def deflect(shape, w, i, forced):
+@inlined
+def deflect(shape, w, i, forced, coupled):
     """Order i of the deflections and of their rates."""
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
@@ -236,119 +228,38 @@ def deflect(shape, w, i, forced):
             store(w.x, i, half + a, r)
             store(w.own.rate, i, a, v)
             store(w.own.rate, i, half + a, dr)
-    first = w.q.shape[1] - w.shape[4]
-    for j in range(w.shape[4]):
-        for a in range(2 * half):
-            shift = load(w.constants, shift_row(w, j), a)
-            store(w.x, i, a, fma(shift, load(w.q, i, first + j), load(w.x, i, a)))
-            store(w.own.rate, i, a, fma(shift, load(w.v, i, first + j), load(w.own.rate, i, a)))
-
-
-@compiled
-def push(shape, w, i, force, hold, forced, coupled, controlled, inverse):
-    """Order i + 1 of the motion from order i of all forces."""
-    sides, c = len(shape[0]), len(shape[1])
-    half = sides * c
-    m = sides + half
-    scale = load(w.lane, LEFT, 0) * inverse[i + 1]
-    carrier = 0.0
-    if coupled:
-        for a in range(2 * half):
-            carrier = carrier + load(force, i, a)
-        carrier = carrier * load(w.constants, CARRIER, 0)
-    for side in range(sides):
-        sun = 0.0
-        for k in range(c):
-            a = side * c + k
-            sun = sun + load(force, i, a)
-            difference = load(force, i, a) - load(force, i, half + a)
-            r = fma(difference, load(w.constants, PLANET, a), 0.0 - carrier)
-            if forced and i == 0:
-                r = r + load(w.constants, LOAD_R, 0)
-            store(w.own.push, 0, sides + a, r)
-        q = 0.0 - (load(w.constants, SUN, side) * sun + carrier * 2.0)
-        if forced and i == 0:
-            q = q + load(w.constants, LOAD_Q, side)
-        store(w.own.push, 0, side, q)
-    for k in range(m, w.q.shape[1]):
-        store(w.own.push, 0, k, 0.0)
-    if w.shape[4] > 0:
-        for k in range(w.q.shape[1]):
-            total = load(w.own.push, 0, k)
-            for a in range(2 * half):
-                total = total - load(w.constants, coordinate_row(w, 2, k), a) * load(force, i, a)
-            for j in range(w.shape[4]):
-                total = total - load(w.constants, coordinate_row(w, 3, k), j) * load(hold, i, j)
-            store(w.own.push, 0, k, total)
-    if w.shape[5] > 0:
-        rub(w, i, force, coupled)
-    for k in range(w.q.shape[1]):
-        acceleration = load(w.own.push, 0, k)
-        if forced and controlled:
-            acceleration = acceleration - load(w.load, i, k)
-        store(w.v, i + 1, k, acceleration * scale)
-        store(w.q, i + 1, k, load(w.v, i, k) * scale)
-
-
-@compiled
-def rub(w, i, force, coupled):
-    """Add order i of the accelerations by friction."""
-    start, turn = load(w.own.turn, START, 0), load(w.own.turn, TURN, 0)
-    for a in range(w.k.shape[1]):
-        g = load(w.own.turn, SIDE, 0) * load(w.mesh, SIGN, a)
-        first = g * load(force, i, a)
-        lever = start * first
-        if i > 0:
-            lever = fma(turn * g, load(force, i - 1, a), lever)
-        for k in range(w.q.shape[1]):
-            total = load(w.own.push, 0, k)
-            total = fma(load(w.constants, coordinate_row(w, 0, k), a), first, total)
-            total = fma(load(w.constants, coordinate_row(w, 1, k), a), lever, total)
-            store(w.own.push, 0, k, total)
+    shift_series(w, i, w.own.rate, coupled)
 
 
 @inlined
-def begin_series(w, row):
-    """Order 0 of all coordinates from the state or a tangent vector."""
-    s = w.shape[4]
-    m = w.q.shape[1] - s
-    for k in range(m):
-        store(w.q, 0, k, load(w.y, row, k))
-        store(w.v, 0, k, load(w.y, row, m + k))
-    for j in range(s):
-        store(w.q, 0, m + j, load(w.y, row, 2 * m + j))
-        store(w.v, 0, m + j, load(w.y, row, 2 * m + s + j))
+def push(shape, w, i, forced, coupled, controlled, inverse):
+    """Order i + 1 of the motion from order i of all forces."""
+    for a in range(w.k.shape[1]):
+        store(w.force, 0, a, load(w.forces, i, a))
+    if forced and i == 0:
+        know_signs(w)
+    push_pairs(w, i, coupled)
+    scale = load(w.lane, LEFT, 0) * inverse[i + 1]
+    accelerate(shape, w, i, forced, coupled, controlled, scale)
 
 
 @compiled
 def expand_any_motion(shape, w, controlled, inverse):
     """Series of the state over what is left of each lane's step."""
     last = w.k.shape[0] - 1
-    begin_series(w, 0)
+    begin_series(shape, w, 0)
     set_factors(w)
     for i in range(last):
-        deflect(shape, w, i, True)
+        deflect(shape, w, i, True, True)
         for a in range(w.k.shape[1]):
             mesh_force(w, i, a)
-        for j in range(w.shape[4]):
-            hold_force(w, i, j)
-        if i == 0 and w.shape[5] > 0:
-            set_signs(w)
-        push(shape, w, i, w.own.force, w.own.hold, True, True, controlled, inverse)
-    deflect(shape, w, last, True)
-    for a in range(w.k.shape[1]):
+        for a in range(w.k.shape[1], w.x.shape[1]):
+            hold_force(w, i, a)
+        push(shape, w, i, True, True, controlled, inverse)
+    deflect(shape, w, last, True, True)
+    for a in range(w.x.shape[1]):
         store(w.own.rate, last, a, 0.0)
-        store(w.own.force, last, a, 0.0)
-
-
-@inlined
-def set_signs(w):
-    """Sign of the forces in the lanes that begin a step of the grid."""
-    for a in range(w.k.shape[1]):
-        down = load(w.own.force, 0, a) < 0.0
-        now = choose(down, -1.0, 1.0)
-        begins = load(w.lane, SWITCHES, 0) == 0.0
-        store(w.mesh, SIGN, a, choose(begins, now, load(w.mesh, SIGN, a)))
+        store(w.forces, last, a, 0.0)
 
 
 @compiled
@@ -370,7 +281,7 @@ def expand_derivatives(w):
             soft = straight * load(w.k, i, a)
             if i == 0:
                 damp = c * load(o.factor, LINEAR_DAMPER, a)
-            if some:
+            if some and bends_spring(w, a):
                 # powers less one, by division of the series by |f|
                 less = quotient(o, o.spring_power, i, a)
                 store(o.other, i, a, less)
@@ -378,11 +289,12 @@ def expand_derivatives(w):
                 for j in range(i + 1):
                     bent = fma(load(w.k, j, a), load(o.other, i - j, a), bent)
                 soft = choose(deep, strength * bent, soft)
+            if some and bends_damper(w, a):
                 rest = c * (1.0 - load(w.constants, row + OTHER, a)) if i == 0 else 0.0
                 damp = choose(deep, fma(share, load(o.damper_power, i, a), rest), damp)
             store(o.soft, i, a, soft)
             store(o.damp, i, a, damp)
-        if some:
+        if some and bends_damper(w, a):
             for i in range(last + 1):
                 less = quotient(o, o.damper_power, i, a)
                 store(o.other, i, a, less)
@@ -393,10 +305,11 @@ def expand_derivatives(w):
                 store(o.soft, i, a, load(o.soft, i, a) + more)
     p, g = w.q.shape[0], o.corner
     for j in range(w.shape[4]):
-        width, stiff = load(w.constants, row + ROUNDING, j), load(w.constants, row + STIFF, j)
+        b = w.k.shape[1] + j
+        width, stiff = load(w.constants, row + ROUNDING, b), load(w.constants, row + STIFF, b)
         straight = width == 0.0
         for i in range(last + 1):
-            give = stiff if i == 0 else 0.0
+            give = stiff * absolute(load(w.mesh, CONTACT, b)) if i == 0 else 0.0
             if bits(without(straight)):
                 give = choose(straight, give, stiff * (load(g, i, j) + load(g, 3 * p + i, j)))
             store(o.give, i, j, give)
@@ -415,23 +328,22 @@ def quotient(o, series, i, a):
 def expand_any_tangent(shape, w, row, coupled, inverse):
     """Series of a tangent vector over the step of ``expand_derivatives``."""
     o, last = w.own, w.k.shape[0] - 1
-    begin_series(w, row)
+    begin_series(shape, w, row)
     for i in range(last):
-        deflect(shape, w, i, False)
+        deflect(shape, w, i, False, coupled)
         for a in range(w.k.shape[1]):
             total = 0.0
             for j in range(i + 1):
                 total = fma(load(o.soft, j, a), load(w.x, i - j, a), total)
                 total = fma(load(o.damp, j, a), load(o.rate, i - j, a), total)
-            store(o.other, i, a, total)
-        first = w.q.shape[1] - w.shape[4]
+            store(w.forces, i, a, total)
         for j in range(w.shape[4]):
-            dashpot = load(w.constants, law_row(w) + DASHPOT, j)
-            total = dashpot * load(w.v, i, first + j)
+            a = w.k.shape[1] + j
+            total = load(w.constants, DAMPING, a) * load(o.rate, i, a)
             for r in range(i + 1):
-                total = fma(load(o.give, r, j), load(w.q, i - r, first + j), total)
-            store(o.other_hold, i, j, total)
-        push(shape, w, i, o.other, o.other_hold, False, coupled, False, inverse)
+                total = fma(load(o.give, r, j), load(w.x, i - r, a), total)
+            store(w.forces, i, a, total)
+        push(shape, w, i, False, coupled, False, inverse)
 
 
 @compiled
@@ -462,12 +374,13 @@ def shorten(w):
             store(w.v, i, k, load(w.v, i, k) * scale)
         for a in range(w.k.shape[1]):
             store(w.k, i, a, load(w.k, i, a) * scale)
-            store(w.x, i, a, load(w.x, i, a) * scale)
-            store(o.rate, i, a, load(o.rate, i, a) * scale)
             store(o.depth, i, a, load(o.depth, i, a) * scale)
             store(o.spring_power, i, a, load(o.spring_power, i, a) * scale)
             store(o.damper_power, i, a, load(o.damper_power, i, a) * scale)
-            store(o.force, i, a, load(o.force, i, a) * scale)
+        for a in range(w.x.shape[1]):
+            store(w.x, i, a, load(w.x, i, a) * scale)
+            store(o.rate, i, a, load(o.rate, i, a) * scale)
+            store(w.forces, i, a, load(w.forces, i, a) * scale)
         for j in range(w.shape[4]):
             for which in range(6):
                 row = which * w.q.shape[0] + i
@@ -475,7 +388,11 @@ def shorten(w):
         scale = scale * share
     store(w.lane, LEFT, 0, load(w.lane, LEFT, 0) * share)
     store(w.lane, SHARE, 0, load(w.lane, SHARE, 0) * share)
-    store(o.turn, TURN, 0, load(o.turn, TURN, 0) * share)
+    store(w.lane, TURN, 0, load(w.lane, TURN, 0) * share)
+    t_all = w.pairs.shape[0]
+    for t in range(t_all):
+        store(w.mix, t_all + t, 0, load(w.mix, t_all + t, 0) * share)
+        store(w.mix, 3 * t_all + t, 0, load(w.mix, 3 * t_all + t, 0) * share)
 
 
 @inlined

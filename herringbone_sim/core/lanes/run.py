@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from herringbone_sim.core.lanes.any_moves import move_any
+from herringbone_sim.core.lanes.extended import jump_tangents, stop_at_pitch
 from herringbone_sim.core.lanes.packed import (
     ANGLE,
     BACK,
@@ -32,13 +33,12 @@ from herringbone_sim.core.lanes.packed import (
     SWITCHES,
     WIDTH,
 )
+from herringbone_sim.core.lanes.rows import load_row, window_row
 from herringbone_sim.core.lanes.series import (
     cycles_from_event,
     expand_excitation,
     expand_motion,
-    load_row,
     take_state,
-    window_row,
 )
 from herringbone_sim.core.lanes.switching import (
     count_contact,
@@ -207,7 +207,8 @@ def through_lanes(
 
     Args:
         move: advances every lane to the end of its step, or to what switches before it.
-        shape: tuples of zeros, as many as sides and as classes: loops over them are unrolled.
+        shape: tuples of zeros, as many as sides and as classes, and one where a gear is not
+            plain: loops over them are unrolled, and plain gears compile without the rest.
         inverse: (order + 2,) 1 / i.
         table: (n, rows, n_mesh) constants.
         steps: (n,) steps a cycle.
@@ -301,17 +302,20 @@ def through_lanes(
 
 @inlined
 def move_plain(shape, w, inverse, controlled):
-    """One move of every lane of gears that are plain: to the end of its step, or a switch."""
+    """One move of every lane of gears without powers: to the end of its step, or a switch."""
+    if len(shape[2]) > 0:
+        stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
     touch(shape, w)
     expand_motion(shape, w, 0, True, True, controlled, inverse)
     find_moves(w)
-    take_state(w, 0)
+    take_state(shape, w, 0)
     for row in range(1, w.y.shape[0]):
         expand_motion(shape, w, row, False, row == 1 or len(shape[0]) == 2, controlled, inverse)
-        take_state(w, row)
+        take_state(shape, w, row)
     count_contact(w)
-    switch_contact(w)
+    if switch_contact(shape, w) and len(shape[2]) > 0 and w.y.shape[0] > 1:
+        jump_tangents(shape, w)
 
 
 # Each kind is compiled by itself, when it is first used.
@@ -333,7 +337,7 @@ def run_lanes(
     contact,
     failed,
 ):
-    """``through_lanes`` of gears that are plain."""
+    """``through_lanes`` of gears without powers."""
     through_lanes(
         move_plain,
         shape,
@@ -372,7 +376,7 @@ def run_any_lanes(
     contact,
     failed,
 ):
-    """``through_lanes`` of any gears."""
+    """``through_lanes`` of gears with powers."""
     through_lanes(
         move_any,
         shape,

@@ -7,6 +7,11 @@ per mesh), then Newton's law. The series is dense output at no cost.
 
 from __future__ import annotations
 
+from herringbone_sim.core.lanes.extended import (
+    keep_forces,
+    set_damping,
+    shift_forces,
+)
 from herringbone_sim.core.lanes.packed import (
     ANGLE,
     BORDER,
@@ -16,6 +21,7 @@ from herringbone_sim.core.lanes.packed import (
     CONTROL_Q,
     CONTROL_R,
     CYCLE,
+    DAMP,
     DAMPING,
     E_COS,
     E_MEAN,
@@ -37,14 +43,13 @@ from herringbone_sim.core.lanes.packed import (
     PLANET,
     POSITION,
     ROWS_A_HARMONIC,
-    ROWS_A_LOAD,
-    ROWS_A_WINDOW,
     STIFFNESS,
     SUN,
     WIDTH,
     WINDOW_D,
     WINDOW_K,
 )
+from herringbone_sim.core.lanes.rows import load_row, window_row
 from herringbone_sim.core.lanes.vector import (
     absolute,
     bits,
@@ -136,18 +141,6 @@ def expand_excitation(w, inverse, controlled):
 
 
 @inlined
-def load_row(w, j):
-    """First row of the constants of torque j."""
-    return HARMONICS + ROWS_A_HARMONIC * w.shape[0] + ROWS_A_LOAD * j
-
-
-@inlined
-def window_row(w, j):
-    """First row of the constants of event j."""
-    return load_row(w, w.shape[1]) + ROWS_A_WINDOW * j
-
-
-@inlined
 def cycles_from_event(w, row):
     """Mesh cycles from the middle of the nearest event, in all lanes."""
     period = load(w.constants, row + PERIOD, 0)
@@ -220,8 +213,8 @@ def expand_control(w, inverse):
         for side in range(sides):
             store(w.load, i, side, control * load(w.constants, CONTROL_Q, side))
             for k in range(c):
-                put = control * load(w.constants, CONTROL_R, side)
-                store(w.load, i, sides + side * c + k, put)
+                push = control * load(w.constants, CONTROL_R, side)
+                store(w.load, i, sides + side * c + k, push)
         for k in range(w.q.shape[1] - w.shape[4], w.q.shape[1]):
             store(w.load, i, k, 0.0)
         cosine, slope = slope, 0.0 - cosine
@@ -247,12 +240,11 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
     """
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
-    m = sides + half
     last = w.k.shape[0] - 1
     step = load(w.lane, LEFT, 0)
-    for j in range(m):
-        store(w.q, 0, j, load(w.y, row, j))
-        store(w.v, 0, j, load(w.y, row, m + j))
+    begin_series(shape, w, row)
+    if len(shape[2]) > 0 and forced:
+        set_damping(w)
     per_step = 1.0 / step
     for i in range(last):
         rate = per_step * float(i + 1)
@@ -266,10 +258,14 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
                     v = v - rate * load(w.error, i + 1, a)
                     r = r - load(w.error, i, half + a)
                     dr = dr - rate * load(w.error, i + 1, half + a)
-                place_mesh(w, i, a, x, v, forced)
-                place_mesh(w, i, half + a, r, dr, forced)
+                place_mesh(shape, w, i, a, x, v, forced)
+                place_mesh(shape, w, i, half + a, r, dr, forced)
+        if len(shape[2]) > 0:
+            shift_forces(w, i, forced, coupled)
         for two in range(half):
             cauchy(w, i, 2 * two)
+        if len(shape[2]) > 0:
+            keep_forces(w, i, forced, coupled)
         accelerate(shape, w, i, forced, coupled, controlled, step * inverse[i + 1])
     if forced:
         for side in range(sides):
@@ -278,10 +274,28 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
                 r = load(w.q, last, sides + a)
                 store(w.x, last, a, load(w.q, last, side) - r - load(w.error, last, a))
                 store(w.x, last, half + a, r - load(w.error, last, half + a))
+        if len(shape[2]) > 0:
+            shift_forces(w, last, True, coupled)
+            for a in range(2 * half):
+                store(w.forces, last, a, 0.0)
 
 
 @inlined
-def place_mesh(w, i, a, x, v, forced):
+def begin_series(shape, w, row):
+    """Order 0 of all coordinates from the state or a tangent vector."""
+    m = len(shape[0]) * (1 + len(shape[1]))
+    for k in range(m):
+        store(w.q, 0, k, load(w.y, row, k))
+        store(w.v, 0, k, load(w.y, row, m + k))
+    if len(shape[2]) > 0:
+        s = w.shape[4]
+        for j in range(s):
+            store(w.q, 0, m + j, load(w.y, row, 2 * m + j))
+            store(w.v, 0, m + j, load(w.y, row, 2 * m + s + j))
+
+
+@inlined
+def place_mesh(shape, w, i, a, x, v, forced):
     """Order i of deflection and damping force of mesh a."""
     contact = load(w.mesh, CONTACT, a)
     f = absolute(contact) * x
@@ -290,7 +304,8 @@ def place_mesh(w, i, a, x, v, forced):
         if i == 0:
             f = f - contact * load(w.constants, BORDER, a)
     store(w.f, i, a, f)
-    store(w.force, 0, a, v * load(w.constants, DAMPING, a))
+    damping = load(w.mesh, DAMP, a) if len(shape[2]) > 0 else load(w.constants, DAMPING, a)
+    store(w.force, 0, a, v * damping)
 
 
 @inlined
@@ -308,17 +323,30 @@ def accelerate(shape, w, i, forced, coupled, controlled, scale):
                 all_of_side = all_of_side + (load(w.force, 0, a) + load(w.force, 0, half + a))
             total = total + all_of_side
         carrier = load(w.constants, CARRIER, 0) * total
+    if len(shape[2]) > 0:
+        carrier = carrier + load(w.push, 0, w.q.shape[1])
     for side in range(sides):
         sun = 0.0
         for k in range(c):
             sun = sun + load(w.force, 0, side * c + k)
         q = 0.0 - (load(w.constants, SUN, side) * sun + carrier * 2.0)
+        if len(shape[2]) > 0:
+            q = q + load(w.push, 0, side)
         advance(w, i, side, q, LOAD_Q, side, forced, controlled, scale)
         for k in range(c):
             a = side * c + k
             difference = load(w.force, 0, a) - load(w.force, 0, half + a)
             r = fma(difference, load(w.constants, PLANET, a), 0.0 - carrier)
+            if len(shape[2]) > 0:
+                r = r + load(w.push, 0, sides + a)
             advance(w, i, sides + a, r, LOAD_R, 0, forced, controlled, scale)
+    if len(shape[2]) > 0:
+        for k in range(sides + half, w.q.shape[1]):
+            own = load(w.push, 0, k)
+            if forced and controlled:
+                own = own - load(w.load, i, k)
+            store(w.v, i + 1, k, own * scale)
+            store(w.q, i + 1, k, load(w.v, i, k) * scale)
 
 
 @inlined
@@ -334,15 +362,16 @@ def advance(w, i, coordinate, acceleration, row, entry, forced, controlled, scal
 
 
 @compiled
-def take_state(w, row):
+def take_state(shape, w, row):
     """State or tangent at the end of each lane's move, by Horner's rule, into ``w.y``."""
     move = load(w.lane, MOVE, 0)
-    m = w.q.shape[1]
+    m = len(shape[0]) * (1 + len(shape[1]))
+    s = w.shape[4] if len(shape[2]) > 0 else 0
     last = w.q.shape[0] - 1
-    for j in range(m):
+    for j in range(m + s):
         q, v = load(w.q, last, j), load(w.v, last, j)
         for i in range(last - 1, -1, -1):
             q = fma(q, move, load(w.q, i, j))
             v = fma(v, move, load(w.v, i, j))
-        store(w.y, row, j, q)
-        store(w.y, row, m + j, v)
+        store(w.y, row, j if j < m else m + j, q)
+        store(w.y, row, m + j if j < m else m + s + j, v)

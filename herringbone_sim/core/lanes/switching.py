@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from herringbone_sim.core.lanes.extended import ends, set_jump, touch_all, turn_signs
 from herringbone_sim.core.lanes.packed import (
     AT,
+    AT_DEPTH,
+    AT_SIGN,
     BACK,
     BORDER,
     CONTACT,
@@ -14,6 +17,7 @@ from herringbone_sim.core.lanes.packed import (
     MOVE,
     NEXT,
     SHARE,
+    SIGN,
     SWITCHES,
 )
 from herringbone_sim.core.lanes.vector import (
@@ -48,8 +52,8 @@ def may_leave(start, start_slope, stop, stop_slope):
 
 
 @inlined
-def cross(w, m, sign, border, start, start_slope, stop, wanted):
-    """Where the margins sign * x + border of mesh m, positive at 0, turn negative before 1.
+def cross(series, m, sign, border, start, start_slope, stop, wanted):
+    """Where the margins sign * x + border of column m, positive at 0, turn negative before 1.
 
     Newton within a bracket, from the root of the parabola through both ends; the step after one
     of ``CLOSE`` is below 1e-12. A lane stands still once it is there, so that it gives the same
@@ -60,13 +64,13 @@ def cross(w, m, sign, border, start, start_slope, stop, wanted):
     s = (start + start) / (root(absolute(discriminant)) - start_slope)
     s = choose(wanted, s, 0.5)
     low, high = 0.0, 1.0
-    last = w.x.shape[0] - 1
+    last = series.shape[0] - 1
     moving = wanted
     for _ in range(60):
-        value, ds = load(w.x, last, m), 0.0
+        value, ds = load(series, last, m), 0.0
         for i in range(last - 1, -1, -1):
             ds = fma(ds, s, value)
-            value = fma(value, s, load(w.x, i, m))
+            value = fma(value, s, load(series, i, m))
         value, ds = fma(sign, value, border), sign * ds
         beyond = value < 0.0
         low, high = choose(beyond, low, s), choose(beyond, s, high)
@@ -108,7 +112,7 @@ def watch_mesh(w, m):
     plain = plain & without(other)
     at = 2.0
     if bits(plain):
-        at = choose(plain, cross(w, m, sign, border, begin, sign * first, stop, plain), at)
+        at = choose(plain, cross(w.x, m, sign, border, begin, sign * first, stop, plain), at)
     store(w.mesh, END, m, end)
     store(w.mesh, END_SLOPE, m, slope)
     store(w.mesh, AT, m, at)
@@ -138,15 +142,57 @@ def locate(x, w, m, lane):
         put(w.lane, MOVE, 0, lane, at)
 
 
+@inlined
+def watch_sign(w, m):
+    """Where the force of mesh m changes its sign, as ``watch_mesh``."""
+    ends(w, w.forces, m, AT_DEPTH, AT_SIGN)
+    sign, zero = load(w.mesh, SIGN, m), 0.0
+    begin, first = sign * load(w.forces, 0, m), sign * load(w.forces, 1, m)
+    stop, slope = sign * load(w.mesh, AT_DEPTH, m), sign * load(w.mesh, AT_SIGN, m)
+    plain = (begin > zero) & (stop < zero)
+    seen = may_leave(begin, first, stop, slope)
+    at = 2.0
+    if bits(plain):
+        at = choose(plain, cross(w.forces, m, sign, zero, begin, first, stop, plain), at)
+    store(w.mesh, AT, m, at)
+    left = bits(seen) & ~bits(plain)
+    lane = 0
+    while left:
+        if left & 1:
+            locate_sign(w, m, lane)
+        left >>= 1
+        lane += 1
+    at, move = load(w.mesh, AT, m), load(w.lane, MOVE, 0)
+    store(w.mesh, AT_SIGN, m, at)
+    store(w.lane, MOVE, 0, choose(at < move, at, move))
+
+
+@compiled
+def locate_sign(w, m, lane):
+    """Where the force of mesh m changes its sign in one lane (2: nowhere), into ``w.mesh``."""
+    forces = w.forces.reshape(w.forces.shape[0], w.forces.size // w.forces.shape[0])
+    end, slope = get(w.mesh, AT_DEPTH, m, lane), get(w.mesh, AT_SIGN, m, lane)
+    sign = get(w.mesh, SIGN, m, lane)
+    put(
+        w.mesh,
+        AT,
+        m,
+        lane,
+        leaves_at(forces, m * n_lanes(w.lane) + lane, 0.0, sign, end, slope, 2.0),
+    )
+
+
 @compiled
 def find_moves(w):
     """How far each lane goes in its step, 1 or up to its first switch, into ``w.lane``.
 
     A lane that has passed 400 switches within one step is let through to its end.
     """
-    n = w.x.shape[1]
-    x = w.x.reshape(w.x.shape[0], w.x.size // w.x.shape[0])
+    order, n = w.x.shape[0], w.x.shape[1]
+    x = w.x.reshape(order, w.x.size // order)
     store(w.lane, MOVE, 0, 1.0)
+    for r in range(w.rubs.size):
+        watch_sign(w, w.rubs[r])
     for m in range(n):
         seen = watch_mesh(w, m)
         lane = 0
@@ -160,20 +206,32 @@ def find_moves(w):
 
 
 @inlined
-def switch_contact(w):
-    """New contact of all meshes that switch at the end of their lane's move."""
+def switch_contact(shape, w):
+    """New contact of all meshes that switch at the end of their lane's move.
+
+    Returns whether anything has switched.
+    """
     move = load(w.lane, MOVE, 0)
     switching = move < 1.0
     if bits(switching):
+        if len(shape[2]) > 0:
+            turn_signs(w)
         for m in range(w.x.shape[1]):
             here = (load(w.mesh, AT, m) == move) & switching
-            new = choose(here, load(w.mesh, NEXT, m), load(w.mesh, CONTACT, m))
+            old = load(w.mesh, CONTACT, m)
+            new = choose(here, load(w.mesh, NEXT, m), old)
             store(w.mesh, CONTACT, m, new)
+            if len(shape[2]) > 0:
+                set_jump(w, m, old, new)
+    return bits(switching) != 0
 
 
 @inlined
 def touch(shape, w):
     """Contact (Eqs. 1, 4) from the states in all lanes that begin a step of the grid."""
+    if len(shape[2]) > 0:
+        touch_all(shape, w)
+        return
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
     begins = load(w.lane, SWITCHES, 0) == 0.0

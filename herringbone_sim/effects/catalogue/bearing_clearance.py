@@ -6,11 +6,12 @@ The pin sits w ahead of its place in the carrier, whose coordinate is y = r_bc t
     H = k g(w) + c w',      c = 2 damping sqrt(k m),
     (M_c - sum m) y'' = cos beta sum F over all other meshes + sum H - T_2 / r_bc + control.
 
-g is the backlash function of half-width clearance / 2, its corners rounded by ln(1 + e^z) over
-softness times the clearance. What gives way is taken off the meshes, d = -w cos beta, and the
-carrier of Eq. (14), which takes P as if pins were rigid, is put right by -m w''. I_ce holds m_p
-once a planet: m = m_p for a pin with both halves, m_p / 2 for a half that is free alone. Loads
-of other effects on the carrier reach pins as if rigid. Without clearance the pin is rigid. Source:
+g is the backlash function of half-width clearance / 2, its corners sharp, or rounded by
+ln(1 + e^z) over softness times the clearance. What gives way is taken off the meshes,
+d = -w cos beta, and the carrier of Eq. (14), which takes P as if pins were rigid, is put right by
+-m w''. I_ce holds m_p once a planet: m = m_p for a pin with both halves, m_p / 2 for a half that
+is free alone. Loads of other effects on the carrier reach pins as if rigid. Without clearance the
+pin is rigid. Source:
 dead-zone supports as in Guo and Parker (J. Sound Vib. 331, 2012), in Eqs. (13), (14).
 """
 
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Options, Parameter
-from herringbone_sim.effects.law import CONTROL, PHASE, SHIFT, SHIFT_RATE, TORQUE, law
+from herringbone_sim.effects.law import CONTROL, PHASE, SHIFT, SHIFT_RATE, TORQUE, law, play
 from herringbone_sim.effects.slots import Coordinates, Slots
 
 CLEARANCE, STIFFNESS, DAMPING, SOFTNESS = range(4)
@@ -58,7 +59,9 @@ def hold(theta, mass, w, rate):
     """Force [N] of the seat on a pin of some mass [kg]."""
     width = theta[SOFTNESS] * theta[CLEARANCE]
     b = 0.5 * theta[CLEARANCE]
-    g = width * (rise((w - b) / width) - rise((-w - b) / width))
+    g = play(w, b)
+    if width > 0.0:
+        g = width * (rise((w - b) / width) - rise((-w - b) / width))
     damping = 2.0 * theta[DAMPING] * np.sqrt(theta[STIFFNESS] * mass)
     return theta[STIFFNESS] * g + damping * rate
 
@@ -172,7 +175,7 @@ EFFECT = Effect(
         Parameter("clearance", "m", "whole width of the dead zone", 0.0, 2e-4, 1e-5),
         Parameter("stiffness", "N/m", "of the seat", 1e8, 1e12, 3e10, neutral=None),
         Parameter("damping", "-", "ratio on the seat", 0.0, 1.0, 0.1, neutral=None),
-        Parameter("softness", "-", "rounding over clearance", 1e-3, 0.5, 0.05, neutral=None),
+        Parameter("softness", "-", "rounding over clearance", 0.0, 0.5, 0.0, neutral=None),
     ),
     loci=(("all", "*", "all"), ("all", "*", "*")),
     place=place,

@@ -1,0 +1,309 @@
+"""What effects add to the recurrences of a gear that stays linear between switches.
+
+Friction on the flanks, further coordinates on seats of their own (a ring or pins that move), and
+damping that hangs on contact; a gear without them, see ``Packed.extended``, compiles without it.
+A seat is one more row like a mesh, of constant stiffness; see ``Packed.push`` for its forces.
+"""
+
+from __future__ import annotations
+
+from herringbone_sim.core.lanes.packed import (
+    AT_SIGN,
+    BORDER,
+    CARRIER,
+    CONTACT,
+    DAMP,
+    DAMPING,
+    HALF,
+    JUMP,
+    LEFT,
+    MOVE,
+    OMEGA,
+    OPEN,
+    PHASE,
+    PLANET,
+    ROWS_OF_LAWS,
+    SHARE,
+    SIDE,
+    SIGN,
+    START,
+    STIFF,
+    SUN,
+    SWITCHES,
+    TURN,
+)
+from herringbone_sim.core.lanes.rows import window_row
+from herringbone_sim.core.lanes.vector import absolute, bits, choose, fma, load, nearest, store
+from herringbone_sim.core.packed import TWO_PI, compiled, inlined
+from herringbone_sim.core.right_hand_side import ON_EDGE
+
+
+@inlined
+def law_row(w):
+    """First row of the constants of laws."""
+    return window_row(w, w.shape[2])
+
+
+@inlined
+def shift_row(w, coupled, j):
+    """Row of the displacement of the meshes by further coordinate j."""
+    return law_row(w) + ROWS_OF_LAWS + (j if coupled else w.shape[4] + j)
+
+
+@inlined
+def push_row(w, coupled, which, k):
+    """Row of part ``which`` of ``Packed.push`` on coordinate k."""
+    part = which if coupled else 3 + which
+    return law_row(w) + ROWS_OF_LAWS + 2 * w.shape[4] + part * (w.q.shape[1] + 1) + k
+
+
+@inlined
+def down(a):
+    """Largest whole numbers that are not larger."""
+    whole = nearest(a)
+    return choose(a < whole, whole - 1.0, whole)
+
+
+@inlined
+def stop_at_pitch(w):
+    """End the step of each lane where its flanks next change their slide, if there is friction."""
+    if w.rubs.size > 0:
+        left = load(w.lane, LEFT, 0)
+        start = load(w.lane, PHASE, 0) * (1.0 / TWO_PI)
+        half = start + start
+        cycles = (down(half + 2.0 * ON_EDGE) + 1.0 - half) * 0.5
+        part = cycles * TWO_PI / load(w.constants, OMEGA, 0)
+        near = (TWO_PI * ON_EDGE) / load(w.constants, OMEGA, 0)
+        part = choose(part < left - near, part, left)
+        turn = part * load(w.constants, OMEGA, 0) * (1.0 / TWO_PI)
+        middle = start + turn * 0.5
+        whole = down(middle + 0.5)
+        store(w.lane, LEFT, 0, part)
+        store(w.lane, SHARE, 0, load(w.lane, SHARE, 0) * part / left)
+        store(w.lane, START, 0, start - whole)
+        store(w.lane, SIDE, 0, choose(middle > whole, 1.0, -1.0))
+        store(w.lane, TURN, 0, turn)
+
+
+@inlined
+def touch_all(shape, w):
+    """Contact of meshes and seats in the lanes that begin a step; signs are not known there."""
+    sides, c = len(shape[0]), len(shape[1])
+    half = sides * c
+    m = sides + half
+    begins = load(w.lane, SWITCHES, 0) == 0.0
+    for side in range(sides):
+        for k in range(c):
+            a = side * c + k
+            r = load(w.y, 0, sides + a)
+            store(w.x, 0, a, load(w.y, 0, side) - r - load(w.error, 0, a))
+            store(w.x, 0, half + a, r - load(w.error, 0, half + a))
+    for t in range(w.shifts.shape[0]):
+        j, a = w.shifts[t, 0], w.shifts[t, 1]
+        shift = load(w.constants, shift_row(w, True, j), a)
+        store(w.x, 0, a, fma(shift, load(w.y, 0, 2 * m + j), load(w.x, 0, a)))
+    for j in range(w.shape[4]):
+        store(w.x, 0, 2 * half + j, load(w.y, 0, 2 * m + j))
+    for a in range(w.x.shape[1]):
+        x, b = load(w.x, 0, a), load(w.constants, BORDER, a)
+        back = choose(x < 0.0 - b, -1.0, 0.0)
+        contact = choose(x > b, 1.0, back)
+        store(w.mesh, CONTACT, a, choose(begins, contact, load(w.mesh, CONTACT, a)))
+        store(w.mesh, SIGN, a, choose(begins, 0.0, load(w.mesh, SIGN, a)))
+
+
+@inlined
+def set_damping(w):
+    """Damping of meshes and seats in their present contact."""
+    for a in range(w.x.shape[1]):
+        separated = load(w.mesh, CONTACT, a) == 0.0
+        c = load(w.constants, DAMPING, a)
+        store(w.mesh, DAMP, a, choose(separated, load(w.constants, law_row(w) + OPEN, a), c))
+
+
+@inlined
+def shift_series(w, i, rate, coupled):
+    """Order i of deflections and rates: the parts of further coordinates, and the seats."""
+    first, n = w.q.shape[1] - w.shape[4], w.k.shape[1]
+    for t in range(w.shifts.shape[0]):
+        j, a = w.shifts[t, 0], w.shifts[t, 1]
+        shift = load(w.constants, shift_row(w, coupled, j), a)
+        store(w.x, i, a, fma(shift, load(w.q, i, first + j), load(w.x, i, a)))
+        store(rate, i, a, fma(shift, load(w.v, i, first + j), load(rate, i, a)))
+    for j in range(w.shape[4]):
+        store(w.x, i, n + j, load(w.q, i, first + j))
+        store(rate, i, n + j, load(w.v, i, first + j))
+
+
+@inlined
+def shift_forces(w, i, forced, coupled):
+    """Order i of deflections, f and damping forces: the parts of further coordinates; of seats,
+    the forces.
+    """
+    first, n = w.q.shape[1] - w.shape[4], w.k.shape[1]
+    for t in range(w.shifts.shape[0]):
+        j, a = w.shifts[t, 0], w.shifts[t, 1]
+        shift = load(w.constants, shift_row(w, coupled, j), a)
+        x, v = shift * load(w.q, i, first + j), shift * load(w.v, i, first + j)
+        if forced:
+            store(w.x, i, a, load(w.x, i, a) + x)
+        store(w.f, i, a, fma(absolute(load(w.mesh, CONTACT, a)), x, load(w.f, i, a)))
+        store(w.force, 0, a, fma(load(w.mesh, DAMP, a), v, load(w.force, 0, a)))
+    for j in range(w.shape[4]):
+        a = n + j
+        x, contact = load(w.q, i, first + j), load(w.mesh, CONTACT, a)
+        if forced:
+            store(w.x, i, a, x)
+        f = absolute(contact) * x
+        if forced and i == 0:
+            f = f - contact * load(w.constants, law_row(w) + HALF, a)
+        damper = load(w.v, i, first + j) * load(w.mesh, DAMP, a)
+        store(w.force, 0, a, fma(load(w.constants, law_row(w) + STIFF, a), f, damper))
+
+
+@inlined
+def keep_forces(w, i, forced, coupled):
+    """Keep order i of the forces, and work out what ``Packed.push`` does with it."""
+    if w.pairs.shape[0] > 0:
+        for a in range(w.x.shape[1]):
+            store(w.forces, i, a, load(w.force, 0, a))
+        if i == 0 and forced:
+            know_signs(w)
+        push_pairs(w, i, coupled)
+
+
+@inlined
+def know_signs(w):
+    """Signs of the forces, where not known yet, and the shares in which forces push."""
+    n, t_all = w.k.shape[1], w.pairs.shape[0]
+    for r in range(w.rubs.size):
+        a = w.rubs[r]
+        sign = load(w.mesh, SIGN, a)
+        first = choose(load(w.forces, 0, a) < 0.0, -1.0, 1.0)
+        store(w.mesh, SIGN, a, choose(sign == 0.0, first, sign))
+    start, side, turn = load(w.lane, START, 0), load(w.lane, SIDE, 0), load(w.lane, TURN, 0)
+    for apart in range(2 if w.y.shape[0] > 2 else 1):
+        coupled = apart == 0
+        for t in range(t_all):
+            k, a = w.pairs[t, 0], w.pairs[t, 1]
+            now = load(w.constants, push_row(w, coupled, 0, k), a)
+            later = 0.0
+            if a < n and w.rubs.size > 0:
+                g = side * load(w.mesh, SIGN, a)
+                lever = load(w.constants, push_row(w, coupled, 2, k), a)
+                rub = fma(start, lever, load(w.constants, push_row(w, coupled, 1, k), a))
+                now = fma(g, rub, now)
+                later = g * turn * lever
+            store(w.mix, 2 * apart * t_all + t, 0, now)
+            store(w.mix, (2 * apart + 1) * t_all + t, 0, later)
+
+
+@inlined
+def push_pairs(w, i, coupled):
+    """Order i of the accelerations of ``Packed.push`` into ``w.push``."""
+    t_all = w.pairs.shape[0]
+    first = 0 if coupled else 2 * t_all
+    t = 0
+    while t < t_all:
+        k = w.pairs[t, 0]
+        total = 0.0
+        while t < t_all and w.pairs[t, 0] == k:
+            a = w.pairs[t, 1]
+            total = fma(load(w.mix, first + t, 0), load(w.forces, i, a), total)
+            if i > 0 and w.rubs.size > 0:
+                total = fma(load(w.mix, first + t_all + t, 0), load(w.forces, i - 1, a), total)
+            t += 1
+        store(w.push, 0, k, total)
+
+
+@inlined
+def turn_signs(w):
+    """Change the signs of the forces that do so at the end of their lane's move."""
+    move = load(w.lane, MOVE, 0)
+    for r in range(w.rubs.size):
+        a = w.rubs[r]
+        sign = load(w.mesh, SIGN, a)
+        here = (load(w.mesh, AT_SIGN, a) == move) & (move < 1.0)
+        store(w.mesh, SIGN, a, choose(here, 0.0 - sign, sign))
+
+
+@inlined
+def set_jump(w, a, old, new):
+    """Jump of a mesh force at a change of contact, over the rate, and the sign it has there."""
+    share = load(w.constants, DAMPING, a) - load(w.constants, law_row(w) + OPEN, a)
+    jump = share * (absolute(new) - absolute(old))
+    store(w.mesh, JUMP, a, jump)
+    jumps = without_zero(jump)
+    store(w.mesh, SIGN, a, choose(jumps, new - old, load(w.mesh, SIGN, a)))
+
+
+@inlined
+def without_zero(a):
+    """The lanes that are not zero."""
+    return a != 0.0
+
+
+@compiled
+def jump_tangents(shape, w):
+    """Saltation of tangent vectors where a mesh force jumps: the other motion jumps later."""
+    sides, c, s = len(shape[0]), len(shape[1]), w.shape[4]
+    half = sides * c
+    m = sides + half
+    place = fma(load(w.lane, MOVE, 0), load(w.lane, TURN, 0), load(w.lane, START, 0))
+    for row in range(1, w.y.shape[0]):
+        coupled = row == 1 or sides == 2
+        for a in range(2 * half):
+            jump = load(w.mesh, JUMP, a)
+            if not bits(without_zero(jump)):
+                continue
+            planet = a % half
+            x = load(w.y, row, sides + planet)
+            if a < half:
+                x = load(w.y, row, planet // c) - x
+            for t in range(w.shifts.shape[0]):
+                if w.shifts[t, 1] == a:
+                    j = w.shifts[t, 0]
+                    shift = load(w.constants, shift_row(w, coupled, j), a)
+                    x = fma(shift, load(w.y, row, 2 * m + j), x)
+            force = jump * x
+            for k in range(m + s + 1):
+                store(w.push, 0, k, 0.0)
+            g = load(w.lane, SIDE, 0) * load(w.mesh, SIGN, a)
+            for t in range(w.pairs.shape[0]):
+                if w.pairs[t, 1] == a:
+                    k = w.pairs[t, 0]
+                    lever = load(w.constants, push_row(w, coupled, 2, k), a)
+                    rub = fma(place, lever, load(w.constants, push_row(w, coupled, 1, k), a))
+                    share = fma(g, rub, load(w.constants, push_row(w, coupled, 0, k), a))
+                    store(w.push, 0, k, share * force)
+            own = force * load(w.constants, PLANET, planet)
+            carrier = load(w.push, 0, m + s)
+            if coupled:
+                carrier = carrier + force * load(w.constants, CARRIER, 0)
+            if a < half:
+                side = planet // c
+                sun = force * load(w.constants, SUN, side)
+                store(w.push, 0, side, load(w.push, 0, side) - sun)
+            else:
+                own = 0.0 - own
+            store(w.push, 0, sides + planet, load(w.push, 0, sides + planet) + own)
+            for k in range(m + s):
+                added = load(w.push, 0, k)
+                if k < m:
+                    added = added - (carrier + carrier if k < sides else carrier)
+                at = m + k if k < m else m + s + k
+                store(w.y, row, at, load(w.y, row, at) + added)
+            for k in range(m + s + 1):
+                store(w.push, 0, k, 0.0)
+
+
+@inlined
+def ends(w, series, a, end_row, slope_row):
+    """Value and slope at the end of the step of column a of a series, into rows of ``w.mesh``."""
+    end, slope = 0.0, 0.0
+    for i in range(series.shape[0] - 1, 0, -1):
+        x = load(series, i, a)
+        end = end + x
+        slope = fma(float(i), x, slope)
+    store(w.mesh, end_row, a, end + load(series, 0, a))
+    store(w.mesh, slope_row, a, slope)

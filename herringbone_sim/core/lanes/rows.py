@@ -1,0 +1,23 @@
+"""Where in the constants of the lanes the rows of torques and events begin."""
+
+from __future__ import annotations
+
+from herringbone_sim.core.lanes.packed import (
+    HARMONICS,
+    ROWS_A_HARMONIC,
+    ROWS_A_LOAD,
+    ROWS_A_WINDOW,
+)
+from herringbone_sim.core.packed import inlined
+
+
+@inlined
+def load_row(w, j):
+    """First row of the constants of torque j."""
+    return HARMONICS + ROWS_A_HARMONIC * w.shape[0] + ROWS_A_LOAD * j
+
+
+@inlined
+def window_row(w, j):
+    """First row of the constants of event j."""
+    return load_row(w, w.shape[1]) + ROWS_A_WINDOW * j
