@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.batch import alike_halves
 from herringbone_sim.core.batch import layout_mirror as mirror
-from herringbone_sim.core.model import Model, initial_state
-from herringbone_sim.core.packed import TWO_PI, make_work
-from herringbone_sim.core.run import LIMIT, crosser
+from herringbone_sim.core.integrate import stepper
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.run import LIMIT
 from herringbone_sim.errors import DivergenceError, ParameterError
 
 Array = NDArray[np.float64]
@@ -67,11 +68,9 @@ class GearFlow:
     """
 
     def __init__(self, model: Model, cycles: int | None = None) -> None:
-        layout, p = model.layout, model.parameters
         self.model = model
         self.cycles = period_of(model) if cycles is None else cycles
-        self._work = make_work(layout.n_mesh, layout.n_coordinate, p.order, model.n_own)
-        self._cross = crosser(p.method, model.packed.plain)
+        self._stepper = stepper(model)
 
     @property
     def n(self) -> int:
@@ -84,7 +83,7 @@ class GearFlow:
 
     def start(self) -> Array:
         """Initial state (n,) at phase 0 by the parameters, further coordinates at rest."""
-        return np.concatenate([initial_state(self.model), np.zeros(2 * self.model.n_own)])
+        return self._stepper.start().y
 
     def advance(self, y: Array, tangents: Array, at: int = 0) -> tuple[Array, Array]:
         """State (n,) and tangents (k, n) one period later, from phase 0 to phase 0.
@@ -97,12 +96,10 @@ class GearFlow:
             DivergenceError: the state left the range of any physical motion.
             ParameterError: tangents under ``method: rk4``, which steps over the kinks.
         """
-        p = self.model.parameters
-        if len(tangents) and p.method == "rk4":
+        by_rk4 = self.model.parameters.method == "rk4" and self.model.integrator is None
+        if len(tangents) and by_rk4:
             raise ParameterError("tangents need method: taylor, got rk4: change method")
-        y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float)
-        first = at * self.cycles
-        self._cross(self.model.packed, self._work, y, tangents, first, self.cycles, p.steps)
+        y, tangents = self._stepper.cross(y, tangents, at * self.cycles, self.cycles)
         if not float(np.abs(y).max()) < LIMIT:
             raise DivergenceError(
                 f"the motion left the range of any gear: displacements beyond {LIMIT:g} b_c"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active, Effect
+from herringbone_sim.effects.instant import FREE
 from herringbone_sim.effects.law import no_excite, no_react
 
 Array = NDArray[np.float64]
@@ -103,10 +104,6 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
     )
 
 
-def _acts(one: Effect) -> tuple[bool, bool]:
-    return one.excite is not no_excite, one.react is not no_react
-
-
 def _site(model: Model, one: Active) -> Array:
     mask = one.locus.mask(model.layout)
     rows: Array = np.ascontiguousarray(one.effect.place(model, mask, one.chosen), dtype=float)
@@ -164,13 +161,16 @@ class Scratch(NamedTuple):
     driving: Array  # (n,) forces between samples
     stage: Array  # (s,)
     slope: Array  # (4, s)
+    side: NDArray[np.int64]  # (n,) contact in which each mesh is held, or FREE
+    hold: Array  # (n,) added to the deflection of a free mesh [m]
 
 
 def scratch(model: Model, n_own: int) -> Scratch:
     """Scratch for a model with so many own states of its effects."""
     n = model.layout.n_mesh
     sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own))
-    return Scratch(*(np.zeros(size) for size in sizes))
+    free = np.full(n, FREE, dtype=np.int64)
+    return Scratch(*(np.zeros(size) for size in sizes), free, np.zeros(n))
 
 
 @contextmanager
