@@ -22,7 +22,6 @@ from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.run import at_instant, slope_of
 
-
 Array = NDArray[np.float64]
 PLAY = 2
 

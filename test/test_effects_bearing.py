@@ -15,8 +15,8 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.assemble import by_laws
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.evaluate import answer, motion
-from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.law_stepper import LawStepper
+from herringbone_sim.effects.registry import effect
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 Array = NDArray[np.float64]

@@ -20,7 +20,6 @@ from herringbone_sim.effects.law import (
     play,
 )
 
-
 FREE = 2  # of ``Scratch.side``: contact as the deflection has it
 BEYOND = 1e-15  # m: how far inside a contact a law sees a deflection that is on its border
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from herringbone_sim.core.packed import TWO_PI, inlined
 from herringbone_sim.core.right_hand_side import ON_EDGE, cycles_to_edge
 from herringbone_sim.effects.dormand_prince import APART, FAR, attempt, carry, length, slope, stage
@@ -30,7 +28,7 @@ START, LOW, HIGH, END = range(4)
 
 @inlined
 def margins(m, row):
-    """How far each mesh is from its next border [b_c], and its force from zero; with their pace."""
+    """Distance of each mesh from its next border and its pace, and of its force from zero."""
     r, w = m.r, m.w
     n = w.x.size
     for j in range(n):
@@ -133,16 +131,15 @@ def root(a, b, slope_a, slope_b):
 @law
 def passed(m):
     """Whether any margin is past its border at the end of the step that was tried last."""
-    gap = m.r.gap
+    gap, found = m.r.gap, False
     for i in range(gap.shape[1]):
-        if gap[END, i] < 0.0 and gap[END, i] < gap[START, i]:
-            return True
-    return False
+        found = found or (gap[END, i] < 0.0 and gap[END, i] < gap[START, i])
+    return found
 
 
 @law
 def dip(m, h):
-    """Part of a step at which a margin that is open at both ends is least, if below zero; else 1."""
+    """Part of a step at which a margin open at both ends is least, if below zero; else 1."""
     r, first = m.r, 1.0
     for j in range(m.w.side.size):
         a, b = r.gap[START, j], r.gap[END, j]

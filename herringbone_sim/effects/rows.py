@@ -1,4 +1,4 @@
-"""The compiled run of a gear by its laws: over a grid of mesh phases, row by row or without rows."""
+"""The compiled run of a gear by its laws: over a grid of mesh phases, with rows or without."""
 
 from __future__ import annotations
 
