@@ -200,7 +200,8 @@ class Stepper:
 
     def _own_order(self) -> Indices:
         """Order of the further states in which displacement and rate of a coordinate meet."""
-        return np.arange(2 * self.model.n_own).reshape(2, -1).T.ravel()
+        order: Indices = np.arange(2 * self.model.n_own).reshape(2, -1).T.ravel()
+        return order
 
 
 def stepper(model: Model) -> Stepper:

@@ -56,6 +56,7 @@ class Gear(NamedTuple):
 class Trial(NamedTuple):
     """Scratch of a step; i of 7 stages, the last one at its end."""
 
+    side: NDArray[np.int64]  # (n,) contacts that are kept for later
     z: Array  # (s,) state, own states in SI units
     y: Array  # (7, s)
     rate: Array  # (7, s)
@@ -64,7 +65,6 @@ class Trial(NamedTuple):
     gap: Array  # (4, 2 n) see ``located.margins``: start, ends of a bracket, end
     pace: Array  # (4, n) rates of the first n
     sign: Array  # (n,) of the mesh forces at the start
-    side: NDArray[np.int64]  # (n,)
     along: Array  # (7, s) slopes of a tangent
     direction: Array  # (s,)
     was: Array  # (s,)
@@ -73,12 +73,8 @@ class Trial(NamedTuple):
 
 def trial(n: int, s: int) -> Trial:
     """Scratch for n meshes and a state of s numbers."""
-    sizes = (s, (7, s), (7, s), (7, n), 2, (4, 2 * n), (4, n), n)
-    return Trial(
-        *(np.zeros(size) for size in sizes),
-        np.zeros(n, dtype=np.int64),
-        *(np.zeros(size) for size in ((7, s), s, s, (n, 3))),
-    )
+    sizes = (s, (7, s), (7, s), (7, n), 2, (4, 2 * n), (4, n), n, (7, s), s, s, (n, 3))
+    return Trial(np.zeros(n, dtype=np.int64), *(np.zeros(size) for size in sizes))
 
 
 @law

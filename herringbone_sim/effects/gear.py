@@ -153,6 +153,7 @@ class Kernel(NamedTuple):
 class Scratch(NamedTuple):
     """What the kernel scribbles on; n = n_mesh, s = own states, b = bodies."""
 
+    side: NDArray[np.int64]  # (n,) contact in which each mesh is held, or FREE
     law: Array  # (5, n)
     x: Array  # (n,) deflection with the effects' displacements
     v: Array  # (n,)
@@ -161,16 +162,15 @@ class Scratch(NamedTuple):
     driving: Array  # (n,) forces between samples
     stage: Array  # (s,)
     slope: Array  # (4, s)
-    side: NDArray[np.int64]  # (n,) contact in which each mesh is held, or FREE
     hold: Array  # (n,) added to the deflection of a free mesh [m]
 
 
 def scratch(model: Model, n_own: int) -> Scratch:
     """Scratch for a model with so many own states of its effects."""
     n = model.layout.n_mesh
-    sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own))
+    sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own), n)
     free = np.full(n, FREE, dtype=np.int64)
-    return Scratch(*(np.zeros(size) for size in sizes), free, np.zeros(n))
+    return Scratch(free, *(np.zeros(size) for size in sizes))
 
 
 @contextmanager
