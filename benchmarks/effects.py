@@ -5,8 +5,9 @@ order 16 with three times the steps; processor time a mesh cycle of one orbit; p
 values of delta_T in lanes, 100 + 100 mesh cycles each. Compilation is not counted.
 
 A second table has the example of docs/effects.md as slots and without ``fill``, and effects of the
-catalogue by their laws: error against the slots at order 16, and processor time a mesh cycle of
-one orbit, of that with one tangent, and of 8 values of delta_T one after another.
+catalogue by their laws: error against the slots at order 16, of the state after 20 mesh cycles and
+of all tangents after one; processor time a mesh cycle of one orbit, of that with one tangent, and
+of 8 values of delta_T in a batch.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.core.batch import alike_halves, run_batch
 from herringbone_sim.core.integrate import Stepper, stepper
@@ -55,10 +57,18 @@ EFFECTS = (
 )
 ORBIT = {"xi": 0.07, "delta_T": 90.0}
 CYCLES, VALUES, LENGTH = 20, 64, 100
+Array = NDArray[np.float64]
 
 
 OIL = "thermal_damping@sp:rate=-0.004"
-BY_LAWS = (OIL, "tooth_friction:mu=0.08", "ring_flexibility@rp:stiffness=3e9")
+BY_LAWS = (
+    OIL,
+    "tooth_friction:mu=0.08",
+    "damping_law:share=0.4,power=0,depth=1e-5",
+    "damping_law:share=0.4,power=0.5,depth=1e-5",
+    "contact_nonlinearity:exponent=1.1",
+    "ring_flexibility@rp:stiffness=3e9",
+)
 FEW = 8
 
 
@@ -74,27 +84,6 @@ def load_example() -> None:
     file = folder / "thermal_damping.py"
     file.write_text(page.read_text(encoding="utf-8").split("```python\n")[2].split("```")[0])
     os.environ[VARIABLE] = str(file)
-
-
-def law_row(text: str, slots: bool, rounds: int) -> tuple[float, list[float]]:
-    """Error after 20 mesh cycles; seconds a mesh cycle, with a tangent, and in a batch."""
-    actives = read_effects(text)
-    at = (lambda model: model) if slots else (lambda model: by_laws(model, actives))
-    exact, machine = Stepper(gear(text, order=16, steps_per_cycle=48)), stepper(at(gear(text)))
-    none, own = np.zeros((0, exact.model.n_state)), np.zeros((0, machine.model.n_state))
-    y, _ = exact.cross(exact.start().y, none, 0, 60)
-    m = exact.model.layout.n_state
-    start = np.concatenate([y[:m], machine.start().y[m:]])
-    start = machine.with_own(start, exact.own(y))
-    error = machine.cross(start, own, 60, CYCLES)[0] - exact.cross(y, none, 60, CYCLES)[0]
-    one = np.eye(machine.model.n_state)[:1]
-    times = [
-        best(partial(machine.cross, start, tangents, 60, CYCLES), rounds) / CYCLES
-        for tangents in (own, one)
-    ]
-    few = [at(gear(text, delta_T=value)) for value in np.linspace(0.0, 100.0, FEW)]
-    batch = best(lambda: run_batch(few, transient=CYCLES, cycles=CYCLES, points=1), rounds)
-    return float(np.abs(error[:m]).max()), [*times, batch / (2 * CYCLES * FEW)]
 
 
 def best(do: Callable[[], object], rounds: int) -> float:
@@ -122,6 +111,35 @@ def row(text: str, rounds: int) -> tuple[float, float, float, bool]:
     return error, one, lanes, alike_halves(model)
 
 
+def law_row(text: str, slots: bool, rounds: int) -> tuple[list[float], list[float]]:
+    """Errors of state and tangents; seconds a mesh cycle, with a tangent, and in a batch."""
+    actives = read_effects(text)
+    at = (lambda model: model) if slots else (lambda model: by_laws(model, actives))
+    exact, machine = Stepper(gear(text, order=16, steps_per_cycle=48)), stepper(at(gear(text)))
+    y, _ = exact.cross(exact.start().y, np.zeros((0, exact.model.n_state)), 0, 60)
+
+    def same(state: Array) -> Array:
+        """A state of the exact gear as the other one orders it."""
+        rest = np.zeros(machine.model.n_state - exact.model.layout.n_state)
+        whole = np.concatenate([state[: exact.model.layout.n_state], rest])
+        return machine.with_own(whole, exact.own(state))
+
+    start, size = same(y), machine.model.n_state
+    none, frame = np.zeros((0, size)), np.eye(size)
+    after = exact.cross(y, np.zeros((0, y.size)), 60, CYCLES)[0]
+    wrong = machine.cross(start, none, 60, CYCLES)[0] - same(after)
+    wanted = [same(row) for row in exact.cross(y, np.eye(y.size), 60, 1)[1]]
+    found = machine.cross(start, np.array([same(row) for row in np.eye(y.size)]), 60, 1)[1]
+    times = [
+        best(partial(machine.cross, start, tangents, 60, CYCLES), rounds) / CYCLES
+        for tangents in (none, frame[:1])
+    ]
+    few = [at(gear(text, delta_T=value)) for value in np.linspace(0.0, 100.0, FEW)]
+    batch = best(lambda: run_batch(few, transient=CYCLES, cycles=CYCLES, points=1), rounds)
+    errors = [float(np.abs(wrong).max()), float(np.abs(found - np.array(wanted)).max())]
+    return errors, [*times, batch / (2 * CYCLES * FEW)]
+
+
 def print_effects(rounds: int) -> None:
     """A row for each effect, beside the gear without effects."""
     print("| effect | error | stepper | in lanes | halves |")
@@ -145,15 +163,14 @@ def print_effects(rounds: int) -> None:
 def print_laws(rounds: int) -> None:
     """Two rows for each of some effects: in slots, and by its law."""
     load_example()
-    print("| effect | run by | error | us a cycle | with a tangent | of 8 values |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    print("| effect | run by | error | of tangents | us a cycle | with a tangent | of 8 values |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
     for text in BY_LAWS:
         for slots in (True, False):
-            error, times = law_row(text, slots, rounds)
-            shown = " | ".join(f"{1e6 * seconds:.0f}" for seconds in times)
-            print(
-                f"| {text} | {'slots' if slots else 'law'} | {error:.0e} | {shown} |", flush=True
-            )
+            errors, times = law_row(text, slots, rounds)
+            shown = [*(f"{one:.0e}" for one in errors), *(f"{1e6 * one:.0f}" for one in times)]
+            cells = [text, "slots" if slots else "law", *shown]
+            print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def main() -> None:
