@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from interpreted_effects import run_by_laws
 from numpy.typing import NDArray
 from reference import integrate
 
@@ -226,3 +231,14 @@ def test_divergence_is_told() -> None:
         assert not np.isfinite(y).all()
     with pytest.raises(DivergenceError, match="mean_stiffness"):
         simulate(rig(), [active(effect("mean_stiffness"), ALL)], 1, far)
+
+
+def test_the_interpreter_reads_what_is_compiled(tmp_path: Path) -> None:
+    here = Path(__file__).parent
+    path = os.pathsep.join([str(here), str(here.parent)])
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
+    code = "import numpy, interpreted_effects as i; numpy.save('out.npy', i.run_by_laws())"
+    command = [sys.executable, "-W", "ignore", "-c", code]
+    subprocess.run(command, env=environment, check=True, timeout=200, cwd=tmp_path)
+    read = np.load(tmp_path / "out.npy")
+    np.testing.assert_allclose(run_by_laws(), read, rtol=1e-6, atol=1e-9)
