@@ -3,22 +3,33 @@
 Beside the gear without effects, in the same run: error of the state after 20 mesh cycles against
 order 16 with three times the steps; processor time a mesh cycle of one orbit; processor time of 64
 values of delta_T in lanes, 100 + 100 mesh cycles each. Compilation is not counted.
+
+A second table has the example of docs/effects.md as slots and without ``fill``, and effects of the
+catalogue by their laws: error against the slots at order 16, of the state after 20 mesh cycles and
+of all tangents after one; processor time a mesh cycle of one orbit, of that with one tangent, and
+of 8 values of delta_T in a batch.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import tempfile
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.core.batch import alike_halves, run_batch
-from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.integrate import Stepper, stepper
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
-from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.assemble import build_with, by_laws
+from herringbone_sim.effects.registry import VARIABLE
 from herringbone_sim.effects.written import read_effects
 
 EFFECTS = (
@@ -48,11 +59,33 @@ EFFECTS = (
 )
 ORBIT = {"xi": 0.07, "delta_T": 90.0}
 CYCLES, VALUES, LENGTH = 20, 64, 100
+Array = NDArray[np.float64]
+
+
+OIL = "thermal_damping@sp:rate=-0.004"
+BY_LAWS = (
+    OIL,
+    "tooth_friction:mu=0.08",
+    "damping_law:share=0.4,power=0,depth=1e-5",
+    "damping_law:share=0.4,power=0.5,depth=1e-5",
+    "contact_nonlinearity:exponent=1.1",
+    "ring_flexibility@rp:stiffness=3e9",
+)
+FEW = 8
 
 
 def gear(text: str, **values: object) -> Model:
     """The rig on the periodic orbit that loses contact, with effects."""
     return build_with(Parameters(**{**ORBIT, **values}), read_effects(text))
+
+
+def load_example() -> None:
+    """Make the effect that docs/effects.md shows known by its name."""
+    page = Path(__file__).parents[1] / "docs" / "effects.md"
+    folder = Path(tempfile.mkdtemp())
+    file = folder / "thermal_damping.py"
+    file.write_text(page.read_text(encoding="utf-8").split("```python\n")[2].split("```")[0])
+    os.environ[VARIABLE] = str(file)
 
 
 def best(do: Callable[[], object], rounds: int) -> float:
@@ -80,12 +113,37 @@ def row(text: str, rounds: int) -> tuple[float, float, float, bool]:
     return error, one, lanes, alike_halves(model)
 
 
-def main() -> None:
-    """Print a row for each effect."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.effects", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="one round in the place of five")
-    rounds = 1 if parser.parse_args().quick else 5
-    warnings.simplefilter("ignore", ParameterWarning)
+def law_row(text: str, slots: bool, rounds: int) -> tuple[list[float], list[float]]:
+    """Errors of state and tangents; seconds a mesh cycle, with a tangent, and in a batch."""
+    actives = read_effects(text)
+    at = (lambda model: model) if slots else (lambda model: by_laws(model, actives))
+    exact, machine = Stepper(gear(text, order=16, steps_per_cycle=48)), stepper(at(gear(text)))
+    y, _ = exact.cross(exact.start().y, np.zeros((0, exact.model.n_state)), 0, 60)
+
+    def same(state: Array) -> Array:
+        """A state of the exact gear as the other one orders it."""
+        rest = np.zeros(machine.model.n_state - exact.model.layout.n_state)
+        whole = np.concatenate([state[: exact.model.layout.n_state], rest])
+        return machine.with_own(whole, exact.own(state))
+
+    start, size = same(y), machine.model.n_state
+    none, frame = np.zeros((0, size)), np.eye(size)
+    after = exact.cross(y, np.zeros((0, y.size)), 60, CYCLES)[0]
+    wrong = machine.cross(start, none, 60, CYCLES)[0] - same(after)
+    wanted = [same(row) for row in exact.cross(y, np.eye(y.size), 60, 1)[1]]
+    found = machine.cross(start, np.array([same(row) for row in np.eye(y.size)]), 60, 1)[1]
+    times = [
+        best(partial(machine.cross, start, tangents, 60, CYCLES), rounds) / CYCLES
+        for tangents in (none, frame[:1])
+    ]
+    few = [at(gear(text, delta_T=value)) for value in np.linspace(0.0, 100.0, FEW)]
+    batch = best(lambda: run_batch(few, transient=CYCLES, cycles=CYCLES, points=1), rounds)
+    errors = [float(np.abs(wrong).max()), float(np.abs(found - np.array(wanted)).max())]
+    return errors, [*times, batch / (2 * CYCLES * FEW)]
+
+
+def print_effects(rounds: int) -> None:
+    """A row for each effect, beside the gear without effects."""
     print("| effect | error | stepper | in lanes | halves |")
     print("| --- | --- | --- | --- | --- |")
     plain = None
@@ -100,8 +158,34 @@ def main() -> None:
     if plain:
         per_cycle = 1e6 * plain[1] / (VALUES * 2 * LENGTH)
         print(
-            f"\nWithout effects: {1e6 * plain[0]:.1f} us a mesh cycle, {per_cycle:.2f} in lanes."
+            f"\nWithout effects: {1e6 * plain[0]:.1f} us a mesh cycle, {per_cycle:.2f} in lanes.\n"
         )
+
+
+def print_laws(rounds: int) -> None:
+    """Two rows for each of some effects: in slots, and by its law."""
+    load_example()
+    print("| effect | run by | error | of tangents | us a cycle | with a tangent | of 8 values |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for text in BY_LAWS:
+        for slots in (True, False):
+            errors, times = law_row(text, slots, rounds)
+            shown = [*(f"{one:.0e}" for one in errors), *(f"{1e6 * one:.0f}" for one in times)]
+            cells = [text, "slots" if slots else "law", *shown]
+            print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.effects", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="one round in the place of five")
+    parser.add_argument("--laws", action="store_true", help="the second table alone")
+    args = parser.parse_args()
+    rounds = 1 if args.quick else 5
+    warnings.simplefilter("ignore", ParameterWarning)
+    if not args.laws:
+        print_effects(rounds)
+    print_laws(rounds)
 
 
 if __name__ == "__main__":

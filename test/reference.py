@@ -16,10 +16,11 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from herringbone_sim.core.model import Model
+from herringbone_sim.effects.assemble import by_laws
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import pointers_allowed
+from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.run import at_instant, slope_of
-from herringbone_sim.effects.stepper import EffectStepper
 
 Array = NDArray[np.float64]
 PLAY = 2
@@ -29,26 +30,24 @@ class Reference:
     """dy/dtau of a gear with effects by their laws, and what switches in it."""
 
     def __init__(self, model: Model, actives: Sequence[Active]) -> None:
-        self._stepper = EffectStepper(model, actives)
-        s, p = self._stepper, model.parameters
-        self._bare = model.bare
-        self._now = np.array([0.0, p.Omega * model.scales.omega_n, p.delta_T, p.T_1, p.K])
-        self._head = (s.laws.kernel, s.laws.site, s.laws.theta, s._gear, model.bare, s._si)
-        self.unit = s._unit
+        self._gear = LawStepper(by_laws(model, actives)).gear
+        self._bare, g = model.bare, self._gear
+        self._head = (g.e, g.site, g.theta, g.gear, model.bare, g.si, g.now)
+        self.unit = g.unit
+        self.n_own = g.unit.size - model.layout.n_state
 
     def slope(self, tau: float, y: Array) -> Array:
         phase, cycle = self._place(tau)
-        dy, s = np.empty_like(y), self._stepper
-        slope_of(*self._head, self._now, cycle, phase, y, s._w, s._g, dy)
+        dy = np.empty_like(y)
+        slope_of(*self._head, cycle, phase, y, self._gear.w, self._gear.g, dy)
         return dy
 
     def margins(self, tau: float, y: Array) -> Array:
         """What switches where it changes its sign: contact of each mesh, then its force."""
         phase, cycle = self._place(tau)
-        s = self._stepper
-        self._now[0] = 2 * np.pi * cycle + phase
-        at_instant(*self._head, self._now, y, s._w, s._g)
-        w = s._w
+        w = self._gear.w
+        self._gear.now[0] = 2 * np.pi * cycle + phase
+        at_instant(*self._head, y, w, self._gear.g)
         return np.concatenate([(w.x - w.law[PLAY]) * 1e5, (w.x + w.law[PLAY]) * 1e5, w.force])
 
     def _place(self, tau: float) -> tuple[float, int]:

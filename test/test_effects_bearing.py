@@ -12,10 +12,11 @@ from scipy.integrate import solve_ivp
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.assemble import by_laws
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.evaluate import answer, motion
+from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.effects.stepper import EffectStepper
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 Array = NDArray[np.float64]
@@ -80,19 +81,20 @@ def whole_machine(rig: Model, side: str, times: Array, x: Array, v: Array) -> Ar
 
 @pytest.mark.parametrize("side", PINS)
 def test_the_motion_is_that_of_the_whole_machine(rig: Model, side: str) -> None:
-    machine = EffectStepper(rig, [free(side)])
+    machine = LawStepper(by_laws(rig, [free(side)]))
     rows = machine.advance(machine.start(), 1200).rows
     wave = np.array([0.0, 0.35e-4 * rig.parameters.Omega * rig.scales.omega_n])
     x, v = rows[0, 5:17] + wave[0], rows[0, 17:29] + wave[1]
     exact = whole_machine(rig, side, rows[:, 0], x, v)
-    plain = EffectStepper(rig, []).advance(EffectStepper(rig, []).start(), 1200).rows[:, 5:17]
+    without = LawStepper(by_laws(rig, []))
+    plain = without.advance(without.start(), 1200).rows[:, 5:17]
     size = np.abs(exact).max()
     assert np.abs(rows[:, 5:17] - exact).max() < 1e-5 * size
     assert np.abs(plain - exact).max() > 1e-1 * size
 
 
 def test_recorded_motion_and_forces_tell_where_the_pin_is(rig: Model) -> None:
-    machine = EffectStepper(rig, [free("all")])
+    machine = LawStepper(by_laws(rig, [free("all")]))
     rows = machine.advance(machine.start(), 1200).rows
     seen = motion(rig, TimeSeries(rows[:, 0], rows, rig.layout.channels))
     wanted = rows[:, 29:41]

@@ -22,7 +22,6 @@ from herringbone_sim.dynamics.flow import GearFlow, settle
 from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.effects.stepper import EffectStepper
 from herringbone_sim.effects.written import read_effects
 
 PERIODIC = {"xi": 0.07, "delta_T": 90.0}  # an orbit that loses contact in every mesh cycle
@@ -85,7 +84,6 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
         text = text.replace("bearing_clearance:", "bearing_clearance@all/1/all:")
     model, actives = gear(text, model=kind), read_effects(text)
     law = Reference(model, actives)
-    n_own = EffectStepper(model, actives).laws.n_own
     layout, rng = model.layout, np.random.default_rng(3)
     work = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
     n, h = layout.n_state, 1e-9
@@ -94,7 +92,7 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
         y[n:] *= 0.1
         tau = 2 * np.pi / model.packed.Omega * (cycle + rng.uniform())
         with pointers_allowed():
-            wanted = law.slope(tau, in_si(model, y, n_own))[:n]
+            wanted = law.slope(tau, in_si(model, y, law.n_own))[:n]
         found, turn = y.copy(), tau * model.packed.Omega / (2 * np.pi)
         phase = 2 * np.pi * (turn - cycle)
         rk4_step(model.packed, work, found, phase, cycle, h)
@@ -125,7 +123,7 @@ def test_an_independent_method_confirms_a_mesh_cycle(text: str) -> None:
     start = stepper.advance(stepper.start(), 200 * 16).end
     found = stepper.advance(start, 16)
     assert found.switches > 0
-    n_own = EffectStepper(model, actives).laws.n_own
+    n_own = Reference(model, actives).n_own
     wanted = integrate(model, actives, in_si(model, start.y, n_own), start.cycle, 1)
     np.testing.assert_allclose(
         in_si(model, found.end.y, n_own)[: model.layout.n_state],

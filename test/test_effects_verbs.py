@@ -250,19 +250,39 @@ def test_a_sweep_looks_long_enough_at_what_repeats_once_a_revolution(
     assert "no period is told from fewer than 135" in capsys.readouterr().out
 
 
-def test_an_effect_with_laws_of_its_own_is_refused_in_one_line(
+def test_verbs_take_an_effect_with_laws_of_its_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A law that makes all meshes softer gives what the parameter gives."""
     own = tmp_path / "own.py"
     own.write_text(
         "from herringbone_sim.effects.effect import Effect, Parameter\n"
-        "EFFECT = Effect(id='own_law', text='does nothing', level='mesh',\n"
-        "    parameters=(Parameter('size', '-', 'none', 0.0, 1.0, 0.5),))\n"
+        "from herringbone_sim.effects.law import STIFFNESS, law\n"
+        "@law\n"
+        "def excite(theta, site, gear, now, own, law):\n"
+        "    for m in range(law.shape[1]):\n"
+        "        law[STIFFNESS, m] *= theta[0]\n"
+        "EFFECT = Effect(id='own_law', text='soft', level='mesh', excite=excite,\n"
+        "    parameters=(Parameter('factor', '-', 'of k', 0.5, 1.5, 0.95, 1.0),))\n"
     )
     monkeypatch.setenv("HERRINGBONE_EFFECTS", str(own))
-    for verb in (*VERBS.values(), CONTROL):
-        assert main([*verb, "--effects=own_law", f"--out={tmp_path / 'out'}"]) == 2
-        told = [one for one in capsys.readouterr().err.splitlines() if "error" in one]
-        assert len(told) == 1
-        assert "own_law has laws of its own" in told[0]
-    assert not (tmp_path / "out").exists()
+    seen = {
+        "exponents.csv": [("exponent 1", "value"), ("exponent 5", "value"), ("sum", "value")],
+        "branches.csv": [("0.17", "within_re"), ("0.17", "stability")],
+        "basins.csv": [("1", "share"), ("1", "exponent_per_tau")],
+    }
+    for name, cells in seen.items():
+        common = [*VERBS[name], f"--parameters={PAPER}", "--set=delta_T=85"]
+        common = [one.replace("--to=0.175", "--to=0.1704") for one in common]
+        found = []
+        for number_of, more in enumerate(("--effects=own_law", f"--set={SAME}")):
+            assert main([*common, more, f"--out={tmp_path / name}{number_of}"]) == 0
+            assert ("not alike" in capsys.readouterr().out) == (number_of == 0)
+            rows = table(tmp_path / f"{name}{number_of}" / name)
+            found.append([number(_cell(rows, row, column)) for row, column in cells])
+        assert found[0] == pytest.approx(found[1], abs=1e-5)
+
+
+def _cell(rows: list[dict[str, str]], row: str, column: str) -> str:
+    """Column of the first row in which some column holds a text."""
+    return next(one[column] for one in rows if row in one.values())

@@ -12,9 +12,11 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.core.integrate import largest_exponent
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.assemble import by_laws
 from herringbone_sim.effects.effect import Locus, active
+from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.effects.stepper import EffectStepper, change, stepper
+from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import save_parameters
 from herringbone_sim.sweeps.chains import job_of, observe_parts
@@ -78,7 +80,7 @@ def test_chains_hand_own_states_on_in_parts_of_any_size(start: str) -> None:
 def test_the_exponent_of_chaos_is_that_of_the_tangent_flow() -> None:
     model = build(Parameters().changed({"delta_T": 20.0}))
     exact, error = largest_exponent(model, 1500, 200)
-    machine = EffectStepper(model, [])
+    machine = LawStepper(by_laws(model, []))
     state = machine.advance(machine.start(tangents=1), 200 * 16).end
     end = machine.advance(state, 1500 * 16).end
     found = (end.growth - state.growth)[0] * model.packed.Omega / (2 * np.pi * 1500)

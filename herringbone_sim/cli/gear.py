@@ -12,13 +12,11 @@ import numpy as np
 from herringbone_sim.analysis.pipeline import Gear
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.analysis.segments import FREQUENCY
-from herringbone_sim.core.batch import BATCHES
-from herringbone_sim.core.integrate import Stepper, largest_exponent
-from herringbone_sim.core.model import Model, build, state
-from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.integrate import largest_exponent
+from herringbone_sim.core.model import Model, build, initial_state, state
 from herringbone_sim.core.parameters import Parameters, ParameterWarning, from_mapping, names
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.effects.stepper import EffectStepper, stepper
+from herringbone_sim.effects.stepper import stepper
 from herringbone_sim.errors import DivergenceError, ParameterError
 from herringbone_sim.recording.parameter_file import EFFECTS
 
@@ -89,34 +87,18 @@ def _exponent(
         y = _recorded_state(model, section)
         cycles = int(np.clip(len(section) - ALIGNING_CYCLES, LEAST_CYCLES, MOST_CYCLES))
         machine = stepper(model, sets[int(point.get(EFFECTS, 0.0))])
-        if isinstance(machine, EffectStepper):
-            return _growth(machine, y, int(section.cycles[0]), cycles)
-        start = replace(machine.start(), y=y, cycle=int(section.cycles[0]))
+        start = machine.start()
+        y = np.concatenate([y, start.y[len(y) :]])  # own states of effects begin at rest
+        start = replace(start, y=y, cycle=int(section.cycles[0]))
         return largest_exponent(machine.model, cycles, ALIGNING_CYCLES, start)
     except (ParameterError, DivergenceError):
         return float("nan"), float("nan")
 
 
-def _growth(machine: EffectStepper, y: Any, cycle: int, cycles: int) -> tuple[float, float]:
-    """As ``core.integrate.largest_exponent``; own states of effects begin at rest."""
-    n = machine.model.parameters.samples_per_cycle
-    state = machine.start(tangents=1)
-    state = replace(state, y=np.concatenate([y, state.y[len(y) :]]), cycle=cycle)
-    growth = []
-    for length in [ALIGNING_CYCLES] + [cycles // BATCHES] * BATCHES:
-        block = machine.advance(state, length * n)
-        if block.diverged:
-            return float("nan"), float("nan")
-        growth.append(float(block.end.growth[0] - state.growth[0]))
-        state = block.end
-    batches = np.array(growth[1:]) * machine.model.packed.Omega / TWO_PI / (cycles // BATCHES)
-    return float(batches.mean()), float(batches.std(ddof=1) / np.sqrt(BATCHES))
-
-
 def _recorded_state(model: Model, section: Section) -> Any:
     """First section point as a state of the model; its own initial state for other meshes."""
     if section.meshes != model.layout.meshes or section.phase != 0.0:
-        return Stepper(model).start().y
+        return initial_state(model)
     scales = model.scales
     return state(
         model, section.x[0] / scales.b_c, section.v[0] / scales.velocity_m_per_s, section.phase

@@ -98,7 +98,7 @@ def looked_at(
     try:
         p = base.changed({axis.name: axis.values[0] for axis in axes})
         model = build_with(p, read_effects(effects))
-    except ParameterError:  # no gear there, or effects with laws of their own
+    except ParameterError:  # no gear there
         if effects:
             print(f"with effects: {effects}")
         return observation_from(args, mesh)

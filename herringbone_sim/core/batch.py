@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.integrate import stepper
 from herringbone_sim.core.lanes.packed import (
     chosen_own,
     constants,
@@ -123,7 +123,7 @@ def run_batch(
         if len(chosen):
             length = _Length(transient, cycles, points, (3 - sides) * exponents)
             group = [models[int(i)] for i in chosen]
-            run = _run_rk4 if models[0].parameters.method == "rk4" else _run_lanes
+            run = _run_singly if _has_no_lanes(models[0]) else _run_lanes
             begin = starts[chosen], before[chosen]
             reasons[chosen] = run(found, chosen, group, begin, sides, length)
     return replace(found, reasons=tuple(reasons))
@@ -135,7 +135,10 @@ def _check(models: Sequence[Model], transient: int, cycles: int, points: int) ->
             f"a batch needs transient >= 0, cycles >= 1 and points from 0 to cycles, got "
             f"transient {transient}, cycles {cycles}, points {points}"
         )
-    kinds = {(m.layout.channels, m.parameters.order, m.parameters.method, m.n_own) for m in models}
+    kinds = {
+        (m.layout.channels, m.parameters.order, m.parameters.method, m.n_state, m.integrator)
+        for m in models
+    }
     if len(kinds) != 1:
         raise ValueError(
             f"a batch needs models of one layout, order and method, got {len(kinds)} kinds among "
@@ -157,7 +160,10 @@ def state_mirror(model: Model) -> Indices:
 
 
 def alike_halves(model: Model) -> bool:
-    """Whether left and right of a gear, effects included, are the same to the bit."""
+    """Whether left and right of a gear, effects included, are the same to the bit.
+
+    Laws that no slot holds are taken for unlike.
+    """
     p, c = model.packed, model.layout.n_classes
     n, m, own = model.layout.n_mesh, model.layout.n_coordinate, own_mirror(model)
     one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
@@ -169,7 +175,8 @@ def alike_halves(model: Model) -> bool:
     mirror = np.concatenate([layout_mirror(model.layout)[:m], m + own])
     to = np.concatenate([mirror, [m + len(own)]])
     return (
-        np.array_equal(own[own], np.arange(len(own)))
+        model.integrator is None
+        and np.array_equal(own[own], np.arange(len(own)))
         and np.array_equal(p.seat[own], p.seat)
         and np.array_equal(p.own_shift[own][:, mesh], p.own_shift)
         and np.array_equal(p.push[:, to][:, :, np.concatenate([mesh, n + own])], p.push)
@@ -300,7 +307,11 @@ def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> 
     shares[chosen, :, 1] = 1.0 - whole.sum(axis=2)
 
 
-def _run_rk4(
+def _has_no_lanes(model: Model) -> bool:
+    return model.parameters.method == "rk4" or model.integrator is not None
+
+
+def _run_singly(
     found: Batch,
     chosen: Indices,
     models: Sequence[Model],
@@ -308,21 +319,21 @@ def _run_rk4(
     sides: int,
     length: _Length,
 ) -> list[str]:
-    """The same by the paper's method, one value after another and without tangents."""
+    """The same one value after another, with one tangent; by the paper's method without."""
     return [
-        _one_rk4(found, i, model, y, int(cycle), length)
+        _run_one(found, i, model, y, int(cycle), length)
         for i, model, y, cycle in zip(chosen, models, *begin, strict=True)
     ]
 
 
-def _one_rk4(found: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
-    stepper, per_cycle = Stepper(model), model.parameters.samples_per_cycle
-    block = stepper.advance(
-        replace(stepper.start(), y=y, cycle=cycle), length.transient * per_cycle
-    )
+def _run_one(found: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
+    machine, per_cycle = stepper(model), model.parameters.samples_per_cycle
+    k = min(length.tangents, 1) if model.integrator else 0
+    start = replace(machine.start(k), y=y, cycle=cycle)
+    block = machine.advance(start, length.transient * per_cycle)
     states, contact = [block.end], np.zeros((model.layout.n_mesh, 3))
     for _ in range(length.cycles):
-        block = stepper.advance(states[-1], per_cycle)
+        block = machine.advance(states[-1], per_cycle)
         states.append(block.end)
         contact += block.contact
         if block.diverged:
@@ -332,4 +343,11 @@ def _one_rk4(found: Batch, i: int, model: Model, y: Array, cycle: int, length: _
     found.sections[i] = np.array([state.y[:m] for state in kept]).reshape(found.sections[i].shape)
     found.end[i] = states[-1].y
     found.contact[i] = contact / contact[0].sum()
+    if k:
+        growth = np.diff([state.growth[0] for state in states])
+        parts = [part.sum() for part in np.array_split(growth, length.batches)]
+        rates = np.array(parts).reshape(1, -1, 1)
+        _put_exponents(
+            found, np.array([i]), [model], np.pad(rates, ((0, 0), (0, 1), (0, 0))), length
+        )
     return ""

@@ -7,6 +7,7 @@ bit for bit.
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ class Block:
         start: state at the first sample.
         end: state at the sample after the last one.
         section: indices of the rows at phase 0.
-        contact: (n_mesh, 3) samples in back contact, separated, in drive contact.
+        contact: (n_mesh, 3) samples in back contact, separated, in drive contact; of a gear by
+            the laws of its effects the time there, in sample periods.
         switches: contact switches located.
         diverged: whether the last row left the range of any physical motion; ``end`` is there.
     """
@@ -65,13 +68,16 @@ class Block:
     start: State
     end: State
     section: NDArray[np.int64]
-    contact: NDArray[np.int64]
+    contact: NDArray[Any]
     switches: int
     diverged: bool
 
 
 class Stepper:
     """Advances states of one model; holds the scratch, nothing of the run.
+
+    What a gear is run by: everything takes this class. This one runs the kernel of the core, and
+    is the base of those that run a gear by another method; ``stepper`` makes the right one.
 
     Args:
         model: see ``model.build``.
@@ -92,13 +98,17 @@ class Stepper:
 
     def alike(self, other: object) -> bool:
         """Whether another stepper runs on the same kernel."""
-        return isinstance(other, Stepper) and other._kernel.alike(self._kernel)
+        return isinstance(other, Stepper) and bool(other._code == self._code)
+
+    @property
+    def _code(self) -> Any:
+        return self._kernel.code
 
     def start(self, tangents: int = 0) -> State:
-        """Initial state, with so many tangent vectors."""
-        n = self.model.n_state
+        """Initial state, with so many tangent vectors; own states of effects at rest."""
+        n, m = self.model.n_state, self.model.layout.n_state
         frame = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0][:tangents]
-        y = np.concatenate([initial_state(self.model), np.zeros(2 * self.model.n_own)])
+        y = np.concatenate([initial_state(self.model), np.zeros(n - m)])
         return State(y, 0, 0, 0.0, frame.copy(), np.zeros(tangents))
 
     def advance(self, state: State, n_samples: int) -> Block:
@@ -107,17 +117,11 @@ class Stepper:
         Same state, same model: same samples to the bit, in blocks of whatever size.
         """
         p = self.model.parameters
-        layout = self.model.layout
-        rows = np.empty((n_samples, len(layout.channels)))
-        contact = np.zeros((layout.n_mesh, 3), dtype=np.int64)
-        place = np.array([state.cycle, state.index, p.steps], dtype=np.int64)
-        growth = state.growth.copy()
-        head = np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
+        rows = np.empty((n_samples, len(self.model.layout.channels)))
+        place = np.array([state.cycle, state.index], dtype=np.int64)
+        y, tangents, growth = state.y.copy(), state.tangents.copy(), state.growth.copy()
+        t, filled, switches, contact = self._sample(y, tangents, growth, place, state.t, rows)
         stride = p.steps // p.samples_per_cycle
-        rest = stride, head, self._si, self._carrier, rows, contact
-        y, tangents, t, filled, switches = self._kernel.run(
-            state.y, state.tangents, growth, place, state.t, rest
-        )
         end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth)
         moved = (end.cycle - state.cycle) * p.steps + end.index - state.index
         at = (state.index // stride + np.arange(filled)) % p.samples_per_cycle
@@ -130,6 +134,62 @@ class Stepper:
             switches=int(switches),
             diverged=moved < n_samples * stride or not bool(np.all(np.isfinite(y))),
         )
+
+    def _sample(
+        self, y: Array, tangents: Array, growth: Array, place: Indices, t: float, rows: Array
+    ) -> tuple[float, int, int, NDArray[Any]]:
+        """Fill rows and move all else in place; time, rows filled, switches and contact."""
+        p, layout = self.model.parameters, self.model.layout
+        contact = np.zeros((layout.n_mesh, 3), dtype=np.int64)
+        head = np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
+        rest = head, self._si, self._carrier, rows, contact
+        return (*self._kernel.run(y, tangents, growth, place, t, rest), contact)
+
+    def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
+        """State (n,) and tangents (k, n) after whole mesh cycles, from phase 0 to phase 0.
+
+        Tangents are neither scaled nor turned. A motion that leaves all range ends in numbers
+        that do.
+        """
+        y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float)
+        self._kernel.cross(y, tangents, cycle, cycles)
+        return y, tangents
+
+    def own(self, y: Array) -> dict[Hashable, Array]:
+        """Own states of effects in SI units, by the keys of ``Model.own``.
+
+        Each is (k,): displacement [m] and rate [m/s] of its coordinates in turn.
+        """
+        return {key: y[at] * unit for key, at, unit in self._places()}
+
+    def with_own(self, y: Array, own: Mapping[Hashable, Array]) -> Array:
+        """A state (n,) with other own states in it, where it has any of that key and size."""
+        y = y.copy()
+        for key, at, unit in self._places():
+            if key in own and own[key].shape == at.shape:
+                y[at] = own[key] / unit
+        return y
+
+    def _places(self) -> Iterator[tuple[Hashable, Indices, Array]]:
+        """Keys of the own states, their indices in a state and units."""
+        model, s = self.model, self.model.scales
+        order = model.layout.n_state + self._own_order()
+        unit = np.resize([s.b_c, s.velocity_m_per_s], order.size)
+        first = 0
+        for key, size in model.own:
+            yield key, order[first : first + size], unit[first : first + size]
+            first += size
+
+    def _own_order(self) -> Indices:
+        """Order of the further states in which displacement and rate of a coordinate meet."""
+        order: Indices = np.arange(2 * self.model.n_own).reshape(2, -1).T.ravel()
+        return order
+
+
+def stepper(model: Model) -> Stepper:
+    """The stepper of a gear: that of the core, or what its effects ask for."""
+    made: Stepper = (model.integrator or Stepper)(model)
+    return made
 
 
 def carrier_row(model: Model) -> Array:
@@ -155,8 +215,8 @@ def simulate(model: Model, cycles: int, state: State | None = None) -> tuple[Tim
     Raises:
         DivergenceError: the motion left the range of any gear.
     """
-    stepper = Stepper(model)
-    block = stepper.advance(state or stepper.start(), cycles * model.parameters.samples_per_cycle)
+    machine = stepper(model)
+    block = machine.advance(state or machine.start(), cycles * model.parameters.samples_per_cycle)
     if block.diverged:
         raise DivergenceError(
             f"the motion diverged at t = {block.rows[-1, 0]:.6g} s with {model.parameters}"
@@ -176,14 +236,14 @@ def largest_exponent(
     Raises:
         DivergenceError: the motion left the range of any gear.
     """
-    stepper = Stepper(model)
+    machine = stepper(model)
     n = model.parameters.samples_per_cycle
-    now = stepper.start(tangents=1)
+    now = machine.start(tangents=1)
     if state is not None:
         now = replace(state, tangents=now.tangents, growth=now.growth)
     growth = []
     for length in [transient] + [max(cycles // 10, 1)] * 10:
-        block = stepper.advance(now, length * n)
+        block = machine.advance(now, length * n)
         if block.diverged:
             raise DivergenceError(f"the motion diverged at t = {block.rows[-1, 0]:.6g} s")
         growth.append(float(block.end.growth[0] - now.growth[0]))
@@ -195,5 +255,5 @@ def largest_exponent(
 
 def warm_up(model: Model) -> Any:
     """Compile (or load from the cache) all that ``Stepper.advance`` needs; returns the block."""
-    stepper = Stepper(model)
-    return stepper.advance(stepper.start(tangents=1), 1)
+    machine = stepper(model)
+    return machine.advance(machine.start(tangents=1), 1)

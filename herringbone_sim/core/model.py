@@ -6,6 +6,7 @@ as the paper writes them, misprints corrected; the tests hold the kernel against
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,9 @@ class Model:
         bare: the same for the kernel, dimensionless, without effects.
         packed: what the kernel runs: ``bare`` with what effects change in it.
         effects: what changed it, as ``effects.assemble`` was given them; empty for the gear alone.
+        own: keys of their own states, and how many each has.
+        integrator: makes the stepper of a gear that ``packed`` does not hold all of; None for
+            that of the core.
     """
 
     parameters: Parameters
@@ -46,6 +50,8 @@ class Model:
     bare: Packed
     packed: Packed
     effects: tuple[Any, ...] = ()
+    own: tuple[tuple[Hashable, int], ...] = ()
+    integrator: Any = None
 
     @property
     def n_own(self) -> int:
@@ -57,7 +63,8 @@ class Model:
         """Numbers of a state: as ``Layout.state_names``, then the further coordinates, their
         displacements and their rates.
         """
-        return self.layout.n_state + 2 * self.n_own
+        own = sum(size for _, size in self.own) if self.integrator else 2 * self.n_own
+        return self.layout.n_state + own
 
 
 def build(p: Parameters) -> Model:

@@ -69,7 +69,7 @@ def orthonormalise(tangents, growth):
             tangents[i, k] /= norm
 
 
-@embedded
+@inlined
 def sample(
     step,
     kernel,
@@ -81,6 +81,7 @@ def sample(
     place,
     t,
     omega_n,
+    steps,
     stride,
     head,
     si,
@@ -90,10 +91,9 @@ def sample(
 ):
     """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
 
-    ``step(kernel, y, cycle, index)`` is the method. ``place`` is (cycle, index, steps a cycle) and
+    ``step(kernel, y, cycle, index)`` is the method. ``place`` is (cycle, index) and
     moves on. The run stops after the row that is out of range.
     """
-    steps = place[2]
     dt = TWO_PI / (p.Omega * steps) / omega_n
     switches = 0
     for i in range(rows.shape[0]):
@@ -150,78 +150,21 @@ def slow_step(kernel, y, cycle, index):
 
 # Each method is compiled by itself, when it is first used.
 @compiled
-def run_plain(
-    kernel, p, w, y, tangents, growth, place, t, omega_n, stride, head, si, carrier, rows, contact
-):
+def run_plain(*args):
     """``sample`` of a gear without powers, by series."""
-    return sample(
-        plain_step,
-        kernel,
-        p,
-        w,
-        y,
-        tangents,
-        growth,
-        place,
-        t,
-        omega_n,
-        stride,
-        head,
-        si,
-        carrier,
-        rows,
-        contact,
-    )
+    return sample(plain_step, *args)
 
 
 @compiled
-def run_any(
-    kernel, p, w, y, tangents, growth, place, t, omega_n, stride, head, si, carrier, rows, contact
-):
+def run_any(*args):
     """``sample`` of a gear with powers, by series."""
-    return sample(
-        any_step,
-        kernel,
-        p,
-        w,
-        y,
-        tangents,
-        growth,
-        place,
-        t,
-        omega_n,
-        stride,
-        head,
-        si,
-        carrier,
-        rows,
-        contact,
-    )
+    return sample(any_step, *args)
 
 
 @compiled
-def run_rk4(
-    kernel, p, w, y, tangents, growth, place, t, omega_n, stride, head, si, carrier, rows, contact
-):
+def run_rk4(*args):
     """``sample`` by the classical Runge-Kutta method."""
-    return sample(
-        slow_step,
-        kernel,
-        p,
-        w,
-        y,
-        tangents,
-        growth,
-        place,
-        t,
-        omega_n,
-        stride,
-        head,
-        si,
-        carrier,
-        rows,
-        contact,
-    )
+    return sample(slow_step, *args)
 
 
 @compiled
@@ -248,7 +191,7 @@ class Kernel:
     def __init__(self, model: Model) -> None:
         layout, p = model.layout, model.parameters
         self.model = model
-        self.scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
+        self._scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
         self._slow = p.method == "rk4"
         self._run, self._cross = (
             (run_rk4, cross_rk4)
@@ -266,15 +209,15 @@ class Kernel:
         made = getattr(self._run, "signatures", None)
         return made is None or any(one[1] == self._kind for one in made)
 
-    def alike(self, other: Kernel) -> bool:
-        """Whether another one runs the same code."""
-        return other._run is self._run and bool(other._kind == self._kind)
+    @property
+    def code(self) -> tuple[Any, Any]:
+        """The compiled function of ``run``, and the type of gear that it is compiled for."""
+        return self._run, self._kind
 
     def _begin(self, y: Array, tangents: Array) -> tuple[Any, Array, Array]:
-        """What the method takes, and arrays of its own of the state and of its tangents."""
+        """What the method takes, and the arrays of the state and of its tangents that it moves."""
         if self._slow:
-            steps = self.model.parameters.steps
-            return (self.model.packed, self.scratch, steps), y.copy(), tangents.copy()
+            return (self.model.packed, self._scratch, self.model.parameters.steps), y, tangents
         k = len(tangents)
         if k not in self._orbits:
             self._orbits[k] = orbit_of(self.model, k)
@@ -287,20 +230,28 @@ class Kernel:
         y: Array,
         tangents: Array,
         growth: Array,
-        place: Array,
+        place: NDArray[np.int64],
         t: float,
         rest: tuple[Any, ...],
-    ) -> tuple[Array, Array, float, int, int]:
-        """``sample`` from a state on: state and tangents after it, time, rows filled, switches."""
-        kernel, y, tangents = self._begin(y, tangents)
-        packed, omega_n = self.model.packed, self.model.scales.omega_n
-        run = self._run(
-            kernel, packed, self.scratch, y, tangents, growth, place, t, omega_n, *rest
-        )
-        return y.copy(), tangents.copy(), *run
+    ) -> tuple[float, int, int]:
+        """``sample`` from a state on; y, tangents, growth and place move on.
 
-    def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
-        """State (n_state,) and tangents (k, n_state) so many mesh cycles after ``cycle``."""
-        kernel, y, tangents = self._begin(y, tangents)
-        self._cross(kernel, y, cycle, cycles, self.model.parameters.steps)
-        return y.copy(), tangents.copy()
+        Args:
+            rest: of ``sample``, from ``head`` on.
+        """
+        p, model = self.model.parameters, self.model
+        kernel, states, vectors = self._begin(y, tangents)
+        moved = growth, place, t, model.scales.omega_n
+        grid = p.steps, p.steps // p.samples_per_cycle
+        found = self._run(
+            kernel, model.packed, self._scratch, states, vectors, *moved, *grid, *rest
+        )
+        y[:], tangents[:] = states, vectors
+        time, filled, switches = found
+        return float(time), int(filled), int(switches)
+
+    def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> None:
+        """Advance y (n_state,) and tangents (k, n_state) over so many mesh cycles."""
+        kernel, states, vectors = self._begin(y, tangents)
+        self._cross(kernel, states, cycle, cycles, self.model.parameters.steps)
+        y[:], tangents[:] = states, vectors

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.batch import alike_halves
 from herringbone_sim.core.batch import layout_mirror as mirror
-from herringbone_sim.core.model import Model, initial_state
+from herringbone_sim.core.integrate import stepper
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import LIMIT, TWO_PI
-from herringbone_sim.core.run import Kernel
 from herringbone_sim.errors import DivergenceError, ParameterError
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ class GearFlow:
     def __init__(self, model: Model, cycles: int | None = None) -> None:
         self.model = model
         self.cycles = period_of(model) if cycles is None else cycles
-        self._kernel = Kernel(model)
+        self._stepper = stepper(model)
 
     @property
     def n(self) -> int:
@@ -82,7 +82,7 @@ class GearFlow:
 
     def start(self) -> Array:
         """Initial state (n,) at phase 0 by the parameters, further coordinates at rest."""
-        return np.concatenate([initial_state(self.model), np.zeros(2 * self.model.n_own)])
+        return self._stepper.start().y
 
     def advance(self, y: Array, tangents: Array, at: int = 0) -> tuple[Array, Array]:
         """State (n,) and tangents (k, n) one period later, from phase 0 to phase 0.
@@ -95,10 +95,10 @@ class GearFlow:
             DivergenceError: the state left the range of any physical motion.
             ParameterError: tangents under ``method: rk4``, which steps over the kinks.
         """
-        if len(tangents) and self.model.parameters.method == "rk4":
+        by_rk4 = self.model.parameters.method == "rk4" and self.model.integrator is None
+        if len(tangents) and by_rk4:
             raise ParameterError("tangents need method: taylor, got rk4: change method")
-        y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float)
-        y, tangents = self._kernel.cross(y, tangents, at * self.cycles, self.cycles)
+        y, tangents = self._stepper.cross(y, tangents, at * self.cycles, self.cycles)
         if not float(np.abs(y).max()) < LIMIT:
             raise DivergenceError(
                 f"the motion left the range of any gear: displacements beyond {LIMIT:g} b_c"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.integrate import State, Stepper
+from herringbone_sim.core.integrate import State, stepper
 from herringbone_sim.core.model import Model, relative
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.dynamics.flow import Flow, GearFlow
@@ -96,13 +96,13 @@ def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
     """Deflections and rates (samples, n_mesh) over the orbit, dimensionless."""
     p = flow.model.parameters.changed({"samples_per_cycle": SAMPLES})
     model = changed(flow.model, p)
-    stepper, n, s = Stepper(model), model.layout.n_mesh, model.scales
+    machine, n, s = stepper(model), model.layout.n_mesh, model.scales
     count = SAMPLES * flow.cycles
     added, rate = displacement(model, np.arange(count) / SAMPLES)
     x, v = np.empty((2, len(points), count, n))
     for i, y in enumerate(points):
         state = State(y, 0, 0, 0.0, np.zeros((0, len(y))), np.zeros(0))
-        rows = stepper.advance(state, count).rows
+        rows = machine.advance(state, count).rows
         x[i] = rows[:, 5 : 5 + n] / s.b_c + added
         v[i] = rows[:, 5 + n : 5 + 2 * n] / s.velocity_m_per_s + rate
     return x.reshape(-1, n), v.reshape(-1, n)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.gear import laws
+from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.slots import Slots
-from herringbone_sim.errors import ParameterError
 
 
 def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
@@ -17,30 +20,54 @@ def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
     return tuple(one for one in actives if one.effect.level != "sensor")
 
 
-def in_slots(actives: Sequence[Active]) -> bool:
-    """Whether the slots of the gear hold all of these effects."""
-    return all(one.effect.fill is not None for one in acting(actives))
-
-
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
     """The gear of a model, whatever effects it had, with these.
 
+    Where one of them has laws that no slot holds, the gear runs by the laws of all, see
+    ``by_laws``; the slots then tell its period, and where it has edges.
+
     Raises:
-        ParameterError: a locus that the gear or the effect doesn't have, or an effect with laws
-            of its own, which no slot holds.
+        ParameterError: a locus that the gear or the effect doesn't have.
     """
     chosen = acting(actives)
-    if not chosen:
-        return replace(model, packed=model.bare, effects=())
-    slots = Slots(model)
+    if any(one.effect.fill is None for one in chosen):
+        return by_laws(model, chosen)
+    return _in_slots(model, chosen)
+
+
+def by_laws(model: Model, actives: Sequence[Active]) -> Model:
+    """The gear of a model with effects, run by their own laws; ParameterError as ``assemble``."""
+    chosen = acting(actives)
+    filled = _in_slots(model, [one for one in chosen if one.effect.fill is not None])
+    sizes = np.diff(laws(model, chosen).first)[: len(chosen)]
+    return replace(
+        filled,
+        effects=chosen,
+        own=tuple(zip(_keys(chosen), map(int, sizes), strict=True)),
+        integrator=LawStepper,
+    )
+
+
+def _in_slots(model: Model, chosen: Sequence[Active]) -> Model:
+    slots, sizes = Slots(model), []
     for one in chosen:
-        if one.effect.fill is None:
-            raise ParameterError(
-                f"{one.effect.id} has laws of its own, without tangents and lanes: leave it out, "
-                "or take run, sweep or map, which do it"
-            )
-        one.effect.fill(slots, one.theta, one.locus.mask(model.layout), one.chosen)
-    return replace(model, packed=slots.packed(), effects=chosen)
+        before = slots.n_own
+        if one.effect.fill is not None:
+            one.effect.fill(slots, one.theta, one.locus.mask(model.layout), one.chosen)
+        sizes.append(2 * (slots.n_own - before))
+    return replace(
+        model,
+        packed=slots.packed() if chosen else model.bare,
+        effects=tuple(chosen),
+        own=tuple(zip(_keys(chosen), sizes, strict=True)),
+        integrator=None,
+    )
+
+
+def _keys(actives: Sequence[Active]) -> list[Hashable]:
+    """Effect, place, and how many such ones stand before it: by that a run goes on with it."""
+    places = [(one.effect.id, one.locus) for one in actives]
+    return [(*place, places[:i].count(place)) for i, place in enumerate(places)]
 
 
 def build_with(parameters: Parameters, actives: Sequence[Active] = ()) -> Model:
@@ -50,16 +77,6 @@ def build_with(parameters: Parameters, actives: Sequence[Active] = ()) -> Model:
         ParameterError: as ``core.model.build`` and ``assemble``.
     """
     return assemble(build(parameters), actives)
-
-
-def own_coordinates(model: Model) -> list[int]:
-    """How many coordinates each effect of a gear adds, in their order."""
-    counts, before = [], 0
-    for i in range(len(model.effects)):
-        own = assemble(model, model.effects[: i + 1]).n_own
-        counts.append(own - before)
-        before = own
-    return counts
 
 
 def changed(model: Model, parameters: Parameters) -> Model:

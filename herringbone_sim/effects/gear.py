@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import NumbaExperimentalFeatureWarning, wrapper_address
 from herringbone_sim.effects.effect import Active, Effect
+from herringbone_sim.effects.instant import FREE
 from herringbone_sim.effects.law import no_excite, no_react
 
 Array = NDArray[np.float64]
@@ -102,10 +103,6 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
     )
 
 
-def _acts(one: Effect) -> tuple[bool, bool]:
-    return one.excite is not no_excite, one.react is not no_react
-
-
 def _site(model: Model, one: Active) -> Array:
     mask = one.locus.mask(model.layout)
     rows: Array = np.ascontiguousarray(one.effect.place(model, mask, one.chosen), dtype=float)
@@ -155,6 +152,7 @@ class Kernel(NamedTuple):
 class Scratch(NamedTuple):
     """What the kernel scribbles on; n = n_mesh, s = own states, b = bodies."""
 
+    side: NDArray[np.int64]  # (n,) contact in which each mesh is held, or FREE
     law: Array  # (5, n)
     x: Array  # (n,) deflection with the effects' displacements
     v: Array  # (n,)
@@ -163,13 +161,15 @@ class Scratch(NamedTuple):
     driving: Array  # (n,) forces between samples
     stage: Array  # (s,)
     slope: Array  # (4, s)
+    hold: Array  # (n,) added to the deflection of a free mesh [m]
 
 
 def scratch(model: Model, n_own: int) -> Scratch:
     """Scratch for a model with so many own states of its effects."""
     n = model.layout.n_mesh
-    sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own))
-    return Scratch(*(np.zeros(size) for size in sizes))
+    sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own), n)
+    free = np.full(n, FREE, dtype=np.int64)
+    return Scratch(free, *(np.zeros(size) for size in sizes))
 
 
 @contextmanager

@@ -20,13 +20,27 @@ from herringbone_sim.effects.law import (
     play,
 )
 
+FREE = 2  # of ``Scratch.side``: contact as the deflection has it
+BEYOND = 1e-15  # m: how far inside a contact a law sees a deflection that is on its border
+
+
+@inlined
+def inside(x, b, side, margin):
+    """x moved to the region of a contact, at least ``margin`` from its borders -b and b."""
+    if side == 0:
+        edge = max(b - margin, 0.0)
+        return min(max(x, -edge), edge)
+    return max(x, b + margin) if side > 0 else min(x, -b - margin)
+
 
 @inlined
 def instant(e, site, theta, gear, now, own, x, v, w):
     """Forces and torques of one instant, in ``w.force`` and ``w.torque``; also in ``w.law``.
 
     ``e`` is a ``gear.Laws`` as the kernel takes it; x, v (n,) are deflections and rates without
-    the effects' displacements, which are added to give ``w.x`` and ``w.v``.
+    the effects' displacements, which are added to give ``w.x`` and ``w.v``. Where ``w.side`` says
+    in which contact a mesh is (-1, 0, 1), its force goes on smoothly beyond the border, and
+    ``react`` sees a deflection inside: forces that jump or bend at contact do so between steps.
     """
     for m in range(x.size):
         w.law[STIFFNESS, m] = gear[MEAN_K, m]
@@ -44,9 +58,14 @@ def instant(e, site, theta, gear, now, own, x, v, w):
             mine = own[e.first[i] : e.first[i + 1]]
             e.excite[i](theta[i], site[i], gear, now, mine, w.law)
     for m in range(x.size):
-        w.x[m] = x[m] + w.law[SHIFT, m]
+        shown, b, side = x[m] + w.law[SHIFT, m], w.law[PLAY, m], w.side[m]
         w.v[m] = v[m] + w.law[SHIFT_RATE, m]
-        f = play(w.x[m], w.law[PLAY, m])
+        if side == FREE:
+            w.x[m] = shown + w.hold[m]
+            f = play(w.x[m], b)
+        else:
+            w.x[m] = inside(shown, b, side, BEYOND)
+            f = shown - side * b if side != 0 else 0.0
         w.force[m] = w.law[STIFFNESS, m] * f + w.law[DAMPING, m] * w.v[m]
     w.torque[:] = 0.0
     for i in range(e.n_active):

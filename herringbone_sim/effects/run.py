@@ -1,4 +1,4 @@
-"""A gear with effects as compiled code: its slope, and a step of Runge-Kutta of order 4."""
+"""A gear with effects as compiled code: its forces at an instant and its slope."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from herringbone_sim.core.packed import TWO_PI, inlined
 from herringbone_sim.core.right_hand_side import accelerate, control_angle, deflections
 from herringbone_sim.effects.instant import instant, own_slopes
-from herringbone_sim.effects.law import HARMONICS, MEAN_E, PHASE, law
+from herringbone_sim.effects.law import HARMONICS, MEAN_E, PHASE
 
 LENGTH, RATE, FORCE, TILT, FREQUENCY_N = range(5)
 
@@ -62,26 +62,3 @@ def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
     own_slopes(e, site, theta, gear, now, y[2 * m :], w.force, dy[2 * m :])
     for k in range(2 * m, y.size):
         dy[k] /= si[FREQUENCY_N]
-
-
-@inlined
-def stages(first, e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g):
-    """Advance y by h in dimensionless time, in place.
-
-    The slopes of the stages before ``first`` (0 or 1) are in ``g.rate`` already.
-    """
-    for stage in range(first, 4):
-        part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
-        for k in range(y.size):
-            g.stage[k] = y[k] + (part * h * g.rate[stage - 1, k] if stage > 0 else 0.0)
-        at = phase + part * h * p.Omega
-        slope_of(e, site, theta, gear, p, si, now, cycle, at, g.stage, w, g, g.rate[stage])
-    for k in range(y.size):
-        inner = g.rate[1, k] + g.rate[2, k]
-        y[k] += h / 6.0 * (g.rate[0, k] + 2.0 * inner + g.rate[3, k])
-
-
-@law
-def rk4(e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g):
-    """Advance y by h in dimensionless time, in place."""
-    stages(0, e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g)

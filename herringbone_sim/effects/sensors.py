@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.integrate import Block, State
+from herringbone_sim.core.integrate import Block, State, Stepper
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import channels_of, distort
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import laws
-from herringbone_sim.effects.stepper import Machine
 from herringbone_sim.errors import ParameterError
 
 Array = NDArray[np.float64]
@@ -51,7 +50,7 @@ class Sensors:
 
     def __init__(
         self,
-        machine: Machine,
+        machine: Stepper,
         actives: Sequence[Active],
         clock: Clock | None = None,
         before: Array | None = None,
@@ -64,7 +63,7 @@ class Sensors:
         self.before = np.empty((0, len(names))) if before is None else before
         check_sensors(machine.model.layout, self._actives)
 
-    def followed(self, machine: Machine, actives: Sequence[Active], t_s: float) -> Sensors:
+    def followed(self, machine: Stepper, actives: Sequence[Active], t_s: float) -> Sensors:
         """The sensors that go on from these at a time [s] of the machine."""
         mine = tuple(one for one in actives if one.effect.level == "sensor")
         clock = self.clock if mine == self._actives else Clock(t_s, self.shown_s(t_s))

@@ -52,6 +52,11 @@ class Slots:
         self._own: list[Coordinates] = []
         self._windows: list[tuple[tuple[float, float, float], Array, Array]] = []
 
+    @property
+    def n_own(self) -> int:
+        """Further coordinates so far."""
+        return sum(len(own.seat) for own in self._own)
+
     def scale_stiffness(self, factor: Array) -> None:
         """Multiply k, harmonics included, by factors (n,)."""
         self.stiffness = self.stiffness * factor
@@ -125,7 +130,7 @@ class Slots:
         ):
             if np.any(body) or np.any(load):
                 self.add_torque(at, body * np.cos(angle), -body * np.sin(angle))
-                first = sum(len(one.seat) for one in self._own[:-1])
+                first = self.n_own - len(load)
                 row = np.zeros((2, first + len(load)))
                 row[:, first:] = load * np.cos(angle), -load * np.sin(angle)
                 before = self._own_loads.get(at, np.zeros((2, 0)))
@@ -156,8 +161,7 @@ class Slots:
         e_cos[: len(p.orders)], e_sin[: len(p.orders)] = p.e_cos, p.e_sin
         loads = np.array(sorted(self._torques))
         pushes = self._accelerations(_rows(self._torques, loads, len(layout.bodies)))
-        n_own = sum(len(own.seat) for own in self._own)
-        of_own = np.zeros((2, len(loads), n_own))
+        of_own = np.zeros((2, len(loads), self.n_own))
         for j, order in enumerate(loads):
             row = self._own_loads.get(float(order), np.zeros((2, 0)))
             of_own[:, j, : row.shape[1]] = row / (s.b_c * s.omega_n**2)

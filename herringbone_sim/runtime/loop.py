@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from herringbone_sim.core.cache import told_of_compiling
-from herringbone_sim.core.integrate import Block, State, warm_up
+from herringbone_sim.core.integrate import Block, State, Stepper, warm_up
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import live_names
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.sensors import Clock, Sensors
-from herringbone_sim.effects.stepper import Machine, change, stepper
+from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.runtime.delivery import Change, Delivery
@@ -42,7 +42,7 @@ T = TypeVar("T")
 class _Wanted:
     """A machine that was submitted, and what of it is new."""
 
-    machine: Machine
+    machine: Stepper
     actives: tuple[Active, ...]
     values: Mapping[str, Any]
 
@@ -98,7 +98,7 @@ class Loop:
         self._compiling = False
         self._thread = threading.Thread(target=self._run, name="integrator", daemon=True)
 
-    def _begin(self, machine: Machine, actives: tuple[Active, ...]) -> None:
+    def _begin(self, machine: Stepper, actives: tuple[Active, ...]) -> None:
         self._stepper, self._actives = machine, actives
         self._sensors = Sensors(machine, actives)
         self._state = machine.start(tangents=1)
@@ -198,13 +198,12 @@ class Loop:
         """Whether a kernel is being compiled, as no compiled one was there to load."""
         return self._compiling
 
-    def _load(self, machine: Machine) -> None:
+    def _load(self, machine: Stepper) -> None:
         def begun() -> None:
             self._compiling = True
 
         with told_of_compiling(begun):
             warm_up(machine.model)
-            machine.advance(machine.start(tangents=1), 1)
         self._compiling = False
 
     def set_factor(self, real_time_factor: float) -> None:

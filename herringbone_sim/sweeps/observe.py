@@ -33,8 +33,7 @@ from herringbone_sim.analysis.periods import MAX_PERIOD
 from herringbone_sim.core.batch import Batch, run_batch
 from herringbone_sim.core.model import Model, build, initial_state, relative
 from herringbone_sim.dynamics.flow import effect_cycles
-from herringbone_sim.effects.assemble import assemble, in_slots
-from herringbone_sim.effects.batch import run_effects
+from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
 from herringbone_sim.sweeps.periods import find_periods
@@ -89,12 +88,10 @@ def observe(asked: Sequence[Asked]) -> list[Table]:
     length = (look.transient, look.cycles, look.points, look.exponents)
     batch, longest = None, MAX_PERIOD
     before = np.repeat([one.cycle for one in asked], [len(chosen) for chosen in models])
-    if whole and in_slots(actives):
+    if whole:
         gears = [assemble(model, actives) for model in whole]
         batch = run_batch(gears, np.concatenate(starts), *length, before=before)
         longest = MAX_PERIOD * max(effect_cycles(gear) for gear in gears)
-    elif whole:
-        batch = run_effects(whole, actives, np.concatenate(starts), before, *length)
     first = 0
     for one, table, (built, reasons), chosen in zip(asked, tables, found, models, strict=True):
         rows = [i for i, model in enumerate(built) if model is not None]

@@ -13,7 +13,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.integrate import stepper
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import Basins
 from herringbone_sim.effects.assemble import changed
@@ -111,9 +111,9 @@ def draw_portrait(
     """
     layout, scales = model.layout, model.scales
     fine = changed(model, model.parameters.changed({"samples_per_cycle": PER_CYCLE}))
-    stepper = Stepper(fine)
-    begin = replace(stepper.start(), y=np.array(start[0]), cycle=start[1])
-    rows = stepper.advance(begin, CYCLES * PER_CYCLE).rows
+    machine = stepper(fine)
+    begin = replace(machine.start(), y=np.array(start[0]), cycle=start[1])
+    rows = machine.advance(begin, CYCLES * PER_CYCLE).rows
     left, right = layout.meshes[0], layout.meshes[layout.n_mesh // 4]
     for mesh, look, width in ((right, GREY, 0.9), (left, colour, 0.6)):
         x = rows[:, layout.channels.index(f"x_{mesh}")] / scales.b_c

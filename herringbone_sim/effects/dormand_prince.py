@@ -1,0 +1,171 @@
+"""A step of the Runge-Kutta pair of Dormand and Prince, order 5(4), and tangents along it.
+
+J. Comput. Appl. Math. 6, 19 (1980). A law is opaque, so the derivative of the slope along a
+tangent is a central difference, within the contact in which every mesh is.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.packed import inlined
+from herringbone_sim.effects.instant import FREE, inside
+from herringbone_sim.effects.law import PLAY, SHIFT, law
+from herringbone_sim.effects.run import LENGTH, slope_of
+
+Array = NDArray[np.float64]
+
+A = np.zeros((7, 6))
+A[1, :1] = 1 / 5
+A[2, :2] = 3 / 40, 9 / 40
+A[3, :3] = 44 / 45, -56 / 15, 32 / 9
+A[4, :4] = 19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729
+A[5, :5] = 9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656
+A[6] = 35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84
+NODE = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+LOWER = np.array([5179 / 57600, 0.0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40])
+ERROR = np.append(A[6], 0.0) - LOWER
+
+TOLERANCE = 1e-9  # of a step, in b_c: 20 mesh cycles to 1e-6 by ``python -m benchmarks.effects``
+APART = 1e-6  # b_c: half of a central difference, the root of what rounding leaves of a slope
+FAR = 1e9  # b_c: beyond it the motion has diverged
+
+
+class Gear(NamedTuple):
+    """A gear by its laws as the compiled run takes it; n = n_mesh, s = size of a state."""
+
+    e: Any
+    site: tuple[Array, ...]
+    theta: tuple[Array, ...]
+    gear: Array
+    p: Any
+    si: Array
+    now: Array
+    w: Any
+    g: Any
+    r: Any
+    unit: Array  # (s,) SI units of the effects' own states, 1 elsewhere
+    carrier: Array  # (n_coordinate,)
+    n_state: int  # of s without own states of effects
+    reacts: bool  # whether a law reads forces: steps end where they change sign
+
+
+class Trial(NamedTuple):
+    """Scratch of a step; i of 7 stages, the last one at its end."""
+
+    side: NDArray[np.int64]  # (n,) contacts that are kept for later
+    z: Array  # (s,) state, own states in SI units
+    y: Array  # (7, s)
+    rate: Array  # (7, s)
+    hold: Array  # (7, n) what moves each deflection inside its contact [m]
+    bound: Array  # (2,) phases [rad] between which the laws are evaluated
+    gap: Array  # (4, 2 n) see ``located.margins``: start, ends of a bracket, end
+    pace: Array  # (4, n) rates of the first n
+    sign: Array  # (n,) of the mesh forces at the start
+    along: Array  # (7, s) slopes of a tangent
+    direction: Array  # (s,)
+    was: Array  # (s,)
+    spent: Array  # (n, 3) time in back contact, separated, in drive contact
+
+
+def trial(n: int, s: int) -> Trial:
+    """Scratch for n meshes and a state of s numbers."""
+    sizes = (s, (7, s), (7, s), (7, n), 2, (4, 2 * n), (4, n), n, (7, s), s, s, (n, 3))
+    return Trial(np.zeros(n, dtype=np.int64), *(np.zeros(size) for size in sizes))
+
+
+@law
+def slope(m, cycle, phase, y, dy):
+    """dy/dtau (s,) at a phase, kept between the bounds of the step; leaves it all in ``m.w``."""
+    at = min(max(phase, m.r.bound[0]), m.r.bound[1])
+    for k in range(y.size):
+        m.r.z[k] = y[k] * m.unit[k]
+    slope_of(m.e, m.site, m.theta, m.gear, m.p, m.si, m.now, cycle, at, m.r.z, m.w, m.g, dy)
+    for k in range(y.size):
+        dy[k] /= m.unit[k]
+
+
+@inlined
+def stage(m, i, cycle, phase):
+    """Slope of stage i, and what holds its deflections well inside for differences around it."""
+    r, w = m.r, m.w
+    slope(m, cycle, phase, r.y[i], r.rate[i])
+    for j in range(w.x.size):
+        x = m.g.x[j] + w.law[SHIFT, j]
+        r.hold[i, j] = inside(x, w.law[PLAY, j], w.side[j], 4.0 * APART * m.si[LENGTH]) - x
+
+
+@law
+def attempt(m, cycle, phase, h):
+    """A step from stage 0 on, which is ready; the end is stage 6. Error over the tolerance."""
+    r = m.r
+    for i in range(1, 7):
+        for k in range(r.z.size):
+            moved = 0.0
+            for j in range(i):
+                moved += A[i, j] * r.rate[j, k]
+            r.y[i, k] = r.y[0, k] + h * moved
+        stage(m, i, cycle, phase + NODE[i] * h * m.p.Omega)
+    worst = 0.0
+    for k in range(r.z.size):
+        off = 0.0
+        for j in range(7):
+            off += ERROR[j] * r.rate[j, k]
+        off = abs(h * off) / (1.0 + max(abs(r.y[0, k]), abs(r.y[6, k])))
+        if off > worst or np.isnan(off):
+            worst = off
+    return worst / TOLERANCE
+
+
+@law
+def length(v):
+    """Euclidean norm."""
+    square = 0.0
+    for k in range(v.size):
+        square += v[k] * v[k]
+    return np.sqrt(square)
+
+
+@law
+def difference(m, cycle, phase, y, v, dv):
+    """Derivative of the slope at y along v into dv; deflections are moved by ``m.w.hold``."""
+    r, size = m.r, length(v)
+    for k in range(v.size):
+        dv[k] = 0.0
+    if size == 0.0:
+        return
+    for sign in (1.0, -1.0):
+        for k in range(v.size):
+            r.was[k] = y[k] + sign * APART / size * v[k]
+        slope(m, cycle, phase, r.was, r.along[6])
+        for k in range(v.size):
+            dv[k] += sign * r.along[6, k] * size / (2.0 * APART)
+
+
+@law
+def carry(m, cycle, phase, h, tangents):
+    """Tangents (k, s) over the step that was tried last, in place."""
+    r, w = m.r, m.w
+    for j in range(w.side.size):
+        r.side[j] = w.side[j]
+        w.side[j] = FREE
+    for a in range(tangents.shape[0]):
+        v = tangents[a]
+        for i in range(6):
+            for k in range(v.size):
+                moved = 0.0
+                for j in range(i):
+                    moved += A[i, j] * r.along[j, k]
+                r.direction[k] = v[k] + h * moved
+            for j in range(w.side.size):
+                w.hold[j] = r.hold[i, j]
+            at = phase + NODE[i] * h * m.p.Omega
+            difference(m, cycle, at, r.y[i], r.direction, r.along[i])
+        for k in range(v.size):
+            for j in range(6):
+                v[k] += h * A[6, j] * r.along[j, k]
+    for j in range(w.side.size):
+        w.side[j] = r.side[j]

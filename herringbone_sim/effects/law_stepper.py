@@ -1,0 +1,116 @@
+"""A gear with effects that no slot holds, integrated by the laws of all of its effects.
+
+The series of the core can't know what such an effect does, so the method is Runge-Kutta of order
+5 with steps of the length that the error asks for, cut at kinks, see ``effects.located``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import typeof
+from numpy.typing import NDArray
+
+from herringbone_sim.core.integrate import Stepper, carrier_row
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.dormand_prince import Gear, trial
+from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
+from herringbone_sim.effects.rows import cross, run
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class _Stage(NamedTuple):
+    """Scratch of a slope; n = n_mesh."""
+
+    x: Array  # (n,) deflection with the nominal error [m]
+    v: Array  # (n,) its rate [m/s]
+    scaled: Array  # (n,) mesh forces, dimensionless
+    projection: float
+
+
+class LawStepper(Stepper):
+    """Advances states of a model by its effects' laws.
+
+    A state's ``y`` is that of the model, then the effects' own states, displacements over b_c and
+    rates over b_c omega_n.
+
+    Args:
+        model: see ``assemble.by_laws``.
+
+    Raises:
+        ParameterError: a locus that the gear or the effect doesn't have.
+    """
+
+    def __init__(self, model: Model) -> None:
+        p, s, layout = model.parameters, model.scales, model.layout
+        self.model = model
+        self._entries: dict[Any, Any] = {}
+        found = laws(model, model.effects)
+        n, n_own = layout.n_mesh, found.n_own
+        x, v, scaled = np.zeros((3, n))
+        force = s.b_c * s.omega_n**2 / s.projection
+        unit = np.ones(layout.n_state + n_own)
+        unit[layout.n_state :] = np.resize([s.b_c, s.velocity_m_per_s], n_own)
+        self.gear = Gear(
+            e=found.kernel,
+            site=found.site,
+            theta=found.theta,
+            gear=gear_table(model),
+            p=model.packed,
+            si=np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta, s.omega_n]),
+            now=np.array([0.0, p.Omega * s.omega_n, p.delta_T, p.T_1, p.K]),
+            w=scratch(model, n_own),
+            g=_Stage(x, v, scaled, s.projection),
+            r=trial(n, unit.size),
+            unit=unit,
+            carrier=carrier_row(model) * s.b_c,
+            n_state=layout.n_state,
+            reacts=bool(found.acts[:, 1].any()),
+        )
+
+    @property
+    def compiled(self) -> bool:
+        """Whether this process has the kernel of gears by their laws ready."""
+        return bool(getattr(run, "signatures", True))
+
+    @property
+    def _code(self) -> Any:
+        return run
+
+    def _sample(
+        self, y: Array, tangents: Array, growth: Array, place: Indices, t: float, rows: Array
+    ) -> tuple[float, int, int, NDArray[Any]]:
+        p = self.model.parameters
+        spent = self.gear.r.spent
+        spent[:] = 0.0
+        stride = p.steps // p.samples_per_cycle
+        end, filled, switches = self._call(
+            run, y, tangents, growth, place, t, p.steps, stride, rows
+        )
+        sample = 2.0 * np.pi / (p.Omega * p.samples_per_cycle)
+        return end, filled, switches, spent / sample
+
+    def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
+        y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float, order="C")
+        self._call(cross, y, tangents, cycle, cycles, self.model.parameters.steps)
+        return y, tangents
+
+    def _call(self, kernel: Any, *args: Any) -> Any:
+        """What a kernel gives for the gear; the types of the arguments are asked for once.
+
+        Numba takes half a millisecond for those of a gear, more than for a mesh cycle.
+        """
+        if kernel not in self._entries:
+            self._entries[kernel] = kernel
+            if hasattr(kernel, "compile"):
+                with pointers_allowed():
+                    kinds = tuple(typeof(one) for one in (self.gear, *args))
+                    kernel.compile(kinds)
+                self._entries[kernel] = kernel.overloads[kinds].entry_point
+        return self._entries[kernel](self.gear, *args)
+
+    def _own_order(self) -> Indices:
+        return np.arange(self.model.n_state - self.model.layout.n_state)

@@ -1,0 +1,300 @@
+"""Steps of a gear by its laws that end where a law has a kink or a jump.
+
+Known beforehand are the edges of the events in the gear's slots, and every half mesh cycle, where
+flanks pass the pitch point. Where a mesh makes or loses contact, and where a mesh force changes
+its sign, is found by trial steps of ever better length.
+"""
+
+from __future__ import annotations
+
+import math
+
+from herringbone_sim.core.packed import TWO_PI, inlined
+from herringbone_sim.core.right_hand_side import ON_EDGE, cycles_to_edge
+from herringbone_sim.effects.dormand_prince import APART, FAR, attempt, carry, length, slope, stage
+from herringbone_sim.effects.law import PLAY, SHIFT, law
+from herringbone_sim.effects.run import FORCE, LENGTH, RATE
+
+FIRST = 0.06  # of 1 / omega_n: step tried first, a hundredth of a natural period
+SHORTEST = 1e-9  # of 1 / omega_n: a step so short is taken whatever its error
+INSIDE = 1e-9  # rad: how far inside a step the laws are evaluated that jump at its ends
+ON_BORDER = 1e-10  # b_c: how far past its border a step ends that is cut there
+ON_ZERO = 1e-7  # the same of a force, b_c omega_n^2 kg over the projection
+JUMP = 1e-7  # of a slope: more than that is no rounding
+TRIALS = 40
+RESIDUE = 1e-13  # of 1 / omega_n: rounding of what is left of a step
+START, LOW, HIGH, END = range(4)
+
+
+@inlined
+def margins(m, row):
+    """Distance of each mesh from its next border and its pace, and of its force from zero."""
+    r, w = m.r, m.w
+    n = w.x.size
+    for j in range(n):
+        x, b, v = m.g.x[j] + w.law[SHIFT, j], w.law[PLAY, j], w.v[j]
+        side = w.side[j]
+        if side != 0:
+            gap, pace = side * x - b, side * v
+        else:
+            outward = 1.0 if x > 0.0 or (x == 0.0 and v > 0.0) else -1.0
+            gap, pace = b - abs(x), -outward * v
+        r.gap[row, j] = gap / m.si[LENGTH]
+        r.pace[row, j] = pace / m.si[RATE]
+        r.gap[row, n + j] = r.sign[j] * w.force[j] / m.si[FORCE] if m.reacts else 1.0
+
+
+@law
+def contact_now(m, cycle, phase, y):
+    """Hold every mesh in the contact in which its deflection is."""
+    w = m.w
+    for j in range(w.side.size):
+        w.side[j] = 0
+    slope(m, cycle, phase, y, m.r.rate[0])
+    for j in range(w.side.size):
+        x, b = m.g.x[j] + w.law[SHIFT, j], w.law[PLAY, j]
+        w.side[j] = 0 + (x > b) - (x < -b)
+
+
+@law
+def gap_along(m, cycle, phase, j, v):
+    """Derivative of the margin of mesh j along v, at stage 0."""
+    r, size, found = m.r, length(v), 0.0
+    for sign in (1.0, -1.0):
+        for k in range(v.size):
+            r.was[k] = r.y[0, k] + sign * APART / size * v[k]
+        slope(m, cycle, phase, r.was, r.along[6])
+        margins(m, LOW)
+        found += sign * r.gap[LOW, j] * size / (2.0 * APART)
+    return found
+
+
+@law
+def begin(m, cycle, phase, tangents):
+    """Make stage 0 ready, with every mesh in the contact that it goes to; returns 1
+    where any mesh switched.
+
+    Where that makes the slope jump, tangents jump with it (saltation).
+    """
+    r, w = m.r, m.w
+    n, switches = w.side.size, 0
+    stage(m, 0, cycle, phase)
+    for _ in range(3 * n):
+        margins(m, START)
+        for j in range(n):
+            gap, pace = r.gap[START, j], r.pace[START, j]
+            if (gap <= 0.0 and pace < 0.0) or gap < -10.0 * ON_BORDER:
+                break
+        else:
+            break
+        old = w.side[j]
+        x = m.g.x[j] + w.law[SHIFT, j]
+        new = 0 if old != 0 else (1 if x > 0.0 or (x == 0.0 and w.v[j] > 0.0) else -1)
+        for k in range(r.z.size):
+            r.direction[k] = r.rate[0, k]
+        w.side[j] = new
+        stage(m, 0, cycle, phase)
+        largest = 0.0
+        for k in range(r.z.size):
+            r.direction[k] = r.rate[0, k] - r.direction[k]
+            largest = max(largest, abs(r.direction[k]))
+        if largest > JUMP and pace < 0.0:
+            for a in range(tangents.shape[0]):
+                w.side[j] = old
+                share = gap_along(m, cycle, phase, j, tangents[a]) / pace
+                for k in range(r.z.size):
+                    tangents[a, k] += share * r.direction[k]
+            w.side[j] = new
+        stage(m, 0, cycle, phase)
+        switches = 1
+    for j in range(n):
+        r.sign[j] = 1.0 if w.force[j] >= 0.0 else -1.0
+    margins(m, START)
+    return switches
+
+
+@law
+def root(a, b, slope_a, slope_b):
+    """Where in 0 .. 1 the cubic crosses zero that has values a > 0 > b and slopes at the ends."""
+    at = a / (a - b)
+    for _ in range(4):
+        c2 = 3.0 * (b - a) - 2.0 * slope_a - slope_b
+        c3 = 2.0 * (a - b) + slope_a + slope_b
+        value = a + at * (slope_a + at * (c2 + at * c3))
+        slope_at = slope_a + at * (2.0 * c2 + 3.0 * c3 * at)
+        if slope_at == 0.0:
+            break
+        at = min(max(at - value / slope_at, 0.0), 1.0)
+    return at
+
+
+@law
+def passed(m):
+    """Whether any margin is past its border at the end of the step that was tried last."""
+    gap, found = m.r.gap, False
+    for i in range(gap.shape[1]):
+        found = found or (gap[END, i] < 0.0 and gap[END, i] < gap[START, i])
+    return found
+
+
+@law
+def dip(m, h):
+    """Part of a step at which a margin open at both ends is least, if below zero; else 1."""
+    r, first = m.r, 1.0
+    for j in range(m.w.side.size):
+        a, b = r.gap[START, j], r.gap[END, j]
+        p, q = h * r.pace[START, j], h * r.pace[END, j]
+        if p < 0.0 < q and a >= 0.0 and b >= 0.0:
+            c2, c3 = 3.0 * (b - a) - 2.0 * p - q, 2.0 * (a - b) + p + q
+            square = c2 * c2 - 3.0 * c3 * p
+            if square > 0.0:
+                at = -p / (c2 + math.sqrt(square)) if c2 > 0.0 else 1.0
+                least = a + at * (p + at * (c2 + at * c3))
+                if at < first and least < -ON_BORDER:
+                    first = at
+    return first
+
+
+@inlined
+def keep(r, of, into):
+    """Margins and paces as those of another place in the step."""
+    for i in range(r.gap.shape[1]):
+        r.gap[into, i] = r.gap[of, i]
+    for j in range(r.pace.shape[1]):
+        r.pace[into, j] = r.pace[of, j]
+
+
+@law
+def guess(r, width):
+    """Part of the bracket at which the first border is passed, and how far past its end is."""
+    n, part, worst = r.pace.shape[1], 1.0, 0.0
+    for i in range(2 * n):
+        if r.gap[HIGH, i] < 0.0 and r.gap[HIGH, i] < r.gap[START, i]:
+            on = ON_BORDER if i < n else ON_ZERO
+            worst = max(worst, -r.gap[HIGH, i] / on)
+            a, b = max(r.gap[LOW, i], 0.0) + on, min(r.gap[HIGH, i] + on, -1e-3 * on)
+            at = a / (a - b)
+            if i < n:
+                at = root(a, b, width * r.pace[LOW, i], width * r.pace[HIGH, i])
+            part = min(part, at)
+    return part, worst
+
+
+@law
+def locate(m, cycle, phase, h):
+    """Shorten a step that passes a border to one that ends just past the first; its length."""
+    r = m.r
+    low, high, last = 0.0, h, h
+    keep(r, START, LOW)
+    keep(r, END, HIGH)
+    for count in range(TRIALS):
+        part, worst = guess(r, high - low)
+        if worst <= 2.0:
+            break
+        if count % 4 == 3:
+            part = 0.5
+        last = low + min(max(part, 1e-12), 1.0 - 1e-12) * (high - low)
+        attempt(m, cycle, phase, last)
+        margins(m, END)
+        if passed(m):
+            high = last
+            keep(r, END, HIGH)
+        else:
+            low = last
+            keep(r, END, LOW)
+    if last != high:
+        attempt(m, cycle, phase, high)
+        margins(m, END)
+    return high
+
+
+@law
+def cut(m, cycle, phase, h):
+    """Length of a step that was tried: h, or up to where it first passes a border."""
+    if passed(m):
+        return locate(m, cycle, phase, h)
+    part = dip(m, h)
+    if part < 1.0:
+        attempt(m, cycle, phase, part * h)
+        margins(m, END)
+        if passed(m):
+            return locate(m, cycle, phase, part * h)
+        attempt(m, cycle, phase, h)
+        margins(m, END)
+    return h
+
+
+@law
+def piece(m, cycle, phase, reach, tangents):
+    """Advance stage 0 and tangents over a length within which no edge is known; switches, or -1.
+
+    -1 tells that the motion has left all range.
+    """
+    r, n, Omega = m.r, m.w.side.size, m.p.Omega
+    middle = phase + 0.5 * reach * Omega
+    r.bound[0] = min(phase + INSIDE, middle)
+    r.bound[1] = max(phase + reach * Omega - INSIDE, middle)
+    contact_now(m, cycle, phase, r.y[0])
+    switches = begin(m, cycle, phase, tangents)
+    done, want = 0.0, FIRST
+    while reach - done > RESIDUE:
+        at, pieces = phase + done * Omega, math.ceil((reach - done) / want)
+        h = (reach - done) / pieces
+        error = attempt(m, cycle, at, h)
+        if not error <= 1.0 and h > SHORTEST:
+            want = h * (max(0.2, 0.9 * error**-0.2) if error < 1e30 else 0.2)
+            continue
+        margins(m, END)
+        taken = cut(m, cycle, at, h)
+        if tangents.shape[0] > 0:
+            carry(m, cycle, at, taken, tangents)
+        for j in range(n):
+            r.spent[j, 1 + m.w.side[j]] += taken
+        for k in range(m.n_state):
+            if not abs(r.y[6, k]) < FAR:
+                return -1
+        for k in range(r.z.size):
+            r.y[0, k], r.rate[0, k] = r.y[6, k], r.rate[6, k]
+        done += taken
+        want = h * min(5.0, 0.9 * max(error, 1e-9) ** -0.2)
+        if taken < h or passed(m):
+            switches += begin(m, cycle, phase + done * Omega, tangents)
+        else:
+            keep(r, END, START)
+            for j in range(n):
+                r.hold[0, j] = r.hold[6, j]
+    return switches
+
+
+@law
+def to_edge(p, cycle, phase):
+    """Dimensionless time to the next edge of an event of a slot or half mesh cycle."""
+    turn = phase / TWO_PI
+    least = 0.5 * (math.floor(2.0 * (turn + ON_EDGE)) + 1.0) - turn
+    for i in range(p.windows.shape[0]):
+        least = min(least, cycles_to_edge(p.windows[i], phase, cycle))
+    return least * TWO_PI / p.Omega
+
+
+@law
+def grid_step(m, cycle, phase, h, y, tangents):
+    """Advance y (s,) and tangents (k, s) from one phase of the grid to the next; switches, or -1.
+
+    All starts anew there, so that a run is the same to the bit however it is cut into blocks.
+    """
+    r, done, switches = m.r, 0.0, 0
+    for k in range(y.size):
+        r.y[0, k] = y[k]
+    while h - done > RESIDUE:
+        at = phase + done * m.p.Omega
+        reach = to_edge(m.p, cycle, at)
+        if done + reach > h - RESIDUE:
+            reach = h - done
+        found = piece(m, cycle, at, reach, tangents)
+        if found < 0:
+            return -1
+        switches += found
+        done += reach
+    for k in range(y.size):
+        y[k] = r.y[0, k]
+    return switches
