@@ -15,7 +15,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import by_laws
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.law_stepper import LawStepper
-from herringbone_sim.effects.registry import effect
+from herringbone_sim.effects.registry import VARIABLE, effect
 from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import save_parameters
@@ -62,6 +62,31 @@ def test_an_effect_that_is_another_parameter_gives_that_diagram(start: str) -> N
         np.testing.assert_allclose(mine["sun_drive"], other["sun_drive"], atol=0.03)
     plain = table_of(Sweep(gear(), (AXIS,), LOOK, start))
     assert np.abs(mine["points"] - plain["points"]).max() > 0.02
+
+
+@pytest.mark.parametrize("start", ["fixed", "up", "ramp_down"])
+def test_a_law_that_no_slot_holds_gives_that_diagram(
+    start: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "soft.py"
+    file.write_text(
+        "from herringbone_sim.effects.effect import Effect\n"
+        "from herringbone_sim.effects.law import STIFFNESS, law\n"
+        "@law\n"
+        "def excite(theta, site, gear, now, own, law):\n"
+        "    for m in range(law.shape[1]):\n"
+        "        law[STIFFNESS, m] *= 0.9\n"
+        "EFFECT = Effect('soft', 'softer', 'mesh', (), excite=excite)\n"
+    )
+    monkeypatch.setenv(VARIABLE, str(file))
+    other = table_of(Sweep(gear(k_factor=[0.9]), (AXIS,), LOOK, start))
+    mine = table_of(Sweep(gear(), (AXIS,), LOOK, start, effects="soft"))
+    np.testing.assert_allclose(mine["points"], other["points"], atol=1e-6)
+    if start != "ramp_down":
+        assert np.array_equal(mine["period"], other["period"])
+        np.testing.assert_allclose(mine["sun_drive"], other["sun_drive"], atol=1e-6)
+        np.testing.assert_allclose(mine["exponent"], other["exponent"], atol=0.01)
+        assert np.isnan(mine["transverse"]).all()
 
 
 @pytest.mark.parametrize("start", ["up", "ramp_up", "ramp_down"])

@@ -138,12 +138,14 @@ def open_stores(
     base, actives = gear
     effects, folder = effects_text(actives), args.out / name
     sweeps = {
-        way: Sweep(base, (axis,), look, way, chunk_from(args, way), effects)
+        way: Sweep(base, (axis,), look, way, chunk_from(args, way, effects), effects)
         for way in WAYS[args.start]
     }
     for i in range(1, args.starts + 1):
         random = base.changed({"initial_noise": SCATTER, "seed": base.seed + i})
-        sweeps[f"random {i}"] = Sweep(random, (axis,), look, "fixed", chunk_from(args), effects)
+        sweeps[f"random {i}"] = Sweep(
+            random, (axis,), look, "fixed", chunk_from(args, effects=effects), effects
+        )
     return {
         way: open_store(folder / way.replace(" ", "_"), sweep) for way, sweep in sweeps.items()
     }

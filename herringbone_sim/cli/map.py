@@ -85,7 +85,10 @@ def draw_map(args: argparse.Namespace) -> int:
             f"a map needs two values or more on each axis, got {sizes}: raise --size or give more"
         )
     base, effects = swept_gear(args)
-    look, chunk = looked_at(args, (base, effects), axes, mesh=""), chunk_from(args)
+    look, chunk = (
+        looked_at(args, (base, effects), axes, mesh=""),
+        chunk_from(args, effects=effects),
+    )
     asked = Sweep(base, axes, look, args.start, chunk, effects)
     store = open_store(args.out, asked)
     run_all([store], args)

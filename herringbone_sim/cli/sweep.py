@@ -86,7 +86,9 @@ def sweep(args: argparse.Namespace) -> int:
     axes = tuple(axis_from_text(text) for text in args.over)
     look = looked_at(args, (base, effects), axes, args.mesh or base.layout.meshes[0])
     stores = [
-        open_store(args.out / way, Sweep(base, axes, look, way, chunk_from(args, way), effects))
+        open_store(
+            args.out / way, Sweep(base, axes, look, way, chunk_from(args, way, effects), effects)
+        )
         for way in WAYS[args.start]
     ]
     run_all(stores, args)

@@ -13,7 +13,7 @@ from herringbone_sim.cli.parameter_options import gear_from, settings, tell_gear
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import effect_cycles
-from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.assemble import build_with, in_slots
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.execute import run_stores
@@ -21,6 +21,7 @@ from herringbone_sim.sweeps.grid import CHUNK, Axis, Observation, for_sweeps
 from herringbone_sim.sweeps.store import Result, Store
 
 CHAIN = 16
+SINGLE = 16  # of gears whose values run one after another
 LEAST_SHARE = 5e-4  # of the values; rarer periods are not told
 REPEATS = 2 * MIN_REPEATS  # periods of the effects looked at: twice one is told too
 LATEST = 100  # mesh cycles of a period of the effects beyond which so many take too long
@@ -50,7 +51,7 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="N",
         help=f"values computed and stored together (default: {CHUNK}; {CHAIN} where one starts "
-        "from the other)",
+        f"from the other; {SINGLE} with an effect that no slot holds)",
     )
     add_workers(parser, default=None)
     add(
@@ -60,11 +61,13 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def chunk_from(args: argparse.Namespace, start: str = "fixed") -> int:
+def chunk_from(args: argparse.Namespace, start: str = "fixed", effects: str = "") -> int:
     """Values a part: as asked for, or as many as make a few seconds of work."""
     if args.chunk is not None:
         return int(args.chunk)
-    return CHUNK if start == "fixed" else CHAIN
+    if start != "fixed":
+        return CHAIN
+    return CHUNK if in_slots(read_effects(effects)) else SINGLE
 
 
 def swept_gear(args: argparse.Namespace) -> tuple[Parameters, str]:

@@ -20,6 +20,11 @@ def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
     return tuple(one for one in actives if one.effect.level != "sensor")
 
 
+def in_slots(actives: Sequence[Active]) -> bool:
+    """Whether the slots of the gear hold all of these effects."""
+    return all(one.effect.fill is not None for one in acting(actives))
+
+
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
     """The gear of a model, whatever effects it had, with these.
 
@@ -30,9 +35,7 @@ def assemble(model: Model, actives: Sequence[Active]) -> Model:
         ParameterError: a locus that the gear or the effect doesn't have.
     """
     chosen = acting(actives)
-    if any(one.effect.fill is None for one in chosen):
-        return by_laws(model, chosen)
-    return _in_slots(model, chosen)
+    return _in_slots(model, chosen) if in_slots(chosen) else by_laws(model, chosen)
 
 
 def by_laws(model: Model, actives: Sequence[Active]) -> Model:

@@ -6,6 +6,7 @@ The series of the core can't know what such an effect does, so the method is Run
 
 from __future__ import annotations
 
+import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from herringbone_sim.effects.rows import cross, run
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+_ASKING = threading.Lock()  # filters of warnings belong to all threads
 
 
 class _Stage(NamedTuple):
@@ -106,7 +108,7 @@ class LawStepper(Stepper):
         if kernel not in self._entries:
             self._entries[kernel] = kernel
             if hasattr(kernel, "compile"):
-                with pointers_allowed():
+                with _ASKING, pointers_allowed():
                     kinds = tuple(typeof(one) for one in (self.gear, *args))
                     kernel.compile(kinds)
                 self._entries[kernel] = kernel.overloads[kinds].entry_point
