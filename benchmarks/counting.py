@@ -169,7 +169,7 @@ def of_stepper(start: Array, order: int, steps: int) -> dict[str, float]:
     def cycle() -> None:
         for i in range(CYCLES * steps):
             phase = Counted(TWO_PI * (i % steps) / steps)
-            taylor_step(packed, work, y, none, phase, i // steps, Counted(TWO_PI / steps))
+            taylor_step(packed, work, y, none, None, phase, i // steps, Counted(TWO_PI / steps))
 
     return per_cycle(tally(cycle), CYCLES)
 

@@ -170,7 +170,7 @@ def with_effects(cases):
         model, p = stepper.model, stepper.model.parameters
         y, tangents = start.y.copy(), np.eye(model.n_state)[: len(start.tangents)]
         work = make_work(model.layout.n_mesh, model.layout.n_coordinate, p.order, model.n_own)
-        crosser(p.method, model.packed.plain)(model.packed, work, y, tangents, 0, 1, p.steps)
+        crosser(p.method, model.packed.plain)(model.packed, work, y, tangents, None, 0, 1, p.steps)
         found[f"effects_{name}"] = np.concatenate([part.ravel() for part in (*parts, y, tangents)])
     return found
 
@@ -185,7 +185,7 @@ def whole_cycles(cases):
         layout, p = model.layout, model.parameters
         work = make_work(layout.n_mesh, layout.n_coordinate, p.order)
         cross = crosser(p.method, model.packed.plain)
-        cross(model.packed, work, y, tangents, 0, 2, p.steps)
+        cross(model.packed, work, y, tangents, None, 0, 2, p.steps)
         found[f"cycles_{name}"] = np.vstack([y, tangents])
     return found
 

@@ -92,7 +92,7 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
             wanted = law.slope(tau, in_si(model, y, n_own))[:n]
         found, turn = y.copy(), tau * model.packed.Omega / (2 * np.pi)
         phase = 2 * np.pi * (turn - cycle)
-        rk4_step(model.packed, work, found, np.zeros((0, n + 2 * s)), phase, cycle, h)
+        rk4_step(model.packed, work, found, np.zeros((0, n + 2 * s)), None, phase, cycle, h)
         np.testing.assert_allclose((found - y)[:n] / h, wanted, rtol=1e-5, atol=1e-5)
 
 

@@ -21,6 +21,7 @@ from herringbone_sim.core.any_motion import (
     share_that_holds,
     shorten,
 )
+from herringbone_sim.core.columns import move_any_columns, push_columns
 from herringbone_sim.core.packed import compiled, inlined
 from herringbone_sim.core.right_hand_side import ON_EDGE, accelerate, force_law
 from herringbone_sim.core.series import expand_excitation
@@ -144,6 +145,13 @@ def switch(p, w, s):
 
 
 @inlined
+def border_sides(p, w):
+    """Side on which each mesh meets or leaves the border next, into ``w.force``."""
+    for a in range(4 * len(p.classes)):
+        w.force[a] = w.contact[a] if w.contact[a] != 0.0 else w.next[a]
+
+
+@inlined
 def take_any_state(w, y, m, s):
     """State of the series at s into y."""
     own = w.q.shape[1] - m
@@ -168,8 +176,11 @@ def move_any_tangents(p, w, tangents, phase, h, s):
 
 
 @compiled
-def jump_tangents(p, w, tangents):
-    """Saltation of tangent vectors where a mesh force jumps: the other motion jumps later."""
+def jump_tangents(p, w, tangents, moved):
+    """Saltation of tangent vectors where a mesh force jumps: the other motion jumps later.
+
+    ``moved`` is None, or (k, n_mesh) by how much the switches of columns move, in deflection.
+    """
     c = len(p.classes)
     n = 4 * c
     m = 2 + 2 * c
@@ -192,6 +203,8 @@ def jump_tangents(p, w, tangents):
             x = y[side] - r if a < 2 * c else r
             for j in range(s):
                 x += p.own_shift[j, a] * y[2 * m + j]
+            if moved is not None:
+                x -= moved[t, a]
             for k in range(m):
                 y[m + k] += w.push[k] * x
             for j in range(s):
@@ -199,8 +212,8 @@ def jump_tangents(p, w, tangents):
 
 
 @compiled
-def any_step(p, w, y, tangents, phase, cycle, h):
-    """Advance y, and tangents (k, n_state) if any, by h; returns the switches passed."""
+def any_step(p, w, y, tangents, near, phase, cycle, h):
+    """As ``taylor.taylor_step``."""
     m = 2 + 2 * len(p.classes)
     left = h
     at = phase
@@ -226,13 +239,20 @@ def any_step(p, w, y, tangents, phase, cycle, h):
             switches += 1
         else:
             s = 1.0
+        if near is not None:
+            border_sides(p, w)
+            push_columns(near, y, w.force, at, cycle, part, s)
         take_any_state(w, y, m, s)
         meet(p, w, s)
         move_any_tangents(p, w, tangents, at, part, s)
+        if near is not None:
+            move_any_columns(p, w, near, tangents.shape[0] > 0, at, part, s)
         if s == 1.0 and part == left:
             return switches
         if s < 1.0:
             switch(p, w, s)
-            jump_tangents(p, w, tangents)
+            jump_tangents(p, w, tangents, None)
+            if near is not None:
+                jump_tangents(p, w, near.columns, near.moved)
         at += p.Omega * part * s
         left -= part * s

@@ -7,7 +7,8 @@ bit for bit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
 from herringbone_sim.core.packed import TWO_PI, make_work
 from herringbone_sim.core.run import runner
+from herringbone_sim.core.sensitivity import Direction, Directions
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
 
@@ -33,6 +35,7 @@ class State:
         t: simulation time [s].
         tangents: (k, n_state) orthonormal tangent vectors that run along, or none.
         growth: (k,) sums of the logarithms of their growth.
+        columns: (p, n_state) derivatives by the parameters that the stepper was given.
     """
 
     y: Array
@@ -41,6 +44,7 @@ class State:
     t: float
     tangents: Array
     growth: Array
+    columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def phase(self, steps: int) -> float:
         """Mesh phase [rad] within the cycle."""
@@ -75,14 +79,16 @@ class Stepper:
 
     Args:
         model: see ``model.build``.
+        directions: parameters whose columns run along, see ``sensitivity``.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, directions: Sequence[Direction] = ()) -> None:
         layout, s = model.layout, model.scales
         self.model = model
         self._work = make_work(
             layout.n_mesh, layout.n_coordinate, model.parameters.order, model.n_own
         )
+        self._directions = Directions(model, directions) if directions else None
         self._run = runner(model.parameters.method, model.packed.plain)
         force = s.b_c * s.omega_n**2 / s.projection
         self._si = np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta])
@@ -102,7 +108,8 @@ class Stepper:
         n = self.model.n_state
         frame = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0][:tangents]
         y = np.concatenate([initial_state(self.model), np.zeros(2 * self.model.n_own)])
-        return State(y, 0, 0, 0.0, frame.copy(), np.zeros(tangents))
+        columns = np.zeros((len(self._directions.step) if self._directions else 0, n))
+        return State(y, 0, 0, 0.0, frame.copy(), np.zeros(tangents), columns)
 
     def advance(self, state: State, n_samples: int) -> Block:
         """The next samples from a state on, the first one at the state itself.
@@ -115,6 +122,8 @@ class Stepper:
         contact = np.zeros((layout.n_mesh, 3), dtype=np.int64)
         place = np.array([state.cycle, state.index], dtype=np.int64)
         y, tangents, growth = state.y.copy(), state.tangents.copy(), state.growth.copy()
+        along = self._directions
+        near = along.near(self._work, state.y, state.columns) if along else None
         head = np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
         stride = p.steps // p.samples_per_cycle
         t, filled, switches = self._run(
@@ -122,6 +131,7 @@ class Stepper:
             self._work,
             y,
             tangents,
+            near,
             growth,
             place,
             state.t,
@@ -134,7 +144,8 @@ class Stepper:
             rows,
             contact,
         )
-        end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth)
+        columns = along.told(y, near.columns) if along and near else state.columns
+        end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth, columns)
         moved = (end.cycle - state.cycle) * p.steps + end.index - state.index
         at = (state.index // stride + np.arange(filled)) % p.samples_per_cycle
         return Block(

@@ -261,10 +261,10 @@ def right_hand_side(p, w, y, phase, cycle, dy):
 
 
 @compiled
-def rk4_step(p, w, y, tangents, phase, cycle, h):
+def rk4_step(p, w, y, tangents, near, phase, cycle, h):
     """Advance y by h with the classical Runge-Kutta method of order 4, as the paper did.
 
-    It steps over kinks, so there are no switches to return, and leaves tangents alone.
+    It steps over kinks, so there are no switches to return, and leaves tangents and columns alone.
     """
     half = 0.5 * h
     middle = phase + p.Omega * half

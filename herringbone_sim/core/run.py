@@ -72,6 +72,7 @@ def sample(
     w,
     y,
     tangents,
+    near,
     growth,
     place,
     t,
@@ -86,8 +87,8 @@ def sample(
 ):
     """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
 
-    ``step`` is the method. ``place`` is (cycle, index) and moves on. The run stops after the row
-    that is out of range.
+    ``step`` is the method, ``near`` None or the columns that run along, see ``columns.Near``.
+    ``place`` is (cycle, index) and moves on. The run stops after the row that is out of range.
     """
     h = TWO_PI / (p.Omega * steps)
     dt = h / omega_n
@@ -103,7 +104,7 @@ def sample(
             return t, i + 1, switches
         for _ in range(stride):
             phase = TWO_PI * place[1] / steps
-            switches += step(p, w, y, tangents, phase, place[0], h)
+            switches += step(p, w, y, tangents, near, phase, place[0], h)
             t += dt
             place[1] += 1
             if place[1] == steps:
@@ -114,7 +115,7 @@ def sample(
 
 
 @embedded
-def over_cycles(step, p, w, y, tangents, cycle, cycles, steps):
+def over_cycles(step, p, w, y, tangents, near, cycle, cycles, steps):
     """Advance y and tangents (k, n_state) in place over whole mesh cycles; no samples.
 
     Tangents keep their length: those of the unit matrix become the monodromy matrix, transposed.
@@ -123,13 +124,90 @@ def over_cycles(step, p, w, y, tangents, cycle, cycles, steps):
     h = TWO_PI / (p.Omega * steps)
     for c in range(cycle, cycle + cycles):
         for index in range(steps):
-            step(p, w, y, tangents, TWO_PI * index / steps, c, h)
+            step(p, w, y, tangents, near, TWO_PI * index / steps, c, h)
+
+
+@embedded
+def trace(step, p, w, y, tangents, near, place, steps, stride, states, all_tangents, all_columns):
+    """State, tangents and columns at samples ``stride`` steps apart, as they are, into rows.
+
+    Args:
+        place: (cycle, index), moves on.
+        states, all_tangents, all_columns: (n, n_state), (n, k, n_state), (n, p, n_state).
+    """
+    h = TWO_PI / (p.Omega * steps)
+    for i in range(states.shape[0]):
+        states[i] = y
+        all_tangents[i] = tangents
+        if near is not None:
+            all_columns[i] = near.columns
+        for _ in range(stride):
+            step(p, w, y, tangents, near, TWO_PI * place[1] / steps, place[0], h)
+            place[1] += 1
+            if place[1] == steps:
+                place[1] = 0
+                place[0] += 1
 
 
 # Each method is compiled by itself, when it is first used.
 @compiled
+def trace_plain(
+    p, w, y, tangents, near, place, steps, stride, states, all_tangents, all_columns
+):
+    """``trace`` of a gear that is plain."""
+    trace(
+        taylor_step,
+        p,
+        w,
+        y,
+        tangents,
+        near,
+        place,
+        steps,
+        stride,
+        states,
+        all_tangents,
+        all_columns,
+    )
+
+
+@compiled
+def trace_any(p, w, y, tangents, near, place, steps, stride, states, all_tangents, all_columns):
+    """``trace`` of any gear."""
+    trace(
+        any_step,
+        p,
+        w,
+        y,
+        tangents,
+        near,
+        place,
+        steps,
+        stride,
+        states,
+        all_tangents,
+        all_columns,
+    )
+
+
+@compiled
 def run_plain(
-    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+    p,
+    w,
+    y,
+    tangents,
+    near,
+    growth,
+    place,
+    t,
+    omega_n,
+    steps,
+    stride,
+    head,
+    si,
+    carrier,
+    rows,
+    contact,
 ):
     """``sample`` of a gear that is plain, by series."""
     return sample(
@@ -138,6 +216,7 @@ def run_plain(
         w,
         y,
         tangents,
+        near,
         growth,
         place,
         t,
@@ -154,7 +233,22 @@ def run_plain(
 
 @compiled
 def run_any(
-    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+    p,
+    w,
+    y,
+    tangents,
+    near,
+    growth,
+    place,
+    t,
+    omega_n,
+    steps,
+    stride,
+    head,
+    si,
+    carrier,
+    rows,
+    contact,
 ):
     """``sample`` of any gear, by series."""
     return sample(
@@ -163,6 +257,7 @@ def run_any(
         w,
         y,
         tangents,
+        near,
         growth,
         place,
         t,
@@ -179,7 +274,22 @@ def run_any(
 
 @compiled
 def run_rk4(
-    p, w, y, tangents, growth, place, t, omega_n, steps, stride, head, si, carrier, rows, contact
+    p,
+    w,
+    y,
+    tangents,
+    near,
+    growth,
+    place,
+    t,
+    omega_n,
+    steps,
+    stride,
+    head,
+    si,
+    carrier,
+    rows,
+    contact,
 ):
     """``sample`` by the classical Runge-Kutta method."""
     return sample(
@@ -188,6 +298,7 @@ def run_rk4(
         w,
         y,
         tangents,
+        near,
         growth,
         place,
         t,
@@ -203,21 +314,21 @@ def run_rk4(
 
 
 @compiled
-def cross_plain(p, w, y, tangents, cycle, cycles, steps):
+def cross_plain(p, w, y, tangents, near, cycle, cycles, steps):
     """``over_cycles`` of a gear that is plain, by series."""
-    over_cycles(taylor_step, p, w, y, tangents, cycle, cycles, steps)
+    over_cycles(taylor_step, p, w, y, tangents, near, cycle, cycles, steps)
 
 
 @compiled
-def cross_any(p, w, y, tangents, cycle, cycles, steps):
+def cross_any(p, w, y, tangents, near, cycle, cycles, steps):
     """``over_cycles`` of any gear, by series."""
-    over_cycles(any_step, p, w, y, tangents, cycle, cycles, steps)
+    over_cycles(any_step, p, w, y, tangents, near, cycle, cycles, steps)
 
 
 @compiled
-def cross_rk4(p, w, y, tangents, cycle, cycles, steps):
+def cross_rk4(p, w, y, tangents, near, cycle, cycles, steps):
     """``over_cycles`` by the classical Runge-Kutta method."""
-    over_cycles(rk4_step, p, w, y, tangents, cycle, cycles, steps)
+    over_cycles(rk4_step, p, w, y, tangents, near, cycle, cycles, steps)
 
 
 def runner(method: str, plain: bool) -> Any:

@@ -6,6 +6,7 @@ are never stepped over, so the order holds (measured in ``test/test_integrate.py
 
 from __future__ import annotations
 
+from herringbone_sim.core.columns import move_columns
 from herringbone_sim.core.packed import TWO_PI, compiled, inlined
 from herringbone_sim.core.right_hand_side import cycles_to_edge
 from herringbone_sim.core.series import expand_excitation, expand_motion
@@ -61,8 +62,10 @@ def up_to_edge(p, phase, cycle, left):
 
 
 @compiled
-def taylor_step(p, w, y, tangents, phase, cycle, h):
+def taylor_step(p, w, y, tangents, near, phase, cycle, h):
     """Advance y, and tangents (k, n_state) if any, by h; returns the switches passed.
+
+    ``near`` is None, or columns that run along, see ``columns.Near``.
 
     At a switch the force is continuous in the displacement, so the saltation matrix is the
     identity: tangents go through unchanged and see the new stiffness from there on.
@@ -81,6 +84,8 @@ def taylor_step(p, w, y, tangents, phase, cycle, h):
         for m in range(4 * len(p.classes)):
             w.now[m] = w.contact[m]
         s = next_switch(p, w) if switches < MAX_SUBSTEPS else 2.0
+        if near is not None:
+            move_columns(near, y, at, cycle, part, min(s, 1.0))
         if s >= 1.0:
             take_end(w, y)
             move_tangents(p, w, tangents, part, 1.0)

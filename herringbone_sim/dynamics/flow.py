@@ -102,7 +102,7 @@ class GearFlow:
             raise ParameterError("tangents need method: taylor, got rk4: change method")
         y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float)
         first = at * self.cycles
-        self._cross(self.model.packed, self._work, y, tangents, first, self.cycles, p.steps)
+        self._cross(self.model.packed, self._work, y, tangents, None, first, self.cycles, p.steps)
         if not float(np.abs(y).max()) < LIMIT:
             raise DivergenceError(
                 f"the motion left the range of any gear: displacements beyond {LIMIT:g} b_c"

@@ -1,0 +1,141 @@
+"""Derivatives of the state by parameters: what is differentiated, and in which units.
+
+A column is dy/dtheta at the same mesh phase, all else of the parameter set held: y in the units of
+the gear at theta itself (b_c, and b_c omega_n for velocities), as they are in SI where theta moves
+these units. What is not in a column: a start that the parameter moves (columns start at zero
+unless they are given), and the time of a sample, where theta moves the mesh frequency. A
+parameter that moves omega_n, as k_m_sp does, moves the mesh frequency Omega omega_n with it; give
+``omega_n`` to hold it.
+
+The kernel takes constants of theta + eps and theta - eps, see ``columns``. They are brought to the
+length b_c of the gear at theta and to a unit of time in which the mesh frequency is the same:
+then phase and time are one, and a step is as long beside it as in the run. The velocities of a
+column in that unit of time differ from those above by d ln(mesh frequency)/dtheta times v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.columns import Near
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.packed import Packed, Work, make_work
+from herringbone_sim.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A parameter to differentiate by: the gear on both sides of its value.
+
+    Attributes:
+        name: as it is written, for errors.
+        plus, minus: gears of theta + step and theta - step.
+        step: in the unit of theta.
+    """
+
+    name: str
+    plus: Model
+    minus: Model
+    step: float
+
+
+class Directions:
+    """All parameters of one run, for the kernel.
+
+    Args:
+        model: the gear at theta.
+        directions: p of them.
+
+    Raises:
+        ParameterError: gears with other things in them than ``model``, or ``method: rk4``.
+
+    Attributes:
+        packed: (2 p, ...) each field of plus and minus in turn, in the units of ``model``.
+        step: (p,).
+        clock: (p,) d ln(mesh frequency)/dtheta.
+    """
+
+    def __init__(self, model: Model, directions: Sequence[Direction]) -> None:
+        if model.parameters.method == "rk4":
+            raise ParameterError("derivatives need method: taylor, got rk4: change method")
+        pairs = [(one.plus, one.minus) for one in directions]
+        for one, pair in zip(directions, pairs, strict=True):
+            if any(_sizes(near.packed) != _sizes(model.packed) for near in pair):
+                raise ParameterError(
+                    f"no derivative by {one.name}: there the gear gets or loses a harmonic, an "
+                    "event, friction or a coordinate; give it a value away from there"
+                )
+        self._model = model
+        self.gears = [in_units_of(model, near) for pair in pairs for near in pair]
+        self.packed = stacked(self.gears)
+        self.step = np.array([one.step for one in directions])
+        speeds = [[near.scales.omega_n * near.packed.Omega for near in pair] for pair in pairs]
+        self.clock = -np.diff(np.log(speeds), axis=1)[:, 0] / (2.0 * self.step)
+
+    def near(self, work: Work, y: Array, columns: Array) -> Near:
+        """Columns (p, n_state) at a state for the kernel, with the switches of a run's scratch."""
+        layout, n_own = self._model.layout, self._model.n_own
+        order = len(work.k) - 1
+        scratch = make_work(layout.n_mesh, layout.n_coordinate, order, n_own)
+        of_run = work.any
+        n = self._model.n_state
+        inner = columns if len(columns) else np.zeros((len(self.step), n))
+        return Near(
+            packed=self.packed,
+            step=self.step,
+            columns=inner - self.clock[:, None] * self.velocities(y),
+            more=np.zeros((len(self.step), n)),
+            moved=np.zeros((len(self.step), layout.n_mesh)),
+            pair=np.zeros((2, n)),
+            work=scratch._replace(
+                contact=work.now if self._model.packed.plain else work.contact,
+                any=scratch.any._replace(deep=of_run.deep, sign=of_run.sign),
+            ),
+        )
+
+    def told(self, y: Array, columns: Array) -> Array:
+        """Columns (..., p, n_state) of the kernel at states y (..., n_state) as users take them."""
+        whole: Array = columns + self.clock[:, None] * self.velocities(y)[..., None, :]
+        return whole
+
+    def velocities(self, y: Array) -> Array:
+        """Velocities (..., n_state) of states, with zeros in the place of displacements."""
+        m, s = self._model.layout.n_coordinate, self._model.n_own
+        rates: Array = np.array(y, dtype=float)
+        rates[..., :m] = 0.0
+        rates[..., 2 * m : 2 * m + s] = 0.0
+        return rates
+
+
+def _sizes(p: Packed) -> list[object]:
+    """What a kernel can't change under way: how much there is of all, and the frequencies."""
+    sizes = [np.shape(value) for value in p]
+    return [*sizes, p.plain, *p.orders, *p.load_orders, p.control_order]
+
+
+def stacked(gears: Sequence[Packed]) -> Packed:
+    """Packed models of one size with all fields stacked."""
+    fields = {name: np.array([getattr(p, name) for p in gears]) for name in Packed._fields}
+    return Packed(**fields | {"classes": gears[0].classes})
+
+
+def in_units_of(model: Model, near: Model) -> Packed:
+    """Constants of a gear in the length of another and a time in which both mesh as fast."""
+    p = near.packed
+    length = near.scales.b_c / model.scales.b_c
+    time = model.packed.Omega / p.Omega  # of the other's 1 / omega_n
+    lengths = ("e_mean", "e_cos", "e_sin", "d_mean", "d_cos", "d_sin", "window_d", "b")
+    pushes = ("load_q", "load_r", "load_cos", "load_sin", "own_hold", "K")
+    springs = ("stiffness", "k_cos", "k_sin")
+    factors = dict.fromkeys(lengths, length) | dict.fromkeys(pushes, length * time**2)
+    factors |= dict.fromkeys(springs, time**2) | {"damping": time}
+    law = p.law * np.array([length, 1.0, 1.0, 1.0, length])[:, None]
+    seat = p.seat * np.array([1.0 / length, 1.0 / (length * time), length, length])
+    changed = {name: getattr(p, name) * factor for name, factor in factors.items()}
+    return p._replace(**changed, law=law, seat=seat, Omega=model.packed.Omega)
