@@ -7,7 +7,7 @@ same to the bit, alone or among others, in whatever order.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from herringbone_sim.core.lanes.run import run_any_lanes, run_lanes
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.sensitivity import Direction, Directions, lanes_near
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -41,6 +42,8 @@ class Batch:
         contact: (n, n_mesh, 3) share of the time in back contact, separated, in drive contact;
             with method rk4 shares of the samples.
         reasons: n texts, empty where all went well.
+        columns: (n, p, n_state + 2 s) derivatives of ``end`` by parameters, from zero at the
+            start on, see ``sensitivity``.
     """
 
     sections: Array
@@ -51,6 +54,7 @@ class Batch:
     transverse: Array
     contact: Array
     reasons: tuple[str, ...]
+    columns: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,7 @@ def run_batch(
     points: int = 100,
     exponents: bool = False,
     before: Indices | None = None,
+    directions: Sequence[Sequence[Direction]] | None = None,
 ) -> Batch:
     """Run every model for ``transient`` and then ``cycles`` mesh cycles.
 
@@ -89,6 +94,7 @@ def run_batch(
         exponents: whether to carry tangent vectors along.
         before: (n,) mesh cycles that each has run earlier, 0 by default: the control, and effects
             once a revolution, go on from there.
+        directions: n times the same number of parameters, whose columns run along.
 
     Raises:
         ValueError: the models differ in layout, order or method, or the lengths make no sense.
@@ -101,11 +107,16 @@ def run_batch(
     rest = np.zeros((len(models), max(n_all - starts.shape[1], 0)))
     starts = np.nan_to_num(np.concatenate([starts, rest], axis=1))
     found = _empty(len(models), points, layout, n_all)
+    along = None
+    if directions is not None:
+        along = [Directions(*pair) for pair in zip(models, directions, strict=True)]
+        found = replace(found, columns=np.full((len(models), len(directions[0]), n_all), np.nan))
     mirror = layout_mirror(layout)
     alike = np.array(
         [
-            np.array_equal(y[: layout.n_state], y[mirror]) and alike_halves(m)
-            for m, y in zip(models, starts, strict=True)
+            np.array_equal(y[: layout.n_state], y[mirror])
+            and all(alike_halves(one) for one in (m, *(along[i].models() if along else ())))
+            for i, (m, y) in enumerate(zip(models, starts, strict=True))
         ]
     )
     reasons = np.array([""] * len(models), dtype=object)
@@ -117,6 +128,11 @@ def run_batch(
             group = [models[int(i)] for i in chosen]
             run = _run_rk4 if models[0].parameters.method == "rk4" else _run_lanes
             begin = starts[chosen], before[chosen]
+            if along:
+                reasons[chosen] = _run_lanes(
+                    found, chosen, group, begin, sides, length, [along[int(i)] for i in chosen]
+                )
+                continue
             reasons[chosen] = run(found, chosen, group, begin, sides, length)
     return replace(found, reasons=tuple(reasons))
 
@@ -202,11 +218,13 @@ def _run_lanes(
     begin: tuple[Array, Indices],
     sides: int,
     length: _Length,
+    along: Sequence[Directions] = (),
 ) -> list[str]:
     """Values of one kind through the lanes into ``found``; returns their reasons."""
     layout, n, order = models[0].layout, len(models), models[0].parameters.order
     taken = _one_half(layout) if sides == 1 else np.arange(models[0].n_state)
-    shape = shape_of(models)
+    others = [other for one in along for other in one.models()]
+    shape = shape_of([*models, *others])
     table = constants(models, sides, shape)
     size, n_mesh = len(taken), layout.n_mesh // 2 * sides
     starts = np.zeros((n, 1 + length.tangents, size))
@@ -217,15 +235,22 @@ def _run_lanes(
     growth = np.zeros((n, length.batches + 1, length.tangents))
     failed = np.zeros(n, dtype=np.bool_)
     lanes = run_any_lanes if shape.any else run_lanes
+    work = make_work(table, shape, n_mesh, sides, order, length.tangents)
+    near = (
+        lanes_near(along, work, constants(others, sides, shape), taken, begin[0])
+        if along
+        else None
+    )
     lanes(
         ((0,) * sides, (0,) * layout.n_classes),
-        make_work(table, shape, n_mesh, sides, order, length.tangents),
+        work,
+        near,
         1.0 / np.maximum(np.arange(order + 2.0), 1.0),
         table,
         np.array([model.parameters.steps for model in models]),
         starts,
         begin[1],
-        shape.loads > 0 or any(model.packed.K != 0.0 for model in models),
+        shape.loads > 0 or any(model.packed.K != 0.0 for model in [*models, *others]),
         length.transient,
         length.cycles,
         sections,
@@ -237,6 +262,10 @@ def _run_lanes(
     whole = _from_half(layout) if sides == 1 else taken
     found.sections[chosen] = sections[..., whole[: layout.n_state]]
     found.end[chosen] = end[..., whole]
+    if near is not None:
+        for i, one, columns in zip(chosen, along, near.found, strict=True):
+            found.columns[i] = one.told(found.end[i], columns[:, whole])
+        found.columns[chosen[failed]] = np.nan
     _put_exponents(found, chosen, models, growth, length)
     steps = np.array([model.parameters.steps for model in models])
     _put_contact(found.contact, chosen, contact / (steps * length.cycles)[:, None, None], sides)

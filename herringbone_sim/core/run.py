@@ -151,9 +151,7 @@ def trace(step, p, w, y, tangents, near, place, steps, stride, states, all_tange
 
 # Each method is compiled by itself, when it is first used.
 @compiled
-def trace_plain(
-    p, w, y, tangents, near, place, steps, stride, states, all_tangents, all_columns
-):
+def trace_plain(p, w, y, tangents, near, place, steps, stride, states, all_tangents, all_columns):
     """``trace`` of a gear that is plain."""
     trace(
         taylor_step,

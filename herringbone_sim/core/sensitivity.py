@@ -16,12 +16,15 @@ column in that unit of time differ from those above by d ln(mesh frequency)/dthe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.columns import Near
+from herringbone_sim.core.lanes import columns as lane_columns
+from herringbone_sim.core.lanes.packed import Work as LaneWork
+from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import Packed, Work, make_work
 from herringbone_sim.errors import ParameterError
@@ -72,8 +75,8 @@ class Directions:
                     "event, friction or a coordinate; give it a value away from there"
                 )
         self._model = model
-        self.gears = [in_units_of(model, near) for pair in pairs for near in pair]
-        self.packed = stacked(self.gears)
+        self._gears = [in_units_of(model, near) for pair in pairs for near in pair]
+        self.packed = stacked(self._gears)
         self.step = np.array([one.step for one in directions])
         speeds = [[near.scales.omega_n * near.packed.Omega for near in pair] for pair in pairs]
         self.clock = -np.diff(np.log(speeds), axis=1)[:, 0] / (2.0 * self.step)
@@ -98,6 +101,10 @@ class Directions:
                 any=scratch.any._replace(deep=of_run.deep, sign=of_run.sign),
             ),
         )
+
+    def models(self) -> list[Model]:
+        """Neighbours plus and minus of each parameter in turn, with ``packed`` as in the run."""
+        return [replace(self._model, packed=packed) for packed in self._gears]
 
     def told(self, y: Array, columns: Array) -> Array:
         """Columns (..., p, n_state) of the kernel at states y (..., n_state) as users take them."""
@@ -139,3 +146,51 @@ def in_units_of(model: Model, near: Model) -> Packed:
     seat = p.seat * np.array([1.0 / length, 1.0 / (length * time), length, length])
     changed = {name: getattr(p, name) * factor for name, factor in factors.items()}
     return p._replace(**changed, law=law, seat=seat, Omega=model.packed.Omega)
+
+
+def lanes_near(
+    along: Sequence[Directions], work: LaneWork, table: Array, taken: Array, starts: Array
+) -> lane_columns.Near:
+    """Columns of a batch for the lanes, zero at the start.
+
+    Args:
+        along: n of them with p parameters each.
+        work: scratch of the run.
+        table: (2 n p, rows, entries) constants of their neighbours.
+        taken: (size,) indices of the states that are integrated, in those of ``starts``.
+        starts: (n, n_state) of the run.
+    """
+    n, p, size = len(along), len(along[0].step), len(taken)
+    speeds = np.array([one.velocities(y) for one, y in zip(along, starts, strict=True)])[:, taken]
+    clocks = np.array([one.clock for one in along])
+
+    def zeros(*shape: int) -> Array:
+        return np.zeros((*shape, LANES))
+
+    return lane_columns.Near(
+        table=table.reshape(n, 2 * p, *table.shape[1:]),
+        steps=np.array([one.step for one in along])[:, :, None],
+        starts=-clocks[:, :, None] * speeds[:, None, :],
+        found=np.full((n, p, size), np.nan),
+        constants=zeros(2 * p, *table.shape[1:]),
+        step=zeros(p, 1),
+        columns=zeros(p, size),
+        more=zeros(p, size),
+        moved=zeros(p, work.k.shape[1]),
+        pair=zeros(1, size),
+        work=work._replace(
+            **{name: np.zeros_like(getattr(work, name)) for name in OF_NEIGHBOURS},
+            own=work.own._replace(
+                **{
+                    name: np.zeros_like(value)
+                    for name, value in work.own._asdict().items()
+                    if name != "turn"
+                }
+            ),
+        ),
+    )
+
+
+# Scratch that neighbours have for themselves; the rest is that of the run.
+OF_NEIGHBOURS = ("y", "k", "error", "scale", "load", "q", "v", "x", "f", "force", "mesh")
+OF_NEIGHBOURS += ("lane", "bump")

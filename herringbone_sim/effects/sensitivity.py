@@ -158,8 +158,10 @@ def _find_in_effect(actives: list[Active], name: str) -> _Named:
         )
     if not here:
         here = [len(actives)]
-        neutral = [value if p.name in told else zero for p, value, zero in zip(
-            effect.parameters, meant.theta, effect.neutral, strict=True)]
+        neutral = [
+            value if p.name in told else zero
+            for p, value, zero in zip(effect.parameters, meant.theta, effect.neutral, strict=True)
+        ]
         actives.append(meant.with_theta(neutral))
     number, entry = here[0], known.index(wanted)
     actives[number] = _off_neutral(actives[number])

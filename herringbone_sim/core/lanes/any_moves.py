@@ -19,7 +19,9 @@ from herringbone_sim.core.lanes.any_series import (
     law_row,
     shift_row,
     shorten,
+    take_any_state,
 )
+from herringbone_sim.core.lanes.columns import move_any_columns, push_columns
 from herringbone_sim.core.lanes.packed import (
     AT,
     AT_DEPTH,
@@ -159,20 +161,6 @@ def locate(x, w, a, lane):
     w.lane[MOVE, 0, lane] = min(first, w.mesh[AT, a, lane], w.mesh[AT_DEPTH, a, lane])
 
 
-@compiled
-def take_any_state(w, row):
-    """State or tangent vector at the end of each lane's move into ``w.y``."""
-    move, s = load(w.lane, MOVE, 0), w.shape[4]
-    m, last = w.q.shape[1] - s, w.q.shape[0] - 1
-    for k in range(m + s):
-        q, v = load(w.q, last, k), load(w.v, last, k)
-        for i in range(last - 1, -1, -1):
-            q = fma(q, move, load(w.q, i, k))
-            v = fma(v, move, load(w.v, i, k))
-        store(w.y, row, k if k < m else m + k, q)
-        store(w.y, row, m + k if k < m else m + s + k, v)
-
-
 @inlined
 def law_force(w, a, lane, k, x, v):
     """Force of a mesh in one lane by the law in force in its present contact and depth."""
@@ -240,42 +228,48 @@ def switch(w):
 
 
 @compiled
-def jump_tangents(shape, w):
-    """Saltation of tangent vectors where a mesh force jumps, see ``any_step.jump_tangents``."""
+def jump_tangents(shape, w, y, moved):
+    """Saltation of tangent vectors where a mesh force jumps, see ``any_step.jump_tangents``.
+
+    Rows of ``y`` are the state and tangent vectors, or columns where ``moved`` is not None.
+    """
     sides, c, s = len(shape[0]), len(shape[1]), w.shape[4]
     half, m = sides * c, w.q.shape[1] - s
-    for row in range(1, w.y.shape[0]):
-        coupled = row == 1 or sides == 2
+    first = 1 if moved is None else 0
+    for row in range(first, y.shape[0]):
+        coupled = row == 1 or sides == 2 or first == 0
         for lane in range(LANES):
             for a in range(2 * half):
                 jump = w.own.jump[0, a, lane]
                 if jump == 0.0:
                     continue
                 planet = a % half
-                r = w.y[row, sides + planet, lane]
-                x = w.y[row, planet // c, lane] - r if a < half else r
+                r = y[row, sides + planet, lane]
+                x = y[row, planet // c, lane] - r if a < half else r
                 for j in range(s):
                     shift = w.constants[shift_row(w, j), a, lane]
-                    x += shift * w.y[row, 2 * m + j, lane]
+                    x += shift * y[row, 2 * m + j, lane]
+                if moved is not None:
+                    x -= moved[row, a, lane]
                 push = jump * x
                 carrier = push * w.constants[CARRIER, 0, lane] if coupled else 0.0
                 for side in range(sides):
-                    w.y[row, m + side, lane] -= 2.0 * carrier
+                    y[row, m + side, lane] -= 2.0 * carrier
                 for k in range(half):
-                    w.y[row, m + sides + k, lane] -= carrier
+                    y[row, m + sides + k, lane] -= carrier
                 own = push * w.constants[PLANET, planet, lane]
                 if a < half:
-                    w.y[row, m + planet // c, lane] -= push * w.constants[SUN, planet // c, lane]
-                    w.y[row, m + sides + planet, lane] += own
+                    y[row, m + planet // c, lane] -= push * w.constants[SUN, planet // c, lane]
+                    y[row, m + sides + planet, lane] += own
                 else:
-                    w.y[row, m + sides + planet, lane] -= own
+                    y[row, m + sides + planet, lane] -= own
                 for k in range(m + s):
                     at = m + k if k < m else m + s + k
-                    w.y[row, at, lane] -= push * w.constants[coordinate_row(w, 2, k), a, lane]
+                    y[row, at, lane] -= push * w.constants[coordinate_row(w, 2, k), a, lane]
 
 
 @compiled
-def move_any(shape, w, inverse, controlled):
+def move_any(shape, w, near, inverse, controlled):
     """One move of every lane: to the end of its step, an event, or where the series end."""
     stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
@@ -283,9 +277,11 @@ def move_any(shape, w, inverse, controlled):
     expand_any_motion(shape, w, controlled, inverse)
     shorten(w)
     find_events(w)
+    if near is not None:
+        push_columns(shape, w, near, inverse, controlled)
     take_any_state(w, 0)
     meet(w)
-    if w.y.shape[0] > 1:
+    if w.y.shape[0] > 1 or near is not None:
         expand_derivatives(w)
     if w.y.shape[0] > 1:
         expand_any_tangent(shape, w, 1, True, inverse)
@@ -293,6 +289,10 @@ def move_any(shape, w, inverse, controlled):
     if w.y.shape[0] > 2:
         expand_any_tangent(shape, w, 2, False, inverse)
         take_any_state(w, 2)
+    if near is not None:
+        move_any_columns(shape, w, near, inverse)
     count_contact(w)
     if switch(w):
-        jump_tangents(shape, w)
+        jump_tangents(shape, w, w.y, None)
+        if near is not None:
+            jump_tangents(shape, w, near.columns, near.moved)

@@ -18,6 +18,7 @@ from herringbone_sim.core.lanes.packed import (
     LEFT,
     LOAD_Q,
     LOAD_R,
+    MOVE,
     OTHER,
     PLANET,
     POWER,
@@ -411,6 +412,20 @@ def expand_any_tangent(shape, w, row, coupled, inverse):
                 total = fma(load(o.give, r, j), load(w.q, i - r, first + j), total)
             store(o.other_hold, i, j, total)
         push(shape, w, i, o.other, o.other_hold, False, coupled, False, inverse)
+
+
+@compiled
+def take_any_state(w, row):
+    """State or tangent vector at the end of each lane's move into ``w.y``."""
+    move, s = load(w.lane, MOVE, 0), w.shape[4]
+    m, last = w.q.shape[1] - s, w.q.shape[0] - 1
+    for k in range(m + s):
+        q, v = load(w.q, last, k), load(w.v, last, k)
+        for i in range(last - 1, -1, -1):
+            q = fma(q, move, load(w.q, i, k))
+            v = fma(v, move, load(w.v, i, k))
+        store(w.y, row, k if k < m else m + k, q)
+        store(w.y, row, m + k if k < m else m + s + k, v)
 
 
 @compiled

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from herringbone_sim.core.lanes.any_moves import move_any
+from herringbone_sim.core.lanes.columns import move_columns, take_columns, tell_columns
 from herringbone_sim.core.lanes.packed import (
     ANGLE,
     BACK,
@@ -179,6 +180,7 @@ def through_lanes(
     move,
     shape,
     w,
+    near,
     inverse,
     table,
     steps,
@@ -197,6 +199,7 @@ def through_lanes(
 
     Args:
         move: advances every lane to the end of its step, or to what switches before it.
+        near: None, or columns that run along, see ``columns.Near``.
         shape: tuples of zeros, as many as sides and as classes: loops over them are unrolled.
         inverse: (order + 2,) 1 / i.
         table: (n, rows, n_mesh) constants.
@@ -214,6 +217,8 @@ def through_lanes(
     busy = 0
     for lane in range(LANES):
         take_value(w, lane, min(lane, n - 1), table, starts)
+        if near is not None:
+            take_columns(near, lane, min(lane, n - 1))
         lane_steps[lane] = steps[min(lane, n - 1)]
         if queue < n:
             value[lane] = queue
@@ -232,7 +237,7 @@ def through_lanes(
             )
     while busy:
         begin_steps(w, index, lane_steps)
-        move(shape, w, inverse, controlled)
+        move(shape, w, near, inverse, controlled)
         done = load(w.lane, DONE, 0)
         part = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
         reached = done + part * (1.0 - done)
@@ -267,11 +272,15 @@ def through_lanes(
             ):
                 for j in range(end.shape[1]):
                     end[v, j] = w.y[0, j, lane]
+                if near is not None:
+                    tell_columns(near, lane, v)
                 value[lane] = IDLE
                 busy -= 1
                 if queue < n:
                     value[lane] = queue
                     take_value(w, lane, queue, table, starts)
+                    if near is not None:
+                        take_columns(near, lane, queue)
                     lane_steps[lane] = steps[queue]
                     cycle[lane] = 0
                     end_cycle(
@@ -290,12 +299,14 @@ def through_lanes(
 
 
 @inlined
-def move_plain(shape, w, inverse, controlled):
+def move_plain(shape, w, near, inverse, controlled):
     """One move of every lane of gears that are plain: to the end of its step, or a switch."""
     expand_excitation(w, inverse, controlled)
     touch(shape, w)
     expand_motion(shape, w, 0, True, True, controlled, inverse)
     find_moves(w)
+    if near is not None:
+        move_columns(shape, w, near, inverse, controlled)
     take_state(w, 0)
     if w.y.shape[0] > 1:
         expand_motion(shape, w, 1, False, True, controlled, inverse)
@@ -312,6 +323,7 @@ def move_plain(shape, w, inverse, controlled):
 def run_lanes(
     shape,
     w,
+    near,
     inverse,
     table,
     steps,
@@ -331,6 +343,7 @@ def run_lanes(
         move_plain,
         shape,
         w,
+        near,
         inverse,
         table,
         steps,
@@ -351,6 +364,7 @@ def run_lanes(
 def run_any_lanes(
     shape,
     w,
+    near,
     inverse,
     table,
     steps,
@@ -370,6 +384,7 @@ def run_any_lanes(
         move_any,
         shape,
         w,
+        near,
         inverse,
         table,
         steps,

@@ -1,0 +1,193 @@
+"""Columns, the derivatives by parameters, in all lanes: ``core.columns``, all lanes at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from herringbone_sim.core.lanes.any_series import (
+    expand_any_motion,
+    expand_any_tangent,
+    shift_row,
+    take_any_state,
+)
+from herringbone_sim.core.lanes.packed import (
+    ANGLE,
+    BORDER,
+    CONTACT,
+    CONTROL_PHASE,
+    MOVE,
+    NEXT,
+    SWITCHES,
+    Array,
+    Work,
+)
+from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state
+from herringbone_sim.core.lanes.vector import choose, fma, load, splat, store
+from herringbone_sim.core.packed import compiled, inlined
+
+
+class Near(NamedTuple):
+    """Columns of a batch and their neighbours; n values with p columns each."""
+
+    table: Array  # (n, 2 p, rows, entries) constants, plus and minus of each in turn
+    steps: Array  # (n, p, 1) eps
+    starts: Array  # (n, p, n_state)
+    found: Array  # (n, p, n_state) columns at the end
+    constants: Array  # (2 p, rows, entries, LANES) of the values in the lanes
+    step: Array  # (p, 1, LANES)
+    columns: Array  # (p, n_state, LANES), moved in place
+    more: Array  # (p, n_state, LANES) what parameters alone change in a move
+    moved: Array  # (p, n_mesh, LANES) what they move the next switch of each mesh by
+    pair: Array  # (1, n_state, LANES) the neighbour on the side of plus
+    work: Work  # scratch
+
+
+@inlined
+def work_with(w, constants, y):
+    """A scratch with other constants and states."""
+    return Work(
+        constants,
+        y,
+        w.k,
+        w.error,
+        w.scale,
+        w.load,
+        w.q,
+        w.v,
+        w.x,
+        w.f,
+        w.force,
+        w.mesh,
+        w.lane,
+        w.turned,
+        w.bump,
+        w.shape,
+        w.own,
+        w.value,
+        w.place,
+        w.cycle,
+        w.steps,
+    )
+
+
+@compiled
+def take_columns(near, lane, value):
+    """Put a value's columns and the constants of its neighbours into a lane."""
+    for c in range(near.table.shape[1]):
+        for row in range(near.table.shape[2]):
+            for m in range(near.table.shape[3]):
+                near.constants[c, row, m, lane] = near.table[value, c, row, m]
+    for c in range(near.steps.shape[1]):
+        near.step[c, 0, lane] = near.steps[value, c, 0]
+        for j in range(near.starts.shape[2]):
+            near.columns[c, j, lane] = near.starts[value, c, j]
+
+
+@compiled
+def tell_columns(near, lane, value):
+    """Columns of a value that is done."""
+    for c in range(near.columns.shape[0]):
+        for j in range(near.columns.shape[1]):
+            near.found[value, c, j] = near.columns[c, j, lane]
+
+
+@inlined
+def follow(w, near):
+    """Bring the scratch of the neighbours to where the lanes of a run are."""
+    for row in range(w.lane.shape[0]):
+        store(near.work.lane, row, 0, load(w.lane, row, 0))
+    for row in range(w.mesh.shape[0]):
+        for m in range(w.mesh.shape[1]):
+            store(near.work.mesh, row, m, load(w.mesh, row, m))
+    store(near.work.lane, SWITCHES, 0, splat(1.0))  # signs of forces stay as they are
+
+
+@inlined
+def neighbour(w, near, i):
+    """Scratch of neighbour i, with its angle of the control."""
+    other = work_with(near.work, near.constants[i], near.work.y)
+    ahead = load(other.constants, CONTROL_PHASE, 0) - load(w.constants, CONTROL_PHASE, 0)
+    store(other.lane, ANGLE, 0, load(w.lane, ANGLE, 0) + ahead)
+    return other
+
+
+@compiled
+def move_columns(shape, w, near, inverse, controlled):
+    """Advance columns by the move of each lane beside motions that are affine, from ``w.y`` on."""
+    follow(w, near)
+    n = near.columns.shape[1]
+    for c in range(near.columns.shape[0]):
+        eps = load(near.step, c, 0)
+        for which in range(2):
+            other = neighbour(w, near, 2 * c + which)
+            side = eps * splat(1.0 - 2.0 * which)
+            for j in range(n):
+                store(other.y, 0, j, fma(side, load(near.columns, c, j), load(w.y, 0, j)))
+            expand_excitation(other, inverse, controlled)
+            expand_motion(shape, other, 0, True, True, controlled, inverse)
+            take_state(other, 0)
+            for j in range(n):
+                if which == 0:
+                    store(near.pair, 0, j, load(other.y, 0, j))
+                else:
+                    difference = load(near.pair, 0, j) - load(other.y, 0, j)
+                    store(near.columns, c, j, difference / (eps + eps))
+
+
+@compiled
+def push_columns(shape, w, near, inverse, controlled):
+    """What the parameters alone make of the moves, into ``near.more``, and of the switches at
+    their end, into ``near.moved``; see ``core.columns.push_columns``.
+    """
+    follow(w, near)
+    n = near.columns.shape[1]
+    for c in range(near.columns.shape[0]):
+        eps = load(near.step, c, 0)
+        scale = splat(0.5) / eps
+        for which in range(2):
+            other = neighbour(w, near, 2 * c + which)
+            for j in range(n):
+                store(other.y, 0, j, load(w.y, 0, j))
+            expand_excitation(other, inverse, controlled)
+            expand_any_motion(shape, other, controlled, inverse)
+            take_any_state(other, 0)
+            put_moved(w, near, other, c, scale * splat(1.0 - 2.0 * which), which == 0)
+            for j in range(n):
+                if which == 0:
+                    store(near.pair, 0, j, load(other.y, 0, j))
+                else:
+                    difference = load(near.pair, 0, j) - load(other.y, 0, j)
+                    store(near.more, c, j, difference * scale)
+
+
+@compiled
+def put_moved(w, near, other, c, scale, fresh):
+    """Add to ``near.moved`` what one neighbour's errors and borders are at the end of the move."""
+    move = load(w.lane, MOVE, 0)
+    s = w.shape[4]
+    first = w.y.shape[1] - 2 * s
+    for a in range(w.k.shape[1]):
+        level = splat(0.0)
+        for i in range(other.error.shape[0] - 1, -1, -1):
+            level = fma(level, move, load(other.error, i, a))
+        contact = load(w.mesh, CONTACT, a)
+        side = choose(contact == splat(0.0), load(w.mesh, NEXT, a), contact)
+        level = fma(side, load(other.constants, BORDER, a), level)
+        for j in range(s):
+            shift = load(other.constants, shift_row(other, j), a)
+            level = level - shift * load(other.y, 0, first + j)
+        if fresh:
+            store(near.moved, c, a, level * scale)
+        else:
+            store(near.moved, c, a, fma(level, scale, load(near.moved, c, a)))
+
+
+@compiled
+def move_any_columns(shape, w, near, inverse):
+    """Advance columns with the series of the moves, after ``expand_derivatives``."""
+    of_columns = work_with(w, w.constants, near.columns)
+    for c in range(near.columns.shape[0]):
+        expand_any_tangent(shape, of_columns, c, True, inverse)
+        take_any_state(of_columns, c)
+        for j in range(near.columns.shape[1]):
+            store(near.columns, c, j, load(near.columns, c, j) + load(near.more, c, j))
