@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
 from herringbone_sim.core.packed import TWO_PI, make_work
-from herringbone_sim.core.run import runner
+from herringbone_sim.core.run import read_rows, runner, tracer
 from herringbone_sim.core.sensitivity import Direction, Directions
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
@@ -111,6 +111,64 @@ class Stepper:
         columns = np.zeros((len(self._directions.step) if self._directions else 0, n))
         return State(y, 0, 0, 0.0, frame.copy(), np.zeros(tangents), columns)
 
+    def _head(self) -> Array:
+        p = self.model.parameters
+        return np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
+
+    def trace(self, state: State, n_samples: int) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+        """States, tangents and columns at the next samples, the first one at the state itself.
+
+        Returns:
+            (n, n_state), (n, k, n_state) tangents as they have grown, (n, p, n_state), and the
+            place (n, 2) of each sample, its mesh cycle and step, for ``read``.
+        """
+        p, n = self.model.parameters, self.model.n_state
+        stride, along = p.steps // p.samples_per_cycle, self._directions
+        near = along.near(self._work, state.y, state.columns) if along else None
+        states = np.empty((n_samples, n))
+        tangents = np.empty((n_samples, len(state.tangents), n))
+        columns = np.zeros((n_samples, len(near.step) if near else 0, n))
+        place = np.array([state.cycle, state.index], dtype=np.int64)
+        trace = tracer(self.model.packed.plain)
+        y, now = state.y.copy(), state.tangents.copy()
+        trace(
+            self.model.packed,
+            self._work,
+            y,
+            now,
+            near,
+            place,
+            p.steps,
+            stride,
+            states,
+            tangents,
+            columns,
+        )
+        passed = state.index + stride * np.arange(n_samples)
+        places = np.stack([state.cycle + passed // p.steps, passed % p.steps], axis=1)
+        return states, tangents, along.told(states, columns) if along else columns, places
+
+    def read(self, states: Array, places: NDArray[np.int64]) -> Array:
+        """Samples (n, n_channels) of states (n, n_state) at places (n, 2), as in ``Block``.
+
+        The time is counted from mesh cycle 0.
+        """
+        rows = np.empty((len(states), len(self.model.layout.channels)))
+        model, steps = self.model, self.model.parameters.steps
+        read_rows(
+            model.packed,
+            self._work,
+            np.ascontiguousarray(states),
+            places,
+            steps,
+            self._head(),
+            self._si,
+            self._carrier,
+            rows,
+        )
+        rows[:, 0] = rows[:, 1] / (model.packed.Omega * model.scales.omega_n)
+        return rows
+
     def advance(self, state: State, n_samples: int) -> Block:
         """The next samples from a state on, the first one at the state itself.
 
@@ -124,7 +182,6 @@ class Stepper:
         y, tangents, growth = state.y.copy(), state.tangents.copy(), state.growth.copy()
         along = self._directions
         near = along.near(self._work, state.y, state.columns) if along else None
-        head = np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
         stride = p.steps // p.samples_per_cycle
         t, filled, switches = self._run(
             self.model.packed,
@@ -138,7 +195,7 @@ class Stepper:
             self.model.scales.omega_n,
             p.steps,
             stride,
-            head,
+            self._head(),
             self._si,
             self._carrier,
             rows,

@@ -137,10 +137,13 @@ def trace(step, p, w, y, tangents, near, place, steps, stride, states, all_tange
     """
     h = TWO_PI / (p.Omega * steps)
     for i in range(states.shape[0]):
-        states[i] = y
-        all_tangents[i] = tangents
-        if near is not None:
-            all_columns[i] = near.columns
+        for j in range(y.size):
+            states[i, j] = y[j]
+            for k in range(tangents.shape[0]):
+                all_tangents[i, k, j] = tangents[k, j]
+            if near is not None:
+                for k in range(near.columns.shape[0]):
+                    all_columns[i, k, j] = near.columns[k, j]
         for _ in range(stride):
             step(p, w, y, tangents, near, TWO_PI * place[1] / steps, place[0], h)
             place[1] += 1
@@ -329,6 +332,15 @@ def cross_rk4(p, w, y, tangents, near, cycle, cycles, steps):
     over_cycles(rk4_step, p, w, y, tangents, near, cycle, cycles, steps)
 
 
+@compiled
+def read_rows(p, w, states, places, steps, head, si, carrier, rows):
+    """Samples of given states (n, n_state) at places (n, 2), (cycle, index) each, into rows."""
+    for i in range(states.shape[0]):
+        phase = TWO_PI * places[i, 1] / steps
+        mesh_forces(p, w, states[i], phase, places[i, 0])
+        write_row(p, w, states[i], phase, places[i, 0], head, si, carrier, rows[i])
+
+
 def runner(method: str, plain: bool) -> Any:
     """The compiled ``sample`` for a method and a kind of gear."""
     return run_rk4 if method == "rk4" else run_plain if plain else run_any
@@ -337,3 +349,8 @@ def runner(method: str, plain: bool) -> Any:
 def crosser(method: str, plain: bool) -> Any:
     """The compiled ``over_cycles`` for a method and a kind of gear."""
     return cross_rk4 if method == "rk4" else cross_plain if plain else cross_any
+
+
+def tracer(plain: bool) -> Any:
+    """The compiled ``trace`` for a kind of gear."""
+    return trace_plain if plain else trace_any

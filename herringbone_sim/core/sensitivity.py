@@ -75,7 +75,7 @@ class Directions:
                     "event, friction or a coordinate; give it a value away from there"
                 )
         self._model = model
-        self._gears = [in_units_of(model, near) for pair in pairs for near in pair]
+        self._gears = [brought_to(model, near) for pair in pairs for near in pair]
         self.packed = stacked(self._gears)
         self.step = np.array([one.step for one in directions])
         speeds = [[near.scales.omega_n * near.packed.Omega for near in pair] for pair in pairs]
@@ -92,7 +92,7 @@ class Directions:
         return Near(
             packed=self.packed,
             step=self.step,
-            columns=inner - self.clock[:, None] * self.velocities(y),
+            columns=self.asked(y, inner),
             more=np.zeros((len(self.step), n)),
             moved=np.zeros((len(self.step), layout.n_mesh)),
             pair=np.zeros((2, n)),
@@ -106,18 +106,32 @@ class Directions:
         """Neighbours plus and minus of each parameter in turn, with ``packed`` as in the run."""
         return [replace(self._model, packed=packed) for packed in self._gears]
 
-    def told(self, y: Array, columns: Array) -> Array:
-        """Columns (..., p, n_state) of the kernel at states y (..., n_state) as users take them."""
-        whole: Array = columns + self.clock[:, None] * self.velocities(y)[..., None, :]
+    def asked(self, y: Array, columns: Array) -> Array:
+        """Columns (p, n_state) of users at a state y (n_state,) as the kernel takes them."""
+        whole: Array = columns - self.clock[:, None] * velocities(self._model, y)
         return whole
 
-    def velocities(self, y: Array) -> Array:
-        """Velocities (..., n_state) of states, with zeros in the place of displacements."""
-        m, s = self._model.layout.n_coordinate, self._model.n_own
-        rates: Array = np.array(y, dtype=float)
-        rates[..., :m] = 0.0
-        rates[..., 2 * m : 2 * m + s] = 0.0
-        return rates
+    def told(self, y: Array, columns: Array) -> Array:
+        """Columns (..., p, n_state) of the kernel at states (..., n_state) as users take them."""
+        whole: Array = columns + self.clock[:, None] * velocities(self._model, y)[..., None, :]
+        return whole
+
+
+def velocities(model: Model, y: Array) -> Array:
+    """Velocities (..., n_state) of states, with zeros in the place of displacements."""
+    m, s = model.layout.n_coordinate, model.n_own
+    rates: Array = np.array(y, dtype=float)
+    rates[..., :m] = 0.0
+    rates[..., 2 * m : 2 * m + s] = 0.0
+    return rates
+
+
+def in_units_of(other: Model, model: Model, y: Array) -> Array:
+    """States (..., n_state) of a gear in the units of another: the same in SI."""
+    s, o, speeds = model.scales, other.scales, velocities(model, y)
+    length, rate = s.b_c / o.b_c, s.velocity_m_per_s / o.velocity_m_per_s
+    whole: Array = length * (np.asarray(y) - speeds) + rate * speeds
+    return whole
 
 
 def _sizes(p: Packed) -> list[object]:
@@ -132,7 +146,7 @@ def stacked(gears: Sequence[Packed]) -> Packed:
     return Packed(**fields | {"classes": gears[0].classes})
 
 
-def in_units_of(model: Model, near: Model) -> Packed:
+def brought_to(model: Model, near: Model) -> Packed:
     """Constants of a gear in the length of another and a time in which both mesh as fast."""
     p = near.packed
     length = near.scales.b_c / model.scales.b_c
@@ -161,8 +175,7 @@ def lanes_near(
         starts: (n, n_state) of the run.
     """
     n, p, size = len(along), len(along[0].step), len(taken)
-    speeds = np.array([one.velocities(y) for one, y in zip(along, starts, strict=True)])[:, taken]
-    clocks = np.array([one.clock for one in along])
+    at_start = [one.asked(y, np.zeros((p, len(y)))) for one, y in zip(along, starts, strict=True)]
 
     def zeros(*shape: int) -> Array:
         return np.zeros((*shape, LANES))
@@ -170,7 +183,7 @@ def lanes_near(
     return lane_columns.Near(
         table=table.reshape(n, 2 * p, *table.shape[1:]),
         steps=np.array([one.step for one in along])[:, :, None],
-        starts=-clocks[:, :, None] * speeds[:, None, :],
+        starts=np.array(at_start)[:, :, taken],
         found=np.full((n, p, size), np.nan),
         constants=zeros(2 * p, *table.shape[1:]),
         step=zeros(p, 1),

@@ -3,8 +3,8 @@
 A name is that of a parameter of ``core.parameters``, with an entry where it is a list
 (``delta_T``, ``k_factor[2]``), or that of a parameter of an effect,
 ``ID@MESH/PLANET/SIDE:NAME`` (``mean_stiffness@sp:factor``). An effect that the gear does not have
-may be named too: it is put in at a billionth of its size, so that the column tells what it would
-do. Its other values stand before the name, ``profile_error@sp:order=3,cos``; of an effect that the
+may be named too: it is put in at a billionth of its size (a law with a power of the deflection at a
+thousandth), so that the column tells what it would do. Its other values stand before the name, ``profile_error@sp:order=3,cos``; of an effect that the
 gear has they say which one is meant.
 """
 
@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 # About the cube root of the rounding: error of a central difference and of its rounding alike.
 STEP = 1e-5  # of the size of a parameter
 SMALL = 1e-9  # of its size, at which an effect that the gear lacks is put in
+# The same of a law with a power of the deflection: smaller, and the length of the steps no longer
+# sees that its series hold for a shorter time than those of the linear law.
+SMALL_POWER = 1e-3
 NOT_SMOOTH = ("initial_x", "initial_v", "initial_noise", "control_order")
 BALANCES = ("T_2", "omega_n")
 
@@ -67,7 +70,7 @@ def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Directi
     actives = list(acting(model.effects))
     found = [_find(model, actives, name) for name in wanted]
     base = model if actives == list(model.effects) else build_with(parameters, actives)
-    if base.n_own != model.n_own:
+    if base.n_own != model.n_own or not all(np.isfinite(one.value) for one in found):
         raise ParameterError(
             "an effect with coordinates of its own has no derivative at size zero: give the gear "
             "ring_flexibility or bearing_clearance with a size first"
@@ -101,7 +104,7 @@ def _changed(
 def _find(model: Model, actives: list[Active], name: str) -> _Named:
     """Where a name stands; an effect that is not there yet is put behind ``actives``."""
     if ":" in name:
-        return _find_in_effect(actives, name)
+        return _find_in_effect(model, actives, name)
     parts = re.fullmatch(r"\s*(\w+)(?:\[(\d+)\])?\s*", name)
     if parts is None or parts[1] not in names():
         raise ParameterError(
@@ -133,7 +136,7 @@ def _find(model: Model, actives: list[Active], name: str) -> _Named:
     return _Named(name, values[entry], size, field, entry=entry, values=values)
 
 
-def _find_in_effect(actives: list[Active], name: str) -> _Named:
+def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
     head, _, tail = name.partition(":")
     *given, wanted = (part.strip() for part in tail.split(","))
     meant = parse_effect(f"{head}:{','.join(given)}")
@@ -164,18 +167,25 @@ def _find_in_effect(actives: list[Active], name: str) -> _Named:
         ]
         actives.append(meant.with_theta(neutral))
     number, entry = here[0], known.index(wanted)
-    actives[number] = _off_neutral(actives[number])
+    actives[number] = _off_neutral(model, actives[number])
     value, p = actives[number].theta[entry], effect.parameters[entry]
     return _Named(name, value, _size(p, value), effect=number, entry=entry)
 
 
-def _off_neutral(one: Active) -> Active:
-    """The same with what is at its neutral value off it by a billionth of its size.
+def _off_neutral(model: Model, one: Active) -> Active:
+    """The same with what is at its neutral value off it by a little of its size.
 
     There it would be left out, and with it the events, powers or friction that it brings.
     """
-    pairs = zip(one.effect.parameters, one.theta, strict=True)
-    return one.with_theta([v + SMALL * _size(p, v) if v == p.neutral else v for p, v in pairs])
+    parameters = one.effect.parameters
+    if all(v != p.neutral for p, v in zip(parameters, one.theta, strict=True)):
+        return one
+    sized = [p.start if v == p.neutral else v for p, v in zip(parameters, one.theta, strict=True)]
+    law = build_with(model.parameters, [one.with_theta(sized)]).packed.law
+    bends = np.any((law[1] != 1.0) | ((law[2] != 0.0) & (law[3] != 0.0)))
+    small = SMALL_POWER if bends else SMALL
+    pairs = zip(parameters, one.theta, strict=True)
+    return one.with_theta([v + small * _size(p, v) if v == p.neutral else v for p, v in pairs])
 
 
 def _size(p: Parameter, value: float) -> float:
