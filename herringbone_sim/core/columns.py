@@ -11,6 +11,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from herringbone_sim.core.any_motion import (
     expand_any_motion,
     expand_any_tangent,
@@ -20,12 +23,15 @@ from herringbone_sim.core.packed import Array, Packed, Work, compiled, inlined
 from herringbone_sim.core.series import expand_excitation, expand_motion
 from herringbone_sim.core.switching import polynomial
 
+Flags = NDArray[np.bool_]
+
 
 class Near(NamedTuple):
     """Columns of a run and their neighbours; p columns."""
 
     packed: Packed  # every field with a leading axis (2 p,): plus, minus of each in turn
     step: Array  # (p,) eps
+    excites: Flags  # (p,) whether k, e or the loads differ between the neighbours
     columns: Array  # (p, n_state), moved in place
     more: Array  # (p, n_state) what parameters alone change in a part of a step
     moved: Array  # (p, n_mesh) what they move the next switch of each mesh by, in deflection
@@ -91,9 +97,23 @@ def take_pair(near, m, which, s):
         y[2 * m + own + j] = polynomial(w.v, m + j, s)
 
 
+@inlined
+def copy_excitation(run, w):
+    """Series of k, e and the loads from one scratch to another."""
+    for i in range(w.k.shape[0]):
+        for m in range(w.k.shape[1]):
+            w.k[i, m] = run.k[i, m]
+            w.error[i, m] = run.error[i, m]
+        for m in range(w.load.shape[1]):
+            w.load[i, m] = run.load[i, m]
+
+
 @compiled
-def move_columns(near, y, phase, cycle, h, s):
-    """Advance columns by s * h beside a motion that is affine, from the state y on."""
+def move_columns(run, near, y, phase, cycle, h, s):
+    """Advance columns by s * h beside a motion that is affine, from the state y on.
+
+    ``run`` is the scratch of the run, with the series of this step.
+    """
     w = near.work
     for c in range(near.columns.shape[0]):
         eps = near.step[c]
@@ -102,7 +122,10 @@ def move_columns(near, y, phase, cycle, h, s):
             side = eps - 2.0 * which * eps
             for k in range(y.size):
                 w.stage[k] = y[k] + side * near.columns[c, k]
-            expand_excitation(p, w, phase, cycle, h)
+            if near.excites[c]:
+                expand_excitation(p, w, phase, cycle, h)
+            elif which == 0:
+                copy_excitation(run, w)
             expand_motion(p, w, w.stage, h, w.error, w.load, 1.0)
             take_pair(near, 2 + 2 * len(p.classes), which, s)
         for k in range(y.size):

@@ -31,6 +31,11 @@ from herringbone_sim.errors import ParameterError
 
 Array = NDArray[np.float64]
 
+# Constants of the excitation of a motion, errors and loads with it.
+EXCITATION = ("stiffness", "k_cos", "k_sin", "e_mean", "e_cos", "e_sin", "windows", "window_k")
+EXCITATION += ("window_d", "K", "control_q", "control_r", "control_phase", "load_q", "load_r")
+EXCITATION += ("load_cos", "load_sin")
+
 
 @dataclass(frozen=True)
 class Direction:
@@ -62,6 +67,7 @@ class Directions:
         packed: (2 p, ...) each field of plus and minus in turn, in the units of ``model``.
         step: (p,).
         clock: (p,) d ln(mesh frequency)/dtheta.
+        excites: (p,) whether k, e or the loads differ between both sides.
     """
 
     def __init__(self, model: Model, directions: Sequence[Direction]) -> None:
@@ -78,6 +84,12 @@ class Directions:
         self._gears = [brought_to(model, near) for pair in pairs for near in pair]
         self.packed = stacked(self._gears)
         self.step = np.array([one.step for one in directions])
+        self.excites = np.array(
+            [
+                any(not np.array_equal(getattr(a, n), getattr(b, n)) for n in EXCITATION)
+                for a, b in zip(self._gears[::2], self._gears[1::2], strict=True)
+            ]
+        )
         speeds = [[near.scales.omega_n * near.packed.Omega for near in pair] for pair in pairs]
         self.clock = -np.diff(np.log(speeds), axis=1)[:, 0] / (2.0 * self.step)
 
@@ -92,6 +104,7 @@ class Directions:
         return Near(
             packed=self.packed,
             step=self.step,
+            excites=self.excites,
             columns=self.asked(y, inner),
             more=np.zeros((len(self.step), n)),
             moved=np.zeros((len(self.step), layout.n_mesh)),
@@ -187,6 +200,7 @@ def lanes_near(
         found=np.full((n, p, size), np.nan),
         constants=zeros(2 * p, *table.shape[1:]),
         step=zeros(p, 1),
+        excites=np.any([one.excites for one in along], axis=0),
         columns=zeros(p, size),
         more=zeros(p, size),
         moved=zeros(p, work.k.shape[1]),

@@ -85,7 +85,7 @@ def taylor_step(p, w, y, tangents, near, phase, cycle, h):
             w.now[m] = w.contact[m]
         s = next_switch(p, w) if switches < MAX_SUBSTEPS else 2.0
         if near is not None:
-            move_columns(near, y, at, cycle, part, min(s, 1.0))
+            move_columns(w, near, y, at, cycle, part, min(s, 1.0))
         if s >= 1.0:
             take_end(w, y)
             move_tangents(p, w, tangents, part, 1.0)

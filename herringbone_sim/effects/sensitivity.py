@@ -3,9 +3,9 @@
 A name is that of a parameter of ``core.parameters``, with an entry where it is a list
 (``delta_T``, ``k_factor[2]``), or that of a parameter of an effect,
 ``ID@MESH/PLANET/SIDE:NAME`` (``mean_stiffness@sp:factor``). An effect that the gear does not have
-may be named too: it is put in at a billionth of its size (a law with a power of the deflection at a
-thousandth), so that the column tells what it would do. Its other values stand before the name, ``profile_error@sp:order=3,cos``; of an effect that the
-gear has they say which one is meant.
+may be named too: it is put in at a billionth of its size, a law with a power of the deflection at
+a thousandth, so that the column tells what it would do. Its other values stand before the name,
+``profile_error@sp:order=3,cos``; of an effect that the gear has they say which one is meant.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from herringbone_sim.core.columns import Flags
 from herringbone_sim.core.lanes.any_series import (
     expand_any_motion,
     expand_any_tangent,
@@ -35,6 +36,7 @@ class Near(NamedTuple):
     found: Array  # (n, p, n_state) columns at the end
     constants: Array  # (2 p, rows, entries, LANES) of the values in the lanes
     step: Array  # (p, 1, LANES)
+    excites: Flags  # (p,) whether k, e or the loads of any value differ between the neighbours
     columns: Array  # (p, n_state, LANES), moved in place
     more: Array  # (p, n_state, LANES) what parameters alone change in a move
     moved: Array  # (p, n_mesh, LANES) what they move the next switch of each mesh by
@@ -112,6 +114,17 @@ def neighbour(w, near, i):
 
 
 @compiled
+def copy_excitation(run, w):
+    """Series of k, e and the loads from one scratch to another."""
+    for i in range(w.k.shape[0]):
+        for m in range(w.k.shape[1]):
+            store(w.k, i, m, load(run.k, i, m))
+            store(w.error, i, m, load(run.error, i, m))
+        for k in range(w.load.shape[1]):
+            store(w.load, i, k, load(run.load, i, k))
+
+
+@compiled
 def move_columns(shape, w, near, inverse, controlled):
     """Advance columns by the move of each lane beside motions that are affine, from ``w.y`` on."""
     follow(w, near)
@@ -123,7 +136,10 @@ def move_columns(shape, w, near, inverse, controlled):
             side = eps * splat(1.0 - 2.0 * which)
             for j in range(n):
                 store(other.y, 0, j, fma(side, load(near.columns, c, j), load(w.y, 0, j)))
-            expand_excitation(other, inverse, controlled)
+            if near.excites[c]:
+                expand_excitation(other, inverse, controlled)
+            elif which == 0:
+                copy_excitation(w, other)
             expand_motion(shape, other, 0, True, True, controlled, inverse)
             take_state(other, 0)
             for j in range(n):
