@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
 from herringbone_sim.core.packed import TWO_PI, make_work
-from herringbone_sim.core.run import read_rows, runner, tracer
+from herringbone_sim.core.run import read_rows, runner
 from herringbone_sim.core.sensitivity import Direction, Directions
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.core.trace import tracer
 from herringbone_sim.errors import DivergenceError
 
 Array = NDArray[np.float64]

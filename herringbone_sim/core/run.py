@@ -127,70 +127,7 @@ def over_cycles(step, p, w, y, tangents, near, cycle, cycles, steps):
             step(p, w, y, tangents, near, TWO_PI * index / steps, c, h)
 
 
-@embedded
-def trace(step, p, w, y, tangents, near, place, steps, stride, states, all_tangents, all_columns):
-    """State, tangents and columns at samples ``stride`` steps apart, as they are, into rows.
-
-    Args:
-        place: (cycle, index), moves on.
-        states, all_tangents, all_columns: (n, n_state), (n, k, n_state), (n, p, n_state).
-    """
-    h = TWO_PI / (p.Omega * steps)
-    for i in range(states.shape[0]):
-        for j in range(y.size):
-            states[i, j] = y[j]
-            for k in range(tangents.shape[0]):
-                all_tangents[i, k, j] = tangents[k, j]
-            if near is not None:
-                for k in range(near.columns.shape[0]):
-                    all_columns[i, k, j] = near.columns[k, j]
-        for _ in range(stride):
-            step(p, w, y, tangents, near, TWO_PI * place[1] / steps, place[0], h)
-            place[1] += 1
-            if place[1] == steps:
-                place[1] = 0
-                place[0] += 1
-
-
 # Each method is compiled by itself, when it is first used.
-@compiled
-def trace_plain(p, w, y, tangents, near, place, steps, stride, states, all_tangents, all_columns):
-    """``trace`` of a gear that is plain."""
-    trace(
-        taylor_step,
-        p,
-        w,
-        y,
-        tangents,
-        near,
-        place,
-        steps,
-        stride,
-        states,
-        all_tangents,
-        all_columns,
-    )
-
-
-@compiled
-def trace_any(p, w, y, tangents, near, place, steps, stride, states, all_tangents, all_columns):
-    """``trace`` of any gear."""
-    trace(
-        any_step,
-        p,
-        w,
-        y,
-        tangents,
-        near,
-        place,
-        steps,
-        stride,
-        states,
-        all_tangents,
-        all_columns,
-    )
-
-
 @compiled
 def run_plain(
     p,
@@ -349,8 +286,3 @@ def runner(method: str, plain: bool) -> Any:
 def crosser(method: str, plain: bool) -> Any:
     """The compiled ``over_cycles`` for a method and a kind of gear."""
     return cross_rk4 if method == "rk4" else cross_plain if plain else cross_any
-
-
-def tracer(plain: bool) -> Any:
-    """The compiled ``trace`` for a kind of gear."""
-    return trace_plain if plain else trace_any

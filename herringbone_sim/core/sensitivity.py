@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +33,18 @@ from herringbone_sim.errors import ParameterError
 Array = NDArray[np.float64]
 
 # Constants of the excitation of a motion, errors and loads with it.
-EXCITATION = ("stiffness", "k_cos", "k_sin", "e_mean", "e_cos", "e_sin", "windows", "window_k")
-EXCITATION += ("window_d", "K", "control_q", "control_r", "control_phase", "load_q", "load_r")
-EXCITATION += ("load_cos", "load_sin")
+EXCITATION = (
+    *("stiffness", "k_cos", "k_sin", "e_mean", "e_cos", "e_sin"),
+    *("windows", "window_k", "window_d", "load_q", "load_r", "load_cos", "load_sin"),
+    *("K", "control_q", "control_r", "control_phase"),
+)
+
+
+# Scratch that neighbours in lanes have for themselves; the rest is that of the run.
+OF_NEIGHBOURS = (
+    *("y", "k", "error", "scale", "load", "q", "v", "x", "f", "force"),
+    *("mesh", "lane", "bump"),
+)
 
 
 @dataclass(frozen=True)
@@ -155,7 +165,9 @@ def _sizes(p: Packed) -> list[object]:
 
 def stacked(gears: Sequence[Packed]) -> Packed:
     """Packed models of one size with all fields stacked."""
-    fields = {name: np.array([getattr(p, name) for p in gears]) for name in Packed._fields}
+    fields: dict[str, Any] = {
+        name: np.array([getattr(p, name) for p in gears]) for name in Packed._fields
+    }
     return Packed(**fields | {"classes": gears[0].classes})
 
 
@@ -176,7 +188,11 @@ def brought_to(model: Model, near: Model) -> Packed:
 
 
 def lanes_near(
-    along: Sequence[Directions], work: LaneWork, table: Array, taken: Array, starts: Array
+    along: Sequence[Directions],
+    work: LaneWork,
+    table: Array,
+    taken: NDArray[np.int64],
+    starts: Array,
 ) -> lane_columns.Near:
     """Columns of a batch for the lanes, zero at the start.
 
@@ -216,8 +232,3 @@ def lanes_near(
             ),
         ),
     )
-
-
-# Scratch that neighbours have for themselves; the rest is that of the run.
-OF_NEIGHBOURS = ("y", "k", "error", "scale", "load", "q", "v", "x", "f", "force", "mesh")
-OF_NEIGHBOURS += ("lane", "bump")

@@ -80,7 +80,8 @@ class Trajectory:
     def _places_in(self, gear: Model) -> NDArray[np.int64]:
         """The same mesh phases on the grid of another gear, which may have another one."""
         steps, others = self.model.parameters.steps, gear.parameters.steps
-        return self.places * np.array([1, others]) // np.array([1, steps])
+        places: NDArray[np.int64] = self.places * np.array([1, others]) // np.array([1, steps])
+        return places
 
 
 def trajectory(
