@@ -15,6 +15,7 @@ from herringbone_sim.core import orbit
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.lanes import any_moves, any_series
+from herringbone_sim.core.lanes import columns as lane_columns
 from herringbone_sim.core.lanes import extended as lane_extended
 from herringbone_sim.core.lanes import run as lane_run
 from herringbone_sim.core.lanes import series as lane_series
@@ -23,6 +24,8 @@ from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.run import Kernel
 from herringbone_sim.core.switching import leaves_at
 from herringbone_sim.effects.assemble import assemble
+from herringbone_sim.effects.sensitivity import directions
+from herringbone_sim.effects.trajectory import trajectory
 from herringbone_sim.effects.written import read_effects
 
 COARSE = {"delta_T": 90.0, "steps_per_cycle": 4, "samples_per_cycle": 4}
@@ -73,6 +76,12 @@ EFFECT_BATCHES = {
         ("rubs", RUBS),
         ("round", ROUND),
     )
+}
+
+# Gears with columns, and by what: of either kind of kernel, with jumps and own coordinates.
+COLUMN_CASES = {
+    "plain": ("", ["delta_T", "Omega", "k_factor[0]"]),
+    "jumps": (JUMPS, ["b", "bearing_clearance:clearance"]),
 }
 
 POLYNOMIALS = [
@@ -134,7 +143,7 @@ def read_lanes():
     vector = VECTOR | {"store": store, "put": put}
     for module in (
         *(orbit, lane_run, lane_series, lane_switching, lane_extended),
-        *(any_series, any_moves),
+        *(lane_columns, any_series, any_moves),
     ):
         for name in vars(module).keys() & vector.keys():
             setattr(module, name, vector[name])
@@ -154,6 +163,36 @@ def lanes(models_of):
         batch = run_batch(models, None, 1, cycles, cycles, exponents)
         parts = [batch.sections, batch.end, batch.contact, batch.exponents]
         found[f"lanes_{name}"] = np.concatenate([part.ravel() for part in parts])
+    return found
+
+
+def ready_with_columns():
+    """(gear, directions) of every gear with columns, by name."""
+    made = {
+        name: directions(assemble(make(**HOT), read_effects(text)), names)
+        for name, (text, names) in COLUMN_CASES.items()
+    }
+    return {name: (gear, found, COLUMN_CASES[name][1]) for name, (gear, found) in made.items()}
+
+
+def with_columns(cases):
+    """Columns of gears in the stepper, by name; from a state in which meshes lose contact."""
+    found = {}
+    for name, (gear, _, names) in cases.items():
+        y = np.linspace(-0.4, 0.4, gear.n_state)
+        path = trajectory(gear, y, 8, names)
+        found[f"columns_{name}"] = np.concatenate([path.columns.ravel(), path.by_start.ravel()])
+    return found
+
+
+def lanes_with_columns(cases):
+    """Columns of gears in lanes, by name."""
+    found = {}
+    for name, (gear, wanted, _) in cases.items():
+        y = np.linspace(-0.4, 0.4, gear.n_state)
+        found[f"column_lanes_{name}"] = run_batch(
+            [gear], y[None], 0, 1, 1, directions=[wanted]
+        ).columns
     return found
 
 
@@ -242,8 +281,10 @@ def results(cases):
 if __name__ == "__main__":
     cases, batches = ready(), lane_models()
     others, more = ready_with_effects(), batches_with_effects()
+    beside = ready_with_columns()
     read_lanes()
     found = lanes(batches) | lanes_with_effects(more) | with_effects(others)
+    found |= lanes_with_columns(beside) | with_columns(beside)
     # Compiled code calls the C library; NumPy has a cosine of its own on some processors.
     np.cos, np.sin = math.cos, math.sin
     found |= results(cases) | whole_cycles(cases)

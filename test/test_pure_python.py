@@ -32,6 +32,8 @@ def both(tmp_path_factory):
         compiled = interpreted.results(cases) | interpreted.whole_cycles(cases)
         compiled |= interpreted.with_effects(interpreted.ready_with_effects())
         compiled |= interpreted.lanes_with_effects(interpreted.batches_with_effects())
+        beside = interpreted.ready_with_columns()
+        compiled |= interpreted.with_columns(beside) | interpreted.lanes_with_columns(beside)
         return compiled | interpreted.lanes(batches), dict(found)
 
 
@@ -72,3 +74,10 @@ def test_interpreted_and_compiled_effects_agree(both, case):
 def test_interpreted_and_compiled_lanes_with_effects_agree(both, case):
     compiled, read = (found[f"effect_lanes_{case}"] for found in both)
     np.testing.assert_allclose(compiled, read, atol=1e-6)
+
+
+@pytest.mark.parametrize("where", ["columns", "column_lanes"])
+@pytest.mark.parametrize("case", interpreted.COLUMN_CASES)
+def test_interpreted_and_compiled_columns_agree(both, case, where):
+    compiled, read = (found[f"{where}_{case}"] for found in both)
+    assert np.abs(compiled - read).max() < 1e-6 * np.abs(compiled).max()

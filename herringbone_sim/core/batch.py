@@ -7,7 +7,7 @@ same to the bit, alone or among others, in whatever order.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from herringbone_sim.core.lanes.run import run_any_lanes, run_lanes
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.sensitivity import Direction, Directions, near_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -47,6 +48,8 @@ class Batch:
         contact: (n, n_mesh, 3) share of the time in back contact, separated, in drive contact;
             with method rk4 shares of the samples.
         reasons: n texts, empty where all went well.
+        columns: (n, p, n_state + 2 s) derivatives of ``end`` by parameters, from zero at the
+            start on, see ``sensitivity``.
     """
 
     sections: Array
@@ -57,6 +60,7 @@ class Batch:
     transverse: Array
     contact: Array
     reasons: tuple[str, ...]
+    columns: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,7 @@ def run_batch(
     points: int = 100,
     exponents: bool = False,
     before: Indices | None = None,
+    directions: Sequence[Sequence[Direction]] | None = None,
 ) -> Batch:
     """Run every model for ``transient`` and then ``cycles`` mesh cycles.
 
@@ -95,6 +100,7 @@ def run_batch(
         exponents: whether to carry tangent vectors along.
         before: (n,) mesh cycles that each has run earlier, 0 by default: the control, and effects
             once a revolution, go on from there.
+        directions: n times the same number of parameters, whose columns run along.
 
     Raises:
         ValueError: the models differ in layout, order or method, or the lengths make no sense.
@@ -107,13 +113,19 @@ def run_batch(
     rest = np.zeros((len(models), max(n_all - starts.shape[1], 0)))
     starts = np.nan_to_num(np.concatenate([starts, rest], axis=1))
     found = _empty(len(models), points, layout, n_all)
+    along: list[Directions] = []
+    if directions is not None:
+        along = [Directions(*pair) for pair in zip(models, directions, strict=True)]
+        found = replace(found, columns=np.full((len(models), len(directions[0]), n_all), np.nan))
     mirror = state_mirror(models[0]) if len(models) else np.zeros(0, dtype=np.int64)
     alike = np.array(
         [
             np.array_equal(y, y[mirror])
-            and alike_halves(m)
-            and np.array_equal(mirror, state_mirror(m))
-            for m, y in zip(models, starts, strict=True)
+            and all(
+                alike_halves(one) and np.array_equal(mirror, state_mirror(one))
+                for one in (m, *(along[i].models() if along else ()))
+            )
+            for i, (m, y) in enumerate(zip(models, starts, strict=True))
         ]
     )
     reasons = np.array([""] * len(models), dtype=object)
@@ -123,9 +135,12 @@ def run_batch(
         if len(chosen):
             length = _Length(transient, cycles, points, (3 - sides) * exponents)
             group = [models[int(i)] for i in chosen]
-            run = _run_singly if _has_no_lanes(models[0]) else _run_lanes
             begin = starts[chosen], before[chosen]
-            reasons[chosen] = run(found, chosen, group, begin, sides, length)
+            if _has_no_lanes(models[0]):
+                reasons[chosen] = _run_singly(found, chosen, group, begin, sides, length)
+                continue
+            beside = [along[int(i)] for i in chosen] if along else []
+            reasons[chosen] = _run_lanes(found, chosen, group, begin, sides, length, beside)
     return replace(found, reasons=tuple(reasons))
 
 
@@ -226,12 +241,15 @@ def _run_lanes(
     begin: tuple[Array, Indices],
     sides: int,
     length: _Length,
+    along: Sequence[Directions],
 ) -> list[str]:
     """Values of one kind through the lanes into ``found``; returns their reasons."""
     layout, n, order = models[0].layout, len(models), models[0].parameters.order
     taken = _one_half(models[0]) if sides == 1 else np.arange(models[0].n_state)
-    shape = shape_of(models, len(chosen_own(models[0], sides)))
-    table = constants(models, sides, shape)
+    others = [other for one in along for other in one.models()]
+    shape = shape_of([*models, *others], len(chosen_own(models[0], sides)))
+    every = constants([*models, *others], sides, shape)
+    table = np.ascontiguousarray(every[:n])
     size, n_mesh = len(taken), layout.n_mesh // 2 * sides
     starts = np.zeros((n, 1 + length.tangents, size))
     starts[:, 0] = begin[0][:, taken]
@@ -243,15 +261,22 @@ def _run_lanes(
     growth = np.zeros((n, length.batches + 1, length.tangents))
     failed = np.zeros(n, dtype=np.bool_)
     lanes = run_any_lanes if shape.powers else run_lanes
+    work = make_work(every, shape, n_mesh, sides, order, length.tangents)
+    near = None
+    if along:
+        zeros = np.zeros((len(along[0].step), begin[0].shape[1]))
+        inner = [one.asked(y, zeros) for one, y in zip(along, begin[0], strict=True)]
+        near = near_of(along, work, every[n:], np.array(inner)[:, :, taken])
     lanes(
         ((0,) * sides, (0,) * layout.n_classes, (0,) * shape.extended),
-        make_work(table, shape, n_mesh, sides, order, length.tangents),
+        work,
+        near,
         1.0 / np.maximum(np.arange(order + 2.0), 1.0),
         table,
         np.array([model.parameters.steps for model in models]),
         starts,
         begin[1],
-        shape.loads > 0 or any(model.packed.K != 0.0 for model in models),
+        shape.loads > 0 or any(model.packed.K != 0.0 for model in [*models, *others]),
         length.transient,
         length.cycles,
         sections,
@@ -263,6 +288,10 @@ def _run_lanes(
     whole = _from_half(models[0]) if sides == 1 else taken
     found.sections[chosen] = sections[..., whole[: layout.n_state]]
     found.end[chosen] = end[..., whole]
+    if near is not None:
+        for i, one, columns in zip(chosen, along, near.found, strict=True):
+            found.columns[i] = one.told(found.end[i], columns[:, whole])
+        found.columns[chosen[failed]] = np.nan
     _put_exponents(found, chosen, models, growth, length)
     steps = np.array([model.parameters.steps for model in models])
     _put_contact(found.contact, chosen, contact / (steps * length.cycles)[:, None, None], sides)

@@ -7,8 +7,8 @@ bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.run import Kernel
+from herringbone_sim.core.sensitivity import Direction, Directions
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
 
@@ -35,6 +36,7 @@ class State:
         t: simulation time [s].
         tangents: (k, n_state) orthonormal tangent vectors that run along, or none.
         growth: (k,) sums of the logarithms of their growth.
+        columns: (p, n_state) derivatives by the parameters that the stepper was given.
     """
 
     y: Array
@@ -43,6 +45,7 @@ class State:
     t: float
     tangents: Array
     growth: Array
+    columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def phase(self, steps: int) -> float:
         """Mesh phase [rad] within the cycle."""
@@ -81,12 +84,14 @@ class Stepper:
 
     Args:
         model: see ``model.build``.
+        directions: parameters whose columns run along, see ``sensitivity``.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, directions: Sequence[Direction] = ()) -> None:
         s = model.scales
         self.model = model
-        self._kernel = Kernel(model)
+        self._directions = Directions(model, directions) if directions else None
+        self._kernel = Kernel(model, self._directions)
         force = s.b_c * s.omega_n**2 / s.projection
         self._si = np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta])
         self._carrier = carrier_row(model) * s.b_c
@@ -109,7 +114,12 @@ class Stepper:
         n, m = self.model.n_state, self.model.layout.n_state
         frame = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0][:tangents]
         y = np.concatenate([initial_state(self.model), np.zeros(n - m)])
-        return State(y, 0, 0, 0.0, frame.copy(), np.zeros(tangents))
+        columns = np.zeros((len(self._directions.step) if self._directions else 0, n))
+        return State(y, 0, 0, 0.0, frame.copy(), np.zeros(tangents), columns)
+
+    def _head(self) -> Array:
+        p = self.model.parameters
+        return np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
 
     def advance(self, state: State, n_samples: int) -> Block:
         """The next samples from a state on, the first one at the state itself.
@@ -120,9 +130,12 @@ class Stepper:
         rows = np.empty((n_samples, len(self.model.layout.channels)))
         place = np.array([state.cycle, state.index], dtype=np.int64)
         y, tangents, growth = state.y.copy(), state.tangents.copy(), state.growth.copy()
-        t, filled, switches, contact = self._sample(y, tangents, growth, place, state.t, rows)
+        columns = state.columns.copy()
+        t, filled, switches, contact = self._sample(
+            y, tangents, columns, growth, place, state.t, rows
+        )
         stride = p.steps // p.samples_per_cycle
-        end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth)
+        end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth, columns)
         moved = (end.cycle - state.cycle) * p.steps + end.index - state.index
         at = (state.index // stride + np.arange(filled)) % p.samples_per_cycle
         return Block(
@@ -136,14 +149,45 @@ class Stepper:
         )
 
     def _sample(
-        self, y: Array, tangents: Array, growth: Array, place: Indices, t: float, rows: Array
+        self,
+        y: Array,
+        tangents: Array,
+        columns: Array,
+        growth: Array,
+        place: Indices,
+        t: float,
+        rows: Array,
     ) -> tuple[float, int, int, NDArray[Any]]:
         """Fill rows and move all else in place; time, rows filled, switches and contact."""
-        p, layout = self.model.parameters, self.model.layout
-        contact = np.zeros((layout.n_mesh, 3), dtype=np.int64)
-        head = np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
-        rest = head, self._si, self._carrier, rows, contact
-        return (*self._kernel.run(y, tangents, growth, place, t, rest), contact)
+        contact = np.zeros((self.model.layout.n_mesh, 3), dtype=np.int64)
+        rest = self._head(), self._si, self._carrier, rows, contact
+        return (*self._kernel.run(y, tangents, columns, growth, place, t, rest), contact)
+
+    def trace(self, state: State, n_samples: int) -> tuple[Array, Array, Array, Indices]:
+        """States, tangents and columns at the next samples, the first one at the state itself.
+
+        Returns:
+            (n, n_state), (n, k, n_state) tangents as they have grown, (n, p, n_state), and the
+            place (n, 2) of each sample, its mesh cycle and step, for ``read``.
+        """
+        p = self.model.parameters
+        place = np.array([state.cycle, state.index], dtype=np.int64)
+        columns = state.columns
+        if self._directions and not len(columns):
+            columns = np.zeros((len(self._directions.step), len(state.y)))
+        found = self._kernel.trace(state.y, state.tangents, columns, place, n_samples)
+        passed = state.index + p.steps // p.samples_per_cycle * np.arange(n_samples)
+        return *found, np.stack([state.cycle + passed // p.steps, passed % p.steps], axis=1)
+
+    def read(self, states: Array, places: Indices) -> Array:
+        """Samples (n, n_channels) of states (n, n_state) at places (n, 2), as in ``Block``.
+
+        The time is counted from mesh cycle 0.
+        """
+        model = self.model
+        rows = self._kernel.read(states, places, (self._head(), self._si, self._carrier))
+        rows[:, 0] = rows[:, 1] / (model.packed.Omega * model.scales.omega_n)
+        return rows
 
     def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
         """State (n,) and tangents (k, n) after whole mesh cycles, from phase 0 to phase 0.

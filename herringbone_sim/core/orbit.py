@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from herringbone_sim.core.lanes.columns import Near
 from herringbone_sim.core.lanes.packed import (
     DONE,
     MOVE,
@@ -29,6 +31,7 @@ class Orbit(NamedTuple):
     Attributes:
         shape: tuples of zeros, as many as sides and as classes: loops over them are unrolled; one
             more where the gear is ``Packed.extended``.
+        near: None, or the columns that run along, see ``lanes.columns``.
         work: constants and scratch; ``work.y (1 + k, n_state)`` is the state and k tangents.
         inverse: (order + 2,) 1 / i.
         controlled: whether K != 0, or there are further torques.
@@ -36,22 +39,29 @@ class Orbit(NamedTuple):
 
     shape: tuple[tuple[int, ...], ...]
     work: Work
+    near: Near | None
     inverse: Array
     controlled: bool
 
 
-def orbit_of(model: Model, tangents: int) -> Orbit:
-    """Orbit of a model with so many tangent vectors, its state still zero."""
-    p, layout, shape = model.parameters, model.layout, shape_of([model], model.n_own)
-    table = constants([model], 2, shape)
+def orbit_of(model: Model, tangents: int, others: Sequence[Model] = ()) -> Orbit:
+    """Orbit of a model with so many tangent vectors, its state still zero.
+
+    Args:
+        others: gears that there must be room for as well.
+    """
+    p, layout, gears = model.parameters, model.layout, [model, *others]
+    shape = shape_of(gears, model.n_own)
+    table = constants(gears, 2, shape)
     work = make_work(table, shape, layout.n_mesh, 2, p.order, tangents, lanes=())
     work.constants[:] = table[0]
     work.steps[0] = p.steps
     return Orbit(
         ((0,) * 2, (0,) * layout.n_classes, (0,) * shape.extended),
         work,
+        None,
         1.0 / np.maximum(np.arange(p.order + 2.0), 1.0),
-        shape.loads > 0 or model.packed.K != 0.0,
+        shape.loads > 0 or any(gear.packed.K != 0.0 for gear in gears),
     )
 
 
@@ -71,7 +81,7 @@ def grid_step(move, orbit, cycle, index):
     going = True
     while going:
         begin_steps(w, w.place, w.steps)
-        move(orbit.shape, w, orbit.inverse, orbit.controlled)
+        move(orbit.shape, w, orbit.near, orbit.inverse, orbit.controlled)
         done, part = load(w.lane, DONE, 0), load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
         if load(w.lane, MOVE, 0) < 1.0:
             switches += 1

@@ -297,13 +297,17 @@ def _check(name: str, value: Any, about: Meaning) -> None:
             )
 
 
-def _check_lists(p: Parameters) -> None:
+def lengths(p: Parameters) -> dict[str, tuple[int, int]]:
+    """Both lengths that each list which is of meshes, bodies or planets may have."""
     n = p.layout.n_mesh
-    lengths = {"I_s_factor": (1, 2), "I_p_factor": (1, n // 2), "planet_angle": (0, p.n_planets)}
-    lengths |= dict.fromkeys(("control_on", "initial_x", "initial_v"), (1, 4))
+    found = {"I_s_factor": (1, 2), "I_p_factor": (1, n // 2), "planet_angle": (0, p.n_planets)}
+    found |= dict.fromkeys(("control_on", "initial_x", "initial_v"), (1, 4))
     of_meshes = ("k_factor", "phi_a", "e_factor", "e_offset", "phi_b", "mesh_phase")
-    lengths |= dict.fromkeys((*of_meshes, "c_factor", "b_offset"), (1, n))
-    for name, allowed in lengths.items():
+    return found | dict.fromkeys((*of_meshes, "c_factor", "b_offset"), (1, n))
+
+
+def _check_lists(p: Parameters) -> None:
+    for name, allowed in lengths(p).items():
         if len(getattr(p, name)) not in allowed:
             raise ParameterError(
                 f"{name} must have {allowed[0]} or {allowed[1]} values in the {p.model} model, "

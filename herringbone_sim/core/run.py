@@ -14,6 +14,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.orbit import Orbit, grid_step, orbit_of
 from herringbone_sim.core.packed import LIMIT, TWO_PI, compiled, embedded, inlined, make_work
 from herringbone_sim.core.right_hand_side import hide_displacement, mesh_forces, rk4_step
+from herringbone_sim.core.sensitivity import Directions
 
 Array = NDArray[np.float64]
 
@@ -185,21 +186,70 @@ def cross_rk4(kernel, y, cycle, cycles, steps):
     over_cycles(slow_step, kernel, y, cycle, cycles, steps)
 
 
-class Kernel:
-    """The compiled run of one orbit of a model; holds its scratch, nothing of the run."""
+@compiled
+def read_rows(p, w, states, places, steps, head, si, carrier, rows):
+    """Samples of given states (n, n_state) at places (n, 2), (cycle, index) each, into rows."""
+    for i in range(states.shape[0]):
+        phase = TWO_PI * places[i, 1] / steps
+        mesh_forces(p, w, states[i], phase, places[i, 0])
+        write_row(p, w, states[i], phase, places[i, 0], head, si, carrier, rows[i])
 
-    def __init__(self, model: Model) -> None:
-        layout, p = model.layout, model.parameters
+
+@inlined
+def trace(step, orbit, place, steps, stride, states, columns):
+    """State, tangents and columns at samples ``stride`` steps apart, as they are, into rows.
+
+    Args:
+        place: (cycle, index), moves on.
+        states: (n, 1 + k, n_state).
+        columns: (n, p, n_state).
+    """
+    y = orbit.work.y
+    for i in range(states.shape[0]):
+        for row in range(y.shape[0]):
+            for j in range(y.shape[1]):
+                states[i, row, j] = y[row, j]
+        if orbit.near is not None:
+            for row in range(columns.shape[1]):
+                for j in range(y.shape[1]):
+                    columns[i, row, j] = orbit.near.columns[row, j]
+        for _ in range(stride):
+            step(orbit, y[0], place[0], place[1])
+            place[1] += 1
+            if place[1] == steps:
+                place[1] = 0
+                place[0] += 1
+
+
+@compiled
+def trace_plain(*args):
+    """``trace`` of a gear without powers."""
+    trace(plain_step, *args)
+
+
+@compiled
+def trace_any(*args):
+    """``trace`` of a gear with powers."""
+    trace(any_step, *args)
+
+
+class Kernel:
+    """The compiled run of one orbit of a model; holds its scratch, nothing of the run.
+
+    Args:
+        model: see ``model.build``.
+        along: parameters whose columns run along, or None.
+    """
+
+    def __init__(self, model: Model, along: Directions | None = None) -> None:
+        layout = model.layout
         self.model = model
+        self._along = along
         self._scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
-        self._slow = p.method == "rk4"
-        self._run, self._cross = (
-            (run_rk4, cross_rk4)
-            if self._slow
-            else (run_plain, cross_plain)
-            if not model.packed.powers
-            else (run_any, cross_any)
-        )
+        self._slow, powers = model.parameters.method == "rk4", model.packed.powers
+        self._run = run_rk4 if self._slow else run_any if powers else run_plain
+        self._cross = cross_rk4 if self._slow else cross_any if powers else cross_plain
+        self._trace = trace_any if powers else trace_plain
         self._kind = typeof(model.packed)
         self._orbits: dict[int, Orbit] = {}
 
@@ -214,40 +264,48 @@ class Kernel:
         """The compiled function of ``run``, and the type of gear that it is compiled for."""
         return self._run, self._kind
 
-    def _begin(self, y: Array, tangents: Array) -> tuple[Any, Array, Array]:
+    def _begin(
+        self, y: Array, tangents: Array, columns: Array | None = None
+    ) -> tuple[Any, Array, Array]:
         """What the method takes, and the arrays of the state and of its tangents that it moves."""
         if self._slow:
             return (self.model.packed, self._scratch, self.model.parameters.steps), y, tangents
         k = len(tangents)
         if k not in self._orbits:
-            self._orbits[k] = orbit_of(self.model, k)
-        states = self._orbits[k].work.y
+            others = self._along.models() if self._along else []
+            self._orbits[k] = orbit_of(self.model, k, others)
+        orbit = self._orbits[k]
+        states = orbit.work.y
         states[0], states[1:] = y, tangents
-        return self._orbits[k], states[0], states[1:]
+        if self._along and columns is not None:
+            orbit = orbit._replace(near=self._along.near(orbit.work, y, columns))
+        return orbit, states[0], states[1:]
 
     def run(
         self,
         y: Array,
         tangents: Array,
+        columns: Array,
         growth: Array,
         place: NDArray[np.int64],
         t: float,
         rest: tuple[Any, ...],
     ) -> tuple[float, int, int]:
-        """``sample`` from a state on; y, tangents, growth and place move on.
+        """``sample`` from a state on; y, tangents, columns, growth and place move on.
 
         Args:
             rest: of ``sample``, from ``head`` on.
         """
         p, model = self.model.parameters, self.model
-        kernel, states, vectors = self._begin(y, tangents)
+        kernel, states, vectors = self._begin(y, tangents, columns)
         moved = growth, place, t, model.scales.omega_n
         grid = p.steps, p.steps // p.samples_per_cycle
-        found = self._run(
+        time, filled, switches = self._run(
             kernel, model.packed, self._scratch, states, vectors, *moved, *grid, *rest
         )
         y[:], tangents[:] = states, vectors
-        time, filled, switches = found
+        if self._along:
+            columns[:] = self._along.told(y, kernel.near.columns)
         return float(time), int(filled), int(switches)
 
     def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> None:
@@ -255,3 +313,30 @@ class Kernel:
         kernel, states, vectors = self._begin(y, tangents)
         self._cross(kernel, states, cycle, cycles, self.model.parameters.steps)
         y[:], tangents[:] = states, vectors
+
+    def trace(
+        self, y: Array, tangents: Array, columns: Array, place: NDArray[np.int64], n: int
+    ) -> tuple[Array, Array, Array]:
+        """States (n, n_state), tangents (n, k, n_state) and columns (n, p, n_state) at samples."""
+        p = self.model.parameters
+        orbit, _, _ = self._begin(y, tangents, columns)
+        states = np.empty((n, 1 + len(tangents), len(y)))
+        found = np.zeros((n, len(columns), len(y)))
+        self._trace(orbit, place, p.steps, p.steps // p.samples_per_cycle, states, found)
+        if self._along:
+            found = self._along.told(states[:, 0], found)
+        return states[:, 0], states[:, 1:], found
+
+    def read(
+        self, states: Array, places: NDArray[np.int64], rest: tuple[Array, Array, Array]
+    ) -> Array:
+        """Samples (n, n_channels) of states (n, n_state) at places (n, 2), cycle and index.
+
+        Args:
+            rest: head, units and row of the carrier, as of ``sample``.
+        """
+        rows = np.empty((len(states), len(self.model.layout.channels)))
+        states = np.ascontiguousarray(states)
+        gear = self.model.packed, self._scratch
+        read_rows(*gear, states, places, self.model.parameters.steps, *rest, rows)
+        return rows

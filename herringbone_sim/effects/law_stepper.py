@@ -50,6 +50,7 @@ class LawStepper(Stepper):
         p, s, layout = model.parameters, model.scales, model.layout
         self.model = model
         self._entries: dict[Any, Any] = {}
+        self._directions = None
         found = laws(model, model.effects)
         n, n_own = layout.n_mesh, found.n_own
         x, v, scaled = np.zeros((3, n))
@@ -83,7 +84,14 @@ class LawStepper(Stepper):
         return run
 
     def _sample(
-        self, y: Array, tangents: Array, growth: Array, place: Indices, t: float, rows: Array
+        self,
+        y: Array,
+        tangents: Array,
+        columns: Array,
+        growth: Array,
+        place: Indices,
+        t: float,
+        rows: Array,
     ) -> tuple[float, int, int, NDArray[Any]]:
         p = self.model.parameters
         spent = self.gear.r.spent

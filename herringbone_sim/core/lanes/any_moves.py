@@ -13,6 +13,7 @@ from herringbone_sim.core.lanes.any_series import (
     expand_derivatives,
     shorten,
 )
+from herringbone_sim.core.lanes.columns import jump_columns, move_any_columns, push_columns
 from herringbone_sim.core.lanes.extended import (
     ends,
     jump_tangents,
@@ -227,7 +228,7 @@ def switch(w):
 
 
 @compiled
-def move_any(shape, w, inverse, controlled):
+def move_any(shape, w, near, inverse, controlled):
     """One move of every lane: to the end of its step, an event, or where the series end."""
     stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
@@ -236,13 +237,19 @@ def move_any(shape, w, inverse, controlled):
     expand_any_motion(shape, w, controlled, inverse)
     shorten(w)
     find_events(w)
+    if near is not None:
+        push_columns(shape, w, near, inverse, controlled)
     take_state(shape, w, 0)
     meet(w)
-    if w.y.shape[0] > 1:
+    if w.y.shape[0] > 1 or near is not None:
         expand_derivatives(w)
     for row in range(1, w.y.shape[0]):
         expand_any_tangent(shape, w, row, row == 1 or len(shape[0]) == 2, inverse)
         take_state(shape, w, row)
+    if near is not None:
+        move_any_columns(shape, w, near, inverse)
     count_contact(w)
-    if switch(w) and w.y.shape[0] > 1:
+    if switch(w):
         jump_tangents(shape, w)
+        if near is not None:
+            jump_columns(shape, w, near)

@@ -245,56 +245,67 @@ def without_zero(a):
 
 @compiled
 def jump_tangents(shape, w):
-    """Saltation of tangent vectors where a mesh force jumps: the other motion jumps later."""
+    """Saltation of tangent vectors where a mesh force jumps at the end of a move."""
+    for row in range(1, w.y.shape[0]):
+        jump_rows(shape, w, w.y, row, row == 1 or len(shape[0]) == 2, None)
+
+
+@inlined
+def jump_rows(shape, w, y, row, coupled, moved):
+    """Saltation of a row of tangent vectors: the other motion jumps later.
+
+    Args:
+        moved: None, or by row and mesh how far the border of the jump moves with it.
+    """
     sides, c, s = len(shape[0]), len(shape[1]), w.shape[4]
     half = sides * c
     m = sides + half
     place = fma(load(w.lane, MOVE, 0), load(w.lane, TURN, 0), load(w.lane, START, 0))
-    for row in range(1, w.y.shape[0]):
-        coupled = row == 1 or sides == 2
-        for a in range(2 * half):
-            jump = load(w.mesh, JUMP, a)
-            if not bits(without_zero(jump)):
-                continue
-            planet = a % half
-            x = load(w.y, row, sides + planet)
-            if a < half:
-                x = load(w.y, row, planet // c) - x
-            for t in range(w.shifts.shape[0]):
-                if w.shifts[t, 1] == a:
-                    j = w.shifts[t, 0]
-                    shift = load(w.constants, shift_row(w, coupled, j), a)
-                    x = fma(shift, load(w.y, row, 2 * m + j), x)
-            force = jump * x
-            for k in range(m + s + 1):
-                store(w.push, 0, k, 0.0)
-            g = load(w.lane, SIDE, 0) * load(w.mesh, SIGN, a)
-            for t in range(w.pairs.shape[0]):
-                if w.pairs[t, 1] == a:
-                    k = w.pairs[t, 0]
-                    lever = load(w.constants, push_row(w, coupled, 2, k), a)
-                    rub = fma(place, lever, load(w.constants, push_row(w, coupled, 1, k), a))
-                    share = fma(g, rub, load(w.constants, push_row(w, coupled, 0, k), a))
-                    store(w.push, 0, k, share * force)
-            own = force * load(w.constants, PLANET, planet)
-            carrier = load(w.push, 0, m + s)
-            if coupled:
-                carrier = carrier + force * load(w.constants, CARRIER, 0)
-            if a < half:
-                side = planet // c
-                sun = force * load(w.constants, SUN, side)
-                store(w.push, 0, side, load(w.push, 0, side) - sun)
-            else:
-                own = 0.0 - own
-            store(w.push, 0, sides + planet, load(w.push, 0, sides + planet) + own)
-            for k in range(m + s):
-                added = load(w.push, 0, k)
-                if k < m:
-                    added = added - (carrier + carrier if k < sides else carrier)
-                at = m + k if k < m else m + s + k
-                store(w.y, row, at, load(w.y, row, at) + added)
-            for k in range(m + s + 1):
-                store(w.push, 0, k, 0.0)
+    for a in range(2 * half):
+        jump = load(w.mesh, JUMP, a)
+        if not bits(without_zero(jump)):
+            continue
+        planet = a % half
+        x = load(y, row, sides + planet)
+        if a < half:
+            x = load(y, row, planet // c) - x
+        for t in range(w.shifts.shape[0]):
+            if w.shifts[t, 1] == a:
+                j = w.shifts[t, 0]
+                shift = load(w.constants, shift_row(w, coupled, j), a)
+                x = fma(shift, load(y, row, 2 * m + j), x)
+        if moved is not None:
+            x = x - load(moved, row, a)
+        force = jump * x
+        for k in range(m + s + 1):
+            store(w.push, 0, k, 0.0)
+        g = load(w.lane, SIDE, 0) * load(w.mesh, SIGN, a)
+        for t in range(w.pairs.shape[0]):
+            if w.pairs[t, 1] == a:
+                k = w.pairs[t, 0]
+                lever = load(w.constants, push_row(w, coupled, 2, k), a)
+                rub = fma(place, lever, load(w.constants, push_row(w, coupled, 1, k), a))
+                share = fma(g, rub, load(w.constants, push_row(w, coupled, 0, k), a))
+                store(w.push, 0, k, share * force)
+        own = force * load(w.constants, PLANET, planet)
+        carrier = load(w.push, 0, m + s)
+        if coupled:
+            carrier = carrier + force * load(w.constants, CARRIER, 0)
+        if a < half:
+            side = planet // c
+            sun = force * load(w.constants, SUN, side)
+            store(w.push, 0, side, load(w.push, 0, side) - sun)
+        else:
+            own = 0.0 - own
+        store(w.push, 0, sides + planet, load(w.push, 0, sides + planet) + own)
+        for k in range(m + s):
+            added = load(w.push, 0, k)
+            if k < m:
+                added = added - (carrier + carrier if k < sides else carrier)
+            at = m + k if k < m else m + s + k
+            store(y, row, at, load(y, row, at) + added)
+        for k in range(m + s + 1):
+            store(w.push, 0, k, 0.0)
 
 
 @inlined

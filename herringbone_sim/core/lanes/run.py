@@ -9,6 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from herringbone_sim.core.lanes.any_moves import move_any
+from herringbone_sim.core.lanes.columns import (
+    jump_columns,
+    move_columns,
+    take_columns,
+    tell_columns,
+)
 from herringbone_sim.core.lanes.extended import jump_tangents, stop_at_pitch
 from herringbone_sim.core.lanes.packed import (
     ANGLE,
@@ -189,6 +195,7 @@ def through_lanes(
     move,
     shape,
     w,
+    near,
     inverse,
     table,
     steps,
@@ -207,6 +214,7 @@ def through_lanes(
 
     Args:
         move: advances every lane to the end of its step, or to what switches before it.
+        near: None, or columns that run along, see ``columns.Near``.
         shape: tuples of zeros, as many as sides and as classes, and one where a gear is not
             plain: loops over them are unrolled, and plain gears compile without the rest.
         inverse: (order + 2,) 1 / i.
@@ -225,6 +233,8 @@ def through_lanes(
     busy = 0
     for lane in range(n_lanes(w.lane)):
         take_value(w, lane, min(lane, n - 1), table, starts)
+        if near is not None:
+            take_columns(near, lane, min(lane, n - 1))
         lane_steps[lane] = steps[min(lane, n - 1)]
         if queue < n:
             value[lane] = queue
@@ -243,7 +253,7 @@ def through_lanes(
             )
     while busy:
         begin_steps(w, index, lane_steps)
-        move(shape, w, inverse, controlled)
+        move(shape, w, near, inverse, controlled)
         done = load(w.lane, DONE, 0)
         part = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
         reached = done + part * (1.0 - done)
@@ -278,11 +288,15 @@ def through_lanes(
             ):
                 for j in range(end.shape[1]):
                     end[v, j] = get(w.y, 0, j, lane)
+                if near is not None:
+                    tell_columns(near, lane, v)
                 value[lane] = IDLE
                 busy -= 1
                 if queue < n:
                     value[lane] = queue
                     take_value(w, lane, queue, table, starts)
+                    if near is not None:
+                        take_columns(near, lane, queue)
                     lane_steps[lane] = steps[queue]
                     cycle[lane] = 0
                     end_cycle(
@@ -301,7 +315,7 @@ def through_lanes(
 
 
 @inlined
-def move_plain(shape, w, inverse, controlled):
+def move_plain(shape, w, near, inverse, controlled):
     """One move of every lane of gears without powers: to the end of its step, or a switch."""
     if len(shape[2]) > 0:
         stop_at_pitch(w)
@@ -309,13 +323,17 @@ def move_plain(shape, w, inverse, controlled):
     touch(shape, w)
     expand_motion(shape, w, 0, True, True, controlled, inverse)
     find_moves(w)
+    if near is not None:
+        move_columns(shape, w, near, inverse, controlled)
     take_state(shape, w, 0)
     for row in range(1, w.y.shape[0]):
         expand_motion(shape, w, row, False, row == 1 or len(shape[0]) == 2, controlled, inverse)
         take_state(shape, w, row)
     count_contact(w)
-    if switch_contact(shape, w) and len(shape[2]) > 0 and w.y.shape[0] > 1:
+    if switch_contact(shape, w) and len(shape[2]) > 0:
         jump_tangents(shape, w)
+        if near is not None:
+            jump_columns(shape, w, near)
 
 
 # Each kind is compiled by itself, when it is first used.
@@ -323,6 +341,7 @@ def move_plain(shape, w, inverse, controlled):
 def run_lanes(
     shape,
     w,
+    near,
     inverse,
     table,
     steps,
@@ -342,6 +361,7 @@ def run_lanes(
         move_plain,
         shape,
         w,
+        near,
         inverse,
         table,
         steps,
@@ -362,6 +382,7 @@ def run_lanes(
 def run_any_lanes(
     shape,
     w,
+    near,
     inverse,
     table,
     steps,
@@ -381,6 +402,7 @@ def run_any_lanes(
         move_any,
         shape,
         w,
+        near,
         inverse,
         table,
         steps,

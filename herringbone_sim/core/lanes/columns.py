@@ -1,0 +1,239 @@
+"""Derivatives of the state by parameters, as columns that run beside it; the compiled part.
+
+Beside each move go two neighbours of the motion, with the constants of theta + eps and
+theta - eps, in the same contact over the same part of the step: half of their difference over eps
+is the column there. Where the motion is affine between switches the neighbours start from the
+state plus and minus eps times the column. Where it is not they start from the state itself, the
+column moves as a tangent vector does, and the difference is added. Where a force jumps columns
+jump as tangent vectors do, for what theta moves of the place of the jump too. See
+``core.sensitivity``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.lanes.any_series import expand_any_motion, expand_any_tangent
+from herringbone_sim.core.lanes.extended import jump_rows, shift_row
+from herringbone_sim.core.lanes.packed import (
+    ANGLE,
+    BORDER,
+    CONTACT,
+    CONTROL_PHASE,
+    MOVE,
+    NEXT,
+    SWITCHES,
+    Array,
+    Work,
+)
+from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state
+from herringbone_sim.core.lanes.vector import choose, fma, get, load, put, store
+from herringbone_sim.core.packed import compiled, inlined
+
+Flags = NDArray[np.bool_]
+
+
+class Near(NamedTuple):
+    """Columns of a batch and their neighbours; n values with p columns each."""
+
+    table: Array  # (n, 2 p, rows, entries) constants, plus and minus of each in turn
+    steps: Array  # (n, p, 1) eps
+    starts: Array  # (n, p, n_state)
+    found: Array  # (n, p, n_state) columns at the end
+    constants: Array  # (2 p, rows, entries, LANES) of the values in the lanes
+    step: Array  # (p, 1, LANES)
+    excites: Flags  # (p,) whether k, e or the loads of any value differ between the neighbours
+    columns: Array  # (p, n_state, LANES), moved in place
+    more: Array  # (p, n_state, LANES) what parameters alone change in a move
+    moved: Array  # (p, n_mesh, LANES) what they move the next switch of each mesh by
+    pair: Array  # (1, n_state, LANES) the neighbour on the side of plus
+    work: Work  # scratch
+
+
+@inlined
+def work_with(w, constants, y):
+    """A scratch with other constants and states."""
+    return Work(
+        constants,
+        y,
+        w.k,
+        w.error,
+        w.scale,
+        w.load,
+        w.q,
+        w.v,
+        w.x,
+        w.f,
+        w.force,
+        w.forces,
+        w.push,
+        w.mix,
+        w.mesh,
+        w.lane,
+        w.turned,
+        w.bump,
+        w.shape,
+        w.pairs,
+        w.shifts,
+        w.rubs,
+        w.own,
+        w.value,
+        w.place,
+        w.cycle,
+        w.steps,
+    )
+
+
+@compiled
+def take_columns(near, lane, value):
+    """Put a value's columns and the constants of its neighbours into a lane."""
+    for c in range(near.table.shape[1]):
+        for row in range(near.table.shape[2]):
+            for m in range(near.table.shape[3]):
+                put(near.constants, c, row, m, lane, near.table[value, c, row, m])
+    for c in range(near.steps.shape[1]):
+        put(near.step, c, 0, lane, near.steps[value, c, 0])
+        for j in range(near.starts.shape[2]):
+            put(near.columns, c, j, lane, near.starts[value, c, j])
+
+
+@compiled
+def tell_columns(near, lane, value):
+    """Columns of a value that is done."""
+    for c in range(near.columns.shape[0]):
+        for j in range(near.columns.shape[1]):
+            near.found[value, c, j] = get(near.columns, c, j, lane)
+
+
+@inlined
+def follow(w, near):
+    """Bring the scratch of the neighbours to where the lanes of a run are."""
+    for row in range(w.lane.shape[0]):
+        store(near.work.lane, row, 0, load(w.lane, row, 0))
+    for row in range(w.mesh.shape[0]):
+        for m in range(w.mesh.shape[1]):
+            store(near.work.mesh, row, m, load(w.mesh, row, m))
+    store(near.work.lane, SWITCHES, 0, 1.0)  # signs of forces stay as they are
+
+
+@inlined
+def neighbour(w, near, i):
+    """Scratch of neighbour i, with its angle of the control."""
+    other = work_with(near.work, near.constants[i], near.work.y)
+    ahead = load(other.constants, CONTROL_PHASE, 0) - load(w.constants, CONTROL_PHASE, 0)
+    store(other.lane, ANGLE, 0, load(w.lane, ANGLE, 0) + ahead)
+    return other
+
+
+@compiled
+def copy_excitation(run, w):
+    """Series of k, e and the loads from one scratch to another."""
+    for i in range(w.k.shape[0]):
+        for m in range(w.k.shape[1]):
+            store(w.k, i, m, load(run.k, i, m))
+            store(w.error, i, m, load(run.error, i, m))
+        for k in range(w.load.shape[1]):
+            store(w.load, i, k, load(run.load, i, k))
+
+
+@compiled
+def move_columns(shape, w, near, inverse, controlled):
+    """Advance columns by the move of each lane beside motions that are affine, from ``w.y`` on."""
+    follow(w, near)
+    n = near.columns.shape[1]
+    for c in range(near.columns.shape[0]):
+        eps = load(near.step, c, 0)
+        for which in range(2):
+            other = neighbour(w, near, 2 * c + which)
+            side = eps * (1.0 - 2.0 * which)
+            for j in range(n):
+                store(other.y, 0, j, fma(side, load(near.columns, c, j), load(w.y, 0, j)))
+            if near.excites[c]:
+                expand_excitation(other, inverse, controlled)
+            elif which == 0:
+                copy_excitation(w, other)
+            expand_motion(shape, other, 0, True, True, controlled, inverse)
+            take_state(shape, other, 0)
+            if len(shape[2]) > 0:
+                put_moved(w, near, other, c, (0.5 - which) / eps, which == 0)
+            for j in range(n):
+                if which == 0:
+                    store(near.pair, 0, j, load(other.y, 0, j))
+                else:
+                    difference = load(near.pair, 0, j) - load(other.y, 0, j)
+                    store(near.columns, c, j, difference / (eps + eps))
+
+
+@compiled
+def push_columns(shape, w, near, inverse, controlled):
+    """What the parameters alone make of the moves, into ``near.more``, and of the switches at
+    their end, into ``near.moved``.
+    """
+    follow(w, near)
+    n = near.columns.shape[1]
+    for c in range(near.columns.shape[0]):
+        eps = load(near.step, c, 0)
+        scale = 0.5 / eps
+        for which in range(2):
+            other = neighbour(w, near, 2 * c + which)
+            for j in range(n):
+                store(other.y, 0, j, load(w.y, 0, j))
+            expand_excitation(other, inverse, controlled)
+            expand_any_motion(shape, other, controlled, inverse)
+            take_state(shape, other, 0)
+            put_moved(w, near, other, c, scale * (1.0 - 2.0 * which), which == 0)
+            for j in range(n):
+                if which == 0:
+                    store(near.pair, 0, j, load(other.y, 0, j))
+                else:
+                    difference = load(near.pair, 0, j) - load(other.y, 0, j)
+                    store(near.more, c, j, difference * scale)
+
+
+@compiled
+def put_moved(w, near, other, c, scale, fresh):
+    """Add to ``near.moved`` what one neighbour's errors and borders are at the end of the move."""
+    first = w.q.shape[1] - w.shape[4]
+    for a in range(w.k.shape[1]):
+        contact = load(w.mesh, CONTACT, a)
+        side = choose(contact == 0.0, load(w.mesh, NEXT, a), contact)
+        level = fma(side, load(other.constants, BORDER, a), at_move(w, other.error, a))
+        for t in range(w.shifts.shape[0]):
+            if w.shifts[t, 1] == a:
+                j = w.shifts[t, 0]
+                shift = load(other.constants, shift_row(w, True, j), a)
+                level = level - shift * at_move(w, w.q, first + j)
+        if fresh:
+            store(near.moved, c, a, level * scale)
+        else:
+            store(near.moved, c, a, fma(level, scale, load(near.moved, c, a)))
+
+
+@inlined
+def at_move(w, series, a):
+    """Value of column a of a series at the end of each lane's move."""
+    move, value = load(w.lane, MOVE, 0), load(series, series.shape[0] - 1, a)
+    for i in range(series.shape[0] - 2, -1, -1):
+        value = fma(value, move, load(series, i, a))
+    return value
+
+
+@inlined
+def jump_columns(shape, w, near):
+    """Saltation of columns where a mesh force jumps at the end of a move."""
+    for c in range(near.columns.shape[0]):
+        jump_rows(shape, w, near.columns, c, True, near.moved)
+
+
+@compiled
+def move_any_columns(shape, w, near, inverse):
+    """Advance columns with the series of the moves, after ``expand_derivatives``."""
+    of_columns = work_with(w, w.constants, near.columns)
+    for c in range(near.columns.shape[0]):
+        expand_any_tangent(shape, of_columns, c, True, inverse)
+        take_state(shape, of_columns, c)
+        for j in range(near.columns.shape[1]):
+            store(near.columns, c, j, load(near.columns, c, j) + load(near.more, c, j))

@@ -1,0 +1,207 @@
+"""Derivatives of the state by parameters: what is differentiated, and in which units.
+
+A column is dy/dtheta at the same mesh phase, all else of the parameter set held: y in the units of
+the gear at theta itself (b_c, and b_c omega_n for velocities), as they are in SI where theta moves
+these units. What is not in a column: a start that the parameter moves (columns start at zero
+unless they are given), and the time of a sample, where theta moves the mesh frequency. A
+parameter that moves omega_n, as k_m_sp does, moves the mesh frequency Omega omega_n with it; give
+``omega_n`` to hold it.
+
+The kernel takes constants of theta + eps and theta - eps, see ``lanes.columns``. They are brought
+to the length b_c of the gear at theta and to a unit of time in which the mesh frequency is the
+same: then phase and time are one, and a step is as long beside it as in the run. The velocities of a
+column in that unit of time differ from those above by d ln(mesh frequency)/dtheta times v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.lanes.columns import Near
+from herringbone_sim.core.lanes.packed import AnyWork, Shape, Work, constants
+from herringbone_sim.core.lanes.vector import LANES
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.packed import Packed
+from herringbone_sim.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+# Constants of the excitation of a motion, errors and loads with it.
+EXCITATION = (
+    *("stiffness", "k_cos", "k_sin", "e_mean", "e_cos", "e_sin"),
+    *("windows", "window_k", "window_d", "load_q", "load_r", "load_cos", "load_sin"),
+    *("K", "control_q", "control_r", "control_phase"),
+)
+
+
+# Scratch that neighbours in lanes have for themselves; the rest is that of the run.
+OF_NEIGHBOURS = (
+    *("y", "k", "error", "scale", "load", "q", "v", "x", "f", "force"),
+    *("forces", "push", "mix", "mesh", "lane", "bump"),
+)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A parameter to differentiate by: the gear on both sides of its value.
+
+    Attributes:
+        name: as it is written, for errors.
+        plus, minus: gears of theta + step and theta - step.
+        step: in the unit of theta.
+    """
+
+    name: str
+    plus: Model
+    minus: Model
+    step: float
+
+
+class Directions:
+    """All parameters of one run, for the kernel.
+
+    Args:
+        model: the gear at theta.
+        directions: p of them.
+
+    Raises:
+        ParameterError: gears with other things in them than ``model``, or ``method: rk4``.
+
+    Attributes:
+        step: (p,).
+        clock: (p,) d ln(mesh frequency)/dtheta.
+        excites: (p,) whether k, e or the loads differ between both sides.
+    """
+
+    def __init__(self, model: Model, directions: Sequence[Direction]) -> None:
+        if model.parameters.method == "rk4":
+            raise ParameterError("derivatives need method: taylor, got rk4: change method")
+        pairs = [(one.plus, one.minus) for one in directions]
+        for one, pair in zip(directions, pairs, strict=True):
+            if any(_sizes(near.packed) != _sizes(model.packed) for near in pair):
+                raise ParameterError(
+                    f"no derivative by {one.name}: there the gear gets or loses a harmonic, an "
+                    "event, friction or a coordinate; give it a value away from there"
+                )
+        self._model = model
+        self._gears = [brought_to(model, near) for pair in pairs for near in pair]
+        self.step = np.array([one.step for one in directions])
+        self.excites = np.array(
+            [
+                any(not np.array_equal(getattr(a, n), getattr(b, n)) for n in EXCITATION)
+                for a, b in zip(self._gears[::2], self._gears[1::2], strict=True)
+            ]
+        )
+        speeds = [[near.scales.omega_n * near.packed.Omega for near in pair] for pair in pairs]
+        self.clock = -np.diff(np.log(speeds), axis=1)[:, 0] / (2.0 * self.step)
+
+    def near(self, work: Work, y: Array, columns: Array) -> Near:
+        """Columns (p, n_state) at a state for the kernel, with scratch beside that of an orbit."""
+        start = columns if len(columns) else np.zeros((len(self.step), len(y)))
+        models, inner = self.models(), self.asked(y, start)
+        table = constants(models, 2, Shape(*work.shape.tolist()))
+        return near_of([self], work, table, inner[None], lanes=())
+
+    def models(self) -> list[Model]:
+        """Neighbours plus and minus of each parameter in turn, with ``packed`` as in the run."""
+        return [replace(self._model, packed=packed) for packed in self._gears]
+
+    def asked(self, y: Array, columns: Array) -> Array:
+        """Columns (p, n_state) of users at a state y (n_state,) as the kernel takes them."""
+        whole: Array = columns - self.clock[:, None] * velocities(self._model, y)
+        return whole
+
+    def told(self, y: Array, columns: Array) -> Array:
+        """Columns (..., p, n_state) of the kernel at states (..., n_state) as users take them."""
+        whole: Array = columns + self.clock[:, None] * velocities(self._model, y)[..., None, :]
+        return whole
+
+
+def velocities(model: Model, y: Array) -> Array:
+    """Velocities (..., n_state) of states, with zeros in the place of displacements."""
+    m, s = model.layout.n_coordinate, model.n_own
+    rates: Array = np.array(y, dtype=float)
+    rates[..., :m] = 0.0
+    rates[..., 2 * m : 2 * m + s] = 0.0
+    return rates
+
+
+def in_units_of(other: Model, model: Model, y: Array) -> Array:
+    """States (..., n_state) of a gear in the units of another: the same in SI."""
+    s, o, speeds = model.scales, other.scales, velocities(model, y)
+    length, rate = s.b_c / o.b_c, s.velocity_m_per_s / o.velocity_m_per_s
+    whole: Array = length * (np.asarray(y) - speeds) + rate * speeds
+    return whole
+
+
+def _sizes(p: Packed) -> list[object]:
+    """What a kernel can't change under way: how much there is of all, and the frequencies."""
+    sizes = [np.shape(value) for value in p]
+    return [*sizes, p.plain, *p.orders, *p.load_orders, p.control_order]
+
+
+def brought_to(model: Model, near: Model) -> Packed:
+    """Constants of a gear in the length of another and a time in which both mesh as fast."""
+    p = near.packed
+    length = near.scales.b_c / model.scales.b_c
+    time = model.packed.Omega / p.Omega  # of the other's 1 / omega_n
+    lengths = ("e_mean", "e_cos", "e_sin", "d_mean", "d_cos", "d_sin", "window_d", "b")
+    pushes = ("load_q", "load_r", "load_cos", "load_sin", "K")
+    springs = ("stiffness", "k_cos", "k_sin")
+    factors = dict.fromkeys(lengths, length) | dict.fromkeys(pushes, length * time**2)
+    factors |= dict.fromkeys(springs, time**2) | {"damping": time}
+    law = p.law * np.array([length, 1.0, 1.0, 1.0, length])[:, None]
+    seat = p.seat * np.array([1.0 / length, 1.0 / (length * time), length, length])
+    push = p.push.copy()
+    push[..., len(p.stiffness) :] *= length * time**2
+    changed = {name: getattr(p, name) * factor for name, factor in factors.items()}
+    return p._replace(**changed, law=law, seat=seat, push=push, Omega=model.packed.Omega)
+
+
+def near_of(
+    along: Sequence[Directions],
+    work: Work,
+    table: Array,
+    starts: Array,
+    lanes: tuple[int, ...] = (LANES,),
+) -> Near:
+    """Columns of a batch for the kernel.
+
+    Args:
+        along: n of them with p parameters each.
+        work: scratch of the run.
+        table: (2 n p, rows, entries) constants of their neighbours.
+        starts: (n, p, n_state) columns, of ``Directions.asked``, of the states that are
+            integrated.
+        lanes: as of ``lanes.packed.make_work``; of one orbit the columns are at the start.
+    """
+    n, p, size = starts.shape
+    steps = np.array([one.step for one in along])[:, :, None]
+
+    def zeros(*shape: int) -> Array:
+        return np.zeros((*shape, *lanes))
+
+    near = Near(
+        table=table.reshape(n, 2 * p, *table.shape[1:]),
+        steps=steps,
+        starts=starts,
+        found=np.full((n, p, size), np.nan),
+        constants=zeros(2 * p, *table.shape[1:]),
+        step=zeros(p, 1),
+        excites=np.any([one.excites for one in along], axis=0),
+        columns=zeros(p, size),
+        more=zeros(p, size),
+        moved=zeros(p, work.k.shape[1]),
+        pair=zeros(1, size),
+        work=work._replace(
+            **{name: np.zeros_like(getattr(work, name)) for name in OF_NEIGHBOURS},
+            own=AnyWork(*(np.zeros_like(value) for value in work.own)),
+        ),
+    )
+    if not lanes:
+        near.constants[:], near.step[:], near.columns[:] = near.table[0], steps[0], starts[0]
+    return near

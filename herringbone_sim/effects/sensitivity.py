@@ -1,0 +1,194 @@
+"""Derivatives by parameters of the gear and of effects, by name.
+
+A name is that of a parameter of ``core.parameters``, with an entry where it is a list
+(``delta_T``, ``k_factor[2]``), or that of a parameter of an effect,
+``ID@MESH/PLANET/SIDE:NAME`` (``mean_stiffness@sp:factor``). An effect that the gear does not have
+may be named too: it is put in at a billionth of its size, a law with a power of the deflection at
+a thousandth, so that the column tells what it would do. Its other values stand before the name,
+``profile_error@sp:order=3,cos``; of an effect that the gear has they say which one is meant.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.parameters import Parameters, lengths, meaning, names
+from herringbone_sim.core.sensitivity import Direction
+from herringbone_sim.effects.assemble import acting, build_with
+from herringbone_sim.effects.effect import Active, Parameter
+from herringbone_sim.effects.written import parameter_values, parse_effect
+from herringbone_sim.errors import ParameterError, shown
+
+Array = NDArray[np.float64]
+
+# About the cube root of the rounding: error of a central difference and of its rounding alike.
+STEP = 1e-5  # of the size of a parameter
+SMALL = 1e-9  # of its size, at which an effect that the gear lacks is put in
+# The same of a law with a power of the deflection: smaller, and the length of the steps no longer
+# sees that its series hold for a shorter time than those of the linear law.
+SMALL_POWER = 1e-3
+NOT_SMOOTH = ("initial_x", "initial_v", "initial_noise", "control_order")
+BALANCES = ("T_2", "omega_n")
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A parameter by its name: of the gear (``field``) or of an effect (its number, -1 if none).
+
+    Attributes:
+        size: a scale of its value.
+        entry: its place in ``values``, or in theta of the effect.
+        values: all entries of a list, of which it is one; empty where it is a single value.
+    """
+
+    name: str
+    value: float
+    size: float
+    field: str = ""
+    effect: int = -1
+    entry: int = 0
+    values: tuple[float, ...] = ()
+
+
+def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Direction]]:
+    """The gear with all effects that are named in it, and a direction for each name.
+
+    Without a name of an effect that is at its neutral value the gear is ``model`` itself.
+
+    Raises:
+        ParameterError: a name that there is not, or of what has no derivative (a choice, a whole
+            number, a start value, a sensor).
+    """
+    parameters = model.parameters
+    actives = list(acting(model.effects))
+    found = [_find(model, actives, name) for name in wanted]
+    base = model if actives == list(model.effects) else build_with(parameters, actives)
+    if base.n_own != model.n_own or not all(np.isfinite(one.value) for one in found):
+        raise ParameterError(
+            "an effect with coordinates of its own has no derivative at size zero: give the gear "
+            "ring_flexibility or bearing_clearance with a size first"
+        )
+    made = []
+    for one in found:
+        step = STEP * one.size
+        pair = [_changed(parameters, actives, one, one.value + s * step) for s in (1.0, -1.0)]
+        made.append(Direction(one.name, pair[0], pair[1], step))
+    return base, made
+
+
+def _changed(
+    parameters: Parameters, actives: Sequence[Active], one: _Named, value: float
+) -> Model:
+    """The gear with another value of a parameter; beyond its bounds too, by a hair."""
+    if one.effect >= 0:
+        others = list(actives)
+        theta = list(others[one.effect].theta)
+        theta[one.entry] = value
+        others[one.effect] = others[one.effect].with_theta(theta)
+        return build_with(parameters, others)
+    values = list(one.values)
+    if values:
+        values[one.entry] = value
+    moved = copy(parameters)
+    vars(moved)[one.field] = tuple(values) if values else value
+    return build_with(moved, actives)
+
+
+def _find(model: Model, actives: list[Active], name: str) -> _Named:
+    """Where a name stands; an effect that is not there yet is put behind ``actives``."""
+    if ":" in name:
+        return _find_in_effect(model, actives, name)
+    parts = re.fullmatch(r"\s*(\w+)(?:\[(\d+)\])?\s*", name)
+    if parts is None or parts[1] not in names():
+        raise ParameterError(
+            f"no parameter {shown(name)} to differentiate by: write a parameter of the gear "
+            "(delta_T, k_factor[2]) or of an effect (mean_stiffness@sp:factor)"
+        )
+    p, field = model.parameters, parts[1]
+    value = getattr(p, field)
+    if field in NOT_SMOOTH or isinstance(value, (str, int)):
+        raise ParameterError(
+            f"no derivative by {field}: it is a choice, a whole number, a frequency or a start "
+            "value (the start has the tangent vectors)"
+        )
+    if field in BALANCES and value == 0.0:
+        raise ParameterError(f"no derivative by {field}: 0 stands for its rule; give it a value")
+    unit = model.scales.b_c if meaning(field).unit == "m" else 1.0
+    if not isinstance(value, tuple):
+        if parts[2]:
+            raise ParameterError(f"{field} is one number: leave out [{parts[2]}]")
+        return _Named(name, value, abs(value) or unit, field)
+    most = lengths(p).get(field, (0, 0))[1]
+    values = value * most if len(value) == 1 and parts[2] and most else value
+    entry = int(parts[2] or 0)
+    if entry >= len(values) or (not parts[2] and len(values) != 1):
+        raise ParameterError(
+            f"{field} has {len(values)} entries, counted from 0, got {shown(name)}: name one"
+        )
+    size = abs(values[entry]) or unit
+    return _Named(name, values[entry], size, field, entry=entry, values=values)
+
+
+def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
+    head, _, tail = name.partition(":")
+    *given, wanted = (part.strip() for part in tail.split(","))
+    meant = parse_effect(f"{head}:{','.join(given)}")
+    effect, told = meant.effect, [pair.partition("=")[0].strip() for pair in given]
+    known = [p.name for p in effect.parameters]
+    if effect.level == "sensor" or wanted not in known:
+        raise ParameterError(
+            f"no derivative by {shown(name)}: {effect.id} has {', '.join(known)}"
+            + (", and changes no motion" if effect.level == "sensor" else "")
+        )
+    values = parameter_values(meant)
+    here = [
+        i
+        for i, one in enumerate(actives)
+        if (one.effect, one.locus) == (effect, meant.locus)
+        and all(parameter_values(one)[key] == values[key] for key in told)
+    ]
+    if len(here) > 1:
+        raise ParameterError(
+            f"{shown(name)} names {len(here)} effects of the gear: write values that tell them "
+            f"apart before {wanted}"
+        )
+    if not here:
+        here = [len(actives)]
+        neutral = [
+            value if p.name in told else zero
+            for p, value, zero in zip(effect.parameters, meant.theta, effect.neutral, strict=True)
+        ]
+        actives.append(meant.with_theta(neutral))
+    number, entry = here[0], known.index(wanted)
+    actives[number] = _off_neutral(model, actives[number])
+    value, p = actives[number].theta[entry], effect.parameters[entry]
+    return _Named(name, value, _size(p, value), effect=number, entry=entry)
+
+
+def _off_neutral(model: Model, one: Active) -> Active:
+    """The same with what is at its neutral value off it by a little of its size.
+
+    There it would be left out, and with it the events, powers or friction that it brings.
+    """
+    parameters = one.effect.parameters
+    if all(v != p.neutral for p, v in zip(parameters, one.theta, strict=True)):
+        return one
+    sized = [p.start if v == p.neutral else v for p, v in zip(parameters, one.theta, strict=True)]
+    law = build_with(model.parameters, [one.with_theta(sized)]).packed.law
+    bends = np.any((law[1] != 1.0) | ((law[2] != 0.0) & (law[3] != 0.0)))
+    small = SMALL_POWER if bends else SMALL
+    pairs = zip(parameters, one.theta, strict=True)
+    return one.with_theta([v + small * _size(p, v) if v == p.neutral else v for p, v in pairs])
+
+
+def _size(p: Parameter, value: float) -> float:
+    """A scale of a parameter of an effect: how far its start value is from doing nothing."""
+    neutral = 0.0 if p.neutral is None or not np.isfinite(p.neutral) else p.neutral
+    return max(abs(p.start - neutral), abs(value - neutral)) or 1.0

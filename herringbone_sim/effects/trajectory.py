@@ -1,0 +1,115 @@
+"""A stretch of a motion with all its derivatives: what fits by shooting are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.integrate import Stepper
+from herringbone_sim.core.model import Model
+from herringbone_sim.core.sensitivity import Direction, in_units_of
+from herringbone_sim.effects.sensitivity import directions
+
+Array = NDArray[np.float64]
+NUDGE = 1e-6  # of a state, b_c and b_c omega_n, for the derivatives of samples
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Samples of a stretch and their derivatives by its start and by p parameters.
+
+    Attributes:
+        model: the gear, with all effects in it that were named.
+        directions: the parameters.
+        states: (n, n_state) at each sample.
+        transition: (n, n_state, n_state) dy/dy(first sample).
+        columns: (n, p, n_state) dy/dtheta at the same mesh phase, see ``core.sensitivity``.
+        places: (n, 2) mesh cycle and step of each sample.
+    """
+
+    model: Model
+    directions: tuple[Direction, ...]
+    states: Array
+    transition: Array
+    columns: Array
+    places: NDArray[np.int64]
+
+    @cached_property
+    def rows(self) -> Array:
+        """(n, n_channels) samples as ``Layout.channels``, SI units; t from mesh cycle 0 on."""
+        return Stepper(self.model).read(self.states, self.places)
+
+    @cached_property
+    def by_reading(self) -> Array:
+        """(n, n_channels, n_state) derivatives of the samples by the state at the sample."""
+        stepper, n = Stepper(self.model), self.model.n_state
+        moved = NUDGE * np.eye(n)[:, None, :]
+        sides = [
+            [stepper.read(self.states + s * one, self.places) for one in moved] for s in (1, -1)
+        ]
+        found: Array = np.subtract(*np.array(sides)).transpose(1, 2, 0) / (2.0 * NUDGE)
+        return found
+
+    @cached_property
+    def by_start(self) -> Array:
+        """(n, n_channels, n_state) derivatives of the samples by the state at the first one."""
+        found: Array = self.by_reading @ self.transition
+        return found
+
+    @cached_property
+    def by_parameters(self) -> Array:
+        """(n, n_channels, p) derivatives of the samples by the parameters, the start held."""
+        own = [self._direct(one) for one in self.directions]
+        through = self.by_reading @ self.columns.transpose(0, 2, 1)
+        found: Array = through + np.array(own).reshape(-1, *self.rows.shape).transpose(1, 2, 0)
+        return found
+
+    def _direct(self, one: Direction) -> Array:
+        """(n, n_channels) what a parameter does to the samples of the same states in SI."""
+        sides = []
+        for gear in (one.plus, one.minus):
+            states = in_units_of(gear, self.model, self.states)
+            sides.append(Stepper(gear).read(states, self._places_in(gear)))
+        whole: Array = (sides[0] - sides[1]) / (2.0 * one.step)
+        return whole
+
+    def _places_in(self, gear: Model) -> NDArray[np.int64]:
+        """The same mesh phases on the grid of another gear, which may have another one."""
+        steps, others = self.model.parameters.steps, gear.parameters.steps
+        places: NDArray[np.int64] = self.places * np.array([1, others]) // np.array([1, steps])
+        return places
+
+
+def trajectory(
+    model: Model,
+    y: Array,
+    n_samples: int,
+    names: Sequence[str] = (),
+    cycle: int = 0,
+    sample: int = 0,
+) -> Trajectory:
+    """Samples from a state (n_state,) on, with derivatives by it and by parameters by name.
+
+    Args:
+        names: as ``effects.sensitivity`` has them.
+        cycle, sample: mesh cycle, and sample in it, of the state, which is that of the first row.
+
+    Raises:
+        ParameterError: a name that there is not, or ``method: rk4``.
+    """
+    gear, found = directions(model, names)
+    stepper, p = Stepper(gear, found), gear.parameters
+    begin = stepper.start(gear.n_state)
+    now = replace(
+        begin,
+        y=np.array(y, dtype=float),
+        cycle=cycle,
+        index=sample * (p.steps // p.samples_per_cycle),
+        tangents=np.eye(gear.n_state),
+    )
+    states, tangents, columns, places = stepper.trace(now, n_samples)
+    return Trajectory(gear, tuple(found), states, tangents.transpose(0, 2, 1), columns, places)
