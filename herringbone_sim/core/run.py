@@ -70,7 +70,7 @@ def orthonormalise(tangents, growth):
             tangents[i, k] /= norm
 
 
-@inlined
+@embedded
 def sample(
     step,
     kernel,
@@ -151,21 +151,126 @@ def slow_step(kernel, y, cycle, index):
 
 # Each method is compiled by itself, when it is first used.
 @compiled
-def run_plain(*args):
+def run_plain(
+    kernel,
+    p,
+    w,
+    y,
+    tangents,
+    growth,
+    place,
+    t,
+    omega_n,
+    steps,
+    stride,
+    head,
+    si,
+    carrier,
+    rows,
+    contact,
+):
     """``sample`` of a gear without powers, by series."""
-    return sample(plain_step, *args)
+    return sample(
+        plain_step,
+        kernel,
+        p,
+        w,
+        y,
+        tangents,
+        growth,
+        place,
+        t,
+        omega_n,
+        steps,
+        stride,
+        head,
+        si,
+        carrier,
+        rows,
+        contact,
+    )
 
 
 @compiled
-def run_any(*args):
+def run_any(
+    kernel,
+    p,
+    w,
+    y,
+    tangents,
+    growth,
+    place,
+    t,
+    omega_n,
+    steps,
+    stride,
+    head,
+    si,
+    carrier,
+    rows,
+    contact,
+):
     """``sample`` of a gear with powers, by series."""
-    return sample(any_step, *args)
+    return sample(
+        any_step,
+        kernel,
+        p,
+        w,
+        y,
+        tangents,
+        growth,
+        place,
+        t,
+        omega_n,
+        steps,
+        stride,
+        head,
+        si,
+        carrier,
+        rows,
+        contact,
+    )
 
 
 @compiled
-def run_rk4(*args):
+def run_rk4(
+    kernel,
+    p,
+    w,
+    y,
+    tangents,
+    growth,
+    place,
+    t,
+    omega_n,
+    steps,
+    stride,
+    head,
+    si,
+    carrier,
+    rows,
+    contact,
+):
     """``sample`` by the classical Runge-Kutta method."""
-    return sample(slow_step, *args)
+    return sample(
+        slow_step,
+        kernel,
+        p,
+        w,
+        y,
+        tangents,
+        growth,
+        place,
+        t,
+        omega_n,
+        steps,
+        stride,
+        head,
+        si,
+        carrier,
+        rows,
+        contact,
+    )
 
 
 @compiled
@@ -195,7 +300,7 @@ def read_rows(p, w, states, places, steps, head, si, carrier, rows):
         write_row(p, w, states[i], phase, places[i, 0], head, si, carrier, rows[i])
 
 
-@inlined
+@embedded
 def trace(step, orbit, place, steps, stride, states, columns):
     """State, tangents and columns at samples ``stride`` steps apart, as they are, into rows.
 
@@ -222,15 +327,15 @@ def trace(step, orbit, place, steps, stride, states, columns):
 
 
 @compiled
-def trace_plain(*args):
+def trace_plain(orbit, place, steps, stride, states, columns):
     """``trace`` of a gear without powers."""
-    trace(plain_step, *args)
+    trace(plain_step, orbit, place, steps, stride, states, columns)
 
 
 @compiled
-def trace_any(*args):
+def trace_any(orbit, place, steps, stride, states, columns):
     """``trace`` of a gear with powers."""
-    trace(any_step, *args)
+    trace(any_step, orbit, place, steps, stride, states, columns)
 
 
 class Kernel:

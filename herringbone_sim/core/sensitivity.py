@@ -9,8 +9,8 @@ parameter that moves omega_n, as k_m_sp does, moves the mesh frequency Omega ome
 
 The kernel takes constants of theta + eps and theta - eps, see ``lanes.columns``. They are brought
 to the length b_c of the gear at theta and to a unit of time in which the mesh frequency is the
-same: then phase and time are one, and a step is as long beside it as in the run. The velocities of a
-column in that unit of time differ from those above by d ln(mesh frequency)/dtheta times v.
+same: then phase and time are one, and a step is as long beside it as in the run. The velocities
+of a column in that unit of time differ from those above by d ln(mesh frequency)/dtheta times v.
 """
 
 from __future__ import annotations

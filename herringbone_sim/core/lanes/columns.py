@@ -93,7 +93,7 @@ def take_columns(near, lane, value):
     for c in range(near.table.shape[1]):
         for row in range(near.table.shape[2]):
             for m in range(near.table.shape[3]):
-                put(near.constants, c, row, m, lane, near.table[value, c, row, m])
+                put(near.constants[c], row, m, lane, near.table[value, c, row, m])
     for c in range(near.steps.shape[1]):
         put(near.step, c, 0, lane, near.steps[value, c, 0])
         for j in range(near.starts.shape[2]):
