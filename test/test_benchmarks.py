@@ -62,7 +62,7 @@ def test_a_gear_that_the_peers_do_not_know_is_refused():
         problem.constants(make(Omega=0.9))
 
 
-@pytest.mark.parametrize(("name", "within"), [("scipy", 3e-10), ("heyoka", 2e-14)])
+@pytest.mark.parametrize(("name", "within"), [("scipy", 1e-9), ("heyoka", 2e-14)])
 def test_an_independent_method_confirms_the_reference(name, within):
     pytest.importorskip(name)
     peer = importlib.import_module(f"benchmarks.peers.with_{name}")
@@ -93,8 +93,9 @@ def test_a_polynomial_costs_a_product_and_a_sum_a_degree(degree):
     assert done == {"products": degree, "sums": degree}
 
 
-def test_the_product_of_two_series_costs_what_it_does_by_hand():
-    counting.read_vectors()
+def test_the_product_of_two_series_costs_what_it_does_by_hand(monkeypatch):
+    for name in counting.VECTOR.keys() & vars(lane_series).keys():
+        monkeypatch.setattr(lane_series, name, counting.VECTOR[name])
     work = orbit_of(problem.rig(order=2), 0).work
     # Order 2, two meshes: three products, each added.
     assert operations(lambda: lane_series.cauchy.py_func(work, 2, 0)) == 2 * 3 * 2

@@ -215,7 +215,8 @@ def test_the_page_of_the_docs_names_every_effect_and_its_example_runs(
     page = (Path(__file__).parents[1] / "docs" / "effects.md").read_text(encoding="utf-8")
     assert all(f"`{name}`" in page for name in CATALOGUE)
     file = tmp_path / "thermal_damping.py"
-    file.write_text(page.split("```python\n")[2].split("```")[0], encoding="utf-8")
+    blocks = [text.split("```")[0] for text in page.split("```python\n")[1:]]
+    file.write_text(next(text for text in blocks if "EFFECT =" in text), encoding="utf-8")
     monkeypatch.setenv(VARIABLE, str(file))
     oil = active(effect("thermal_damping"), Locus("sp"), {"rate": -0.004})
     less = forces(rig, [oil], moved) - forces(rig, [], moved)

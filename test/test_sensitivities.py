@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -259,3 +261,12 @@ def test_derivatives_need_series():
     model = make(method="rk4")
     with pytest.raises(ParameterError, match="method: taylor"):
         Stepper(model, directions(model, ["xi"])[1])
+
+
+def test_the_example_of_the_docs_runs() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "effects.md").read_text(encoding="utf-8")
+    blocks = [text.split("```")[0] for text in page.split("```python\n")[1:]]
+    names: dict[str, Any] = {}
+    exec(next(text for text in blocks if "trajectory(" in text), names)
+    assert names["path"].columns.shape == (24, 4, names["model"].n_state)
+    assert np.abs(names["path"].columns[-1]).max(axis=1).min() > 0.0

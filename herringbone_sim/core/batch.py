@@ -20,7 +20,7 @@ from herringbone_sim.core.lanes.packed import (
     own_mirror,
     shape_of,
 )
-from herringbone_sim.core.lanes.run import run_any_lanes, run_lanes
+from herringbone_sim.core.lanes.run import Results, Values, run_any_lanes, run_lanes
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
@@ -267,23 +267,18 @@ def _run_lanes(
         zeros = np.zeros((len(along[0].step), begin[0].shape[1]))
         inner = [one.asked(y, zeros) for one, y in zip(along, begin[0], strict=True)]
         near = near_of(along, work, every[n:], np.array(inner)[:, :, taken])
+    values = Values(
+        table, np.array([model.parameters.steps for model in models]), starts, begin[1]
+    )
     lanes(
         ((0,) * sides, (0,) * layout.n_classes, (0,) * shape.extended),
         work,
         near,
         1.0 / np.maximum(np.arange(order + 2.0), 1.0),
-        table,
-        np.array([model.parameters.steps for model in models]),
-        starts,
-        begin[1],
         shape.loads > 0 or any(model.packed.K != 0.0 for model in [*models, *others]),
-        length.transient,
-        length.cycles,
-        sections,
-        end,
-        growth,
-        contact,
-        failed,
+        values,
+        (length.transient, length.cycles),
+        Results(sections, end, growth, contact, failed),
     )
     whole = _from_half(models[0]) if sides == 1 else taken
     found.sections[chosen] = sections[..., whole[: layout.n_state]]
@@ -293,8 +288,9 @@ def _run_lanes(
             found.columns[i] = one.told(found.end[i], columns[:, whole])
         found.columns[chosen[failed]] = np.nan
     _put_exponents(found, chosen, models, growth, length)
-    steps = np.array([model.parameters.steps for model in models])
-    _put_contact(found.contact, chosen, contact / (steps * length.cycles)[:, None, None], sides)
+    _put_contact(
+        found.contact, chosen, contact / (values.steps * length.cycles)[:, None, None], sides
+    )
     for name in ("exponents", "exponent_errors", "within", "transverse", "contact"):
         getattr(found, name)[chosen[failed]] = np.nan
     found.sections[chosen[failed]], found.end[chosen[failed]] = np.nan, np.nan

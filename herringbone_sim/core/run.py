@@ -71,30 +71,19 @@ def orthonormalise(tangents, growth):
 
 
 @embedded
-def sample(
-    step,
-    kernel,
-    p,
-    w,
-    y,
-    tangents,
-    growth,
-    place,
-    t,
-    omega_n,
-    steps,
-    stride,
-    head,
-    si,
-    carrier,
-    rows,
-    contact,
-):
+def sample(step, kernel, p, w, y, tangents, growth, place, t, grid, out):
     """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
 
-    ``step(kernel, y, cycle, index)`` is the method. ``place`` is (cycle, index) and
-    moves on. The run stops after the row that is out of range.
+    The run stops after the row that is out of range.
+
+    Args:
+        step: the method, ``step(kernel, y, cycle, index)`` advances y by a step of the grid.
+        place: (cycle, index), moves on.
+        grid: omega_n, steps a mesh cycle, ``stride``.
+        out: head, units and row of the carrier, as of ``write_row``; rows; contact (n_mesh, 3).
     """
+    omega_n, steps, stride = grid
+    head, si, carrier, rows, contact = out
     dt = TWO_PI / (p.Omega * steps) / omega_n
     switches = 0
     for i in range(rows.shape[0]):
@@ -151,126 +140,21 @@ def slow_step(kernel, y, cycle, index):
 
 # Each method is compiled by itself, when it is first used.
 @compiled
-def run_plain(
-    kernel,
-    p,
-    w,
-    y,
-    tangents,
-    growth,
-    place,
-    t,
-    omega_n,
-    steps,
-    stride,
-    head,
-    si,
-    carrier,
-    rows,
-    contact,
-):
+def run_plain(kernel, p, w, y, tangents, growth, place, t, grid, out):
     """``sample`` of a gear without powers, by series."""
-    return sample(
-        plain_step,
-        kernel,
-        p,
-        w,
-        y,
-        tangents,
-        growth,
-        place,
-        t,
-        omega_n,
-        steps,
-        stride,
-        head,
-        si,
-        carrier,
-        rows,
-        contact,
-    )
+    return sample(plain_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
 
 
 @compiled
-def run_any(
-    kernel,
-    p,
-    w,
-    y,
-    tangents,
-    growth,
-    place,
-    t,
-    omega_n,
-    steps,
-    stride,
-    head,
-    si,
-    carrier,
-    rows,
-    contact,
-):
+def run_any(kernel, p, w, y, tangents, growth, place, t, grid, out):
     """``sample`` of a gear with powers, by series."""
-    return sample(
-        any_step,
-        kernel,
-        p,
-        w,
-        y,
-        tangents,
-        growth,
-        place,
-        t,
-        omega_n,
-        steps,
-        stride,
-        head,
-        si,
-        carrier,
-        rows,
-        contact,
-    )
+    return sample(any_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
 
 
 @compiled
-def run_rk4(
-    kernel,
-    p,
-    w,
-    y,
-    tangents,
-    growth,
-    place,
-    t,
-    omega_n,
-    steps,
-    stride,
-    head,
-    si,
-    carrier,
-    rows,
-    contact,
-):
+def run_rk4(kernel, p, w, y, tangents, growth, place, t, grid, out):
     """``sample`` by the classical Runge-Kutta method."""
-    return sample(
-        slow_step,
-        kernel,
-        p,
-        w,
-        y,
-        tangents,
-        growth,
-        place,
-        t,
-        omega_n,
-        steps,
-        stride,
-        head,
-        si,
-        carrier,
-        rows,
-        contact,
-    )
+    return sample(slow_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
 
 
 @compiled
@@ -394,20 +278,14 @@ class Kernel:
         growth: Array,
         place: NDArray[np.int64],
         t: float,
-        rest: tuple[Any, ...],
+        out: tuple[Any, ...],
     ) -> tuple[float, int, int]:
-        """``sample`` from a state on; y, tangents, columns, growth and place move on.
-
-        Args:
-            rest: of ``sample``, from ``head`` on.
-        """
+        """``sample`` from a state on; y, tangents, columns, growth and place move on."""
         p, model = self.model.parameters, self.model
         kernel, states, vectors = self._begin(y, tangents, columns)
-        moved = growth, place, t, model.scales.omega_n
-        grid = p.steps, p.steps // p.samples_per_cycle
-        time, filled, switches = self._run(
-            kernel, model.packed, self._scratch, states, vectors, *moved, *grid, *rest
-        )
+        grid = model.scales.omega_n, p.steps, p.steps // p.samples_per_cycle
+        gear = kernel, model.packed, self._scratch
+        time, filled, switches = self._run(*gear, states, vectors, growth, place, t, grid, out)
         y[:], tangents[:] = states, vectors
         if self._along:
             columns[:] = self._along.told(y, kernel.near.columns)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.integrate import Stepper, carrier_row
 from herringbone_sim.core.model import Model
+from herringbone_sim.core.numba_private import entry_point
 from herringbone_sim.effects.dormand_prince import Gear, trial
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.rows import cross, run
@@ -118,8 +119,7 @@ class LawStepper(Stepper):
             if hasattr(kernel, "compile"):
                 with _ASKING, pointers_allowed():
                     kinds = tuple(typeof(one) for one in (self.gear, *args))
-                    kernel.compile(kinds)
-                self._entries[kernel] = kernel.overloads[kinds].entry_point
+                    self._entries[kernel] = entry_point(kernel, kinds)
         return self._entries[kernel](self.gear, *args)
 
     def _own_order(self) -> Indices:

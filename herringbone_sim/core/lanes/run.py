@@ -6,7 +6,10 @@ done, its lane takes the next one.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.core.lanes.any_moves import move_any
 from herringbone_sim.core.lanes.columns import (
@@ -38,6 +41,8 @@ from herringbone_sim.core.lanes.packed import (
     STEP,
     SWITCHES,
     WIDTH,
+    Array,
+    Indices,
 )
 from herringbone_sim.core.lanes.rows import load_row, window_row
 from herringbone_sim.core.lanes.series import (
@@ -57,6 +62,25 @@ from herringbone_sim.core.packed import LIMIT, TWO_PI, compiled, embedded, inlin
 from herringbone_sim.core.right_hand_side import ON_EDGE, angle_of
 
 IDLE = -1
+
+
+class Values(NamedTuple):
+    """What is run: n values."""
+
+    table: Array  # (n, rows, entries) constants
+    steps: Indices  # (n,) steps a mesh cycle
+    starts: Array  # (n, 1 + tangents, n_state) initial states and tangents
+    before: Indices  # (n,) mesh cycles run earlier: the phase of what does not repeat in one
+
+
+class Results(NamedTuple):
+    """What comes of n values."""
+
+    sections: Array  # (n, points, n_state)
+    end: Array  # (n, n_state)
+    growth: Array  # (n, batches + 1, tangents), see ``end_cycle``
+    contact: Array  # (n, n_mesh, 2) steps in back and in drive contact
+    failed: NDArray[np.bool_]  # (n,)
 
 
 @inlined
@@ -160,13 +184,15 @@ def begin_cycle(w, lane, now):
 
 
 @compiled
-def end_cycle(w, lane, cycle, before, transient, cycles, sections, growth, contact):
+def end_cycle(w, lane, cycle, before, length, results, value):
     """All that happens to a lane at phase 0; returns whether its value is done.
 
     ``cycle`` counts from the start of this run, ``before`` those that the gear has run earlier.
-    ``sections (points, n_state)``, ``growth (batches + 1, tangents)`` (running sum in the last
-    row) and ``contact (n_mesh, 2)`` are those of its value.
+    The last row of ``growth`` is a running sum.
     """
+    transient, cycles = length
+    sections, growth = results.sections[value], results.growth[value]
+    contact = results.contact[value]
     begin_cycle(w, lane, before + cycle)
     seen = cycle - transient
     batches = growth.shape[0] - 1
@@ -191,25 +217,7 @@ def end_cycle(w, lane, cycle, before, transient, cycles, sections, growth, conta
 
 
 @embedded
-def through_lanes(
-    move,
-    shape,
-    w,
-    near,
-    inverse,
-    table,
-    steps,
-    starts,
-    before,
-    controlled,
-    transient,
-    cycles,
-    sections,
-    end,
-    growth,
-    contact,
-    failed,
-):
+def through_lanes(move, shape, w, near, inverse, controlled, values, length, results):
     """Run all values of a batch through the lanes.
 
     Args:
@@ -218,14 +226,12 @@ def through_lanes(
         shape: tuples of zeros, as many as sides and as classes, and one where a gear is not
             plain: loops over them are unrolled, and plain gears compile without the rest.
         inverse: (order + 2,) 1 / i.
-        table: (n, rows, n_mesh) constants.
-        steps: (n,) steps a cycle.
-        starts: (n, 1 + tangents, n_state) initial states and tangents.
-        before: (n,) mesh cycles that each has run earlier: they set the phase of what does not
-            repeat every mesh cycle.
         controlled: whether any value has K != 0, or further torques.
-        sections, end, growth, contact, failed: results, n of each.
+        values: see ``Values``.
+        length: mesh cycles left out, and those observed.
+        results: see ``Results``.
     """
+    table, steps, starts, before = values
     n = table.shape[0]
     value, index, cycle = w.value, w.place, w.cycle
     lane_steps = w.steps
@@ -240,17 +246,7 @@ def through_lanes(
             value[lane] = queue
             queue += 1
             busy += 1
-            end_cycle(
-                w,
-                lane,
-                0,
-                before[lane],
-                transient,
-                cycles,
-                sections[lane],
-                growth[lane],
-                contact[lane],
-            )
+            end_cycle(w, lane, 0, before[lane], length, results, lane)
     while busy:
         begin_steps(w, index, lane_steps)
         move(shape, w, near, inverse, controlled)
@@ -274,20 +270,10 @@ def through_lanes(
             v = value[lane]
             if v == IDLE:
                 continue
-            failed[v] = out_of_range(w, lane)
-            if failed[v] or end_cycle(
-                w,
-                lane,
-                cycle[lane],
-                before[v],
-                transient,
-                cycles,
-                sections[v],
-                growth[v],
-                contact[v],
-            ):
-                for j in range(end.shape[1]):
-                    end[v, j] = get(w.y, 0, j, lane)
+            results.failed[v] = out_of_range(w, lane)
+            if results.failed[v] or end_cycle(w, lane, cycle[lane], before[v], length, results, v):
+                for j in range(results.end.shape[1]):
+                    results.end[v, j] = get(w.y, 0, j, lane)
                 if near is not None:
                     tell_columns(near, lane, v)
                 value[lane] = IDLE
@@ -299,17 +285,7 @@ def through_lanes(
                         take_columns(near, lane, queue)
                     lane_steps[lane] = steps[queue]
                     cycle[lane] = 0
-                    end_cycle(
-                        w,
-                        lane,
-                        0,
-                        before[queue],
-                        transient,
-                        cycles,
-                        sections[queue],
-                        growth[queue],
-                        contact[queue],
-                    )
+                    end_cycle(w, lane, 0, before[queue], length, results, queue)
                     queue += 1
                     busy += 1
 
@@ -338,82 +314,12 @@ def move_plain(shape, w, near, inverse, controlled):
 
 # Each kind is compiled by itself, when it is first used.
 @compiled
-def run_lanes(
-    shape,
-    w,
-    near,
-    inverse,
-    table,
-    steps,
-    starts,
-    before,
-    controlled,
-    transient,
-    cycles,
-    sections,
-    end,
-    growth,
-    contact,
-    failed,
-):
+def run_lanes(shape, w, near, inverse, controlled, values, length, results):
     """``through_lanes`` of gears without powers."""
-    through_lanes(
-        move_plain,
-        shape,
-        w,
-        near,
-        inverse,
-        table,
-        steps,
-        starts,
-        before,
-        controlled,
-        transient,
-        cycles,
-        sections,
-        end,
-        growth,
-        contact,
-        failed,
-    )
+    through_lanes(move_plain, shape, w, near, inverse, controlled, values, length, results)
 
 
 @compiled
-def run_any_lanes(
-    shape,
-    w,
-    near,
-    inverse,
-    table,
-    steps,
-    starts,
-    before,
-    controlled,
-    transient,
-    cycles,
-    sections,
-    end,
-    growth,
-    contact,
-    failed,
-):
+def run_any_lanes(shape, w, near, inverse, controlled, values, length, results):
     """``through_lanes`` of gears with powers."""
-    through_lanes(
-        move_any,
-        shape,
-        w,
-        near,
-        inverse,
-        table,
-        steps,
-        starts,
-        before,
-        controlled,
-        transient,
-        cycles,
-        sections,
-        end,
-        growth,
-        contact,
-        failed,
-    )
+    through_lanes(move_any, shape, w, near, inverse, controlled, values, length, results)
