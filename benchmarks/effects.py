@@ -18,12 +18,14 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.reference import Reference, in_si, integrate
 from herringbone_sim.core.batch import alike_halves, run_batch
 from herringbone_sim.core.integrate import Stepper, stepper
 from herringbone_sim.core.model import Model
@@ -82,9 +84,12 @@ def gear(text: str, **values: object) -> Model:
 def load_example() -> None:
     """Make the effect that docs/effects.md shows known by its name."""
     page = Path(__file__).parents[1] / "docs" / "effects.md"
+    blocks = [
+        text.split("```")[0] for text in page.read_text(encoding="utf-8").split("```python\n")[1:]
+    ]
     folder = Path(tempfile.mkdtemp())
     file = folder / "thermal_damping.py"
-    file.write_text(page.read_text(encoding="utf-8").split("```python\n")[2].split("```")[0])
+    file.write_text(next(text for text in blocks if "EFFECT =" in text))
     os.environ[VARIABLE] = str(file)
 
 
@@ -162,6 +167,22 @@ def print_effects(rounds: int) -> None:
         )
 
 
+def print_reference() -> None:
+    """The error of each effect after 20 mesh cycles against its own law, by DOP853."""
+    print("| effect | error against DOP853 | switches |")
+    print("| --- | --- | --- |")
+    for text in EFFECTS:
+        model, actives = gear(text), read_effects(text)
+        machine, n, first = Stepper(model), model.layout.n_state, 200
+        start = machine.cross(machine.start().y, np.zeros((0, model.n_state)), 0, first)[0]
+        begin = replace(machine.start(), y=start, cycle=first)
+        found = machine.advance(begin, CYCLES * model.parameters.samples_per_cycle)
+        own = Reference(model, actives).n_own
+        wanted = integrate(model, actives, in_si(model, start, own), first, CYCLES)
+        error = float(np.abs(in_si(model, found.end.y, own)[:n] - wanted[:n]).max())
+        print(f"| {text or 'none'} | {error:.0e} | {found.switches} |", flush=True)
+
+
 def print_laws(rounds: int) -> None:
     """Two rows for each of some effects: in slots, and by its law."""
     load_example()
@@ -180,9 +201,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.effects", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one round in the place of five")
     parser.add_argument("--laws", action="store_true", help="the second table alone")
+    parser.add_argument(
+        "--reference", action="store_true", help="errors against DOP853 alone (half an hour)"
+    )
     args = parser.parse_args()
     rounds = 1 if args.quick else 5
     warnings.simplefilter("ignore", ParameterWarning)
+    if args.reference:
+        print_reference()
+        return
     if not args.laws:
         print_effects(rounds)
     print_laws(rounds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from herringbone_sim.core.cache import compiled_from, forget_stale
 from herringbone_sim.core.packed import compiled, make_work
 from herringbone_sim.core.right_hand_side import right_hand_side
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the benchmarks
 settings.register_profile("compiled", deadline=None)
 settings.load_profile("compiled")
 

@@ -96,7 +96,7 @@ def test_a_polynomial_costs_a_product_and_a_sum_a_degree(degree):
 def test_the_product_of_two_series_costs_what_it_does_by_hand(monkeypatch):
     for name in counting.VECTOR.keys() & vars(lane_series).keys():
         monkeypatch.setattr(lane_series, name, counting.VECTOR[name])
-    work = orbit_of(problem.rig(order=2), 0).work
+    work = orbit_of(problem.rig(order=4), 0).work
     # Order 2, two meshes: three products, each added.
     assert operations(lambda: lane_series.cauchy.py_func(work, 2, 0)) == 2 * 3 * 2
 

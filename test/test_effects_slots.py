@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference import Reference, integrate
 
+from benchmarks.reference import Reference, in_si, integrate
 from herringbone_sim.core.batch import alike_halves, run_batch, state_mirror
 from herringbone_sim.core.integrate import State, Stepper
 from herringbone_sim.core.model import Model, build
@@ -59,18 +59,6 @@ def gear(text: str, **values: object) -> Model:
     return assemble(build(Parameters(**{**PERIODIC, **values})), read_effects(text))
 
 
-def in_si(model: Model, y: np.ndarray, n_own: int) -> np.ndarray:
-    """The state as the effects' own laws take it: further coordinates in pairs, SI units.
-
-    Pins and rings that do not move have states there, and none in the slots.
-    """
-    n, s, scales = model.layout.n_state, model.n_own, model.scales
-    own = np.zeros(n_own)
-    own[: 2 * s : 2] = y[n : n + s] * scales.b_c
-    own[1 : 2 * s : 2] = y[n + s :] * scales.velocity_m_per_s
-    return np.concatenate([y[:n], own])
-
-
 def test_every_effect_on_the_machine_is_here() -> None:
     named = {text.split("@")[0].split(":")[0] for text in TEXTS}
     assert named == {name for name, one in effects().items() if one.level != "sensor"}
@@ -109,15 +97,9 @@ def test_twenty_cycles_are_exact_to_1e_8(text: str) -> None:
     assert np.abs(default - fine).max() < 1e-8
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "tooth_friction:mu=0.08",
-        "damping_law:share=0.4,power=0,depth=1e-5",
-        "ring_flexibility@rp:stiffness=3e9,damping=0.05",
-    ],
-)
+@pytest.mark.parametrize("text", TEXTS)
 def test_an_independent_method_confirms_a_mesh_cycle(text: str) -> None:
+    """DOP853 with located events; ``benchmarks.effects --reference`` does so for twenty."""
     model, actives = gear(text), read_effects(text)
     stepper = Stepper(model)
     start = stepper.advance(stepper.start(), 200 * 16).end

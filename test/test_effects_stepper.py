@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from interpreted_effects import run_by_laws
 from numpy.typing import NDArray
-from reference import integrate
 
+from benchmarks.reference import integrate
 from herringbone_sim.core.integrate import Block, Stepper
 from herringbone_sim.core.model import Model, body_accelerations, build
 from herringbone_sim.core.parameters import Parameters

@@ -112,7 +112,9 @@ def _drawn(name: str, model: Model, rng: Generator) -> Active:
         values["member"] = rng.choice(("sun" if place.mesh == "sp" else "ring", "planet")).item()
     for p in one.parameters:
         if p.neutral is None:
-            values[p.name] = p.start if p.start else float(rng.uniform(max(p.low, -3.0), 3.0))
+            values[p.name] = (
+                p.start if p.start else float(rng.uniform(max(p.low, -3.0), min(p.high, 3.0)))
+            )
             continue
         neutral = p.neutral if np.isfinite(p.neutral) else 0.0
         size = (p.start - neutral) * float(rng.uniform(0.7, 2.0))

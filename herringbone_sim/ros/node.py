@@ -42,8 +42,10 @@ NAME = "herringbone_sim"
 COMMANDS = ("K", "delta_T")
 PACE = ("real_time_factor", "publish_rate")
 THREADS = 4  # of an executor: for a step, another service, parameters and commands, the timers
-COMPILING = "compiling the kernel, once on this machine: 15 s or more, samples come after that"
-COMPILING_EFFECTS = "compiling the effects, once on this machine: 30 s or more, the motion goes on"
+COMPILING = "compiling the kernel, once on this machine: 30 s or more, samples come after that"
+COMPILING_EFFECTS = (
+    "compiling the effects, once on this machine: a minute or more, the motion goes on"
+)
 
 
 class SimulatorNode(GuardedNode):

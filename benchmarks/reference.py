@@ -56,6 +56,18 @@ class Reference:
         return 2 * np.pi * (turn - cycle), cycle
 
 
+def in_si(model: Model, y: Array, n_own: int) -> Array:
+    """The state as the effects' own laws take it: further coordinates in pairs, SI units.
+
+    Pins and rings that do not move have states there, and none in the slots.
+    """
+    n, s, scales = model.layout.n_state, model.n_own, model.scales
+    own: Array = np.zeros(n_own)
+    own[: 2 * s : 2] = y[n : n + s] * scales.b_c
+    own[1 : 2 * s : 2] = y[n + s :] * scales.velocity_m_per_s
+    return np.concatenate([y[:n], own])
+
+
 def integrate(
     model: Model,
     actives: Sequence[Active],
