@@ -1,9 +1,10 @@
 """What the node reaches in real time: full model, all published and recorded, in its own process.
 
-    python benchmarks/real_time.py [--seconds 20] [--model full]
+    python benchmarks/real_time.py [--seconds 20] [--model full] [--effects TEXT ...]
 
-Prints the real-time factor that the node publishes, its overruns, dropped blocks, samples lost,
-and the share of one core that its process took.
+For each text of effects, none by default, it prints the real-time factor that the node
+publishes, its overruns, dropped blocks, samples lost, and the share of one core that its process
+took.
 """
 
 from __future__ import annotations
@@ -34,13 +35,24 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("--seconds", type=float, default=20.0)
     arguments.add_argument("--model", default="full", choices=("full", "reduced"))
+    arguments.add_argument("--effects", nargs="+", default=[""], help="as the node takes them")
     args = arguments.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init()
     client, seen = Node("real_time_benchmark"), []
     client.create_subscription(DiagnosticArray, "/diagnostics", seen.append, 10)
+    for effects in args.effects:
+        seen.clear()
+        measure(client, seen, args, effects)
+
+
+def measure(
+    client: Node, seen: list[DiagnosticArray], args: argparse.Namespace, effects: str
+) -> None:
+    """Run the node with effects and print what it reached."""
     with tempfile.TemporaryDirectory() as folder:
         options = [f"model:={args.model}", "record:=true", f"record_dir:={folder}"]
+        options += [f"effects:='{effects}'"] if effects else []
         words = [word for option in options for word in ("-p", option)]
         command = [sys.executable, "-W", "ignore", "-m", "herringbone_sim", "run", "--ros-args"]
         node = subprocess.Popen(
@@ -57,6 +69,7 @@ def main() -> None:
         said = node.communicate()[1]
     values = [{item.key: item.value for item in m.status[0].values} for m in seen]
     reached = [float(v["real_time_factor_reached"]) for v in values]
+    print(f"effects            {effects or 'none'}")
     print(f"real-time factor   {statistics.median(reached):.3f} median, {min(reached):.3f} least")
     print(f"overruns           {values[-1]['overruns']}")
     print(f"dropped blocks     {values[-1]['dropped_blocks']}")
