@@ -231,7 +231,7 @@ def with_effects(cases):
         parts = [block.rows, block.end.y, block.end.growth, block.end.tangents]
         model = stepper.model
         y, tangents = start.y.copy(), np.eye(model.n_state)[: len(start.tangents)]
-        y, tangents = Kernel(model).cross(y, tangents, 0, 1)
+        Kernel(model).cross(y, tangents, 0, 1)
         found[f"effects_{name}"] = np.concatenate([part.ravel() for part in (*parts, y, tangents)])
     return found
 
@@ -243,7 +243,7 @@ def whole_cycles(cases):
         stepper, start, _ = cases[name]
         model = stepper.model
         y, tangents = start.y.copy(), np.eye(model.layout.n_state)
-        y, tangents = Kernel(model).cross(y, tangents, 0, 2)
+        Kernel(model).cross(y, tangents, 0, 2)
         found[f"cycles_{name}"] = np.vstack([y, tangents])
     return found
 
