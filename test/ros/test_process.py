@@ -74,7 +74,9 @@ def test_an_interrupt_ends_a_step_that_answers_and_the_node(bench: Bench) -> Non
     output, _ = node.communicate(timeout=60)
     assert node.returncode == 0, output
     assert "Traceback" not in output
-    assert "never retrieved" not in output
+    # rclpy says this of a callback that it had not begun when its executor was destroyed.
+    of_rclpy = "never retrieved: cannot use Destroyable because destruction was requested"
+    assert "never retrieved" not in output.replace(of_rclpy, "")
     wait_until(step.done)
     assert "of 1000000 mesh cycles" in step.result().message
     assert "the simulation ended" in step.result().message
