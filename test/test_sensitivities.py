@@ -65,8 +65,11 @@ KINDS = {  # gears with effects, and what is differentiated in each
     ),
     "bearing": (
         "bearing_clearance:clearance=1e-5",
-        "bearing_clearance:clearance bearing_clearance:stiffness bearing_clearance:damping "
-        "bearing_clearance:softness b_c",
+        "bearing_clearance:clearance bearing_clearance:stiffness bearing_clearance:damping b_c",
+    ),
+    "rounded": (
+        "bearing_clearance:clearance=1e-5,softness=0.05",
+        "bearing_clearance:clearance bearing_clearance:softness b_c",
     ),
 }
 
@@ -133,7 +136,7 @@ def test_columns_of_gear_parameters_are_differences_of_runs(model):
 @pytest.mark.parametrize("kind", KINDS)
 def test_columns_of_effects_are_differences_of_runs(kind):
     text, names = KINDS[kind]
-    check(gear(text), names.split(), 3, 5e-6 if kind == "powers" else 1e-6)
+    check(gear(text), names.split(), 3, 5e-6 if kind in ("powers", "rounded") else 1e-6)
 
 
 def test_every_effect_of_the_machine_is_checked():
@@ -255,6 +258,14 @@ def test_what_has_no_derivative_is_refused_with_the_reason(name, reason):
     twice = "runout@rp:member=ring,amplitude=5e-6; runout@rp:member=ring,amplitude=2e-6"
     with pytest.raises(ParameterError, match=reason):
         directions(gear(twice), [name])
+
+
+def test_a_corner_that_is_sharp_has_no_derivative_by_its_rounding():
+    base, wanted = directions(
+        gear("bearing_clearance:clearance=1e-5"), ["bearing_clearance:softness"]
+    )
+    with pytest.raises(ParameterError, match="a rounded corner"):
+        Stepper(base, wanted)
 
 
 def test_derivatives_need_series():

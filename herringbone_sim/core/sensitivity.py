@@ -85,7 +85,8 @@ class Directions:
             if any(_sizes(near.packed) != _sizes(model.packed) for near in pair):
                 raise ParameterError(
                     f"no derivative by {one.name}: there the gear gets or loses a harmonic, an "
-                    "event, friction or a coordinate; give it a value away from there"
+                    "event, friction, a power, a rounded corner or a coordinate; give it a value "
+                    "away from there"
                 )
         self._model = model
         self._gears = [brought_to(model, near) for pair in pairs for near in pair]
@@ -141,7 +142,7 @@ def in_units_of(other: Model, model: Model, y: Array) -> Array:
 def _sizes(p: Packed) -> list[object]:
     """What a kernel can't change under way: how much there is of all, and the frequencies."""
     sizes = [np.shape(value) for value in p]
-    return [*sizes, p.plain, *p.orders, *p.load_orders, p.control_order]
+    return [*sizes, p.plain, p.powers, *p.orders, *p.load_orders, p.control_order]
 
 
 def brought_to(model: Model, near: Model) -> Packed:
