@@ -184,6 +184,15 @@ def read_rows(p, w, states, places, steps, head, si, carrier, rows):
         write_row(p, w, states[i], phase, places[i, 0], head, si, carrier, rows[i])
 
 
+@inlined
+def keep_columns(near, columns):
+    """Columns as they are into an array (p, n_state), where any run along."""
+    if near is not None:
+        for row in range(columns.shape[0]):
+            for j in range(columns.shape[1]):
+                columns[row, j] = near.columns[row, j]
+
+
 @embedded
 def trace(step, orbit, place, steps, stride, states, columns):
     """State, tangents and columns at samples ``stride`` steps apart, as they are, into rows.
@@ -198,10 +207,7 @@ def trace(step, orbit, place, steps, stride, states, columns):
         for row in range(y.shape[0]):
             for j in range(y.shape[1]):
                 states[i, row, j] = y[row, j]
-        if orbit.near is not None:
-            for row in range(columns.shape[1]):
-                for j in range(y.shape[1]):
-                    columns[i, row, j] = orbit.near.columns[row, j]
+        keep_columns(orbit.near, columns[i])
         for _ in range(stride):
             step(orbit, y[0], place[0], place[1])
             place[1] += 1
