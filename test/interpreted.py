@@ -82,6 +82,7 @@ EFFECT_BATCHES = {
 COLUMN_CASES = {
     "plain": ("", ["delta_T", "Omega", "k_factor[0]"]),
     "jumps": (JUMPS, ["b", "bearing_clearance:clearance"]),
+    "powers": ("contact_nonlinearity@sp:exponent=1.1", ["contact_nonlinearity@sp:exponent"]),
 }
 
 POLYNOMIALS = [
