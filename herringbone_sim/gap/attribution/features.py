@@ -126,7 +126,8 @@ def _whole(start: Active) -> list[Feature]:
 def _grid(p: Parameter, alone: bool) -> list[float]:
     """Values to try; of a spring alone so near each other that none misses its resonance."""
     if p.neutral is None and p.unit == "-":
-        return [p.start]
+        # A fit moves to both sides; from the end of its range (sharp corners) it could not.
+        return [p.start or 0.1 * p.high]
     if p.unit == "N/m":
         powers = np.linspace(-1.5, 2.2, 38) if alone else np.linspace(-1.5, 1.5, 7)
         return [float(v) for v in p.start * 10.0**powers]
