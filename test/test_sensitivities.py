@@ -11,10 +11,10 @@ import pytest
 from gears import make, state_at
 
 from herringbone_sim.core.batch import run_batch
-from herringbone_sim.core.integrate import Stepper, simulate
+from herringbone_sim.core.integrate import Stepper, simulate, stepper
 from herringbone_sim.core.sensitivity import in_units_of
 from herringbone_sim.effects import sensitivity
-from herringbone_sim.effects.assemble import acting, build_with
+from herringbone_sim.effects.assemble import acting, build_with, by_laws
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.effects.sensitivity import STEP, directions
 from herringbone_sim.effects.trajectory import trajectory
@@ -272,6 +272,21 @@ def test_derivatives_need_series():
     model = make(method="rk4")
     with pytest.raises(ParameterError, match="method: taylor"):
         Stepper(model, directions(model, ["xi"])[1])
+    with pytest.raises(ParameterError, match="method: taylor"):
+        trajectory(model, np.zeros(model.n_state), 4)
+
+
+def test_a_gear_by_its_effects_own_laws_has_no_derivatives_by_parameters():
+    """Series of its slots would leave the effect out."""
+    nominal, effect = make(), read_effects("mean_stiffness@sp:factor=1.2")
+    law = by_laws(nominal, effect)
+    y, wanted = np.zeros(law.n_state), directions(nominal, ["xi"])[1]
+    with pytest.raises(ParameterError, match="fill slots"):
+        trajectory(law, y, 4)
+    with pytest.raises(ParameterError, match="fill slots"):
+        stepper(law).trace(stepper(law).start(), 4)
+    with pytest.raises(ParameterError, match="fill slots"):
+        run_batch([law], y[None], 0, 1, 1, directions=[wanted])
 
 
 def test_the_example_of_the_docs_runs() -> None:

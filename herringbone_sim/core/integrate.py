@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.run import Kernel
-from herringbone_sim.core.sensitivity import Direction, Directions
+from herringbone_sim.core.sensitivity import Direction, Directions, need_series
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
 
@@ -169,7 +169,11 @@ class Stepper:
         Returns:
             (n, n_state), (n, k, n_state) tangents as they have grown, (n, p, n_state), and the
             place (n, 2) of each sample, its mesh cycle and step, for ``read``.
+
+        Raises:
+            ParameterError: ``method: rk4``, or effects by their own laws.
         """
+        need_series(self.model, "traces of derivatives")
         p = self.model.parameters
         place = np.array([state.cycle, state.index], dtype=np.int64)
         columns = state.columns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -245,8 +246,11 @@ class Kernel:
         self._run = run_rk4 if self._slow else run_any if powers else run_plain
         self._cross = cross_rk4 if self._slow else cross_any if powers else cross_plain
         self._trace = trace_any if powers else trace_plain
-        self._kind = typeof(model.packed)
         self._orbits: dict[int, Orbit] = {}
+
+    @cached_property
+    def _kind(self) -> Any:
+        return typeof(self.model.packed)
 
     @property
     def compiled(self) -> bool:

@@ -61,6 +61,17 @@ class Direction:
     step: float
 
 
+def need_series(model: Model, what: str) -> None:
+    """ParameterError for a gear that is not run by series."""
+    if model.integrator is not None:
+        raise ParameterError(
+            f"{what} need effects that fill slots, got a gear by its effects' own laws: give the "
+            "effect a fill, see docs/effects.md"
+        )
+    if model.parameters.method == "rk4":
+        raise ParameterError(f"{what} need method: taylor, got rk4: change method")
+
+
 class Directions:
     """All parameters of one run, for the kernel.
 
@@ -69,7 +80,8 @@ class Directions:
         directions: p of them.
 
     Raises:
-        ParameterError: gears with other things in them than ``model``, or ``method: rk4``.
+        ParameterError: gears with other things in them than ``model``, ``method: rk4``, or
+            effects by their own laws.
 
     Attributes:
         step: (p,).
@@ -78,8 +90,7 @@ class Directions:
     """
 
     def __init__(self, model: Model, directions: Sequence[Direction]) -> None:
-        if model.parameters.method == "rk4":
-            raise ParameterError("derivatives need method: taylor, got rk4: change method")
+        need_series(model, "derivatives")
         pairs = [(one.plus, one.minus) for one in directions]
         for one, pair in zip(directions, pairs, strict=True):
             if any(_sizes(near.packed) != _sizes(model.packed) for near in pair):

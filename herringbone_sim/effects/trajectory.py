@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.model import Model
-from herringbone_sim.core.sensitivity import Direction, in_units_of
+from herringbone_sim.core.sensitivity import Direction, in_units_of, need_series
 from herringbone_sim.effects.sensitivity import directions
 
 Array = NDArray[np.float64]
@@ -99,8 +99,9 @@ def trajectory(
         cycle, sample: mesh cycle, and sample in it, of the state, which is that of the first row.
 
     Raises:
-        ParameterError: a name that there is not, or ``method: rk4``.
+        ParameterError: a name that there is not, ``method: rk4``, or effects by their own laws.
     """
+    need_series(model, "derivatives")
     gear, found = directions(model, names)
     stepper, p = Stepper(gear, found), gear.parameters
     begin = stepper.start(gear.n_state)
