@@ -287,6 +287,8 @@ def test_a_gear_by_its_effects_own_laws_has_no_derivatives_by_parameters():
         stepper(law).trace(stepper(law).start(), 4)
     with pytest.raises(ParameterError, match="fill slots"):
         run_batch([law], y[None], 0, 1, 1, directions=[wanted])
+    with pytest.raises(ParameterError, match="stepper"):
+        Stepper(law)
 
 
 def test_the_example_of_the_docs_runs() -> None:

@@ -19,7 +19,7 @@ from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.run import Kernel
 from herringbone_sim.core.sensitivity import Direction, Directions, need_series
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.errors import DivergenceError
+from herringbone_sim.errors import DivergenceError, ParameterError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -85,9 +85,17 @@ class Stepper:
     Args:
         model: see ``model.build``.
         directions: parameters whose columns run along, see ``sensitivity``.
+
+    Raises:
+        ParameterError: a gear by its effects' own laws, which this would leave out.
     """
 
     def __init__(self, model: Model, directions: Sequence[Direction] = ()) -> None:
+        if model.integrator is not None:
+            raise ParameterError(
+                "the kernel holds no gear by its effects' own laws: make its stepper by "
+                "core.integrate.stepper(model)"
+            )
         s = model.scales
         self.model = model
         self._directions = Directions(model, directions) if directions else None
