@@ -202,7 +202,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one round in the place of five")
     parser.add_argument("--laws", action="store_true", help="the second table alone")
     parser.add_argument(
-        "--reference", action="store_true", help="errors against DOP853 alone (half an hour)"
+        "--reference", action="store_true", help="errors against DOP853 alone (some ten minutes)"
     )
     args = parser.parse_args()
     rounds = 1 if args.quick else 5
