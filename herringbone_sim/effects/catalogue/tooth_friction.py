@@ -65,15 +65,19 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
             torque[2] += site[SHARE, m] * g * site[CARRIER_ARM, m]
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
-    """Torques of the friction; the normal force stays."""
-    rows = place(slots.model, mask, options)
+def friction_arms(
+    model: Model, mask: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Torques over base radius (n_mesh, n_bodies) by |F| of each mesh, for mu = 1.
+
+    Returns:
+        that which turns with sign(s) alone, and that which grows with s sign(s).
+    """
+    rows = place(model, mask, {})
     half, planets = mask.size // 2, mask.size // 4
-    constant, lever = np.zeros((2, mask.size, len(slots.model.layout.bodies)))
+    constant, lever = np.zeros((2, mask.size, len(model.layout.bodies)))
     for m in np.flatnonzero(mask):
-        g = theta[0] * rows[COS_BETA, m]
+        g = rows[COS_BETA, m]
         driver = m // planets if m < half else 3 + m - half
         share = rows[SHARE, m] if m < half else 1.0
         constant[m, driver] -= share * g * rows[TAN, m]
@@ -82,7 +86,15 @@ def fill(
             constant[m, 3 + m] += g * rows[TAN, m]
             lever[m, 3 + m] -= g * rows[DRIVEN_ARM, m]
         constant[m, 2] += rows[SHARE, m] * g * rows[CARRIER_ARM, m]
-    slots.add_friction(constant, lever)
+    return constant, lever
+
+
+def fill(
+    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
+) -> None:
+    """Torques of the friction; the normal force stays."""
+    constant, lever = friction_arms(slots.model, mask)
+    slots.add_friction(theta[0] * constant, theta[0] * lever)
 
 
 EFFECT = Effect(

@@ -19,6 +19,7 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import Waves
 from herringbone_sim.gap.residuals.fusion import (
     QUADRATURE,
+    Fused,
     displacement,
     fuse,
     increments,
@@ -73,7 +74,7 @@ def consistency(runs: Sequence[PreparedRun]) -> Consistency:
         [np.ones(J), sizes, np.full(J, runs[0].step_s), np.full(J, 1e-4)], axis=1
     ).ravel()
     for run in runs:
-        signals = _signals(run, scale.reshape(J, 4))
+        signals = channel_signals(run, scale.reshape(J, 4), fuse(run))
         for one in relations(run, signals):
             S = one.signals.reshape(len(one.signals), -1)
             weight = np.kron(one.columns.T @ one.columns, np.ones((4, 4)))
@@ -104,9 +105,8 @@ def _sizes(runs: Sequence[PreparedRun]) -> Array:
     return np.concatenate(parts)
 
 
-def _signals(run: PreparedRun, scale: Array) -> Array:
+def channel_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
     """What one unit of each kind of error adds to each channel (n, J, 4)."""
-    fused = fuse(run)
     B = bodies_to_coordinates(run.model)
     rigid = np.ones(B.shape[1])
     rigid[:2] = 2.0

@@ -46,6 +46,17 @@ def corrected(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
     return run
 
 
+def undone(run: PreparedRun, kind: str, names: Sequence[str], size: float) -> PreparedRun:
+    """The run without an error of one channel: gain error, bias [SI], delay [s], clock, swap."""
+    if kind == "swap":
+        return _swapped(run, names)
+    if kind == "clock":
+        late: Undo = lambda s, times, values: between(times, values, times * (1.0 + s))  # noqa: E731
+        return _undone(run, names[0], late, size)
+    undo = UNDO[f"sensor_{kind}"]
+    return _undone(run, names[0], undo, 1.0 + size if kind == "gain" else size)
+
+
 def motion_sensor(one: Active) -> bool:
     """Whether an effect is on a sensor, and not on that of a force alone."""
     wanted = one.chosen.get("channels", ())

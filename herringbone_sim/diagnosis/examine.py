@@ -1,0 +1,164 @@
+"""All hypotheses on a campaign, scored: none, single effects, pairs, and what is left of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.flexible import Predictable, predictable
+from herringbone_sim.diagnosis.search import (
+    Hypothesis,
+    Machine,
+    Score,
+    Search,
+    amplitudes,
+)
+
+Array = NDArray[np.float64]
+
+SCREENED = 6  # places of an effect that are scored linearly on runs left out
+REFINED = 6  # hypotheses that are fitted exactly
+PLACES = 2  # of them with the same effect
+PAIRED = 3  # second effects that are fitted exactly
+BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
+
+
+@dataclass(frozen=True)
+class Found:
+    """A hypothesis with its fit; ``hypotheses`` has one, or two of a pair."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    score: Score
+
+    @property
+    def energy(self) -> float:
+        return float(self.score.energy.sum())
+
+
+@dataclass(frozen=True)
+class Examined:
+    """Scores of a campaign.
+
+    Attributes:
+        count: whitened values.
+        counts: by observation.
+        none: the calibrated machine.
+        singles, pairs: best first.
+        screened: least linear squares of each effect, those never fitted too.
+        flexible: what a flexible regression explains of what is left, by observation, under none,
+            the best single and the best pair.
+    """
+
+    count: float
+    counts: dict[str, float]
+    none: Found
+    singles: tuple[Found, ...]
+    pairs: tuple[Found, ...]
+    screened: dict[str, float]
+    flexible: dict[str, dict[str, Predictable]]
+
+
+def examine(machine: Machine, say: Callable[[str], None] = lambda text: None) -> Examined:
+    """Score every hypothesis on the runs of a machine."""
+    say("calibration")
+    search = Search(machine)
+    none = Found((), search.null)
+    catalogue = machine.hypotheses()
+    say(f"{len(catalogue)} hypotheses")
+    search, ranked = _ranked(search, catalogue)
+    say("fits")
+    singles = _fits(search, ranked, REFINED, PLACES)
+    say("pairs")
+    pairs = _pairs(search, catalogue, singles[0]) if singles else ()
+    say("what is left")
+    flexible = {"none": _left(search, none)}
+    if singles:
+        flexible["single"] = _left(search, singles[0])
+    if pairs:
+        flexible["pair"] = _left(search, pairs[0])
+    counts = {
+        o: float(sum(r[o].count[_alive(r[o].energy)].sum() for r in search.campaign.runs))
+        for o in search.campaign.observations
+    }
+    screened: dict[str, float] = {}
+    for value, one, _ in ranked:
+        screened.setdefault(one.effect, value)
+    return Examined(sum(counts.values()), counts, none, singles, pairs, screened, flexible)
+
+
+def _alive(energy: Array) -> NDArray[np.bool_]:
+    alive: NDArray[np.bool_] = energy != 0.0
+    return alive
+
+
+Ranked = list[tuple[float, Hypothesis, Score]]
+
+
+def _ranked(search: Search, catalogue: Sequence[Hypothesis]) -> tuple[Search, Ranked]:
+    """Linear scores, best first, with what the residual itself proposes."""
+    quick = sorted(((search.quick(one.coefficients), i) for i, one in enumerate(catalogue)))
+    chosen: list[Hypothesis] = []
+    per: dict[str, int] = {}
+    for _, i in quick:
+        one = catalogue[i]
+        if per.get(one.effect, 0) < SCREENED:
+            per[one.effect] = per.get(one.effect, 0) + 1
+            chosen.append(one)
+    made = amplitudes(search.base, search.null.mean, search.runs, search.rows)
+    machine, proposed = search.machine.proposals(made)
+    search = search.onwards(machine)
+    found: Ranked = []
+    for one in (*chosen, *proposed):
+        score = search.screened(one.coefficients, 0.3)
+        found.append((float(score.energy.sum()), one, score))
+    found.sort(key=lambda f: f[0])
+    return search, found
+
+
+def _fits(search: Search, ranked: Ranked, most: int, places: int) -> tuple[Found, ...]:
+    fits: list[Found] = []
+    per: dict[str, int] = {}
+    for _, one, linear in ranked:
+        if len(fits) == most:
+            break
+        if per.get(one.effect, 0) < places:
+            per[one.effect] = per.get(one.effect, 0) + 1
+            fits.append(Found((one,), search.refined(one.coefficients, linear.mean)))
+    return tuple(sorted(fits, key=lambda f: f.energy))
+
+
+def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tuple[Found, ...]:
+    """The best single with the best second effects on what it leaves."""
+    then = search.onwards(search.machine, first.score)
+    own = first.hypotheses[0]
+    others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
+    then, ranked = _ranked(then, others)
+    different = [r for r in ranked if r[1].effect != own.effect]
+    fits = _fits(then, different, PAIRED, 1)
+    return tuple(Found((own, *f.hypotheses), f.score) for f in fits)
+
+
+def _left(search: Search, found: Found) -> dict[str, Predictable]:
+    """What a flexible regression explains of what a hypothesis leaves."""
+    machine = search.machine
+    every = found.score.coefficients
+    made = amplitudes(every, found.score.mean, search.runs, search.rows)
+    result = {}
+    for o in machine.functions:
+        blocks = machine.blocks(made, {}, (o,))
+        if not all(o in b for b in blocks):
+            continue
+        own = [b[o] for b in blocks]
+        residuals, inputs, numbers = [], [], []
+        for r, b in enumerate(own):
+            at = b.at if b.at is not None else np.arange(len(b.residual))
+            w = (b.residual / b.sigma) * (b.columns.shape[0] > 0)
+            residuals.append(w)
+            inputs.append(machine.inputs(o, r)[at])
+            numbers.append((machine.cycles(o, r)[at] // BLOCK_CYCLES).astype(int))
+        if inputs[0].shape[1] == residuals[0].shape[1]:
+            result[o] = predictable(residuals, inputs, numbers)
+    return result

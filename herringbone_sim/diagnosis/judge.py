@@ -1,0 +1,144 @@
+"""From evidence to probabilities of none, every effect, every pair, and unknown.
+
+A conditional logit (McFadden 1974): each explanation has a few numbers that say how well it does,
+and its probability goes with the exponential of their weighted sum. The weights are fitted on
+practice campaigns by ``calibrate`` and kept in ``calibration.json`` with the seeds, none is chosen.
+
+With E the whitened squares left on runs predicted by the others, N their count, and R what a
+flexible regression still predicts of them: the gap is what can be predicted beside the calibrated
+machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
+(E_h - E_best + R_best) / (E_none - E_best + R_best) of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from herringbone_sim.diagnosis.evidence import Candidate, Evidence
+
+Array = NDArray[np.float64]
+
+FILE = Path(__file__).with_name("calibration.json")
+NAMES = (
+    "log share left",
+    "none",
+    "none: log gap",
+    "unknown",
+    "unknown: log share left",
+    "unknown: log excess left",
+    "unknown: log gap",
+    "pair",
+    "pair: log second share",
+)
+LEAST = 1e-4  # of a share or a gap: below it nothing is told apart
+
+
+@dataclass(frozen=True)
+class Chance:
+    """An explanation with its probability; ``unknown`` has the effect ``unknown`` alone."""
+
+    effects: tuple[str, ...]
+    candidate: Candidate | None
+    probability: float
+
+
+def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
+    """Explanations, the last one unknown (None), and their numbers (k, len(NAMES))."""
+    none, *others = evidence.candidates
+    singles = [c for c in others if len(c.effects) == 1]
+    pairs = [c for c in others if len(c.effects) == 2]
+    least = {"none": none, "single": singles[0] if singles else none}
+    if pairs:
+        least["pair"] = pairs[0]
+    best = min(least, key=lambda k: least[k].energy + evidence.remains.get(k, 0.0))
+    floor = least[best].energy - evidence.remains.get(best, 0.0)
+    gap = max((none.energy - floor) / evidence.count, LEAST)
+    rows: list[Array] = []
+    every: list[Candidate | None] = []
+
+    def share(energy: float) -> float:
+        return float(np.log(max((energy - floor) / evidence.count / gap, LEAST)))
+
+    for c in (none, *singles, *pairs):
+        row = np.zeros(len(NAMES))
+        row[0] = share(c.energy)
+        if not c.effects:
+            row[1:3] = 1.0, np.log(gap)
+        if len(c.effects) == 2:
+            first = singles[0].energy
+            taken = (first - c.energy) / max(first - floor, LEAST * evidence.count)
+            row[7:9] = 1.0, np.log(np.clip(taken, LEAST, 1.0))
+        every.append(c)
+        rows.append(row)
+    excess = max(least[best].energy / evidence.count - 1.0, LEAST)
+    row = np.zeros(len(NAMES))
+    row[3:7] = 1.0, share(least[best].energy), np.log(excess), np.log(gap)
+    return [*every, None], np.array([*rows, row])
+
+
+def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
+    """Explanations with probabilities, most probable first; they sum to 1."""
+    w = frozen_weights() if weights is None else weights
+    every, table = numbers(evidence)
+    p = _softmax(table @ w)
+    found = [
+        Chance(("unknown",) if c is None else c.effects, c, float(q))
+        for c, q in zip(every, p, strict=True)
+    ]
+    return sorted(found, key=lambda f: -f.probability)
+
+
+def _softmax(score: Array) -> Array:
+    e = np.exp(score - score.max())
+    return np.asarray(e / e.sum())
+
+
+def fit(evidence: Sequence[Evidence], truths: Sequence[tuple[str, ...]], penalty: float) -> Array:
+    """Weights with the largest penalised likelihood of the truths.
+
+    A truth that is not among the explanations tried tells nothing and is passed over.
+
+    Args:
+        truths: effects of each campaign; empty for none, ``("unknown",)``.
+        penalty: precision of the prior of the weights about zero.
+    """
+    tables, masks = [], []
+    for one, truth in zip(evidence, truths, strict=True):
+        every, table = numbers(one)
+        is_true = np.array([_matches(c, truth) for c in every])
+        if is_true.any():
+            tables.append(table)
+            masks.append(is_true)
+
+    def loss(w: Array) -> tuple[float, Array]:
+        value, slope = 0.5 * penalty * float(w @ w), penalty * w
+        for table, is_true in zip(tables, masks, strict=True):
+            p = _softmax(table @ w)
+            inside = max(float(p[is_true].sum()), 1e-300)
+            value -= float(np.log(inside))
+            slope = slope + (p - np.where(is_true, p / inside, 0.0)) @ table
+        return value, slope
+
+    found = minimize(loss, np.zeros(len(NAMES)), jac=True, method="L-BFGS-B")
+    return np.asarray(found.x)
+
+
+def _matches(c: Candidate | None, truth: tuple[str, ...]) -> bool:
+    if c is None:
+        return truth == ("unknown",)
+    return sorted(c.effects) == sorted(truth)
+
+
+@cache
+def frozen_weights() -> Array:
+    """Those of the package."""
+    data: Mapping[str, Mapping[str, float]] = json.loads(FILE.read_text(encoding="utf-8"))
+    return np.array([data["weights"][name] for name in NAMES])

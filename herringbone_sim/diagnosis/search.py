@@ -1,0 +1,282 @@
+"""Score hypotheses on runs that were left out: all of them linearly, the best ones exactly."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.products import (
+    Block,
+    Campaign,
+    Coefficient,
+    Products,
+    moved,
+    products,
+)
+from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out
+
+Array = NDArray[np.float64]
+Amplitudes = Mapping[str, Mapping[str, Array]]
+SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # of an effect over its moderate one, half a decade apart
+
+
+class Machine(Protocol):
+    """What a machine brings: its observations, linear about any amplitudes of its functions."""
+
+    base: tuple[Coefficient, ...]
+    rows: Mapping[str, int]
+    runs: int
+
+    @property
+    def functions(self) -> Mapping[str, tuple[str, ...]]:
+        """Names of the functions of each observation."""
+
+    def hypotheses(self) -> list[Hypothesis]:
+        """Every effect at every place with every option that functions can carry."""
+
+    def proposals(self, amplitudes: Amplitudes) -> tuple[Machine, list[Hypothesis]]:
+        """Hypotheses found in the residual about a change, and a machine with their functions."""
+
+    def inputs(self, observation: str, r: int) -> Array:
+        """(n, R, D) all that is measured at each row of run r, of order one."""
+
+    def cycles(self, observation: str, r: int) -> Array:
+        """(n,) cycles since the start of run r, of the same samples."""
+
+    def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
+        """Observations whose residual is linear in the functions as far as these amplitudes."""
+
+    def blocks(
+        self,
+        amplitudes: Amplitudes,
+        wanted: Mapping[str, Sequence[str]] | None,
+        observations: Sequence[str],
+    ) -> list[dict[str, Block]]:
+        """Some observations of all runs; ``wanted`` restricts the columns."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An effect with its options at a place.
+
+    Attributes:
+        effect, options: as in the catalogue.
+        locus: (mesh, planet, side), or whatever the machine tells places by.
+        coefficients: to fit.
+        mains: how many of them, the first ones, are the effect's own parameters.
+    """
+
+    effect: str
+    options: tuple[tuple[str, object], ...]
+    locus: Hashable
+    coefficients: tuple[Coefficient, ...]
+    mains: int
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well a set of coefficients predicts.
+
+    Attributes:
+        coefficients: the tolerances first.
+        mean: (p,) of all runs.
+        sd: (p,) posterior standard deviations for noise as it was taken.
+        energy: (runs,) whitened squares that are left of runs predicted by the others.
+        in_sample: whitened squares left with all runs.
+        log_density: log predictive density of runs left out.
+        size: of the prior.
+        rows: left in sample by observation: (runs, R).
+    """
+
+    coefficients: tuple[Coefficient, ...]
+    mean: Array
+    sd: Array
+    energy: Array
+    in_sample: float
+    log_density: float
+    size: float
+    rows: Mapping[str, Array]
+
+
+def scored(
+    campaign: Campaign,
+    coefficients: Sequence[Coefficient],
+    mean: Array | None = None,
+    sizes: Sequence[float] = SIZES,
+) -> Score:
+    """Score about some mean, at the size of the prior that predicts best."""
+    every = (*campaign.base, *coefficients)
+    A, b = campaign.normal(coefficients)
+    n = len(campaign.base)
+    center = np.array([c.center for c in every])
+    # About the centre of the prior: squares left there are those at ``mean`` less the step.
+    off = center - (np.zeros(len(every)) if mean is None else mean)
+    energy = campaign.energy - _fall(A, b, off)
+    b = b - A @ off
+    prior, bound = np.array([c.sd for c in every]), np.array([c.bound for c in every])
+    best: tuple[float, LeftOut, float] | None = None
+    for size in sizes if coefficients else (1.0,):
+        sd = prior * np.where(np.arange(len(every)) < n, 1.0, size)
+        found = leave_one_out(Normal(A, b, sd, bound))
+        density = float(found.log_density.sum())
+        if best is None or density > best[0]:
+            best = density, found, size
+    assert best is not None
+    density, found, size = best
+    whole = found.whole
+    return Score(
+        every,
+        center + whole.mean,
+        np.sqrt(np.diag(whole.covariance)),
+        energy - found.fall,
+        float(np.sum(energy - _fall(A, b, whole.mean))),
+        density - 0.5 * float(energy.sum()),
+        size,
+        {},
+    )
+
+
+def _fall(A: Array, b: Array, step: Array) -> Array:
+    """(runs,) squares that a step takes off."""
+    fall: Array = 2.0 * b @ step - np.einsum("i,rij,j->r", step, A, step)
+    return fall
+
+
+def amplitudes(
+    coefficients: Sequence[Coefficient], mean: Array, runs: int, rows: Mapping[str, int]
+) -> dict[str, dict[str, Array]]:
+    """Amplitudes (runs, rows) of all functions that coefficients use."""
+    found: dict[str, dict[str, Array]] = {}
+    for c, value in zip(coefficients, mean, strict=True):
+        for o, part in c.parts.items():
+            of = found.setdefault(o, {})
+            for row, f, w in part.entries:
+                a = of.setdefault(f, np.zeros((runs, rows[o])))
+                a[:, row] += value * w
+    return found
+
+
+def wanted_of(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
+    """Functions that coefficients use, by observation."""
+    found: dict[str, dict[str, None]] = {}
+    for c in coefficients:
+        for o, part in c.parts.items():
+            found.setdefault(o, {}).update(dict.fromkeys(part.functions))
+    return {o: list(names) for o, names in found.items()}
+
+
+ROUNDS = 4
+
+
+class Search:
+    """The hypotheses of one campaign.
+
+    Args:
+        machine: with its runs.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine, self.base = machine, machine.base
+        self.rows, self.runs = machine.rows, machine.runs
+        self._linear: dict[str, list[Products]] = {}
+        start = np.zeros(len(self.base))
+        self.null = self.refined((), start)
+        self.campaign = self.about((), self.null.mean, wanted=None)
+
+    def about(
+        self,
+        coefficients: Sequence[Coefficient],
+        mean: Array,
+        wanted: Mapping[str, Sequence[str]] | None,
+    ) -> Campaign:
+        """Products of all observations about a solution, linear ones from products at zero."""
+        machine, every = self.machine, (*self.base, *coefficients)
+        made = amplitudes(every, mean, self.runs, self.rows)
+        fixed = machine.linear(made)
+        for o in fixed:
+            if o not in self._linear:
+                blocks = machine.blocks({}, None, (o,))
+                self._linear[o] = [products(b[o]) for b in blocks if o in b]
+        others = tuple(o for o in machine.functions if o not in fixed)
+        blocks = machine.blocks(made, wanted, others)
+        found = [{o: products(b) for o, b in of_run.items()} for of_run in blocks]
+        for o in fixed:
+            for r, p in enumerate(self._linear[o]):
+                found[r][o] = moved(p, _matrix(made.get(o, {}), p, r))
+        return Campaign(found, self.base)
+
+    def refined(
+        self, coefficients: Sequence[Coefficient], start: Array, rounds: int = ROUNDS
+    ) -> Score:
+        """Gauss-Newton with the exact observations, then the score about the solution."""
+        every = (*self.base, *coefficients)
+        wanted = wanted_of(every)
+        mean, least = start.copy(), np.inf
+        step = np.zeros_like(mean)
+        best: tuple[Array, Campaign] | None = None
+        for _ in range(rounds):
+            campaign = self.about(coefficients, mean, wanted)
+            now = float(campaign.energy.sum())
+            if now >= least:
+                step = 0.3 * step
+                mean = best[0] + step  # type: ignore[index]
+                continue
+            settled = least - now < 1e-4 * now
+            least, best = now, (mean, campaign)
+            if settled:
+                break
+            target = scored(campaign, coefficients, mean).mean
+            step, mean = target - mean, target
+        assert best is not None
+        mean, campaign = best
+        found = scored(campaign, coefficients, mean)
+        return replace(found, coefficients=every, rows=_rows_left(campaign))
+
+    def quick(self, coefficients: Sequence[Coefficient]) -> float:
+        """Squares that a hypothesis takes off (negative), in sample and without bounds."""
+        n = len(self.base)
+        A, b = self.campaign.normal(coefficients)
+        sd = np.array([c.sd for c in (*self.base, *coefficients)])
+        center = np.array([c.center for c in coefficients])
+        off = np.concatenate([np.zeros(n), center])
+        A, b = A.sum(0), b.sum(0)
+        right = b - A @ off
+        whole = A + np.diag(sd**-2.0)
+        own = whole[n:, n:] - whole[n:, :n] @ np.linalg.solve(whole[:n, :n], whole[:n, n:])
+        left = right[n:] - whole[n:, :n] @ np.linalg.solve(whole[:n, :n], right[:n])
+        return float(-(2.0 * b @ off - off @ A @ off) - left @ np.linalg.solve(own, left))
+
+    def onwards(self, machine: Machine, taken: Score | None = None) -> Search:
+        """The same with further functions of the machine, on top of what was found before."""
+        found = copy.copy(self)
+        found.machine, found._linear = machine, {}
+        if taken is not None:
+            known = tuple(
+                c if i < len(self.base) else replace(c, sd=c.sd * taken.size)
+                for i, c in enumerate(taken.coefficients)
+            )
+            found.base, found.null = known, replace(taken, coefficients=known)
+        found.campaign = found.about((), found.null.mean, wanted=None)
+        return found
+
+    def screened(self, coefficients: Sequence[Coefficient], size: float) -> Score:
+        """The linear score about the calibrated machine, at one size of the prior."""
+        start = np.concatenate([self.null.mean, np.zeros(len(coefficients))])
+        return scored(self.campaign, coefficients, start, (size,))
+
+
+def _matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
+    """Amplitudes (R, Q) of a run."""
+    a = np.zeros((len(p.rows), len(p.functions)))
+    for name, values in made.items():
+        a[:, p.functions.index(name)] = values[r]
+    return a
+
+
+def _rows_left(campaign: Campaign) -> dict[str, Array]:
+    return {o: np.stack([r[o].energy for r in campaign.runs]) for o in campaign.observations}

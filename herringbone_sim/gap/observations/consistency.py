@@ -1,0 +1,104 @@
+"""What the motion sensors say of each other: x = G u - e and dx/dt = v, free of any law.
+
+Twelve x, twelve v and nine u see eight coordinates and their rates. What geometry leaves of them,
+and of increments against the integral of rates, is noise unless a sensor errs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.force_law import GRATING_RAD, shafts, slow_waves
+from herringbone_sim.gap.residuals.fusion import Fused
+from herringbone_sim.gap.sensors.consistency import Relation, channel_signals, relations
+from herringbone_sim.gap.sensors.groups import sensor_names
+
+Array = NDArray[np.float64]
+
+NAME = "consistency"
+KINDS = ("gain", "bias", "delay", "clock")
+
+
+def function_names(layout: Layout, swap: tuple[str, str] | None) -> tuple[str, ...]:
+    """Errors of each channel, kinds fastest, channels x, v, u in order; an exchange of two."""
+    errors = tuple(f"{kind} of {name}" for name in sensor_names(layout) for kind in KINDS)
+    return errors if swap is None else (*errors, "swap")
+
+
+def block(
+    run: PreparedRun, fused: Fused, drift: float, swap: tuple[str, str] | None
+) -> Block | None:
+    """Consistency of a run; None where nothing can be compared.
+
+    Args:
+        drift: RMS of drift and hum over that of the noise.
+        swap: channels that may have been exchanged.
+    """
+    J = len(sensor_names(run.model.layout))
+    signals = channel_signals(run, np.ones((J, len(KINDS))), fused)
+    parts = [_rows(one, len(run)) for one in relations(run, signals)]
+    if not parts:
+        return None
+    residual, columns, weights = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
+    names = function_names(run.model.layout, swap)
+    if swap is not None:
+        i, j = (sensor_names(run.model.layout).index(name) for name in swap)
+        y = signals[:, :, 0]
+        apart = (y[:, j] - y[:, i])[:, None] * (weights[0][:, i] - weights[0][:, j])
+        columns = np.concatenate([columns, apart[:, :, None]], axis=2)
+    slow = slow_waves(run.times - run.times[0])
+    turns, size = _turns(run)
+    R = residual.shape[1]
+    nuisance = np.concatenate([slow, turns], axis=1)
+    grating = np.sqrt(weights[0] ** 2 @ size**2)
+    sd = np.concatenate(
+        [
+            np.full((R, slow.shape[1]), drift * np.sqrt(2.0 / slow.shape[1])),
+            np.repeat(grating[:, None], turns.shape[1], axis=1) + 1e-9,
+        ],
+        axis=1,
+    )
+    return Block(
+        NAME,
+        run.name,
+        tuple(f"relation {i}" for i in range(R)),
+        residual,
+        np.ones_like(residual),
+        names,
+        columns,
+        np.repeat(nuisance[:, None, :], R, axis=1),
+        sd,
+        np.zeros((0, R, len(names))),
+        np.zeros(0),
+    )
+
+
+def _rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
+    """Residual (n, d), columns (n, d, Q) and how each channel enters (d, J); zeros at the end."""
+    pad = n - len(one.left)
+    left = np.pad(one.left, ((0, pad), (0, 0)))
+    signals = np.pad(one.signals, ((0, pad), (0, 0), (0, 0)))
+    columns = one.columns[None, :, :, None] * signals[:, None, :, :]
+    return left, columns.reshape(n, left.shape[1], -1), one.columns.T[None].transpose(0, 2, 1)
+
+
+def _turns(run: PreparedRun) -> tuple[Array, Array]:
+    """Waves (n, 6) once a turn of each shaft, and the error of an encoder by channel (J,) [m]."""
+    waves = [
+        trig(run.phase / cycles)
+        for cycles in shafts(run.model).values()
+        for trig in (np.cos, np.sin)
+    ]
+    s = run.model.scales
+    radius = {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}
+    sizes = [
+        GRATING_RAD * radius[name[2]]
+        if name[0] == "u"
+        else GRATING_RAD * s.r_bs * (name[0] == "x")
+        for name in sensor_names(run.model.layout)
+    ]
+    return np.stack(waves, axis=1), np.array(sizes)

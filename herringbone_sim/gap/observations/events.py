@@ -1,0 +1,192 @@
+"""Teeth: events once a revolution, found by folding the residual over the turn of a member.
+
+A cracked tooth takes stiffness, a spalled one displaces; its window over the path of contact is a
+curve of its own. Where the same tooth meets the other meshes is a place that assembly leaves open
+to half a mesh cycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.products import Coefficient
+from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.effects.site import is_ring, planet_angles
+from herringbone_sim.gap.observations import force_law
+from herringbone_sim.gap.observations.basis import Function
+from herringbone_sim.gap.observations.curves import SHAPE, Places
+from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.law import Law, Motion
+
+Array = NDArray[np.float64]
+
+BINS = 6  # to a mesh cycle, which has ten samples or more
+SPAN = 1.5  # mesh cycles that a pair of teeth is in contact (contact ratio), data sheet's geometry
+KNOTS = np.arange(-5, 6) * 0.25  # of the window's curve, mesh cycles from its middle
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Sums over the turn of a member: (n_mesh, bins) squares of a column and products with r."""
+
+    A: Array
+    b: Array
+
+
+def lags(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
+    """When in mesh cycles (n_mesh,) a tooth of a member meets each mesh, by ways of assembly."""
+    cycles = force_law.members(gear.model)[member]
+    if member == "planet":
+        for half in (0.5 * cycles, np.floor(0.5 * cycles), np.ceil(0.5 * cycles)):
+            yield f"{half:g}", half * is_ring(gear.model.layout)
+        return
+    turn = planet_angles(gear.model) / (2.0 * np.pi) * cycles
+    for name, late in (("forward", turn), ("backward", -turn)):
+        yield name, late
+        if not np.allclose(np.rint(late), late):
+            yield f"{name} in step", np.rint(late)
+
+
+def fold(gear: Gear, amplitudes: Amplitudes, member: str) -> dict[str, Fold]:
+    """Folds of both kinds of event about a change of the law."""
+    cycles = force_law.members(gear.model)[member]
+    bins = int(round(BINS * cycles))
+    n = gear.model.layout.n_mesh
+    found = {kind: Fold(np.zeros((n, bins)), np.zeros((n, bins))) for kind in KINDS}
+    for r, g in enumerate(gear.runs):
+        m = g.some
+        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+        now = gear.law_of(m, of_law)
+        residual = (m.F - now.force) / now.sigma
+        at = np.floor(np.mod(m.phase / (2.0 * np.pi), cycles) * BINS).astype(int) % bins
+        for kind, columns in (
+            ("tooth_crack", -m.k * now.f / now.sigma),
+            ("tooth_spall", now.k * (now.drive + now.back) / now.sigma),
+        ):
+            for j in range(n):
+                if not np.isfinite(residual[:, j]).all():
+                    continue
+                c = columns[:, j]
+                found[kind].A[j] += np.bincount(at, c * c, bins)
+                found[kind].b[j] += np.bincount(at, c * residual[:, j], bins)
+    return found
+
+
+KINDS = ("tooth_crack", "tooth_spall")
+
+
+def proposals(
+    gear: Gear, amplitudes: Amplitudes, per_kind: int = 4
+) -> list[tuple[Hypothesis, list[Function]]]:
+    """The most promising events of both kinds, with the functions that they need."""
+    found: list[tuple[float, str, str, str, Array, Locus, float]] = []
+    for member in ("sun", "planet", "ring"):
+        for kind, one in fold(gear, amplitudes, member).items():
+            found += _ranked(gear, member, kind, one)
+    found.sort(key=lambda c: -c[0])
+    made: list[tuple[Hypothesis, list[Function]]] = []
+    count: dict[str, int] = {}
+    for _, kind, member, way, late, locus, middle in found:
+        if count.get(kind, 0) >= per_kind:
+            continue
+        count[kind] = count.get(kind, 0) + 1
+        label = f"{kind} {len(made)} of {len(gear.law_functions)}"
+        functions = window(gear, label, kind, member, middle, late)
+        made.append((_hypothesis(gear, label, kind, member, way, locus, middle), functions))
+    return made
+
+
+def _ranked(gear: Gear, member: str, kind: str, one: Fold):  # type: ignore[no-untyped-def]
+    layout = gear.model.layout
+    cycles = force_law.members(gear.model)[member]
+    bins = one.A.shape[1]
+    wide = int(round(SPAN * BINS))
+    kernel = np.zeros(bins)
+    kernel[:wide] = 1.0
+    spectrum = np.fft.rfft(kernel)
+
+    def summed(values: Array) -> Array:
+        return np.fft.irfft(np.fft.rfft(values, axis=1) * spectrum, bins, axis=1)
+
+    A, b = summed(one.A), summed(one.b)
+    ranked = []
+    for locus in known_effects()[kind].candidates(layout):
+        if member == "planet":
+            if locus.planet == "all":
+                continue
+        elif locus.mesh != {"sun": "sp", "ring": "rp"}[member]:
+            continue
+        mask = locus.mask(layout) > 0.0
+        ways = list(lags(gear, member)) if mask.sum() > 1 else [("alone", np.zeros(layout.n_mesh))]
+        for way, late in ways:
+            shift = np.rint(late * BINS).astype(int)
+            total_A = sum(np.roll(A[j], -shift[j]) for j in np.flatnonzero(mask))
+            total_b = sum(np.roll(b[j], -shift[j]) for j in np.flatnonzero(mask))
+            fall = (
+                total_b**2
+                / np.maximum(total_A, 1e-300)
+                * (total_b > 0.0 if kind == "tooth_crack" else 1.0)
+            )
+            top = int(np.argmax(fall))
+            middle = (top - wide + 1 + 0.5 * wide) / BINS % cycles
+            ranked.append((float(fall[top]), kind, member, way, late, locus, middle))
+    ranked.sort(key=lambda c: -c[0])
+    return ranked[:6]
+
+
+def window(
+    gear: Gear, label: str, kind: str, member: str, middle: float, late: Array
+) -> list[Function]:
+    """Hats over the mesh cycles from the middle of an event, each mesh at its own time."""
+    cycles = force_law.members(gear.model)[member]
+
+    def from_event(m: Motion) -> Array:
+        s = m.phase[:, None] / (2.0 * np.pi) - middle - late
+        return s - cycles * np.floor(s / cycles + 0.5)
+
+    def made(i: int) -> Function:
+        def values(m: Motion, _: Law) -> Array:
+            return np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / 0.25)
+
+        def rate(m: Motion, _: Law) -> Array:
+            s = from_event(m) - KNOTS[i]
+            inside = np.abs(s) < 0.25
+            return np.where(inside, -np.sign(s), 0.0) / 0.25 * m.omega / (2.0 * np.pi)
+
+        if kind == "tooth_crack":
+            return Function(f"{label} {i}", "kappa", values)
+        return Function(f"{label} {i}", "d", values, rate)
+
+    return [made(i) for i in range(len(KNOTS))]
+
+
+def _hypothesis(
+    gear: Gear, label: str, kind: str, member: str, way: str, locus: Locus, middle: float
+) -> Hypothesis:
+    """Deferred: coefficients are made by ``place`` once the functions are known."""
+    options = (("member", member), ("way", way), ("position", middle), ("label", label))
+    return Hypothesis(kind, options, locus, (), 1)
+
+
+def place(places: Places, one: Hypothesis) -> Hypothesis:
+    """A proposed event with its coefficients: a raised cosine and departures from it."""
+    label = dict(one.options)["label"]
+    mask = one.locus.mask(places.gear.model.layout)
+    sign, unit = (-1.0, 0.3) if one.effect == "tooth_crack" else (1.0, 5e-6)
+    bump = np.where(np.abs(KNOTS) < 0.75, 0.5 + 0.5 * np.cos(np.pi * KNOTS / 0.75), 0.0)
+    main = {f"{label} {i}": sign * w * mask for i, w in enumerate(bump) if w}
+    terms: list[Coefficient] = [places.coefficient(_NAMES[one.effect], main, unit)]
+    for i in range(len(KNOTS)):
+        terms.append(
+            places.coefficient(f"window {i}", {f"{label} {i}": sign * mask}, unit * 2 * SHAPE)
+        )
+    return Hypothesis(one.effect, one.options, one.locus, tuple(terms), 1)
+
+
+_NAMES = {"tooth_crack": "depth", "tooth_spall": "height"}

@@ -1,0 +1,209 @@
+"""The force law as an observation: measured minus modelled force, mesh by mesh.
+
+Local and algebraic, so chaos does not matter. Formed on every mesh that has F, and x and v by any
+way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.observations.basis import (
+    ORDERS,
+    TURNS,
+    Function,
+    column,
+    constant,
+    load_hats,
+    waves,
+)
+from herringbone_sim.gap.observations.law import Law, Motion
+
+Array = NDArray[np.float64]
+
+NAME = "force_law"
+SLOWEST = 150.0  # [Hz] third harmonic of the mains: hum and drift lie below
+GRATING_RAD = 1.45e-5  # three seconds of arc, data sheet
+DRIFT_SHARE = 0.5  # of the noise: drift and hum, data sheet
+
+
+def shift_k(m: Motion, _: Law) -> Array:
+    """Slope of k(phase) over k_m."""
+    return np.gradient(m.k, m.phase, axis=0, edge_order=2) / m.k_m
+
+
+def shift_e(m: Motion, _: Law) -> Array:
+    return -m.e_rate / m.omega
+
+
+def shift_e_rate(m: Motion, _: Law) -> Array:
+    return -np.gradient(m.e_rate, m.times, axis=0, edge_order=2) / m.omega
+
+
+def ahead(m: Motion, a: Array, what: str) -> tuple[Array, Array]:
+    """k or -e, ahead by an angle a (n_mesh,), less what they are; and the rate of -e."""
+    value, rate = np.zeros_like(m.x), np.zeros_like(m.x)
+    for angle in np.unique(a[a != 0.0]):
+        w, at = m.waves_at(m.phase + angle), a == angle
+        if what == "k":
+            value[:, at] = (w.k - m.k)[:, at] / m.k_m[at]
+        else:
+            value[:, at], rate[:, at] = (m.e - w.e)[:, at], (m.e_rate - w.e_rate)[:, at]
+    return value, rate
+
+
+def members(model: Model) -> dict[str, float]:
+    """Mesh cycles a revolution against the carrier."""
+    p = model.parameters
+    return {"sun": float(p.z_s), "planet": float(p.z_p), "ring": float(p.z_r)}
+
+
+def shafts(model: Model) -> dict[str, float]:
+    """Mesh cycles a revolution to ground of suns, carrier and planets; the ring is fixed."""
+    p = model.parameters
+    return {
+        "s": p.z_s * p.z_r / (p.z_s + p.z_r),
+        "c": float(p.z_r),
+        "p": 1.0 / abs(1.0 / p.z_p - 1.0 / p.z_r),
+    }
+
+
+def functions(model: Model) -> list[Function]:
+    """All functions of the force law."""
+    found = [
+        constant("kappa", "kappa"),
+        constant("gamma", "gamma"),
+        Function("error", "d", lambda m, _: -m.e, lambda m, _: -m.e_rate),
+        constant("b_plus", "b_plus"),
+        constant("b_minus", "b_minus"),
+        Function("shift k", "mean_kappa", shift_k),
+        Function("shift e", "d", shift_e, shift_e_rate),
+        Function("ahead k", "mean_kappa", shift_k, None, partial(ahead, what="k")),
+        Function("ahead e", "d", shift_e, shift_e_rate, partial(ahead, what="e")),
+    ]
+    found += waves("mean_kappa", "k", {str(q): q for q in ORDERS})
+    found += waves("d", "e", {str(q): q for q in ORDERS})
+    for member, cycles in members(model).items():
+        found += waves("d", member, {str(h): h / cycles for h in TURNS})
+    for shaft, cycles in shafts(model).items():
+        found += waves("d", f"shaft {shaft}", {"1": 1.0 / cycles})
+    found += load_hats("kappa", "kappa load")
+    found += [
+        Function("gamma out", "gamma", lambda _, law: 1.0 - law.drive - law.back),
+        *(Function(f.name, f.slot, _in_contact(f)) for f in load_hats("gamma", "gamma load")),
+        constant("F bias", "more"),
+        Function("F gain", "more", lambda _, law: law.force),
+        Function("F delay", "more", lambda m, law: -np.gradient(law.force, m.times, axis=0)),
+        Function(
+            "F clock",
+            "more",
+            lambda m, law: -m.times[:, None] * np.gradient(law.force, m.times, axis=0),
+        ),
+        Function("filter", "more", smoothing),
+    ]
+    for i in range(model.layout.n_mesh):
+        found.append(Function(f"F of {i}", "more", _of_mesh(i)))
+    return found
+
+
+def _in_contact(f: Function):  # type: ignore[no-untyped-def]
+    return lambda m, law: f.values(m, law) * (law.drive + law.back)
+
+
+def _of_mesh(i: int):  # type: ignore[no-untyped-def]
+    return lambda m, law: np.repeat(law.force[:, i : i + 1], m.x.shape[1], axis=1)
+
+
+def smoothing(m: Motion, law: Law) -> Array:
+    """What a common filter takes off kinks: filtered force minus the force of filtered x.
+
+    Second differences of k f(x) minus k f' times those of x, per sample step squared.
+    """
+    spring = law.k * law.f
+    slope = law.k * (law.drive + law.back)
+    found = np.zeros_like(spring)
+    found[1:-1] = np.diff(spring, 2, axis=0) - slope[1:-1] * np.diff(m.x, 2, axis=0)
+    return found
+
+
+def slow_waves(times: Array) -> Array:
+    """Cosines (n, S) over the run up to the third harmonic of the mains, the mean left out."""
+    span = times[-1] - times[0]
+    count = max(1, int(np.ceil(2.0 * span * SLOWEST)))
+    at = (np.arange(len(times)) + 0.5) / len(times)
+    return np.cos(np.pi * np.outer(at, np.arange(1, count + 1)))
+
+
+def block(
+    m: Motion,
+    law: Law,
+    model: Model,
+    chosen: Sequence[Function],
+    drift: float = DRIFT_SHARE,
+) -> Block:
+    """The force law of a run; meshes without force have no weight."""
+    known = np.isfinite(m.F).all(axis=0) & np.isfinite(law.force).all(axis=0)
+    residual = np.where(known, m.F - law.force, 0.0)
+    sigma = np.where(known, law.sigma, 1.0)
+    names = tuple(f.name for f in chosen)
+    columns = np.stack([np.nan_to_num(column(f, m, law)) for f in chosen], axis=2)
+    columns[:, ~known] = 0.0
+    slow = slow_waves(m.times)
+    stiff = np.nan_to_num(law.k * (law.drive + law.back))
+    nuisance = np.concatenate(
+        [
+            np.repeat(slow[:, None, :], len(known), axis=1),
+            stiff[:, :, None] * slow[:, None, :],
+        ],
+        axis=2,
+    )
+    S = slow.shape[1]
+    # Drift shares its power among the cosines; each has a mean square of one half.
+    spread = drift * np.sqrt(2.0 / S)
+    sd = np.concatenate(
+        [
+            np.repeat(spread * np.nan_to_num(m.sigma_F, nan=1.0)[:, None], S, axis=1),
+            np.repeat(spread * np.nan_to_num(m.sigma_x, nan=1.0)[:, None], S, axis=1),
+        ],
+        axis=1,
+    )
+    shared, shared_sd = gratings(model, names)
+    return Block(
+        NAME,
+        m.name,
+        model.layout.meshes,
+        residual,
+        sigma,
+        names,
+        columns,
+        nuisance,
+        sd,
+        shared * known[None, :, None],
+        shared_sd,
+    )
+
+
+def gratings(model: Model, names: Sequence[str]) -> tuple[Array, Array]:
+    """Encoders off centre, each once a turn of its own body: (T, n_mesh, Q) and their prior [m].
+
+    A reading that is late by w shows as force with less displacement: d = -(D B)[:, body] w.
+    """
+    D, B = coordinates_to_meshes(model.layout), bodies_to_coordinates(model)
+    through = -D @ B
+    bodies, s = model.layout.bodies, model.scales
+    weights, sds = [], []
+    radius = {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}
+    for j, body in enumerate(bodies):
+        for trig in ("cos", "sin"):
+            one = np.zeros((model.layout.n_mesh, len(names)))
+            one[:, names.index(f"shaft {body[0]} 1 {trig}")] = through[:, j]
+            weights.append(one)
+            sds.append(GRATING_RAD * radius[body[0]])
+    return np.array(weights), np.array(sds)

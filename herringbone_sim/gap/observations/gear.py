@@ -1,0 +1,315 @@
+"""The gear as a machine that the engine can diagnose: its observations, tolerances and places."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations import balance, consistency, force_law
+from herringbone_sim.gap.observations.basis import Function
+from herringbone_sim.gap.observations.law import Change, Law, Motion, law, motion_of
+from herringbone_sim.gap.residuals.balance import quadrature
+from herringbone_sim.gap.residuals.fusion import Fused, fuse
+from herringbone_sim.gap.residuals.recalibrate import fine_law
+from herringbone_sim.gap.sensors.corrected import undone
+from herringbone_sim.gap.sensors.swaps import find_swap
+
+Array = NDArray[np.float64]
+Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
+WIDTH = 0.12  # of the balance's window, mesh cycles: order 1 passes with 0.75, order 3 with 0.08
+
+
+@dataclass(frozen=True)
+class GearRun:
+    """A run with its motion.
+
+    Attributes:
+        run, fused: measured, its best displacements.
+        motion, some: as the law needs it, at every sample; at those that the force law is
+            compared at.
+    """
+
+    run: PreparedRun
+    fused: Fused
+    motion: Motion
+    some: Motion
+
+
+def gear_run(run: PreparedRun, stride: int) -> GearRun:
+    fused = fuse(run)
+    return GearRun(run, fused, motion_of(run, fused), motion_of(run, fused, stride))
+
+
+class Gear:
+    """Observations of a gear's runs, linear about any change of the law.
+
+    Args:
+        runs: of one rig.
+        drift: RMS of drift and hum over that of the noise.
+        stride: samples from one comparison of the force law to the next.
+    """
+
+    def __init__(
+        self,
+        runs: Sequence[PreparedRun],
+        drift: float = force_law.DRIFT_SHARE,
+        stride: int = 1,
+    ) -> None:
+        self.model = runs[0].model
+        self.drift, self.stride = drift, stride
+        self.runs = tuple(gear_run(run, stride) for run in runs)
+        known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
+        self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
+        group, _ = find_swap(runs)
+        self.swap = None if group is None else (group.names[0], group.names[1])
+        self.body_functions: tuple[Function, ...] = ()
+        self.law_functions: tuple[Function, ...] = tuple(force_law.functions(self.model))
+
+    @cached_property
+    def functions(self) -> dict[str, tuple[str, ...]]:
+        """Names of all functions by observation."""
+        laws = tuple(f.name for f in self.law_functions)
+        return {
+            force_law.NAME: laws,
+            balance.NAME: balance.function_names(
+                self.model, self.modelled, laws, [f.name for f in self.body_functions]
+            ),
+            consistency.NAME: consistency.function_names(self.model.layout, self.swap),
+        }
+
+    @cached_property
+    def omegas(self) -> Array:
+        return np.array([g.motion.omega for g in self.runs])
+
+    @cached_property
+    def sizes(self) -> dict[str, float]:
+        """RMS of each quantity over all runs."""
+        return {
+            q: float(
+                np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
+            )
+            for q in "xvu"
+            if any(getattr(g.run, q).there.any() for g in self.runs)
+        } | {}
+
+    @cached_property
+    def relations(self) -> int:
+        """Rows of the consistency of motion sensors."""
+        found = self._consistency[0]
+        return 0 if found is None else len(found.rows)
+
+    @cached_property
+    def _consistency(self) -> list[Block | None]:
+        return [consistency.block(g.run, g.fused, self.drift, self.swap) for g in self.runs]
+
+    @cached_property
+    def delta_T(self) -> Array:
+        return np.array([g.motion.point["delta_T"] for g in self.runs])
+
+    @cached_property
+    def T_1(self) -> Array:
+        return np.array([g.motion.point["T_1"] for g in self.runs])
+
+    @cached_property
+    def _quadrature(self) -> list[Array | None]:
+        found: list[Array | None] = []
+        for g in self.runs:
+            if np.isfinite(g.fused.x).all() and np.isfinite(g.fused.v).all():
+                found.append(quadrature(g.run, g.fused, fine_law(g.run, np.ones(6)), WIDTH))
+            else:
+                found.append(None)
+        return found
+
+    @cached_property
+    def _balances(self) -> list[Block]:
+        """Balances of the runs as measured, which no law enters."""
+        return [
+            self._balance(r, g, law(g.motion), self.law_functions) for r, g in enumerate(self.runs)
+        ]
+
+    def _balance(self, r: int, g: GearRun, now: Law, chosen: Sequence[Function]) -> Block:
+        return balance.block(
+            g.run,
+            g.fused,
+            g.motion,
+            now,
+            self.modelled,
+            chosen,
+            self._quadrature[r],
+            WIDTH,
+            self.body_functions,
+        )
+
+    def _put_right(self, r: int, errors: Mapping[str, Array]) -> GearRun:
+        """A run without errors of its motion sensors."""
+        g, run = self.runs[r], self.runs[r].run
+        for name, a in errors.items():
+            value = float(a[r][0])
+            if value == 0.0:
+                continue
+            kind, _, channel = name.partition(" of ")
+            names = self.swap if name == "swap" else (channel,)
+            run = undone(run, "swap" if name == "swap" else kind, names, value)
+        if run is g.run:
+            return g
+        return gear_run(run, self.stride)
+
+    def law_of(self, m: Motion, amplitudes: Mapping[str, Array]) -> Law:
+        """The law of a run with functions at amplitudes (n_mesh,)."""
+        return law(m, self.change_of(m, amplitudes))
+
+    def change_of(self, m: Motion, amplitudes: Mapping[str, Array]) -> Change:
+        """What functions at amplitudes (n_mesh,) do to the law of a run."""
+        on = [f for f in self.law_functions if f.name in amplitudes and np.any(amplitudes[f.name])]
+        change = Change()
+        # Displacements first: what depends on the load looks at the law that they leave.
+        for stage in STAGES:
+            chosen = [f for f in on if stage(f)]
+            if chosen:
+                now = law(m, change)
+                for f in chosen:
+                    _add(change, f, m, now, amplitudes[f.name])
+        return change
+
+    def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
+        """The consistency always; the balance unless its forces or its motion change."""
+        motion = any(np.any(a) for a in amplitudes.get(consistency.NAME, {}).values())
+        if motion or self.modelled.any():
+            return (consistency.NAME,) if self.relations else ()
+        known = (balance.NAME,) if self.balanced else ()
+        return (*known, consistency.NAME) if self.relations else known
+
+    @cached_property
+    def balanced(self) -> bool:
+        """Whether rates of all coordinates are known."""
+        return all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
+
+    def blocks(
+        self,
+        amplitudes: Amplitudes,
+        wanted: Mapping[str, Sequence[str]] | None,
+        observations: Sequence[str],
+    ) -> list[dict[str, Block]]:
+        """Some observations of all runs about a change, with the columns wanted (None: all)."""
+        return [self._blocks(r, amplitudes, wanted, observations) for r in range(len(self.runs))]
+
+    def _blocks(
+        self,
+        r: int,
+        amplitudes: Amplitudes,
+        wanted: Mapping[str, Sequence[str]] | None,
+        observations: Sequence[str],
+    ) -> dict[str, Block]:
+        found: dict[str, Block] = {}
+        relations = self._consistency[r]
+        if consistency.NAME in observations and relations is not None:
+            found[consistency.NAME] = _about(
+                relations, amplitudes.get(consistency.NAME, {}), r, wanted
+            )
+        if not {force_law.NAME, balance.NAME} & set(observations):
+            return found
+        g = self._put_right(r, amplitudes.get(consistency.NAME, {}))
+        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+        chosen = self.law_functions
+        if wanted is not None:
+            used = {*wanted.get(force_law.NAME, ()), *SHAFT_NAMES}
+            chosen = tuple(f for f in chosen if f.name in used)
+        if force_law.NAME in observations and not self.modelled.all():
+            now = self.law_of(g.some, of_law)
+            found[force_law.NAME] = force_law.block(g.some, now, self.model, chosen, self.drift)
+        if balance.NAME in observations and self.balanced:
+            cached = g is self.runs[r] and not self.modelled.any()
+            full = (
+                self._balances[r]
+                if cached
+                else self._balance(r, g, self.law_of(g.motion, of_law), chosen)
+            )
+            found[balance.NAME] = _about(full, amplitudes.get(balance.NAME, {}), r, wanted)
+        return found
+
+    def with_functions(
+        self, extra: Sequence[Function], on_bodies: Sequence[Function] = ()
+    ) -> Gear:
+        """The same with further functions of the force law and of the balance."""
+        found = copy.copy(self)
+        found.law_functions = (*self.law_functions, *extra)
+        found.body_functions = (*self.body_functions, *on_bodies)
+        for name in ("functions", "_balances"):
+            found.__dict__.pop(name, None)
+        return found
+
+    def inputs(self, observation: str, r: int) -> Array:
+        """(n, R, D) all that is measured at each row, of order one, for a flexible regression."""
+        g = self.runs[r]
+        m = g.some if observation == force_law.NAME else g.motion
+        x, v = np.nan_to_num(m.x) / m.b, np.nan_to_num(m.v) / (m.b * m.omega)
+        lag = max(1, int(round(0.25 * 2.0 * np.pi / m.omega / (m.times[1] - m.times[0]))))
+        late = [np.concatenate([np.repeat(q[:1], lag, axis=0), q[:-lag]]) for q in (x, v)]
+        angles = [m.phase, *(m.phase / c for c in force_law.members(self.model).values())]
+        turns = [trig(a) for a in angles for trig in (np.cos, np.sin)]
+        held = [m.point["delta_T"] / 50.0, m.point["T_1"] / 1000.0, 2.0 * m.times / m.times[-1]]
+        if observation == consistency.NAME:
+            return np.zeros((len(m.phase), 0, 1))
+        if observation == force_law.NAME:
+            own = [x, v, *late]
+        else:
+            z, rate = np.nan_to_num(g.fused.z), np.nan_to_num(g.fused.z_rate)
+            own = [z / m.b[0], rate / (m.b[0] * m.omega)]
+        n, R = own[0].shape
+        common = np.stack([np.broadcast_to(h, n) for h in (*turns, *held)], axis=1)
+        spread = np.broadcast_to(common[:, None, :], (n, R, common.shape[1]))
+        return np.concatenate([np.stack(own, axis=2), spread], axis=2)
+
+
+STAGES: tuple[Callable[[Function], bool], ...] = (
+    lambda f: f.slot in ("d", "b_plus", "b_minus"),
+    lambda f: f.slot in ("kappa", "mean_kappa", "gamma"),
+    lambda f: f.slot == "more",
+)
+SHAFT_NAMES = tuple(f"shaft {s} 1 {trig}" for s in "scp" for trig in ("cos", "sin"))
+
+
+def _add(change: Change, f: Function, m: Motion, now: Law, a: Array) -> None:
+    if f.bent is not None:
+        value, rate = f.bent(m, a)
+        setattr(change, f.slot, getattr(change, f.slot) + value)
+        if f.slot == "d":
+            change.d_rate = change.d_rate + rate
+        return
+    g = f.values(m, now)
+    g = g[:, None] if g.ndim == 1 else g
+    setattr(change, f.slot, getattr(change, f.slot) + g * a)
+    if f.slot == "d" and f.rate is not None:
+        rate = f.rate(m, now)
+        change.d_rate = change.d_rate + (rate[:, None] if rate.ndim == 1 else rate) * a
+
+
+def _about(
+    block: Block,
+    amplitudes: Mapping[str, Array],
+    r: int,
+    wanted: Mapping[str, Sequence[str]] | None,
+) -> Block:
+    """A linear block with its residual at some amplitudes, and the columns wanted."""
+    residual = block.residual
+    for name, a in amplitudes.items():
+        residual = residual - block.columns[:, :, block.functions.index(name)] * a[r]
+    if wanted is None:
+        return replace(block, residual=residual)
+    keep = [
+        i for i, f in enumerate(block.functions) if f in set(wanted.get(block.observation, ()))
+    ]
+    return replace(
+        block,
+        residual=residual,
+        functions=tuple(block.functions[i] for i in keep),
+        columns=block.columns[:, :, keep],
+        shared=block.shared[:, :, keep],
+    )

@@ -1,0 +1,165 @@
+"""The force law of a run with room for what effects do, and its derivatives.
+
+F = k(t) [1 + kappa] f(x + d; b' + b_plus, b' + b_minus) + c [1 + gamma] (v + d') + more, with f the
+backlash function smoothed over the noise of x, Eqs. (1) to (4), (12).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from herringbone_sim.core.model import Model, mean_stiffness
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.waves import Waves, waves
+from herringbone_sim.gap.residuals.fusion import Fused
+
+Array = NDArray[np.float64]
+SLOTS = ("kappa", "mean_kappa", "d", "b_plus", "b_minus", "gamma", "more")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A run as the force law needs it; arrays (n, n_mesh) where nothing else is said.
+
+    Attributes:
+        name: of the run.
+        phase, times: (n,) [rad], [s].
+        omega: mesh frequency [rad/s].
+        point: delta_T [K], K, T_1 [N m], Omega.
+        x, v: displacement [m] and rate [m/s] relative to the nominal e(t).
+        F: measured force [N], NaN where there is none.
+        sigma_x, sigma_v, sigma_F: (n_mesh,) noise.
+        k, e, e_rate: nominal waves [N/m], [m], [m/s].
+        waves_at: nominal waves at any phases (n,).
+        k_m, c, b: (n_mesh,) mean stiffness [N/m], damping [N s/m], half-backlash [m].
+    """
+
+    name: str
+    phase: Array
+    times: Array
+    omega: float
+    point: dict[str, float]
+    x: Array
+    v: Array
+    F: Array
+    sigma_x: Array
+    sigma_v: Array
+    sigma_F: Array
+    k: Array
+    e: Array
+    e_rate: Array
+    waves_at: Callable[[Array], Waves]
+    k_m: Array
+    c: Array
+    b: Array
+
+
+def motion_of(run: PreparedRun, fused: Fused, stride: int = 1) -> Motion:
+    """A run with its best displacements, at every sample or at some of them."""
+    at = slice(None, None, stride)
+    return Motion(
+        name=run.name,
+        phase=run.phase[at],
+        times=(run.times - run.times[0])[at],
+        omega=run.omega_rad_per_s,
+        point=dict(run.point),
+        x=fused.x[at],
+        v=fused.v[at],
+        F=run.F.values[at],
+        sigma_x=fused.sigma_x,
+        sigma_v=fused.sigma_v,
+        sigma_F=run.F.sigma,
+        k=run.waves.k[at],
+        e=run.waves.e[at],
+        e_rate=run.waves.e_rate[at],
+        waves_at=partial(_waves, run.model, run.omega_rad_per_s),
+        k_m=mean_stiffness(run.model.parameters),
+        c=run.model.damping_n_s_per_m,
+        b=run.model.half_backlash_m,
+    )
+
+
+def _waves(model: Model, omega: float, phase: Array) -> Waves:
+    return waves(model, phase, omega)
+
+
+@dataclass
+class Change:
+    """What effects do to the law at every sample: arrays (n, n_mesh) or numbers; see the module."""
+
+    kappa: Array | float = 0.0
+    mean_kappa: Array | float = 0.0
+    d: Array | float = 0.0
+    d_rate: Array | float = 0.0
+    b_plus: Array | float = 0.0
+    b_minus: Array | float = 0.0
+    gamma: Array | float = 0.0
+    more: Array | float = 0.0
+
+
+def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion, Change]:
+    """A run and a change on some of its meshes alone."""
+    wide = ("x", "v", "F", "k", "e", "e_rate")
+    narrow = ("sigma_x", "sigma_v", "sigma_F", "k_m", "c", "b")
+    some = {name: getattr(m, name)[:, at] for name in wide}
+    some |= {name: getattr(m, name)[at] for name in narrow}
+    parts = {
+        name: value[:, at] if isinstance(value, np.ndarray) and value.ndim == 2 else value
+        for name, value in vars(change).items()
+    }
+    return replace(m, **some), Change(**parts)
+
+
+@dataclass(frozen=True)
+class Law:
+    """The law at every sample, arrays (n, n_mesh).
+
+    Attributes:
+        force: [N].
+        sigma: noise of measured minus modelled force [N].
+        k: stiffness with all changes [N/m].
+        f: expected backlash function [m].
+        drive, back: odds of contact on the two flanks.
+        damper: c (v + d') [N].
+        c: damping with all changes [N s/m].
+    """
+
+    force: Array
+    sigma: Array
+    k: Array
+    f: Array
+    drive: Array
+    back: Array
+    damper: Array
+    c: Array = field(repr=False)
+
+
+def law(m: Motion, change: Change | None = None) -> Law:
+    """The force law of a run."""
+    ch = change or Change()
+    s = np.maximum(np.nan_to_num(m.sigma_x), 1e-15)
+    x = m.x + ch.d
+    drive, drive_2, on = _ramp(x - np.maximum(m.b + ch.b_plus, 0.0), s)
+    back, back_2, off = _ramp(-x - np.maximum(m.b + ch.b_minus, 0.0), s)
+    f = drive - back
+    variance = np.maximum(drive_2 + back_2 - f**2, 0.0)
+    k = m.k * (1.0 + ch.kappa) + m.k_m * ch.mean_kappa
+    c = m.c * (1.0 + ch.gamma) * np.ones_like(m.x)
+    damper = m.c * (m.v + ch.d_rate)
+    force = k * f + damper * (1.0 + ch.gamma) + ch.more
+    sigma = np.sqrt(np.nan_to_num(m.sigma_F) ** 2 + k**2 * variance + (c * m.sigma_v) ** 2)
+    return Law(force, sigma, k, f, on, off, damper, c)
+
+
+def _ramp(over: Array, sigma: Array) -> tuple[Array, Array, Array]:
+    """Expectation of max(y, 0), of its square, and odds of y > 0, for y ~ N(over, sigma^2)."""
+    z = over / sigma
+    odds = ndtr(z)
+    bell = sigma * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+    return over * odds + bell, (over**2 + sigma**2) * odds + over * bell, odds
