@@ -73,7 +73,7 @@ def gap(args: argparse.Namespace) -> int:
         found = diagnose(prepared, say)
     write_report(args.out / "report.json", found.report)
     save_augmented(args.out / "augmented.yaml", nominal, found.augmented, prepared.rig)
-    page = write_gap_page(found.report, args.out, gap_arrays(found.evidence), args.nominal)
+    page = write_gap_page(found.report, args.out, gap_arrays(found.calibrated), args.nominal)
     print(summary(found))
     names = ("residual.csv", "report.json", "augmented.yaml")
     print(f"written: {', '.join(str(args.out / name) for name in names)}, {page}")
@@ -145,8 +145,9 @@ def summary(found: Diagnosis) -> str:
             f"{gap.over('augmented'):.4g}, floor {gap.over('floor'):.4g}, closure "
             f"{gap.closure:.1%}"
         )
-    if found.control is not None and math.isfinite(found.control.closure):
-        lines.append(f"  runner-up as a control: closure {found.control.closure:.1%}")
+    control = gap.closed("runner_up")
+    if math.isfinite(control):
+        lines.append(f"  runner-up as a control: closure {control:.1%}")
     if found.senses is not None:
         others = (found.senses.prediction, found.senses.attractor)
         lines += [sense_line(one) for one in others if math.isfinite(one.over("nominal"))]

@@ -65,7 +65,7 @@ def examine(machine: Machine, say: Callable[[str], None] = lambda text: None) ->
     """Score every hypothesis on the runs of a machine."""
     say("calibration")
     search = Search(machine)
-    none = Found((), search.null)
+    none = Found((), search.settled(search.null))
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
     search, ranked = _ranked(search, catalogue)
@@ -126,7 +126,7 @@ def _fits(search: Search, ranked: Ranked, most: int, places: int) -> tuple[Found
             break
         if per.get(one.effect, 0) < places:
             per[one.effect] = per.get(one.effect, 0) + 1
-            fits.append(Found((one,), search.refined(one.coefficients, linear.mean)))
+            fits.append(Found((one,), search.settled(search.refined(one.coefficients, linear.mean))))
     return tuple(sorted(fits, key=lambda f: f.energy))
 
 
@@ -143,7 +143,7 @@ def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tup
 
 def _left(search: Search, found: Found) -> dict[str, Predictable]:
     """What a flexible regression explains of what a hypothesis leaves."""
-    machine = search.machine
+    machine = search.machine.finely()
     every = found.score.coefficients
     made = amplitudes(every, found.score.mean, search.runs, search.rows)
     result = {}

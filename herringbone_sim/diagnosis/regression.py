@@ -105,27 +105,30 @@ class LeftOut:
         fall: (runs,) sum of squares that the prediction takes off the whitened residual.
         log_density: (runs,) log predictive density over that of theta = 0.
         whole: from all runs.
+        means: (runs, p) from all runs but one.
     """
 
     fall: Array
     log_density: Array
     whole: Solution
+    means: Array
 
 
 def leave_one_out(n: Normal) -> LeftOut:
     """Predict every run by the others; a single run is predicted by itself."""
     whole = solve(n.A.sum(0), n.b.sum(0), n.sd, n.bound)
     runs = len(n.b)
-    fall, density = np.zeros(runs), np.zeros(runs)
+    fall, density, means = np.zeros(runs), np.zeros(runs), np.zeros((runs, len(whole.mean)))
     for r in range(runs):
         if runs == 1:
             rest = whole
         else:
             keep = np.arange(runs) != r
             rest = solve(n.A[keep].sum(0), n.b[keep].sum(0), n.sd, n.bound)
+        means[r] = rest.mean
         fall[r] = 2.0 * n.b[r] @ rest.mean - rest.mean @ n.A[r] @ rest.mean
         density[r] = 0.5 * fall[r] + 0.5 * _widening(n.A[r], n.b[r], rest)
-    return LeftOut(fall, density, whole)
+    return LeftOut(fall, density, whole, means)
 
 
 def _widening(A: Array, b: Array, rest: Solution) -> float:

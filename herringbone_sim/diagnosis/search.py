@@ -5,10 +5,12 @@ from __future__ import annotations
 import copy
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from herringbone_sim.diagnosis.products import (
     Block,
@@ -42,6 +44,9 @@ class Machine(Protocol):
     def proposals(self, amplitudes: Amplitudes) -> tuple[Machine, list[Hypothesis]]:
         """Hypotheses found in the residual about a change, and a machine with their functions."""
 
+    def finely(self) -> Machine:
+        """The same, all its observations formed about the amplitudes themselves."""
+
     def inputs(self, observation: str, r: int) -> Array:
         """(n, R, D) all that is measured at each row of run r, of order one."""
 
@@ -69,6 +74,7 @@ class Hypothesis:
         locus: (mesh, planet, side), or whatever the machine tells places by.
         coefficients: to fit.
         mains: how many of them, the first ones, are the effect's own parameters.
+        maker: what a machine needs to make it again for other runs.
     """
 
     effect: str
@@ -76,6 +82,7 @@ class Hypothesis:
     locus: Hashable
     coefficients: tuple[Coefficient, ...]
     mains: int
+    maker: Any = None
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,8 @@ class Score:
     Attributes:
         coefficients: the tolerances first.
         mean: (p,) of all runs.
-        sd: (p,) posterior standard deviations for noise as it was taken.
+        covariance: (p, p) posterior, for noise as it was taken.
+        left_out: (runs, p) means without one run each.
         energy: (runs,) whitened squares that are left of runs predicted by the others.
         in_sample: whitened squares left with all runs.
         log_density: log predictive density of runs left out.
@@ -95,12 +103,27 @@ class Score:
 
     coefficients: tuple[Coefficient, ...]
     mean: Array
-    sd: Array
+    covariance: Array
+    left_out: Array
     energy: Array
     in_sample: float
     log_density: float
     size: float
     rows: Mapping[str, Array]
+
+    def spread(self) -> Array:
+        """(p, p) covariance with what differs from run to run: the jackknife over runs.
+
+        Noise is white, what a curve misses is not; the jackknife is widened as Student's
+        distribution is for so few runs.
+        """
+        runs = len(self.left_out)
+        if runs < 2:
+            return self.covariance
+        off = self.left_out - self.left_out.mean(axis=0)
+        wide = float(student.ppf(0.95, runs - 1) / norm.ppf(0.95)) ** 2
+        jackknife: Array = wide * (runs - 1) / runs * off.T @ off
+        return self.covariance + jackknife
 
 
 def scored(
@@ -132,7 +155,8 @@ def scored(
     return Score(
         every,
         center + whole.mean,
-        np.sqrt(np.diag(whole.covariance)),
+        whole.covariance,
+        center + found.means,
         energy - found.fall,
         float(np.sum(energy - _fall(A, b, whole.mean))),
         density - 0.5 * float(energy.sum()),
@@ -236,6 +260,13 @@ class Search:
         mean, campaign = best
         found = scored(campaign, coefficients, mean)
         return replace(found, coefficients=every, rows=_rows_left(campaign))
+
+    def settled(self, found: Score) -> Score:
+        """A score with every observation formed about the solution itself, none linear."""
+        fine = copy.copy(self)
+        fine.machine = self.machine.finely()
+        coefficients = found.coefficients[len(self.base) :]
+        return fine.refined(coefficients, found.mean, 1)
 
     def quick(self, coefficients: Sequence[Coefficient]) -> float:
         """Squares that a hypothesis takes off (negative), in sample and without bounds."""

@@ -1,4 +1,4 @@
-"""A campaign to its report: gather, decide, verify, and say what can't be decided."""
+"""A campaign to its report: examine, judge, measure what the verdict closes, say what is open."""
 
 from __future__ import annotations
 
@@ -6,26 +6,38 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.evidence import Evidence, evidence_of
+from herringbone_sim.diagnosis.examine import Examined, Found, examine
+from herringbone_sim.diagnosis.judge import Chance, chances
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.parts import to_leave_out
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.measured import gap_of, metric_of
+from herringbone_sim.gap.named import named
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.independent import independent
+from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.report import report
-from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.find import SensorCheck, contradictions
+from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
 from herringbone_sim.gap.sensors.noise import quieter
-from herringbone_sim.gap.verdict.augmented import Augmented, augmented, nominal_model, runner_up
-from herringbone_sim.gap.verdict.decide import Verdict, decide
+from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
+from herringbone_sim.gap.verdict.decide import Option, Verdict, decide, option_of
 from herringbone_sim.gap.verdict.design import design
-from herringbone_sim.gap.verdict.evidence import Evidence, gather, mended
 from herringbone_sim.gap.verdict.place import structure, where
 from herringbone_sim.gap.verdict.questions import mismatched, next_experiment, undecidable
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
-from herringbone_sim.gap.verification.verify import Gap, measure
+from herringbone_sim.gap.verification.verify import Gap, RunGap
 
+Array = NDArray[np.float64]
 Say = Callable[[str], None]
+STRIDE = 2  # samples between comparisons of the force law while hypotheses are sought
 
 
 @dataclass(frozen=True)
@@ -33,24 +45,29 @@ class Diagnosis:
     """All that is known of a campaign.
 
     Attributes:
-        evidence: of the fit runs.
+        evidence: what the verdict hangs on; None where the nominal file is another rig's.
+        calibrated: fit runs and calibration.
         verdict: with probabilities.
-        gap: of all runs in the residual that counts, held-out ones included.
-        control: the same with the runner-up in the place of the verdict; None without one.
+        gap: of all runs in the observation that counts, held-out ones included.
         report: plain data after the contract.
         augmented: the model that the verdict makes of the nominal one.
         senses: the gap in all three senses; None where they were not asked for.
         findings: what is wrong with the recording, and what it leaves open.
     """
 
-    evidence: Evidence
+    evidence: Evidence | None
+    calibrated: Calibrated
     verdict: Verdict
     gap: Gap
-    control: Gap | None
     report: dict[str, Any]
     augmented: Augmented = field(default_factory=nominal_model)
     senses: Senses | None = None
     findings: tuple[Finding, ...] = ()
+
+    def mend(self, run: PreparedRun) -> PreparedRun:
+        """A run without what its sensors were found to add."""
+        wrong = [a for a in self.augmented.actives if motion_sensor(a)]
+        return corrected(run, wrong) if wrong else run
 
 
 def diagnose(
@@ -61,8 +78,7 @@ def diagnose(
     Args:
         campaign: as prepared.
         say: told of the progress.
-        senses: whether to measure the gap as prediction and attractor too, and to work out which
-            operating point would tell the leading rivals apart.
+        senses: whether to measure the gap as prediction and attractor too.
 
     Raises:
         AnalysisError: no run of role ``fit``.
@@ -70,53 +86,122 @@ def diagnose(
     campaign, findings = check(campaign)
     if not campaign.noise_known:
         campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
+    campaign = replace(campaign, runs=tuple(independent(run) for run in campaign.runs))
     for finding in findings:
         say(finding.text)
-    evidence = replace(evidence_of(campaign, findings, say), noise_known=campaign.noise_known)
-    findings = (*findings, *contradictions(evidence.check))
-    verdict = decide(evidence)
+    fit = to_leave_out(_fit_runs(campaign, findings))
+    machine = GearMachine(Gear(fit, stride=STRIDE))
+    if mismatched(findings) or not machine.observes:
+        return _nothing(campaign, findings, machine, senses)
+    found = examine(machine, say)
+    evidence = evidence_of(found)
+    told = chances(evidence)
+    options = {
+        i: option_of(named(f.hypotheses, f.score, machine.gear.model))
+        for i, c in enumerate(told)
+        if c.candidate is not None and c.effects
+        for f in (_found(found, evidence, c),)
+    }
+    best = next((_found(found, evidence, c) for c in told if c.candidate and c.effects), None)
+    verdict = decide(told, options, metric_of(found.none, best))
+    taken = _taken(found, evidence, told, options, verdict.chosen)
+    other = _taken(found, evidence, told, options, verdict.runner_up)
     say("held-out runs")
-    model, other = augmented(evidence, verdict), runner_up(evidence, verdict)
-
-    def mend(run: PreparedRun) -> PreparedRun:
-        return mended(run, evidence.check)
-
-    gap = measure(campaign.runs, mend, verdict.metric, model)
-    control = None if other is None else measure(campaign.runs, mend, verdict.metric, other)
-    gap = gap.with_runner_up(control)
-    found, next_point = None, None
-    if senses and not mismatched(findings):
-        found = measure_senses(campaign.runs, mend, gap, model, other, say)
-        say("next operating point")
-        next_point = design(campaign, evidence, verdict)
-    open_ = [f.text for f in findings] + undecidable(campaign, evidence, verdict, findings)
-    made = report(
-        campaign.rig,
-        verdict,
-        where(campaign, evidence),
-        gap,
-        [*open_, *(found.unknown if found else ())],
-        next_experiment(campaign, verdict, next_point),
-        [f for f in findings if not f.limit],
-        found,
-        campaign.nominal.layout.channels,
-        structure(campaign, evidence) if senses else None,
-    )
-    return Diagnosis(evidence, verdict, gap, control, made, model, found, findings)
+    model = augmented(found.none if taken is None else taken, verdict.chosen)
+    gap = gap_of(machine, campaign.runs, verdict.metric, found.none, taken, other)
+    calibrated = _calibrated(machine, found)
+    made = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings)
+    measured = None
+    if senses:
+        rival = None if other is None else augmented(other, verdict.runner_up)
+        measured = measure_senses(campaign.runs, made.mend, gap, model, rival, say)
+    return _reported(made, campaign, measured, senses)
 
 
-def evidence_of(campaign: PreparedCampaign, findings: Sequence[Finding], say: Say) -> Evidence:
-    """Evidence of the fit runs; that of sensors and effects is not asked of another rig's nominal.
-
-    Raises:
-        AnalysisError: no fit run is left.
-    """
+def _fit_runs(
+    campaign: PreparedCampaign, findings: Sequence[Finding]
+) -> tuple[PreparedRun, ...]:
     fit = campaign.of_role("fit")
     if not fit:
         told = "; ".join(f.text for f in findings if f.fatal)
         raise AnalysisError(f"no run of role fit is left to learn from: {told}")
-    if not mismatched(findings):
-        return gather(to_leave_out(fit), say)
-    cases = tuple(case(run, fuse(run)) for run in fit)
-    nothing = SensorCheck(float("nan"), float("nan"), float("nan"), float("nan"), ())
-    return Evidence(nothing, cases, None, (), (), (), (), 0.0, {})
+    return fit
+
+
+def _found(found: Examined, evidence: Evidence, chance: Chance) -> Found:
+    """The fit of an explanation."""
+    every = (found.none, *found.singles, *found.pairs)
+    at = next(i for i, c in enumerate(evidence.candidates) if c is chance.candidate)
+    return every[at]
+
+
+def _taken(
+    found: Examined,
+    evidence: Evidence,
+    told: Sequence[Chance],
+    options: dict[int, Option],
+    option: Option | None,
+) -> Found | None:
+    at = next((i for i, o in options.items() if o is option), None)
+    return None if at is None or option is None else _found(found, evidence, told[at])
+
+
+def augmented(found: Found, option: Option | None) -> Augmented:
+    """The nominal model with the tolerances of a fit, and the effects of an explanation."""
+    values = {c.name: v for c, v in zip(found.score.coefficients, found.score.mean, strict=True)}
+    factors = np.array(
+        [1.0 + values[f"{q}_{kind}"] for q in "kce" for kind in ("sp", "rp")], dtype=float
+    )
+    inverse = np.array([1.0 + values[f"M_{body}"] for body in "spc"], dtype=float)
+    return Augmented(factors, inverse, () if option is None else option.actives)
+
+
+def _calibrated(machine: GearMachine, found: Examined) -> Calibrated:
+    cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
+    rows = found.none.score.rows.get("force_law")
+    count = found.counts.get("force_law", 0.0)
+    per_mesh = None
+    if rows is not None and count > 0.0:
+        alive = rows.sum(axis=0) > 0.0
+        per_mesh = rows.sum(axis=0) / (count / max(int(alive.sum()), 1))
+    return Calibrated(cases, augmented(found.none, None).factors, per_mesh)
+
+
+def _nothing(
+    campaign: PreparedCampaign,
+    findings: tuple[Finding, ...],
+    machine: GearMachine,
+    senses: bool,
+) -> Diagnosis:
+    """A campaign that no observation can be formed of, or of another rig: nothing is decided."""
+    told = [Chance(("unknown",), None, 0.5), Chance((), None, 0.5)]
+    if mismatched(findings):
+        told = [Chance(("unknown",), None, 1.0)]
+    verdict = decide(told, {}, "force_law")
+    nan = float("nan")
+    runs = tuple(RunGap(run.name, run.role, nan, nan, nan) for run in campaign.runs)
+    cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
+    calibrated = Calibrated(cases, np.ones(6), None)
+    made = Diagnosis(None, calibrated, verdict, Gap("force_law", runs), {}, findings=findings)
+    return _reported(made, campaign, None, senses)
+
+
+def _reported(
+    made: Diagnosis, campaign: PreparedCampaign, senses: Senses | None, full: bool
+) -> Diagnosis:
+    point = design(campaign, made.calibrated, made.verdict, made.augmented) if full else None
+    verdict, findings = made.verdict, made.findings
+    open_ = [f.text for f in findings] + undecidable(campaign, made.calibrated, verdict, findings)
+    written = report(
+        campaign.rig,
+        verdict,
+        where(campaign, made.calibrated),
+        made.gap,
+        [*open_, *(senses.unknown if senses else ())],
+        next_experiment(campaign, verdict, point),
+        [f for f in findings if not f.limit],
+        senses,
+        campaign.nominal.layout.channels,
+        structure(campaign, made.calibrated) if full else None,
+    )
+    return replace(made, report=written, senses=senses)

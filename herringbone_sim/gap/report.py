@@ -14,8 +14,7 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.verdict.decide import Verdict
-from herringbone_sim.gap.verdict.stages import Option
+from herringbone_sim.gap.verdict.decide import Option, Verdict
 from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.verify import Gap
 from herringbone_sim.gap.verification.written import (
@@ -54,12 +53,16 @@ def report(
     senses: Senses | None = None,
     channels: Sequence[str] = (),
     structure: Mapping[str, Any] | None = None,
+    noise: Mapping[str, Any] | None = None,
+    observations: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The report as plain data; NaN becomes null.
 
     Args:
         channels: that a full recording has, for the names of those at a locus.
         structure: of the residual, see ``place.structure``.
+        noise: of each channel, see ``noise.written``.
+        observations: residuals that could be formed.
     """
     causes = [
         _cause(name, chance, verdict.best.get(name), channels)
@@ -81,6 +84,11 @@ def report(
         "next_experiment": dict(next_experiment),
         "findings": [_finding(one) for one in findings],
         "structure": dict(structure or {}),
+        "hypotheses": _hypotheses(verdict),
+        "law": [law.written() for law in (verdict.chosen.laws if verdict.chosen else ())],
+        "noise": dict(noise or {}),
+        "recorded": sorted(noise or ()),
+        "observations": list(observations),
     }
     clean: dict[str, Any] = plain_numbers(made)
     return clean
@@ -155,6 +163,18 @@ def _cause(
         "probability": chance,
         "parameters": values,
     }
+
+
+def _hypotheses(verdict: Verdict) -> list[dict[str, Any]]:
+    """Every explanation with effects, places and probability, best first."""
+    return [
+        {
+            "effects": list(c.effects or ("none",)),
+            "loci": [] if c.candidate is None else list(c.candidate.places),
+            "probability": c.probability,
+        }
+        for c in verdict.chances
+    ]
 
 
 def _effects(option: Option | None) -> list[str]:

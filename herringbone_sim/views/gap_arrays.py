@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from herringbone_sim.core.timeseries import Array
+from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.residuals.recalibrate import Law, force_law
-from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.views.gap_figures import GapArrays
 from herringbone_sim.views.gap_words import figure
 from herringbone_sim.views.gear_drawing import MESHES
@@ -17,15 +17,15 @@ BINS = 24
 FACTORS = {"T_1": "input torque [N m]", "delta_T": "temperature rise [K]", "Omega": "speed Ω"}
 
 
-def gap_arrays(evidence: Evidence) -> GapArrays | None:
+def gap_arrays(found: Calibrated) -> GapArrays | None:
     """Residual of the recalibrated law over the phase, by operating point, and contact.
 
     None for a model without the twelve meshes, or where no force law is known.
     """
-    runs = [case.run for case in evidence.cases]
-    if evidence.nominal is None or any(run.model.layout.meshes != MESHES for run in runs):
+    runs = [case.run for case in found.cases]
+    if found.per_mesh is None or any(run.model.layout.meshes != MESHES for run in runs):
         return None
-    laws = [force_law(c.run, c.fused, evidence.nominal.factors) for c in evidence.cases]
+    laws = [force_law(c.run, c.fused, found.factors) for c in found.cases]
     excess = [_excess(law) for law in laws]
     shares = {
         title: _by([float(run.point[name]) for run in runs], excess)

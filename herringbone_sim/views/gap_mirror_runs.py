@@ -19,8 +19,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.verdict.augmented import Augmented, augmented
-from herringbone_sim.gap.verdict.evidence import mended
+from herringbone_sim.gap.verdict.augmented import Augmented
 
 COLUMNS = ("measured", "nominal", "augmented")
 TRANSIENT, CYCLES = 150, 40  # mesh cycles that settle, and that are shown
@@ -53,13 +52,13 @@ class RunView:
 
 def run_views(campaign: PreparedCampaign, found: Diagnosis) -> list[RunView]:
     """Every run of a campaign that the diagnosis could use, in the campaign's order."""
-    model = augmented(found.evidence, found.verdict)
-    known = {one.run.name: one for one in found.evidence.cases}
+    model = found.augmented
+    known = {one.run.name: one for one in found.calibrated.cases}
     views = []
     for run in check(campaign)[0].runs:
         one = known.get(run.name)
         if one is None:
-            whole = mended(run, found.evidence.check)
+            whole = found.mend(run)
             one = case(whole, fuse(whole))
         views.append(run_view(one, model))
     return views

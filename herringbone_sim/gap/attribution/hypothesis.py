@@ -8,7 +8,7 @@ in x do not bend it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
-from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.effect import Active, Locus, Parameter
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.instant import recorded
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -196,6 +196,31 @@ def calibrated_gear(one: Case, factors: Array) -> Array:
     for row in range(4, len(table)):
         table[row] *= k if (row - 4) % 4 < 2 else e
     return table
+
+
+def with_law_forces(c: Case, law: Law) -> Case:
+    """A case whose forces are the law's where none is measured: they drive rings and pins."""
+    values = np.where(np.isfinite(c.run.F.values), c.run.F.values, law.modelled_n)
+    return replace(c, run=replace(c.run, F=replace(c.run.F, values=values)))
+
+
+def calibration_columns(c: Case, law: Law, factors: Array) -> list[Array]:
+    """Change of the force (n, n_mesh) by the factors on k, c and e of each mesh."""
+    n = law.f_m.shape[1]
+    k = c.run.waves.k * np.repeat(factors[:2], n // 2)
+    damping = c.run.model.damping_n_s_per_m * np.repeat(factors[2:4], n // 2)
+    return [
+        c.run.waves.k * law.f_m,
+        c.run.model.damping_n_s_per_m * law.v_m_per_s,
+        -(k * law.contact * c.run.waves.e + damping * c.run.waves.e_rate),
+    ]
+
+
+def step_of(p: Parameter) -> float:
+    """A small step of a parameter: a thousandth of a moderate value of it."""
+    neutral = 0.0 if p.neutral is None or np.isinf(p.neutral) else p.neutral
+    size = abs(p.start - neutral)
+    return 1e-3 * size if size > 0.0 else min(1.0, 1e-4 * (p.high - p.low))
 
 
 def name_of(actives: Sequence[Active]) -> str:

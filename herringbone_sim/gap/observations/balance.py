@@ -8,7 +8,8 @@ on it; a recorded force enters as it is, and so do errors of its sensor.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, column
 from herringbone_sim.gap.observations.law import Law, Motion
 from herringbone_sim.gap.residuals.balance import _loads, inertia_parts, window_of
@@ -64,6 +66,7 @@ def block(
     quadrature_n: Array | None,
     width: float,
     on_bodies: Sequence[Function] = (),
+    wanted: Sequence[str] | None = None,
 ) -> Block:
     """The balance of a run.
 
@@ -73,6 +76,7 @@ def block(
         quadrature_n: (k, n_mesh) integral minus sum of the forces over the window [N].
         width: of the window [mesh cycles].
         on_bodies: further functions, (n,) each.
+        wanted: names of the columns to form; None for all.
     """
     look = window_of(run, width)
     A = inertia_parts(run.model)
@@ -95,7 +99,9 @@ def block(
         variance = variance + 0.04 * np.mean((quadrature_n @ whole.T) ** 2, axis=0)
     residual = (measured - parts.sum(0))[::stride]
     rows = run.model.layout.n_coordinate
-    names, columns = _columns(run, m, law, force, modelled, chosen, look, stride, parts, on_bodies)
+    names, columns = _columns(
+        run, m, law, force, modelled, chosen, look, stride, parts, on_bodies, wanted
+    )
     overlap = 2.0 * np.sqrt(np.pi) * look.deviation
     return Block(
         NAME,
@@ -114,44 +120,69 @@ def block(
     )
 
 
-def _columns(run, m, law, force, modelled, chosen, look, stride, parts, on_bodies):  # type: ignore[no-untyped-def]
-    model = run.model
-    phase = m.phase
+def corrected(block: Block, after_n: Array | None, before_n: Array | None, run: PreparedRun) -> Block:
+    """A balance with other forces between samples."""
+    if after_n is None or before_n is None or block.at is None:
+        return block
+    whole = inertia_parts(run.model).sum(0)
+    rows = block.at - block.at[0]
+    return replace(block, residual=block.residual - ((after_n - before_n) @ whole.T)[rows])
+
+
+def _columns(
+    run: PreparedRun,
+    m: Motion,
+    law: Law,
+    force: Array,
+    modelled: NDArray[np.bool_],
+    chosen: Sequence[Function],
+    look: Window,
+    stride: int,
+    parts: Array,
+    on_bodies: Sequence[Function],
+    wanted: Sequence[str] | None,
+) -> tuple[tuple[str, ...], Array]:
+    """Names and columns (n, rows, Q), those wanted alone."""
     n_mesh = m.x.shape[1]
     slope = np.gradient(force, m.times, axis=0)
-    s = phase / (2.0 * np.pi)
+    s = m.phase / (2.0 * np.pi)
     s = s - np.floor(s + 0.5)
-    load = np.abs(force)
     shapes = {
         "sign": np.sign(s),
         "lever": np.abs(s),
-        "sin 1": np.sin(phase),
-        "sin 2": np.sin(2 * phase),
-        "sin 3": np.sin(3 * phase),
-        "cos 1": np.cos(phase),
-        "cos 2": np.cos(2 * phase),
+        "sin 1": np.sin(m.phase),
+        "sin 2": np.sin(2 * m.phase),
+        "sin 3": np.sin(3 * m.phase),
+        "cos 1": np.cos(m.phase),
+        "cos 2": np.cos(2 * m.phase),
     }
-    friction = [load[:, j] * shapes[g] for j in range(n_mesh) for g in FRICTION]
-    p = model.parameters
+    p = run.model.parameters
     turn = p.z_s * p.z_r / (p.z_s + p.z_r)
-    ripple = [trig(q * phase / turn) for q in RIPPLES for trig in (np.cos, np.sin)]
-    flat = [
-        np.ones(len(phase)),
-        *force.T,
-        *slope.T,
-        *(m.times[:, None] * slope).T,
-        *friction,
-        *ripple,
-    ]
-    flat += [f.values(m, law) for f in on_bodies]
-    for j in np.flatnonzero(modelled):
-        flat += [np.nan_to_num(column(f, m, law)[:, j]) for f in chosen]
-    averaged = look.average(np.stack(flat, axis=1))[::stride]
-    rows = parts.shape[2]
-    masses = parts.transpose(1, 2, 0)[::stride]
-    columns = np.concatenate(
-        [masses, np.broadcast_to(averaged[:, None, :], (len(averaged), rows, averaged.shape[1]))],
-        axis=2,
+    made: dict[str, Callable[[], Array]] = {"one": lambda: np.ones(len(m.phase))}
+    for j in range(n_mesh):
+        made[f"F of {j}"] = lambda j=j: force[:, j]
+        made[f"slope of {j}"] = lambda j=j: slope[:, j]
+        made[f"late of {j}"] = lambda j=j: m.times * slope[:, j]
+        for g in FRICTION:
+            made[f"friction {g} of {j}"] = lambda j=j, g=g: np.abs(force[:, j]) * shapes[g]
+    for q in RIPPLES:
+        made[f"ripple {q} cos"] = lambda q=q: np.cos(q * m.phase / turn)
+        made[f"ripple {q} sin"] = lambda q=q: np.sin(q * m.phase / turn)
+    for f in on_bodies:
+        made[f.name] = lambda f=f: f.values(m, law)
+    for f in chosen if modelled.any() else ():
+        for j in np.flatnonzero(modelled):
+            made[f"{f.name} of {j}"] = lambda f=f, j=j: np.nan_to_num(column(f, m, law)[:, j])
+    every = function_names(
+        run.model, modelled, [f.name for f in chosen], [f.name for f in on_bodies]
     )
-    names = function_names(model, modelled, [f.name for f in chosen], [f.name for f in on_bodies])
-    return names, columns
+    names = tuple(n for n in every if wanted is None or n in set(wanted))
+    masses = {name: parts[i][::stride] for i, name in enumerate(MASSES)}
+    flat = [made[n]() for n in names if n not in masses]
+    k, rows = parts[0][::stride].shape
+    averaged = iter(look.average(np.stack(flat, axis=1))[::stride].T if flat else ())
+    columns = [
+        masses[n] if n in masses else np.broadcast_to(next(averaged)[:, None], (k, rows))
+        for n in names
+    ]
+    return names, np.stack(columns, axis=2) if columns else np.zeros((k, rows, 0))

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Coefficient
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
@@ -28,7 +27,8 @@ Array = NDArray[np.float64]
 
 BINS = 6  # to a mesh cycle, which has ten samples or more
 SPAN = 1.5  # mesh cycles that a pair of teeth is in contact (contact ratio), data sheet's geometry
-KNOTS = np.arange(-5, 6) * 0.25  # of the window's curve, mesh cycles from its middle
+APART = 0.125  # mesh cycles between knots of a window's curve: three samples of 24 a cycle
+KNOTS = np.arange(-9, 10) * APART  # from the window's middle
 
 
 @dataclass(frozen=True)
@@ -81,25 +81,18 @@ def fold(gear: Gear, amplitudes: Amplitudes, member: str) -> dict[str, Fold]:
 KINDS = ("tooth_crack", "tooth_spall")
 
 
-def proposals(
-    gear: Gear, amplitudes: Amplitudes, per_kind: int = 4
-) -> list[tuple[Hypothesis, list[Function]]]:
-    """The most promising events of both kinds, with the functions that they need."""
-    found: list[tuple[float, str, str, str, Array, Locus, float]] = []
+def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
+    """The most promising events of both kinds."""
+    found: list[tuple[float, Event]] = []
     for member in ("sun", "planet", "ring"):
         for kind, one in fold(gear, amplitudes, member).items():
             found += _ranked(gear, member, kind, one)
     found.sort(key=lambda c: -c[0])
-    made: list[tuple[Hypothesis, list[Function]]] = []
-    count: dict[str, int] = {}
-    for _, kind, member, way, late, locus, middle in found:
-        if count.get(kind, 0) >= per_kind:
-            continue
-        count[kind] = count.get(kind, 0) + 1
-        label = f"{kind} {len(made)} of {len(gear.law_functions)}"
-        functions = window(gear, label, kind, member, middle, late)
-        made.append((_hypothesis(gear, label, kind, member, way, locus, middle), functions))
-    return made
+    chosen: list[Event] = []
+    for _, event in found:
+        if sum(other.effect == event.effect for other in chosen) < per_kind:
+            chosen.append(event)
+    return chosen
 
 
 def _ranked(gear: Gear, member: str, kind: str, one: Fold):  # type: ignore[no-untyped-def]
@@ -124,7 +117,7 @@ def _ranked(gear: Gear, member: str, kind: str, one: Fold):  # type: ignore[no-u
             continue
         mask = locus.mask(layout) > 0.0
         ways = list(lags(gear, member)) if mask.sum() > 1 else [("alone", np.zeros(layout.n_mesh))]
-        for way, late in ways:
+        for _, late in ways:
             shift = np.rint(late * BINS).astype(int)
             total_A = sum(np.roll(A[j], -shift[j]) for j in np.flatnonzero(mask))
             total_b = sum(np.roll(b[j], -shift[j]) for j in np.flatnonzero(mask))
@@ -135,7 +128,8 @@ def _ranked(gear: Gear, member: str, kind: str, one: Fold):  # type: ignore[no-u
             )
             top = int(np.argmax(fall))
             middle = (top - wide + 1 + 0.5 * wide) / BINS % cycles
-            ranked.append((float(fall[top]), kind, member, way, late, locus, middle))
+            event = Event(kind, locus, member, float(middle), tuple(late.tolist()))
+            ranked.append((float(fall[top]), event))
     ranked.sort(key=lambda c: -c[0])
     return ranked[:6]
 
@@ -152,12 +146,12 @@ def window(
 
     def made(i: int) -> Function:
         def values(m: Motion, _: Law) -> Array:
-            return np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / 0.25)
+            return np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / APART)
 
         def rate(m: Motion, _: Law) -> Array:
             s = from_event(m) - KNOTS[i]
-            inside = np.abs(s) < 0.25
-            return np.where(inside, -np.sign(s), 0.0) / 0.25 * m.omega / (2.0 * np.pi)
+            inside = np.abs(s) < APART
+            return np.where(inside, -np.sign(s), 0.0) / APART * m.omega / (2.0 * np.pi)
 
         if kind == "tooth_crack":
             return Function(f"{label} {i}", "kappa", values)
@@ -166,27 +160,39 @@ def window(
     return [made(i) for i in range(len(KNOTS))]
 
 
-def _hypothesis(
-    gear: Gear, label: str, kind: str, member: str, way: str, locus: Locus, middle: float
-) -> Hypothesis:
-    """Deferred: coefficients are made by ``place`` once the functions are known."""
-    options = (("member", member), ("way", way), ("position", middle), ("label", label))
-    return Hypothesis(kind, options, locus, (), 1)
+@dataclass(frozen=True)
+class Event:
+    """An event once a revolution.
+
+    Attributes:
+        effect, locus: as in the catalogue.
+        member: that carries the tooth.
+        middle: of its window [mesh cycles].
+        late: (n_mesh,) when it meets each mesh [mesh cycles].
+    """
+
+    effect: str
+    locus: Locus
+    member: str
+    middle: float
+    late: tuple[float, ...]
+
+    def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
+        late = np.array(self.late)
+        return tuple(window(gear, label, self.effect, self.member, self.middle, late))
+
+    def place(self, places: Places, label: str) -> Hypothesis:
+        """With its coefficients: a raised cosine and departures from it."""
+        mask = self.locus.mask(places.gear.model.layout)
+        sign, unit = (-1.0, 0.3) if self.effect == "tooth_crack" else (1.0, 5e-6)
+        main = {f"{label} {i}": sign * w * mask for i, w in enumerate(BUMP) if w}
+        terms = [places.coefficient(_NAMES[self.effect], main, unit)]
+        for i in range(len(KNOTS)):
+            bend = {f"{label} {i}": sign * mask}
+            terms.append(places.coefficient(f"window {i}", bend, unit * 2 * SHAPE))
+        options = (("member", self.member),)
+        return Hypothesis(self.effect, options, self.locus, tuple(terms), 1, self)
 
 
-def place(places: Places, one: Hypothesis) -> Hypothesis:
-    """A proposed event with its coefficients: a raised cosine and departures from it."""
-    label = dict(one.options)["label"]
-    mask = one.locus.mask(places.gear.model.layout)
-    sign, unit = (-1.0, 0.3) if one.effect == "tooth_crack" else (1.0, 5e-6)
-    bump = np.where(np.abs(KNOTS) < 0.75, 0.5 + 0.5 * np.cos(np.pi * KNOTS / 0.75), 0.0)
-    main = {f"{label} {i}": sign * w * mask for i, w in enumerate(bump) if w}
-    terms: list[Coefficient] = [places.coefficient(_NAMES[one.effect], main, unit)]
-    for i in range(len(KNOTS)):
-        terms.append(
-            places.coefficient(f"window {i}", {f"{label} {i}": sign * mask}, unit * 2 * SHAPE)
-        )
-    return Hypothesis(one.effect, one.options, one.locus, tuple(terms), 1)
-
-
+BUMP = np.where(np.abs(KNOTS) < 0.75, 0.5 + 0.5 * np.cos(np.pi * KNOTS / 0.75), 0.0)
 _NAMES = {"tooth_crack": "depth", "tooth_spall": "height"}

@@ -9,15 +9,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.law import Change, Law, Motion, law, motion_of
-from herringbone_sim.gap.residuals.balance import quadrature
+from herringbone_sim.gap.residuals.balance import FINE, between, window_of
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
-from herringbone_sim.gap.residuals.recalibrate import fine_law
 from herringbone_sim.gap.sensors.corrected import undone
 from herringbone_sim.gap.sensors.swaps import find_swap
 
@@ -43,8 +44,62 @@ class GearRun:
 
 
 def gear_run(run: PreparedRun, stride: int) -> GearRun:
-    fused = fuse(run)
+    """A run with its best displacements, rates from them where none are recorded."""
+    fused = with_rates(fuse(run), run)
     return GearRun(run, fused, motion_of(run, fused), motion_of(run, fused, stride))
+
+
+def dense_motion(g: GearRun) -> Motion | None:
+    """A motion at ``FINE`` points a sample, by cubics through values and rates; None without."""
+    m, run = g.motion, g.run
+    if not (np.isfinite(g.fused.z).all() and np.isfinite(g.fused.z_rate).all()):
+        return None
+    z, rate = between(g.fused.z, g.fused.z_rate, run.step_s, FINE)
+    D = coordinates_to_meshes(run.model.layout)
+    index = np.arange(len(z)) / FINE
+    phase = np.interp(index, np.arange(len(run)), m.phase)
+    w = m.waves_at(phase)
+    n = np.full((len(z), m.F.shape[1]), np.nan)
+    return replace(
+        m,
+        phase=phase,
+        times=np.interp(index, np.arange(len(run)), m.times),
+        x=z @ D.T - w.e,
+        v=rate @ D.T - w.e_rate,
+        F=np.stack([np.interp(index, np.arange(len(run)), f) for f in m.F.T], axis=1)
+        if np.isfinite(m.F).all()
+        else n,
+        k=w.k,
+        e=w.e,
+        e_rate=w.e_rate,
+    )
+
+
+RATE_SAMPLES, RATE_ORDER = 7, 4  # of the polynomial that a missing rate is the slope of
+
+
+def with_rates(fused: Fused, run: PreparedRun) -> Fused:
+    """Rates as slopes of local polynomials through the displacements where they are missing."""
+    if len(run) < RATE_SAMPLES or np.isfinite(fused.v).all():
+        return fused
+    h = run.step_s
+    weights = savgol_coeffs(RATE_SAMPLES, RATE_ORDER, deriv=1, delta=h)
+    noise = float(np.sum(weights**2))
+
+    def slope(values: Array) -> Array:
+        known = np.isfinite(values).all(axis=0)
+        found = np.full_like(values, np.nan)
+        found[:, known] = savgol_filter(
+            values[:, known], RATE_SAMPLES, RATE_ORDER, deriv=1, delta=h, axis=0
+        )
+        return found
+
+    v = np.where(np.isfinite(fused.v), fused.v, slope(fused.x))
+    sigma_v = np.where(np.isfinite(fused.sigma_v), fused.sigma_v, fused.sigma_x * np.sqrt(noise))
+    z_rate, cov = fused.z_rate, fused.z_rate_cov
+    if np.isfinite(fused.z).all() and not np.isfinite(z_rate).all():
+        z_rate, cov = slope(fused.z), fused.z_cov * noise
+    return replace(fused, v=v, sigma_v=sigma_v, z_rate=z_rate, z_rate_cov=cov)
 
 
 class Gear:
@@ -54,6 +109,7 @@ class Gear:
         runs: of one rig.
         drift: RMS of drift and hum over that of the noise.
         stride: samples from one comparison of the force law to the next.
+        swap: motion channels that may have been exchanged; None: sought.
     """
 
     def __init__(
@@ -61,14 +117,16 @@ class Gear:
         runs: Sequence[PreparedRun],
         drift: float = force_law.DRIFT_SHARE,
         stride: int = 1,
+        swap: tuple[str, str] | None = None,
     ) -> None:
         self.model = runs[0].model
         self.drift, self.stride = drift, stride
         self.runs = tuple(gear_run(run, stride) for run in runs)
         known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
         self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
-        group, _ = find_swap(runs)
-        self.swap = None if group is None else (group.names[0], group.names[1])
+        group = find_swap(runs)[0] if swap is None else None
+        self.swap = swap if group is None else (group.names[0], group.names[1])
+        self.fine = False
         self.body_functions: tuple[Function, ...] = ()
         self.law_functions: tuple[Function, ...] = tuple(force_law.functions(self.model))
 
@@ -119,12 +177,31 @@ class Gear:
 
     @cached_property
     def _quadrature(self) -> list[Array | None]:
-        found: list[Array | None] = []
-        for g in self.runs:
-            if np.isfinite(g.fused.x).all() and np.isfinite(g.fused.v).all():
-                found.append(quadrature(g.run, g.fused, fine_law(g.run, np.ones(6)), WIDTH))
-            else:
-                found.append(None)
+        """Integral minus sum of the nominal forces over the balance's window."""
+        return [self._between(r, {}) for r in range(len(self.runs))]
+
+    @cached_property
+    def _dense(self) -> list[Motion | None]:
+        """Motions between samples."""
+        return [dense_motion(g) for g in self.runs]
+
+    def _between(self, r: int, of_law: Mapping[str, Array]) -> Array | None:
+        """Integral minus sum of the forces of a law over the balance's window (k, n_mesh) [N]."""
+        dense, g = self._dense[r], self.runs[r]
+        if dense is None:
+            return None
+        force = self.law_of(dense, of_law).force
+        look = window_of(g.run, WIDTH)
+        fine = look.finer(FINE)
+        reach = len(look.mean) // 2
+        first = reach * FINE - len(fine.mean) // 2
+        whole = fine.average(force)[first::FINE][: len(g.run) - 2 * reach]
+        return np.asarray(whole - look.average(force[::FINE]))
+
+    def finely(self) -> Gear:
+        """The same, its balance with forces between samples by the law with all changes."""
+        found = copy.copy(self)
+        found.fine = True
         return found
 
     @cached_property
@@ -134,7 +211,14 @@ class Gear:
             self._balance(r, g, law(g.motion), self.law_functions) for r, g in enumerate(self.runs)
         ]
 
-    def _balance(self, r: int, g: GearRun, now: Law, chosen: Sequence[Function]) -> Block:
+    def _balance(
+        self,
+        r: int,
+        g: GearRun,
+        now: Law,
+        chosen: Sequence[Function],
+        wanted: Sequence[str] | None = None,
+    ) -> Block:
         return balance.block(
             g.run,
             g.fused,
@@ -145,6 +229,7 @@ class Gear:
             self._quadrature[r],
             WIDTH,
             self.body_functions,
+            wanted,
         )
 
     def _put_right(self, r: int, errors: Mapping[str, Array]) -> GearRun:
@@ -181,7 +266,7 @@ class Gear:
     def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
         """The consistency always; the balance unless its forces or its motion change."""
         motion = any(np.any(a) for a in amplitudes.get(consistency.NAME, {}).values())
-        if motion or self.modelled.any():
+        if motion or self.modelled.any() or self.fine:
             return (consistency.NAME,) if self.relations else ()
         known = (balance.NAME,) if self.balanced else ()
         return (*known, consistency.NAME) if self.relations else known
@@ -225,12 +310,16 @@ class Gear:
             now = self.law_of(g.some, of_law)
             found[force_law.NAME] = force_law.block(g.some, now, self.model, chosen, self.drift)
         if balance.NAME in observations and self.balanced:
+            of_balance = amplitudes.get(balance.NAME, {})
+            names = None if wanted is None else [*wanted.get(balance.NAME, ()), *of_balance]
             cached = g is self.runs[r] and not self.modelled.any()
             full = (
                 self._balances[r]
                 if cached
-                else self._balance(r, g, self.law_of(g.motion, of_law), chosen)
+                else self._balance(r, g, self.law_of(g.motion, of_law), chosen, names)
             )
+            if self.fine and self._quadrature[r] is not None:
+                full = balance.corrected(full, self._between(r, of_law), self._quadrature[r], g.run)
             found[balance.NAME] = _about(full, amplitudes.get(balance.NAME, {}), r, wanted)
         return found
 

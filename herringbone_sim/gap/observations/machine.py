@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -9,8 +10,11 @@ from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import curves, events, force_law, seats
+from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.seats import Seat
 
 Array = NDArray[np.float64]
 
@@ -26,6 +30,11 @@ class GearMachine:
         self.runs = len(gear.runs)
 
     @property
+    def observes(self) -> bool:
+        """Whether any observation can be formed."""
+        return bool(self.gear.relations or self.gear.balanced or not self.gear.modelled.all())
+
+    @property
     def functions(self) -> Mapping[str, tuple[str, ...]]:
         return self.gear.functions
 
@@ -34,20 +43,45 @@ class GearMachine:
 
     def proposals(self, amplitudes: Amplitudes) -> tuple[GearMachine, list[Hypothesis]]:
         """Events of teeth, rings and pins."""
-        functions, on_bodies, seated = [], [], []
-        found = events.proposals(self.gear, amplitudes)
-        for _, own in found:
-            functions += own
-        for i, seat in enumerate(seats.proposals(self.gear, amplitudes)):
-            label = f"seat {i} of {len(self.gear.law_functions)}"
-            first, *rest = seat.functions(self.gear, label)
-            functions.append(first)
-            on_bodies += rest
-            seated.append((seat, label))
-        machine = GearMachine(self.gear.with_functions(functions, on_bodies))
-        made = [events.place(machine.places, one) for one, _ in found]
-        made += [seats.place(machine.places, seat, label) for seat, label in seated]
+        if self.gear.modelled.all():
+            return self, []
+        found: list[Event | Seat] = [*events.proposals(self.gear, amplitudes)]
+        found += seats.proposals(self.gear, amplitudes)
+        return self.with_parts(found)
+
+    def with_parts(self, parts: Sequence[Event | Seat]) -> tuple[GearMachine, list[Hypothesis]]:
+        """A machine with the functions of some events and parts, and their hypotheses."""
+        first = len(self.gear.law_functions)
+        labels = [f"part {first + i}" for i in range(len(parts))]
+        every = [f for p, label in zip(parts, labels, strict=True) for f in p.functions(self.gear, label)]
+        machine = GearMachine(
+            self.gear.with_functions(
+                [f for f in every if f.slot != "body"], [f for f in every if f.slot == "body"]
+            )
+        )
+        made = [p.place(machine.places, label) for p, label in zip(parts, labels, strict=True)]
         return machine, made
+
+    def over(
+        self, runs: Sequence[PreparedRun], hypotheses: Sequence[Hypothesis]
+    ) -> tuple[GearMachine, list[Hypothesis]]:
+        """The machine of other runs, and the same hypotheses there."""
+        parts = [h.maker for h in hypotheses if h.maker is not None]
+        bare = GearMachine(Gear(runs, self.gear.drift, self.gear.stride, self.gear.swap))
+        machine, made = bare.with_parts(parts)
+        known = {(h.effect, h.options, h.locus): h for h in machine.hypotheses()} if len(
+            parts
+        ) < len(hypotheses) else {}
+        rest = iter(made)
+        return machine, [
+            next(rest) if h.maker is not None else known[h.effect, h.options, h.locus]
+            for h in hypotheses
+        ]
+
+    def finely(self) -> GearMachine:
+        found = copy.copy(self)
+        found.gear = self.gear.finely()
+        return found
 
     def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
         return self.gear.linear(amplitudes)

@@ -171,6 +171,25 @@ class Seat:
             return (ring_function(gear, np.array(self.theta), label),)
         return bearing_functions(gear, self.locus, np.array(self.theta), label)
 
+    def place(self, places: Places, label: str) -> Hypothesis:
+        """With its amplitude as coefficient."""
+        return _placed(places, self, label)
+
+
+def _placed(places: Places, seat: Seat, label: str) -> Hypothesis:
+    """A part with its amplitude, which is one but for what the equation leaves out."""
+    gear = places.gear
+    weights: Weights = {label: seat.locus.mask(gear.model.layout)}
+    names: tuple[str, ...] = ("stiffness", "damping")
+    if seat.effect == "bearing_clearance":
+        names = ("clearance", *names)
+        push = np.zeros(len(gear.model.layout.bodies))
+        push[2] = 1.0
+        weights[balance.NAME, f"{label} carrier"] = balance.accelerations(gear.model) @ push
+    main = places.coefficient("amplitude", weights, 0.1, center=1.0)
+    options = tuple(zip(names, seat.theta, strict=True))
+    return Hypothesis(seat.effect, options, seat.locus, (main,), 1, seat)
+
 
 def candidates(gear: Gear) -> Iterator[Seat]:
     """Rings and pins over a grid of their main parameter."""
@@ -268,18 +287,3 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_effect: int = 1) -> list[S
         if len(of) < per_effect and all(seat.locus != other.locus for other in of):
             of.append(seat)
     return [trial.fitted(seat) for of in found.values() for seat in of]
-
-
-def place(places: Places, seat: Seat, label: str) -> Hypothesis:
-    """A part with its amplitude, which is one but for what the equation leaves out."""
-    gear = places.gear
-    weights: Weights = {label: seat.locus.mask(gear.model.layout)}
-    names = ("stiffness", "damping")
-    if seat.effect == "bearing_clearance":
-        names = ("clearance", *names)
-        push = np.zeros(len(gear.model.layout.bodies))
-        push[2] = 1.0
-        weights[balance.NAME, f"{label} carrier"] = balance.accelerations(gear.model) @ push
-    main = places.coefficient("amplitude", weights, 0.1, center=1.0)
-    options = tuple(zip(names, seat.theta, strict=True))
-    return Hypothesis(seat.effect, options, seat.locus, (main,), 1)

@@ -39,6 +39,8 @@ from herringbone_sim.gap.residuals.recalibrate import (
 
 Array = NDArray[np.float64]
 
+SEED = 20  # of the noise that gives the floor of the accelerations
+
 WIDTH = 0.08  # mesh cycles: wide enough to quieten dv/dt, narrow enough to see order 3
 
 

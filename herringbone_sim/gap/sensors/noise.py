@@ -19,6 +19,7 @@ from herringbone_sim.gap.sensors.consistency import geometry
 
 Array = NDArray[np.float64]
 
+COPY = 1e-3  # of the noise: less is left of channels that were worked out of one another
 LEAST = 0.3  # of the noise by the spectrum of a force, where x and v explain all of the residual
 
 
@@ -43,7 +44,8 @@ def _scale(left: Array) -> float:
     """Noise over what it was taken for, of whitened remainders (n, d); 1 where it is not less."""
     if not left.size or not np.isfinite(left).all():
         return 1.0
-    return min(1.0, float(np.sqrt(np.mean(spectral_floor(left) ** 2))))
+    share = float(np.sqrt(np.mean(spectral_floor(left) ** 2)))
+    return 1.0 if share < COPY else min(1.0, share)
 
 
 def _scaled(measured: Measured, scale: float) -> Measured:

@@ -17,9 +17,6 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model, build, mean_stiffness
 from herringbone_sim.core.parameters import Parameters, spread
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.gap.attribution.fit import Fit
-from herringbone_sim.gap.verdict.decide import Verdict
-from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.recording.parameter_file import save_parameters
 
 Array = NDArray[np.float64]
@@ -51,29 +48,6 @@ class Augmented:
 def nominal_model() -> Augmented:
     """The nominal gear: nothing is changed."""
     return Augmented(np.ones(6), np.ones(3))
-
-
-def augmented(evidence: Evidence, verdict: Verdict) -> Augmented:
-    """The nominal model recalibrated, with the effects of the verdict."""
-    actives = tuple(a for option in verdict.chosen for a in option.actives)
-    fits = [option.fit for option in verdict.chosen if option.fit is not None]
-    return _with(evidence, actives, fits[0] if fits else None)
-
-
-def runner_up(evidence: Evidence, verdict: Verdict) -> Augmented | None:
-    """The same with the best other effect in their place; None without one."""
-    other = verdict.runner_up
-    return None if other is None else _with(evidence, other.actives, other.fit)
-
-
-def _with(evidence: Evidence, actives: tuple[Active, ...], fitted: Fit | None) -> Augmented:
-    law = fitted or evidence.nominal
-    bodies = [b for b in evidence.bodies if not b.actives or b.actives[0] in actives]
-    inverse = bodies[-1].inverse if bodies else np.ones(3)
-    if evidence.motion is not None:
-        both = evidence.motion.inverse + inverse - 1.0
-        return Augmented(evidence.motion.factors, both, actives, True)
-    return Augmented(np.ones(6) if law is None else law.factors, inverse, actives)
 
 
 def parameters_of(nominal: Parameters, model: Augmented) -> Parameters:

@@ -1,16 +1,33 @@
-"""From evidence to a verdict with probabilities: none, unknown, ambiguous, or an effect."""
+"""From the chances of all explanations to a verdict: none, unknown, ambiguous, or an effect."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-import numpy as np
-
+from herringbone_sim.diagnosis.judge import Chance
+from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.gap.verdict.evidence import Evidence
-from herringbone_sim.gap.verdict.stages import Option, Stage, stages_of
-from herringbone_sim.gap.verdict.thresholds import Thresholds, frozen_thresholds
+from herringbone_sim.gap.named import LearnedLaw, Named
+
+MOST_NAMED = 4  # effects of an ambiguous class, contract of the report
+HALF = 0.5  # an explanation that is likelier than all others together
+SURE = 0.9  # what a class of effects must hold together, as an interval of 90 % does
+
+
+@dataclass(frozen=True)
+class Option:
+    """One way to explain a gap.
+
+    Attributes:
+        actives: one or two effects with parameters.
+        intervals: 90 % interval of each parameter of each effect.
+        laws: learned curves of those that have a shape.
+    """
+
+    actives: tuple[Active, ...]
+    intervals: tuple[tuple[tuple[float, float], ...], ...] = ()
+    laws: tuple[LearnedLaw, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -21,11 +38,12 @@ class Verdict:
         verdict: ``none``, ``unknown``, ``ambiguous`` or an effect.
         effects: ids of what is there.
         probabilities: of every effect, ``none`` and ``unknown``; sums to 1.
-        best: option of each effect that its probability comes from most.
+        best: option of each effect that its probability comes from most, and its place there.
         ambiguous_with: ids of the class when ambiguous.
         metric: residual that counts.
-        chosen: options that make up the augmented model.
-        runner_up: best option of another effect.
+        chosen: what makes up the augmented model; None where nothing does.
+        runner_up: best option of other effects.
+        chances: of all explanations, best first.
     """
 
     verdict: str
@@ -34,91 +52,80 @@ class Verdict:
     best: Mapping[str, tuple[Option, int]]
     ambiguous_with: tuple[str, ...]
     metric: str
-    chosen: tuple[Option, ...]
-    runner_up: Option | None = None
-    stages: tuple[Stage, ...] = field(default=())
+    chosen: Option | None
+    runner_up: Option | None
+    chances: tuple[Chance, ...]
 
 
-def decide(evidence: Evidence, thresholds: Thresholds | None = None) -> Verdict:
-    """The verdict that the evidence supports, by the frozen thresholds or by others."""
-    t = thresholds or frozen_thresholds()
-    stages = stages_of(evidence, t)
-    chances = {name: 0.0 for name in (*known_effects(), "none", "unknown")}
-    best: dict[str, tuple[Option, int]] = {}
-    most: dict[str, float] = {}
-    chances["none"] = float(np.prod([1.0 - s.gap for s in stages])) if stages else 0.0
-    odds = np.array([s.gap * t.stage**i for i, s in enumerate(stages)])
-    odds = odds / max(odds.sum(), 1e-300) * (1.0 - chances["none"])
-    if not stages:
-        chances["unknown"] = 1.0
-    for stage, mass in zip(stages, odds, strict=True):
-        unknown = stage.unknown
-        chances["unknown"] += mass * unknown
-        for option, weight in zip(stage.options, stage.weights, strict=True):
-            parts = _parts(option)
-            for i, (one, part) in enumerate(zip(option.actives, parts, strict=True)):
-                name = one.effect.id
-                own = mass * (1.0 - unknown) * float(weight) * part
-                chances[name] += own
-                if own > most.get(name, -1.0):  # not that of a residual that shows nothing
-                    best[name], most[name] = (option, i), own
-    total = sum(chances.values())
-    chances = {name: float(p / total) for name, p in chances.items()}
-    return _verdict(stages, chances, best)
+def option_of(found: Sequence[Named]) -> Option:
+    return Option(
+        tuple(n.active for n in found),
+        tuple(n.intervals for n in found),
+        tuple(n.law for n in found if n.law is not None),
+    )
 
 
-def _verdict(
-    stages: tuple[Stage, ...],
-    chances: dict[str, float],
-    best: dict[str, tuple[Option, int]],
+def decide(
+    chances: Sequence[Chance], options: Mapping[int, Option], metric: str
 ) -> Verdict:
-    top = max(chances, key=lambda name: chances[name])
-    there = [s for s in stages if s.gap > 0.5 and s.options and s.unknown < 0.5]
-    metric = there[0].name if there else _loudest(stages, top)
-    chosen = tuple(s.options[0] for s in there) if top != "none" else ()
-    alike: tuple[str, ...] = ()
-    runner = None
-    for stage in there[:1]:
-        alike = _class(stage)
-        ids = {a.effect.id for a in stage.options[0].actives}
-        others = [o for o in stage.options if not ids & {a.effect.id for a in o.actives}]
-        runner = others[0] if others else None
-    if top in ("none", "unknown"):
-        held = () if top == "none" else chosen
-        return Verdict(top, (), chances, best, (), metric, held, runner, stages)
-    found = [a.effect.id for option in chosen for a in option.actives]
-    found = sorted(dict.fromkeys(found), key=lambda name: -chances[name])[:2] or [top]
-    verdict = "ambiguous" if len(alike) > 1 and top in alike else top
-    effects = tuple(found) if top in found else (top, *found[:1])
-    named = alike[:4] if verdict == "ambiguous" else ()
-    return Verdict(verdict, effects, chances, best, named, metric, chosen, runner, stages)
+    """The verdict of some chances.
+
+    Args:
+        chances: best first.
+        options: by the place in ``chances``, of explanations with effects.
+        metric: residual that counts.
+    """
+    probabilities = {name: 0.0 for name in (*known_effects(), "none", "unknown")}
+    best: dict[str, tuple[Option, int]] = {}
+    for i, one in enumerate(chances):
+        for j, name in enumerate(one.effects or ("none",)):
+            probabilities[name] += one.probability / max(len(one.effects), 1)
+            if i in options:
+                best.setdefault(name, (options[i], j))
+    top = max(probabilities, key=lambda name: probabilities[name])
+    first = next(
+        (i for i, c in enumerate(chances) if top in (c.effects or ("none",))), 0
+    )
+    chosen = options.get(first)
+    if top == "unknown":
+        chosen = next((options[i] for i in sorted(options)), None)
+    named = () if chosen is None else tuple(a.effect.id for a in chosen.actives)
+    effects = () if top in ("none", "unknown") else tuple(dict.fromkeys((top, *named)))[:2]
+    alike = _class(probabilities, top)
+    runner = next(
+        (
+            options[i]
+            for i in sorted(options)
+            if not set(named) & {a.effect.id for a in options[i].actives}
+        ),
+        None,
+    )
+    return Verdict(
+        "ambiguous" if alike else top,
+        effects,
+        probabilities,
+        best,
+        alike,
+        metric,
+        chosen if top != "none" else None,
+        runner if top not in ("none", "unknown") else None,
+        tuple(chances),
+    )
 
 
-def _loudest(stages: tuple[Stage, ...], top: str) -> str:
-    if top == "unknown" and stages:
-        return max(stages, key=lambda s: s.gap * s.unknown).name
-    known = [s for s in stages if s.name != "consistency"] or list(stages)
-    loudest = max(known, key=lambda s: s.gap).name if known else "force_law"
-    return "force_law" if top == "none" and any(s.name == "force_law" for s in known) else loudest
-
-
-def _class(stage: Stage) -> tuple[str, ...]:
-    """Effects that explain the same as the best one with the same change of the forces."""
-    first, t = stage.options[0], stage.thresholds
-    named = [first.actives[0].effect.id]
-    if len(first.actives) > 1 or first.fit is None:
+def _class(probabilities: Mapping[str, float], top: str) -> tuple[str, ...]:
+    """Effects that hold nine tenths together where none is likelier than all others."""
+    if top in ("none", "unknown") or probabilities[top] > HALF:
         return ()
-    for other in stage.options[1:]:
-        if other.fit is None or len(other.actives) > 1:
-            continue
-        near = other.excess + stage.floor < t.alike * (first.excess + stage.floor)
-        a, b = first.fit.gain, other.fit.gain
-        cos = abs(float(a @ b)) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
-        if near and cos > t.same and other.actives[0].effect.id not in named:
-            named.append(other.actives[0].effect.id)
-    return tuple(named) if len(named) > 1 else ()
-
-
-def _parts(option: Option) -> list[float]:
-    """How the probability of a pair is shared: the larger effect gets more."""
-    return [1.0] if len(option.actives) == 1 else [0.6, 0.4]
+    ranked = sorted(
+        (n for n in probabilities if n not in ("none", "unknown")),
+        key=lambda n: -probabilities[n],
+    )
+    held, found = 0.0, []
+    whole = sum(probabilities[n] for n in ranked)
+    for name in ranked[:MOST_NAMED]:
+        found.append(name)
+        held += probabilities[name]
+        if held >= SURE * whole:
+            break
+    return tuple(found) if len(found) > 1 else ()

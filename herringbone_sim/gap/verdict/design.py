@@ -9,7 +9,7 @@ effects that only temperature tells apart are one effect at any single temperatu
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -17,16 +17,13 @@ import numpy as np
 
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.gap.attribution.bodies import balances_known
-from herringbone_sim.gap.attribution.channel_sets import FULL, NO_FORCE, channel_set
 from herringbone_sim.gap.attribution.hypothesis import Case
+from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.verdict.augmented import augmented, parameters_of
-from herringbone_sim.gap.verdict.decide import Verdict
-from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
+from herringbone_sim.gap.verdict.decide import Option, Verdict
 from herringbone_sim.gap.verdict.rivals import BALANCE, FORCES, MOTION, Rest, Rival, rest, shown
-from herringbone_sim.gap.verdict.stages import Option
-from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 from herringbone_sim.gap.verdict.trial import Trial, candidates, trial
 
 HARSHEST = 2.0  # of the largest mesh force so far: no point is asked for beyond it
@@ -59,39 +56,30 @@ def leading(verdict: Verdict) -> tuple[Option, ...]:
 
     Empty where nothing was found, or nothing else was tried.
     """
-    if verdict.verdict in ("none", "unknown") or not verdict.chosen:
+    if verdict.verdict in ("none", "unknown") or verdict.chosen is None:
         return ()
-    options = [o for s in _stages(verdict) for o in s]
     if verdict.ambiguous_with:
-        alone = {o.actives[0].effect.id: o for o in reversed(options) if len(o.actives) == 1}
-        return tuple(alone[name] for name in verdict.ambiguous_with if name in alone)
-    own = {*verdict.effects, *(a.effect.id for o in verdict.chosen for a in o.actives)}
-    others = [o for o in options if not own & {a.effect.id for a in o.actives}]
-    return (verdict.chosen[0], others[0]) if others else ()
+        return tuple(verdict.best[n][0] for n in verdict.ambiguous_with if n in verdict.best)
+    return () if verdict.runner_up is None else (verdict.chosen, verdict.runner_up)
 
 
-def _stages(verdict: Verdict) -> Iterator[tuple[Option, ...]]:
-    """Options of the residual that counts, then those of the others."""
-    for one in sorted(verdict.stages, key=lambda s: s.name != verdict.metric):
-        yield one.options
-
-
-def design(campaign: PreparedCampaign, evidence: Evidence, verdict: Verdict) -> Design | None:
+def design(
+    campaign: PreparedCampaign, found: Calibrated, verdict: Verdict, model: Augmented
+) -> Design | None:
     """The best point for the leading rivals; None without rivals or a way to predict them."""
     options = leading(verdict)
-    where = _where(evidence, options)
+    where = _where(found, verdict, options)
     if len(options) < 2 or where is None:
         return None
-    model = replace(augmented(evidence, verdict), actives=())
+    model = replace(model, actives=())
     try:
         gear = parameters_of(campaign.nominal, model)
     except ParameterError:
         return None
     rivals = [
-        Rival(o.actives, model.factors if o.fit is None else o.fit.factors, model.inverse)
-        for o in options
+        Rival(o.actives, model.factors, model.inverse) for o in options
     ]
-    cases = [c for c in evidence.cases if where != BALANCE or balances_known((c,))]
+    cases = [c for c in found.cases if where != BALANCE or balances_known((c,))]
     points = candidates([run.point for run in campaign.of_role("fit")])
     tried = (trial(cases, campaign.nominal, gear, model.factors, point) for point in points)
     most = max(_largest(c) for c in cases)
@@ -100,28 +88,26 @@ def design(campaign: PreparedCampaign, evidence: Evidence, verdict: Verdict) -> 
         return None
     known = _sum([_rests(c, rivals, where) for c in cases])
     tested = [(one, _rests(one.case, rivals, where)) for one in safe]
-    found = [
+    designed = [
         _designed(rivals, known, one, rests, len(cases), most)
         for one, rests in tested
         if all(rest.finite for rest in (*known, *rests))
     ]
-    return max(found, key=lambda one: one.there, default=None)
+    return max(designed, key=lambda one: one.there, default=None)
 
 
-def _where(evidence: Evidence, options: Sequence[Option]) -> str | None:
+def _where(found: Calibrated, verdict: Verdict, options: Sequence[Option]) -> str | None:
     """The residual in which rivals can be predicted, if there is one."""
-    kind = channel_set(evidence.cases)
     actives = [a for o in options for a in o.actives]
     machine = all(a.effect.level != "sensor" for a in actives)
-    if kind == NO_FORCE:
-        return MOTION if machine else None
-    if kind != FULL:
-        return None
-    if any(o.stage == "force_law" for o in options):
+    forces = all(bool(np.isfinite(c.run.F.values).all()) for c in found.cases)
+    if not forces:
+        return MOTION if machine and verdict.metric == "torque_balance" else None
+    if verdict.metric == "force_law":
         told = [n for a in actives for n in dict(a.options).get("channels", ())]
-        return FORCES if all(n.startswith("F_") for n in told) else None
-    whole = any(balances_known((c,)) for c in evidence.cases)
-    return BALANCE if machine and whole else None
+        return FORCES if all(n.startswith("F") for n in told) else None
+    whole = any(balances_known((c,)) for c in found.cases)
+    return BALANCE if machine and whole and verdict.metric == "torque_balance" else None
 
 
 def _rests(one: Case, rivals: Sequence[Rival], where: str) -> list[Rest]:
@@ -145,7 +131,6 @@ def _designed(
     most: float,
 ) -> Design:
     """What a point would add: as long a run as the others."""
-    floor = frozen_thresholds().floor
     found = []
     for before, new in zip(known, rests, strict=True):
         new = new.times(before.count / runs / new.count)
@@ -153,17 +138,22 @@ def _designed(
         old, least = before.least, both.least
         there = np.sqrt(max(least - old, 0.0) / new.count)
         so_far = np.sqrt(old / before.count)
-        found.append((float(there), float(so_far), least / both.count > floor))
+        found.append((float(there), float(so_far), least / both.count > _chance(both.count)))
     there, so_far, _ = min(found)
     return Design(
         names=tuple(rival.name for rival in rivals),
         point=one.point,
         there=there,
         so_far=so_far,
-        known=all(s**2 > floor for _, s, _ in found),
+        known=all(s**2 > _chance(known[0].count) for _, s, _ in found),
         enough=all(enough for _, _, enough in found),
         harder=one.peak_n / most,
     )
+
+
+def _chance(count: float) -> float:
+    """Excess of a mean square of so many values that noise alone passes once in a thousand."""
+    return float(3.1 * np.sqrt(2.0 / count))
 
 
 def _largest(one: Case) -> float:

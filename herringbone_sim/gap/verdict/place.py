@@ -7,44 +7,44 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.effects.effect import Locus
+from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.locate import Periodicity, Share, locate
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.verdict.evidence import Evidence
 
 SEED = 21  # of the permutations
 PERMUTATIONS = 200
 
 
-def where(campaign: PreparedCampaign, evidence: Evidence) -> list[tuple[Locus, float]]:
+def where(campaign: PreparedCampaign, found: Calibrated) -> list[tuple[Locus, float]]:
     """Share of every mesh in what the recalibrated law leaves above the noise; 0 if nothing."""
-    if evidence.nominal is None:
+    if found.per_mesh is None:
         return []
-    above = np.maximum(evidence.nominal.per_mesh - 1.0, 0.0)
+    above = np.maximum(found.per_mesh - 1.0, 0.0)
     shares = above / above.sum() if above.sum() > 0.0 else above
-    layout = evidence.cases[0].run.model.layout
+    layout = found.cases[0].run.model.layout
     places = [
         Locus(mesh, planet, side)
         for mesh in ("sp", "rp")
         for side in ("L", "R")
         for planet in (layout.planets if layout.numbered else ("all",))
     ]
-    found = zip(places, (float(s) for s in shares), strict=True)
-    return sorted(found, key=lambda pair: -pair[1])
+    shared = zip(places, (float(s) for s in shares), strict=True)
+    return sorted(shared, key=lambda pair: -pair[1])
 
 
-def structure(campaign: PreparedCampaign, evidence: Evidence) -> dict[str, Any]:
+def structure(campaign: PreparedCampaign, found: Calibrated) -> dict[str, Any]:
     """Shares by contact, phase, load and so on, teeth and shaft orders; empty without forces."""
-    if evidence.nominal is None:
+    if found.per_mesh is None:
         return {}
-    cases = evidence.cases
-    laws = [force_law(c.run, c.fused, evidence.nominal.factors) for c in cases]
+    cases = found.cases
+    laws = [force_law(c.run, c.fused, found.factors) for c in cases]
     rng = np.random.default_rng(SEED)
-    found = locate([c.run for c in cases], laws, campaign.meshes, rng, PERMUTATIONS)
+    located = locate([c.run for c in cases], laws, campaign.meshes, rng, PERMUTATIONS)
     return {
-        "shares": {factor: _share(share) for factor, share in found.shares.items()},
-        "teeth": {member: _beyond(one) for member, one in found.teeth.items()},
-        "shaft_orders": _beyond(found.shaft),
+        "shares": {factor: _share(share) for factor, share in located.shares.items()},
+        "teeth": {member: _beyond(one) for member, one in located.teeth.items()},
+        "shaft_orders": _beyond(located.shaft),
     }
 
 

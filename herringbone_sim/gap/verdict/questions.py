@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.gap.attribution.channel_sets import cannot_tell
+from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.design import Design, leading
-from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.gap.verdict.rivals import named
-from herringbone_sim.gap.verdict.stages import Stage
 from herringbone_sim.gap.verdict.trial import DIGITS, reach
 
 POSSIBLE = 0.1  # a probability from which a rival is named
@@ -22,12 +21,6 @@ OTHER = {
     "none": "that there is no gap beyond tolerance and noise",
     "unknown": "a cause outside the catalogue",
 }
-SHOWN = {
-    "consistency": "the sensors' disagreement",
-    "force_law": "the forces",
-    "torque_balance": "the torque balance",
-}
-WITHOUT_FORCES = {"torque_balance": "the motion"}
 WORDS = {"delta_T": ("temperature rise", " K"), "T_1": ("load", " N m"), "Omega": ("speed", "")}
 LEAST = {"delta_T": 3, "T_1": 3, "Omega": 2}
 
@@ -39,14 +32,14 @@ def mismatched(findings: Sequence[Finding]) -> bool:
 
 def undecidable(
     campaign: PreparedCampaign,
-    evidence: Evidence,
+    found: Calibrated,
     verdict: Verdict,
     findings: Sequence[Finding] = (),
 ) -> list[str]:
     """What these data can't tell, in sentences."""
     if mismatched(findings):
         return []
-    said = cannot_tell(evidence.cases)
+    said = cannot_tell(found.cases)
     points = [run.point for run in campaign.of_role("fit")]
     for name, least in LEAST.items():
         different = len({round(float(p[name]), 6) for p in points if name in p})
@@ -55,10 +48,10 @@ def undecidable(
             said.append(
                 f"{different} {values} of {name} in the fit runs, {least} or more are asked"
             )
-    return [*said, *_rivals(verdict, moving=evidence.motion is not None)]
+    return [*said, *_rivals(verdict)]
 
 
-def _rivals(verdict: Verdict, moving: bool) -> list[str]:
+def _rivals(verdict: Verdict) -> list[str]:
     """Effects that these data leave possible beside the verdict."""
     alike, chances = verdict.ambiguous_with, verdict.probabilities
     said = []
@@ -70,29 +63,13 @@ def _rivals(verdict: Verdict, moving: bool) -> list[str]:
         )
     if verdict.verdict == "unknown":
         said.append("no effect of the catalogue explains the gap: what it comes from is open")
-        open_ones = [stage for stage in verdict.stages if stage.gap > 0.5 < stage.unknown]
-        said += [_nearest(stage, moving) for stage in open_ones]
+        if verdict.chosen is not None:
+            said.append(f"nearest comes {named(verdict.chosen.actives)}, but it leaves too much")
     told = {*alike, *verdict.effects, verdict.verdict}
     rest = [name for name in chances if chances[name] > POSSIBLE and name not in told]
     for name in sorted(rest, key=lambda one: -chances[one]):
         said.append(f"{OTHER.get(name, name)} is not excluded: probability {chances[name]:.0%}")
     return said
-
-
-def _nearest(stage: Stage, moving: bool) -> str:
-    """The effect that comes nearest to what a residual shows, and why it is not taken for it."""
-    shown = {**SHOWN, **(WITHOUT_FORCES if moving else {})}[stage.name]
-    if not stage.options:
-        return f"no effect of the catalogue bears on {shown}"
-    left = max(stage.best, 0.0) / max(stage.nominal, 1e-300)
-    reasons = {
-        "left": f"it leaves {left:.0%} of the excess",
-        "time": "it would have to change during the runs",
-        "load": "it would have to be another one under light load",
-    }
-    odds = stage.strangeness
-    reason = reasons[max(odds, key=lambda name: odds[name])]
-    return f"nearest to {shown} comes {named(stage.options[0].actives)}, but {reason}"
 
 
 def next_experiment(

@@ -16,10 +16,14 @@ from scipy.optimize import lsq_linear
 
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.attribution.bodies import masses
-from herringbone_sim.gap.attribution.features import step_of
-from herringbone_sim.gap.attribution.hypothesis import Case, added, expected
-from herringbone_sim.gap.attribution.shortlist import calibration_columns
-from herringbone_sim.gap.attribution.unforced import with_law_forces
+from herringbone_sim.gap.attribution.hypothesis import (
+    Case,
+    added,
+    calibration_columns,
+    expected,
+    step_of,
+    with_law_forces,
+)
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.residuals.balance import WIDTH as BALANCE_WIDTH
 from herringbone_sim.gap.residuals.balance import Balance, inertia_parts, torque_balance, window_of

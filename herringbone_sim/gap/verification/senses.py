@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from herringbone_sim.analysis.lyapunov import largest_exponent as exponent_of_data
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
-from herringbone_sim.gap.residuals.motion import fused_noise
+from herringbone_sim.gap.residuals.motion import SEED, fused_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
-from herringbone_sim.gap.verdict.evidence import SEED
 from herringbone_sim.gap.verification.attractor import (
     Statistics,
     apart,

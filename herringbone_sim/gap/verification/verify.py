@@ -9,19 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.gap.attribution.bodies import balance_of, response
-from herringbone_sim.gap.attribution.hypothesis import Case, added, case, expected
-from herringbone_sim.gap.attribution.unforced import with_law_forces
+from herringbone_sim.gap.attribution.hypothesis import Case, added, case, expected, with_law_forces
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.filtering.runs import gap_of
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.residuals.motion import WIDTH, fused_noise, motion_balance
+from herringbone_sim.gap.residuals.motion import SEED, WIDTH, fused_noise, motion_balance
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.clock import lateness
 from herringbone_sim.gap.sensors.consistency import consistency
 from herringbone_sim.gap.sensors.corrected import motion_sensor
 from herringbone_sim.gap.verdict.augmented import Augmented
-from herringbone_sim.gap.verdict.evidence import SEED
 
 Array = NDArray[np.float64]
 Mend = Callable[[PreparedRun], PreparedRun]
@@ -46,6 +43,7 @@ class RunGap:
         nominal, augmented: before and after.
         floor: what the noise alone would give.
         runner_up: with the best other effect in the place of the verdict, as a control.
+        recalibrated: with the tolerances put right, without any effect.
     """
 
     name: str
@@ -54,6 +52,7 @@ class RunGap:
     augmented: float
     floor: float
     runner_up: float = float("nan")
+    recalibrated: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -84,19 +83,15 @@ class Gap:
         return self.closed()
 
     def closed(self, what: str = "augmented", role: str | None = "held_out") -> float:
-        """Part of the gap above the noise that is closed over the runs of a role; NaN if none."""
-        nominal, floor = self.over("nominal", role), self.over("floor", role)
-        above = nominal - floor
-        return (nominal - self.over(what, role)) / above if above > 0.0 else float("nan")
+        """Part of what calibration leaves above the noise that is closed; NaN if nothing is."""
+        known = np.isfinite(self.over("recalibrated", role))
+        return self.closed_from("recalibrated" if known else "nominal", what, role)
 
-    def with_runner_up(self, control: Gap | None) -> Gap:
-        """The same with what another model leaves as the runner-up."""
-        if control is None:
-            return self
-        pairs = zip(self.runs, control.runs, strict=True)
-        return replace(
-            self, runs=tuple(replace(one, runner_up=other.augmented) for one, other in pairs)
-        )
+    def closed_from(self, start: str, what: str, role: str | None) -> float:
+        """Part of the gap above the noise that is closed over the runs of a role."""
+        before, floor = self.over(start, role), self.over("floor", role)
+        above = before - floor
+        return (before - self.over(what, role)) / above if above > 0.0 else float("nan")
 
 
 def measure(runs: Sequence[PreparedRun], mend: Mend, metric: str, model: Augmented) -> Gap:
@@ -140,10 +135,9 @@ def _balance(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
 
 
 def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
-    """Accelerations against the law's forces, or a filter's innovations where v is not there."""
+    """Accelerations against the law's forces; NaN where x or v is not there."""
     if not (np.isfinite(c.fused.x).all() and np.isfinite(c.fused.v).all()):
-        found = gap_of(c.run, model.factors, model.inverse, model.actives)
-        return RunGap(run.name, run.role, *found)
+        return RunGap(run.name, run.role, *(float("nan"),) * 3)
     noise = fused_noise(c.run, np.random.default_rng(SEED))
     before = motion_balance(c.run, c.fused, noise, np.ones(6), np.ones(3))
     balance = motion_balance(c.run, c.fused, noise, model.factors, model.inverse)

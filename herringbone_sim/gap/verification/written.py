@@ -22,7 +22,9 @@ def written_gap(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
         "nominal": gap.over("nominal", role),
         "augmented": gap.over("augmented", role),
         "noise_floor": gap.over("floor", role),
+        "recalibrated": gap.over("recalibrated", role),
         "closure": gap.closed("augmented", role),
+        "closure_with_calibration": gap.closed_from("nominal", "augmented", role),
         "runner_up": gap.over("runner_up", role),
         "closure_runner_up": gap.closed("runner_up", role),
         "runs": [
@@ -33,6 +35,7 @@ def written_gap(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
                 "augmented": run.augmented,
                 "noise_floor": run.floor,
                 "runner_up": run.runner_up,
+                "recalibrated": run.recalibrated,
             }
             for run in gap.runs
         ],

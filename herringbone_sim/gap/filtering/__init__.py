@@ -1,1 +1,0 @@
-"""The same where only suns and carrier are seen: a filter of the gear."""

@@ -1,0 +1,91 @@
+"""How far the gap shrinks on every run, in the observation that counts, by the engine itself.
+
+A run is compared with the nominal machine, with the calibrated one (the tolerances put right) and
+with the effect besides; held-out runs are measured with what the fit runs gave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.examine import Found
+from herringbone_sim.diagnosis.search import amplitudes
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.verification.verify import Gap, RunGap
+
+Array = NDArray[np.float64]
+
+
+def metric_of(none: Found, best: Found | None) -> str:
+    """The observation whose squares the best explanation lowers most."""
+    if best is None:
+        return max(none.score.rows, key=lambda o: float(none.score.rows[o].sum()))
+    falls = {
+        o: float(none.score.rows[o].sum() - best.score.rows[o].sum()) for o in none.score.rows
+    }
+    return max(falls, key=lambda o: falls[o])
+
+
+def gap_of(
+    machine: GearMachine,
+    runs: Sequence[PreparedRun],
+    metric: str,
+    none: Found,
+    best: Found | None,
+    other: Found | None = None,
+) -> Gap:
+    """The gap of all runs in an observation.
+
+    Args:
+        machine: of the fit runs.
+        runs: all of the campaign, at every sample.
+        metric: name of the observation.
+        none, best, other: calibrated machine, the verdict's and the runner-up's explanation.
+    """
+    after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
+    left = {name: _left(machine, runs, metric, f) for name, f in after.items() if f is not None}
+    before = _left(machine, runs, metric, None)
+    nan = [(float("nan"),) * 2] * len(runs)
+    return Gap(
+        metric,
+        tuple(
+            RunGap(run.name, run.role, n[0], a[0], n[1], r[0], c[0])
+            for run, n, a, r, c in zip(
+                runs,
+                before,
+                left["augmented"],
+                left.get("runner_up", nan),
+                left["recalibrated"],
+                strict=True,
+            )
+        ),
+    )
+
+
+def _left(
+    machine: GearMachine, runs: Sequence[PreparedRun], metric: str, found: Found | None
+) -> list[tuple[float, float]]:
+    """RMS of what an explanation leaves of each run, and of the noise."""
+    hypotheses = () if found is None else found.hypotheses
+    there, same = machine.over(runs, hypotheses)
+    made: Mapping[str, Mapping[str, Array]] = {}
+    if found is not None:
+        coefficients = (*there.base, *(c for h in same for c in h.coefficients))
+        made = amplitudes(coefficients, found.score.mean, there.runs, there.rows)
+    result = []
+    for block in there.blocks(made, {}, (metric,)):
+        if metric not in block:
+            result.append((float("nan"), float("nan")))
+            continue
+        b = block[metric]
+        known = np.any(b.residual != 0.0, axis=0)
+        result.append((_rms(b.residual[:, known]), _rms(b.sigma[:, known])))
+    return result
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
