@@ -106,5 +106,5 @@ def recorded(
     x, v, F = shaken(passed + n, mass, P, omega, p)[passed:].T
     noise = rng.normal(size=(3, n)) * np.array([list(SIGMA.values())]).T
     F = gain * F + OFFSET * rng.normal()
-    phase = omega * STEP * np.arange(passed, passed + n)
+    phase = omega * STEP * np.arange(passed, passed + n, dtype=np.float64)
     return Run(phase, P, x + noise[0], v + noise[1], F + noise[2])
