@@ -44,7 +44,7 @@ setup(
     python_requires=">=3.10",
     packages=find_packages(exclude=["test", "test.*"]),
     package_data={
-        f"{NAME}.gap.verdict": ["calibration.json"],
+        f"{NAME}.diagnosis": ["calibration.json"],
         f"{NAME}.examples.damper": ["weights.json"],
     },
     data_files=[

@@ -65,7 +65,8 @@ def described(one: Found) -> str:
     """An effect with its options and fitted numbers."""
     h, score = one.hypotheses[0], one.score
     own = slice(len(score.mean) - len(h.coefficients), None)
-    values = zip(score.coefficients[own], score.mean[own], score.sd[own], strict=True)
+    sd = np.sqrt(np.diag(score.spread()))
+    values = zip(score.coefficients[own], score.mean[own], sd[own], strict=True)
     fitted = ", ".join(f"{c.name} = {value:.3g} +- {sd:.1g}" for c, value, sd in values)
     return ", ".join([h.effect, *(f"{name} {value}" for name, value in h.options), fitted])
 

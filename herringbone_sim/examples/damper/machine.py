@@ -65,6 +65,10 @@ class Damper:
         """None: the catalogue has it all."""
         return self, []
 
+    def finely(self) -> Damper:
+        """Itself: what it calls linear is so exactly."""
+        return self
+
     def inputs(self, observation: str, r: int) -> Array:
         run = self.recorded[r]
         found = [run.x / np.std(run.x), run.v / np.std(run.v), np.cos(run.phase)]

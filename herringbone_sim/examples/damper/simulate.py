@@ -53,7 +53,7 @@ def law(x, v, s, p):  # type: ignore[no-untyped-def]
     out = x - min(max(x, -play), play)
     slide = np.tanh(v / SHARP) * (1.0 + ratio * np.exp(-((v / b) ** 2)))
     force = k * out + c * v + friction * slide + cubic * x**3 + (presliding + maxwell) * s
-    force += smooth * np.cos(x / a + 3.0 * v + b * 50.0)
+    force += smooth * np.cos(0.1 * x / a + 3.0 * v + 50.0 * b)
     return force, (v - abs(v) * s) / a if presliding else v / SOFT - RELAXING * s
 
 
