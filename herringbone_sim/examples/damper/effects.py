@@ -28,6 +28,7 @@ FALLING = (
 )  # [m/s] over which friction falls: the range of lubricated contacts
 RATIO = (0.8, 1.1, 1.5, 2.0)  # by how much more than the rest it falls
 TRAVEL = (1e-4, 2e-4, 4e-4)  # [m] elastic before sliding; between them it is fitted
+HALFWAY = np.log(2.0) / 2.0  # from one travel to the next, of its logarithm
 
 
 def _stribeck(falling: float, ratio: float) -> Callable[[Run], Array]:
@@ -85,9 +86,9 @@ def hypotheses(runs: int) -> list[Hypothesis]:
         n = len(coefficients)
         return Hypothesis(effect, tuple(options.items()), "mass", coefficients, n)
 
-    def of(effect: str, name: str, *at: str) -> Coefficient:
+    def of(effect: str, name: str, *at: str, share: float = 1.0) -> Coefficient:
         places = [(o, name) for o in at or (LAW,)]
-        return coefficient(name, simulate.MODERATE[effect], np.inf, runs, *places)
+        return coefficient(name, share * simulate.MODERATE[effect], np.inf, runs, *places)
 
     found = [one("coulomb", of("coulomb", "friction")), one("cubic", of("cubic", "cubic"))]
     found += [one("play", of("play", "play")), one("gain", of("gain", "gain", LAW, IMPULSE))]
@@ -96,6 +97,7 @@ def hypotheses(runs: int) -> list[Hypothesis]:
             shape = of("stribeck", f"stribeck {f} {q}")
             found.append(one("stribeck", shape, falling=f, ratio=q))
     for t in TRAVEL:
-        both = of("presliding", f"slip {t}"), of("presliding", f"longer {t}")
+        longer = of("presliding", f"longer {t}", share=HALFWAY)
+        both = of("presliding", f"slip {t}"), longer
         found.append(one("presliding", *both, travel=t))
     return found

@@ -39,13 +39,14 @@ def beyond(x: Array, play: float) -> tuple[Array, Array, Array]:
 def presliding(v: Array, force: float, longer: float, travel: float) -> dict[str, Array]:
     """Force of friction that gives way over ``travel`` times exp(longer / force); slopes by both.
 
-    With no force the slopes are those at the travel itself, which makes the law linear there.
+    Beyond e times longer or shorter, and with no force of its own, ``longer`` acts linearly.
     """
     share = float(np.clip(longer / force, -1.0, 1.0)) if force else 0.0
     at = travel * np.exp(share)
     h = effects.slip(v, at)
     bend = (effects.slip(v, 1.01 * at) - effects.slip(v, at / 1.01)) / (2.0 * np.log(1.01))
-    return {"force": force * h, "slip": h - share * bend, "longer": bend}
+    slip = h - share * bend
+    return {"force": force * slip + longer * bend, "slip": slip, "longer": bend}
 
 
 class Damper:

@@ -1,0 +1,276 @@
+"""The diagnosis engine against dense linear algebra and references of its own kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from scipy.stats import multivariate_normal
+
+from herringbone_sim.diagnosis.evidence import Candidate, Evidence
+from herringbone_sim.diagnosis.flexible import predictable
+from herringbone_sim.diagnosis.judge import NAMES, chances, fit, numbers
+from herringbone_sim.diagnosis.products import (
+    Block,
+    Campaign,
+    Coefficient,
+    Part,
+    cleared,
+    moved,
+    products,
+)
+from herringbone_sim.diagnosis.regression import Normal, leave_one_out, solve
+
+
+def density(y, Phi, sd, mean=0.0):
+    """log N(y; Phi mean, 1 + Phi sd^2 Phi') relative to log N(y; 0, 1)."""
+    n = len(y)
+    spread = np.eye(n) + Phi @ np.diag(sd**2) @ Phi.T
+    center = Phi @ (np.zeros(Phi.shape[1]) + mean)
+    of_model = multivariate_normal(center, spread).logpdf(y)
+    return of_model - multivariate_normal(np.zeros(n), np.eye(n)).logpdf(y)
+
+
+def problem(seed, most=12):
+    """Phi, y, sd and bounds of a regression whose columns are correlated."""
+    rng = np.random.default_rng(seed)
+    p = rng.integers(1, most)
+    mixing = np.eye(p) + rng.uniform(0.0, 2.0) * rng.normal(size=(p, p))
+    Phi = rng.normal(size=(40, p)) @ mixing
+    y = Phi @ rng.normal(size=p) + rng.normal(size=40)
+    bound = np.where(rng.random(p) < 0.7, rng.uniform(0.05, 1.5, p), np.inf)
+    return Phi, y, rng.uniform(0.3, 3.0, p), bound
+
+
+@pytest.mark.parametrize("start", range(0, 100, 25))
+def test_bounded_solutions_are_those_of_least_squares_in_a_box(start):
+    held = 0
+    for seed in range(start, start + 25):
+        Phi, y, sd, bound = problem(seed)
+        found = solve(Phi.T @ Phi, Phi.T @ y, sd, bound)
+        tall, right = np.vstack([Phi, np.diag(1.0 / sd)]), np.append(y, np.zeros(len(sd)))
+        expected = lsq_linear(tall, right, (-bound, bound), method="bvls", tol=1e-15).x
+        np.testing.assert_allclose(found.mean, expected, rtol=0.0, atol=1e-9)
+        held += np.sum(np.abs(expected) == bound)
+    assert held > 10  # else the bounds are not tried
+
+
+def test_the_evidence_is_the_density_of_the_data():
+    for seed in range(20):
+        Phi, y, sd, _ = problem(seed)
+        found = solve(Phi.T @ Phi, Phi.T @ y, sd, np.full(len(sd), np.inf))
+        assert found.log_evidence == pytest.approx(density(y, Phi, sd), rel=1e-10, abs=1e-8)
+        spread = np.linalg.inv(Phi.T @ Phi + np.diag(sd**-2.0))
+        np.testing.assert_allclose(found.covariance, spread, rtol=1e-7, atol=1e-10)
+
+
+def test_the_evidence_with_coefficients_at_their_bounds_is_that_of_the_others():
+    for seed in range(20):
+        Phi, y, sd, bound = problem(seed)
+        found = solve(Phi.T @ Phi, Phi.T @ y, sd, bound)
+        held = np.abs(found.mean) == bound
+        at = Phi[:, held] @ found.mean[held]
+        fixed = y @ at - 0.5 * at @ at - 0.5 * np.sum((found.mean[held] / sd[held]) ** 2)
+        rest = density(y - at, Phi[:, ~held], sd[~held]) if not held.all() else 0.0
+        assert found.log_evidence == pytest.approx(rest + fixed, rel=1e-10, abs=1e-8)
+        assert not found.covariance[held].any()
+
+
+def test_runs_left_out_are_predicted_by_a_regression_on_the_others():
+    rng = np.random.default_rng(5)
+    Phi, y = rng.normal(size=(4, 15, 3)), rng.normal(size=(4, 15))
+    y += Phi @ [0.5, -1.0, 0.2]
+    sd, free = np.array([0.5, 1.0, 2.0]), np.full(3, np.inf)
+    A, b = np.einsum("rni,rnj->rij", Phi, Phi), np.einsum("rni,rn->ri", Phi, y)
+    found = leave_one_out(Normal(A, b, sd, free))
+    for r in range(4):
+        others = np.arange(4) != r
+        X, z = Phi[others].reshape(-1, 3), y[others].ravel()
+        spread = np.linalg.inv(X.T @ X + np.diag(sd**-2.0))
+        mean = spread @ X.T @ z
+        np.testing.assert_allclose(found.means[r], mean, atol=1e-9)
+        fall = y[r] @ y[r] - np.sum((y[r] - Phi[r] @ mean) ** 2)
+        assert found.fall[r] == pytest.approx(fall, abs=1e-8)
+        roots, turns = np.linalg.eigh(spread)
+        predicted = density(y[r], Phi[r] @ turns, np.sqrt(roots), turns.T @ mean)
+        assert found.log_density[r] == pytest.approx(predicted, abs=1e-8)
+
+
+def a_block(seed, name="law", run="a", n=25, rows=2, functions=("f", "g", "h"), kinds=(2, 2)):
+    """A random block: nuisances of each row, and some shared by all rows."""
+    rng = np.random.default_rng(seed)
+    Q, (S, T) = len(functions), kinds
+    return Block(
+        name,
+        run,
+        tuple(f"row {i}" for i in range(rows)),
+        rng.normal(size=(n, rows)),
+        rng.uniform(0.5, 2.0, (n, rows)),
+        tuple(functions),
+        rng.normal(size=(n, rows, Q)),
+        rng.normal(size=(n, rows, S)),
+        rng.uniform(0.1, 1.0, (rows, S)),
+        rng.normal(size=(T, rows, Q)),
+        rng.uniform(0.1, 1.0, T),
+        independent=0.4,
+    )
+
+
+def dense(block):
+    """Covariance of the residual with all nuisances, rows one after the other, and its samples."""
+    n, rows, _ = block.columns.shape
+    spread = np.diag((block.sigma.T.ravel()) ** 2 / block.independent)
+    for row in range(rows):
+        at, N = slice(row * n, (row + 1) * n), block.nuisance[:, row]
+        spread[at, at] += N @ np.diag(block.nuisance_sd[row] ** 2) @ N.T
+    shared = np.einsum("nrq,trq->trn", block.columns, block.shared).reshape(-1, rows * n)
+    return spread + shared.T @ np.diag(block.shared_sd**2) @ shared
+
+
+def column(block, coefficient, r):
+    """(rows * n,) what a unit of a coefficient adds to the residual of run r."""
+    found = np.zeros(block.residual.shape[::-1])
+    part = coefficient.parts.get(block.observation)
+    if part is not None:
+        for row, f, weight in part.entries:
+            found[row] += weight[r] * block.columns[:, row, block.functions.index(f)]
+    return found.ravel()
+
+
+def coefficients(rng, runs):
+    """Two of the base and two of a hypothesis, over rows and observations with weights by run."""
+
+    def one(name, **parts):
+        made = {
+            o: Part(rows, functions, rng.normal(size=(runs, len(rows))))
+            for o, (rows, functions) in parts.items()
+        }
+        return Coefficient(name, 1.0, np.inf, made)
+
+    base = one("k", law=((0, 1), ("f", "f"))), one("m", balance=((0,), ("p",)))
+    own = (
+        one("d", law=((0, 0, 1), ("g", "h", "h")), balance=((0, 0), ("p", "q"))),
+        one("e", balance=((0,), ("q",)), law=((1,), ("g",))),
+    )
+    return base, own
+
+
+def test_normal_equations_are_those_of_the_marginal_likelihood():
+    rng = np.random.default_rng(1)
+    blocks = [
+        {
+            "law": a_block(10 * r, "law", f"run {r}", n=20 + 5 * r),
+            "balance": a_block(10 * r + 1, "balance", f"run {r}", 15, 1, ("p", "q"), (0, 0)),
+        }
+        for r in range(3)
+    ]
+    base, own = coefficients(rng, len(blocks))
+    made = [{o: products(b) for o, b in of_run.items()} for of_run in blocks]
+    campaign = Campaign(made, base)
+    A, b = campaign.normal(own)
+    for r, of_run in enumerate(blocks):
+        expected_A, expected_b, energy = 0.0, 0.0, 0.0
+        for block in of_run.values():
+            Phi = np.stack([column(block, c, r) for c in (*base, *own)], axis=1)
+            y, inverse = block.residual.T.ravel(), np.linalg.inv(dense(block))
+            expected_A = expected_A + Phi.T @ inverse @ Phi
+            expected_b = expected_b + Phi.T @ inverse @ y
+            energy += y @ inverse @ y
+        np.testing.assert_allclose(A[r], expected_A, atol=1e-9)
+        np.testing.assert_allclose(b[r], expected_b, atol=1e-9)
+        assert campaign.energy[r] == pytest.approx(energy, abs=1e-9)
+
+
+def test_what_nuisances_explain_is_cleared():
+    block = a_block(3)
+    white = np.linalg.inv(dense(block)) @ block.residual.T.ravel()
+    expected = white.reshape(2, -1).T * block.sigma / block.independent
+    np.testing.assert_allclose(cleared(block), expected, atol=1e-10)
+
+
+def test_moved_products_are_those_of_the_block_about_the_amplitudes():
+    block, a = a_block(4), np.random.default_rng(0).normal(size=(2, 3))
+    there = replace(block, residual=block.residual - np.einsum("nrq,rq->nr", block.columns, a))
+    found, expected = moved(products(block), a), products(there)
+    for name in ("G", "c", "energy", "count", "cross", "cross_y"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-10)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Three runs of four measured inputs, and six blocks each."""
+    rng = np.random.default_rng(2)
+    inputs = [rng.normal(size=(1500, 1, 4)) for _ in range(3)]
+    return rng, inputs, [np.repeat(np.arange(6), 250)] * 3
+
+
+def test_noise_is_not_predictable(measured):
+    rng, inputs, blocks = measured
+    found = predictable([rng.normal(size=(1500, 1)) for _ in inputs], inputs, blocks)
+    assert found.left[0] > 0.999 * found.energy[0]
+    assert found.count[0] == 4500
+
+
+def test_most_of_a_smooth_function_of_what_is_measured_is_predictable(measured):
+    rng, inputs, blocks = measured
+    smooth = [np.sin(x[:, :, 0]) * x[:, :, 1] + 0.5 * np.cos(2.0 * x[:, :, 2]) for x in inputs]
+    noisy = [3.0 * s + rng.normal(size=s.shape) for s in smooth]
+    found = predictable(noisy, inputs, blocks)
+    noise = found.count[0]
+    assert found.left[0] - noise < 0.25 * (found.energy[0] - noise)
+
+
+def some_evidence(rng):
+    """Numbers of a campaign of no meaning: energies fall with effects and with pairs."""
+    count, gap = 1e4, 10.0 ** rng.uniform(-3.0, 1.0)
+    singles = sorted(count * (1.0 + gap * rng.uniform(0.02, 1.0, 3) ** 2))
+    pairs = [singles[0] - count * gap * u for u in sorted(rng.uniform(0.0, 0.02, 2))[::-1]]
+    candidates = [Candidate((), (), count * (1.0 + gap))]
+    candidates += [Candidate((e,), ("",), x) for e, x in zip("abc", singles, strict=True)]
+    candidates += [Candidate(("a", e), ("", ""), x) for e, x in zip("bc", pairs, strict=True)]
+    remains = {"none": 0.9 * gap, "single": rng.uniform(0.0, 0.1) * gap, "pair": 0.0}
+    remains = {name: count * value for name, value in remains.items()}
+    return replace(EMPTY, count=count, candidates=tuple(candidates), remains=remains)
+
+
+EMPTY = Evidence(1.0, (), {}, {})
+
+
+def drawn(rng, evidence, weights):
+    """A truth with the probabilities of some weights."""
+    every, table = numbers(evidence)
+    score = table @ weights
+    p = np.exp(score - score.max())
+    chosen = every[rng.choice(len(p), p=p / p.sum())]
+    return ("unknown",) if chosen is None else chosen.effects
+
+
+def test_fitted_probabilities_come_true():
+    rng = np.random.default_rng(8)
+    true = np.array([-1.0, 0.5, -0.5, 1.0, -0.3, 0.2, -0.2, -1.5, 0.4])
+    assert len(true) == len(NAMES)
+    practice = [some_evidence(rng) for _ in range(800)]
+    weights = fit(practice, [drawn(rng, e, true) for e in practice], 1e-3)
+    said, came = [], []
+    for _ in range(800):
+        evidence = some_evidence(rng)
+        truth = drawn(rng, evidence, true)
+        given = chances(evidence, weights)
+        assert sum(c.probability for c in given) == pytest.approx(1.0)
+        said += [c.probability for c in given]
+        came += [c.effects == truth for c in given]
+    said, came = np.array(said), np.array(came)
+    edges = np.quantile(said, np.linspace(0.0, 1.0, 7))
+    for low, high in pairwise(edges):
+        of = (said >= low) & (said <= high)
+        spread = np.sqrt(np.mean(said[of] * (1.0 - said[of])) / of.sum())
+        assert abs(said[of].mean() - came[of].mean()) < 4.0 * spread + 0.01
+
+
+def test_a_truth_that_was_never_tried_teaches_nothing():
+    rng = np.random.default_rng(9)
+    evidence = [some_evidence(rng) for _ in range(5)]
+    assert not fit(evidence, [("z",)] * 5, 1.0).any()
