@@ -18,14 +18,8 @@ from herringbone_sim.examples.damper.simulate import SIGMA, STEP, Run
 
 Array = NDArray[np.float64]
 LAW, IMPULSE = "force law", "impulse"  # the two observations
-FALLING = (
-    0.02,
-    0.028,
-    0.039,
-    0.054,
-    0.075,
-    0.1,
-)  # [m/s] over which friction falls: the range of lubricated contacts
+# [m/s] over which friction falls: the range of lubricated contacts
+FALLING = (0.02, 0.028, 0.039, 0.054, 0.075, 0.1)
 RATIO = (0.8, 1.1, 1.5, 2.0)  # by how much more than the rest it falls
 TRAVEL = (1e-4, 2e-4, 4e-4)  # [m] elastic before sliding; between them it is fitted
 HALFWAY = np.log(2.0) / 2.0  # from one travel to the next, of its logarithm
@@ -47,8 +41,8 @@ FIXED: Mapping[str, Callable[[Run], Array]] = {
     "cubic": lambda r: r.x**3,
     "gain": lambda r: r.F,
 }
-BENT = ("k", "play", *(f"{what} {t}" for t in TRAVEL for what in ("slip", "longer")))
-FUNCTIONS = {LAW: (*FIXED, *BENT), IMPULSE: ("mass", "gain")}
+BENT = ("play", *(f"{what} {t}" for t in TRAVEL for what in ("slip", "longer")))
+FUNCTIONS = {LAW: ("k", *FIXED, *BENT), IMPULSE: ("mass", "gain")}
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -83,7 +83,7 @@ class Damper:
     def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
         """The force law bends with the play and the travel of presliding."""
         law = amplitudes.get(LAW, {})
-        bent = any(np.any(law[f]) for f in BENT if f in law and f != "k")
+        bent = any(np.any(law[f]) for f in BENT if f in law)
         return (IMPULSE,) if bent else (LAW, IMPULSE)
 
     def blocks(
