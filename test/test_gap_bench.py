@@ -22,28 +22,28 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import case
-from herringbone_sim.gap.practice import bench, trial
-from herringbone_sim.gap.practice.arrays import as_prepared
-from herringbone_sim.gap.practice.bench import check_seeds, name_of, read_seals, run_bench
-from herringbone_sim.gap.practice.campaign import make_campaign, run_plan
-from herringbone_sim.gap.practice.evidence import evidence_of, evidence_record
-from herringbone_sim.gap.practice.label import label_text, seal
-from herringbone_sim.gap.practice.outcome import outcome
-from herringbone_sim.gap.practice.plan import draw_plan
-from herringbone_sim.gap.practice.rivals import recalibration_alone, sparse_regression
-from herringbone_sim.gap.practice.seeds import parse_seeds
-from herringbone_sim.gap.practice.stored import read_bench, stored_evidence
-from herringbone_sim.gap.practice.table import (
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.practice import bench, trial
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.bench import check_seeds, name_of, read_seals, run_bench
+from herringbone_sim.practice.campaign import make_campaign, run_plan
+from herringbone_sim.practice.evidence import evidence_of, evidence_record
+from herringbone_sim.practice.label import label_text, seal
+from herringbone_sim.practice.outcome import outcome
+from herringbone_sim.practice.plan import draw_plan
+from herringbone_sim.practice.rivals import recalibration_alone, sparse_regression
+from herringbone_sim.practice.seeds import parse_seeds
+from herringbone_sim.practice.stored import read_bench, stored_evidence
+from herringbone_sim.practice.table import (
     AIM,
     aimed,
     bench_rows,
     table_markdown,
     write_cases,
 )
-from herringbone_sim.gap.practice.trial import Setting, plan_of, remade
-from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.find import SensorCheck
-from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.practice.trial import Setting, plan_of, remade
 
 SETTING = Setting(truth="none")
 
@@ -288,7 +288,7 @@ def test_rivals_name_a_profile_and_tell_their_closure():
 
 ORPHAN = """
 import os, signal
-from herringbone_sim.gap.practice.pool import pool
+from herringbone_sim.practice.pool import pool
 if __name__ == "__main__":
     with pool(1) as (executor, _):
         print(executor.submit(os.getpid).result(), flush=True)

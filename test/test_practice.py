@@ -11,13 +11,13 @@ from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
-from herringbone_sim.gap.practice.campaign import make_campaign, solve_size, take_run
-from herringbone_sim.gap.practice.cause import at, mesh_mask
-from herringbone_sim.gap.practice.kernel import displaced, flank, spall_shape
-from herringbone_sim.gap.practice.label import read_label, seal
-from herringbone_sim.gap.practice.machine import BODIES, MESHES, NOMINAL, machine
-from herringbone_sim.gap.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, draw_plan
-from herringbone_sim.gap.practice.record import (
+from herringbone_sim.practice.campaign import make_campaign, solve_size, take_run
+from herringbone_sim.practice.cause import at, mesh_mask
+from herringbone_sim.practice.kernel import displaced, flank, spall_shape
+from herringbone_sim.practice.label import read_label, seal
+from herringbone_sim.practice.machine import BODIES, MESHES, NOMINAL, machine
+from herringbone_sim.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, draw_plan
+from herringbone_sim.practice.record import (
     CHANNEL_SETS,
     geometry,
     law_force,
@@ -25,9 +25,9 @@ from herringbone_sim.gap.practice.record import (
     record_motion,
     with_noise,
 )
-from herringbone_sim.gap.practice.stepper import integrate
-from herringbone_sim.gap.practice.store import write_campaign
-from herringbone_sim.gap.practice.unseen import UNSEEN
+from herringbone_sim.practice.stepper import integrate
+from herringbone_sim.practice.store import write_campaign
+from herringbone_sim.practice.unseen import UNSEEN
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
 

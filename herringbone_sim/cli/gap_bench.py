@@ -7,12 +7,12 @@ from pathlib import Path
 
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.errors import AnalysisError, ParameterError
-from herringbone_sim.gap.practice.bench import check_seeds, read_json, run_bench
-from herringbone_sim.gap.practice.score import write_table
-from herringbone_sim.gap.practice.seeds import parse_seeds
-from herringbone_sim.gap.practice.stored import read_bench
-from herringbone_sim.gap.practice.table import bench_rows, table_markdown, write_cases
-from herringbone_sim.gap.practice.trial import Setting, plan_of
+from herringbone_sim.practice.bench import check_seeds, read_json, run_bench
+from herringbone_sim.practice.score import write_table
+from herringbone_sim.practice.seeds import parse_seeds
+from herringbone_sim.practice.stored import read_bench
+from herringbone_sim.practice.table import bench_rows, table_markdown, write_cases
+from herringbone_sim.practice.trial import Setting, plan_of
 
 DESCRIPTION = """\
 Make rigs with none, one, two or foreign effects, seal their labels (the hash is told before any

@@ -19,10 +19,10 @@ from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import Case, case, expected
 from herringbone_sim.gap.attribution.shortlist import ROUGH, Base, base, calibration_columns
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.practice.baselines import SCHEMA
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verdict.evidence import Evidence, mended
+from herringbone_sim.practice.baselines import SCHEMA
 
 Array = NDArray[np.float64]
 Report = dict[str, Any]

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.practice.machine import MESHES, NOMINAL
-from herringbone_sim.gap.practice.measure import rms
-from herringbone_sim.gap.practice.record import law_force
+from herringbone_sim.practice.machine import MESHES, NOMINAL
+from herringbone_sim.practice.measure import rms
+from herringbone_sim.practice.record import law_force
 from herringbone_sim.recording.campaign import Campaign
 
 SCHEMA = "herringbone_sim/gap-report/1"

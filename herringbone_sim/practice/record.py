@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.practice.machine import (
+from herringbone_sim.practice.machine import (
     BODIES,
     MESHES,
     N_BODY,
@@ -21,7 +21,7 @@ from herringbone_sim.gap.practice.machine import (
     half_backlash,
     machine,
 )
-from herringbone_sim.gap.practice.stepper import integrate
+from herringbone_sim.practice.stepper import integrate
 
 HEAD = ("t", "phase", "K", "delta_T", "T_1")
 SAMPLES_PER_CYCLE = 24

@@ -22,18 +22,18 @@ from herringbone_sim.core import cache
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
 from herringbone_sim.gap.diagnose import diagnose
-from herringbone_sim.gap.practice.arrays import as_prepared
-from herringbone_sim.gap.practice.baselines import always_none, largest_residual
-from herringbone_sim.gap.practice.campaign import (
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.baselines import always_none, largest_residual
+from herringbone_sim.practice.campaign import (
     PracticeCampaign,
     make_campaign,
     run_plan,
     solved_as,
 )
-from herringbone_sim.gap.practice.evidence import evidence_record
-from herringbone_sim.gap.practice.label import label_text, seal
-from herringbone_sim.gap.practice.plan import Plan, draw_plan
-from herringbone_sim.gap.practice.rivals import rivals
+from herringbone_sim.practice.evidence import evidence_record
+from herringbone_sim.practice.label import label_text, seal
+from herringbone_sim.practice.plan import Plan, draw_plan
+from herringbone_sim.practice.rivals import rivals
 
 FAILED = "failed"
 
@@ -152,13 +152,9 @@ def sources() -> str:
 
     Taken once: what a process has loaded does not follow changes of the files.
     """
-    package = Path(__file__).parents[2]
-    gap = package / "gap"
+    package = Path(__file__).parents[1]
     own = sorted(
-        one
-        for end in ("py", "json", "yaml")
-        for one in gap.rglob(f"*.{end}")
-        if gap / "practice" not in one.parents
+        one for end in ("py", "json", "yaml") for one in (package / "gap").rglob(f"*.{end}")
     )
     parts = [cache.digest(package / "core", package / "effects").encode()]
     parts += [hashlib.sha256(one.read_bytes()).digest() for one in own]

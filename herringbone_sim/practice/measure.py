@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.gap.practice.cause import Cause
-from herringbone_sim.gap.practice.machine import MESHES, N_BODY, NOMINAL, Array, Constants
-from herringbone_sim.gap.practice.record import Motion, channels_of, law_force, own_error_shift
+from herringbone_sim.practice.cause import Cause
+from herringbone_sim.practice.machine import MESHES, N_BODY, NOMINAL, Array, Constants
+from herringbone_sim.practice.record import Motion, channels_of, law_force, own_error_shift
 
 _NAMES = tuple(tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
 

@@ -11,18 +11,18 @@ import numpy as np
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
-from herringbone_sim.gap.practice.cause import Cause
-from herringbone_sim.gap.practice.label import label_of
-from herringbone_sim.gap.practice.machine import (
+from herringbone_sim.practice.cause import Cause
+from herringbone_sim.practice.label import label_of
+from herringbone_sim.practice.machine import (
     NOMINAL,
     Array,
     Constants,
     Machine,
     machine,
 )
-from herringbone_sim.gap.practice.measure import RunMeasure, measure_run
-from herringbone_sim.gap.practice.plan import FIT_RUNS, KINDS, Plan
-from herringbone_sim.gap.practice.record import (
+from herringbone_sim.practice.measure import RunMeasure, measure_run
+from herringbone_sim.practice.plan import FIT_RUNS, KINDS, Plan
+from herringbone_sim.practice.record import (
     CHANNEL_SETS,
     CYCLES,
     Motion,
@@ -31,7 +31,7 @@ from herringbone_sim.gap.practice.record import (
     series_of,
     with_noise,
 )
-from herringbone_sim.gap.practice.sensors import distort
+from herringbone_sim.practice.sensors import distort
 from herringbone_sim.recording.campaign import Campaign, CampaignRun
 
 NEAR = 0.08

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.practice.intervals import (
+from herringbone_sim.practice.intervals import (
     Figure,
     auroc,
     bootstrap,
     calibration_error,
     share,
 )
-from herringbone_sim.gap.practice.label import read_label
-from herringbone_sim.gap.practice.outcome import Outcome, outcome
+from herringbone_sim.practice.label import read_label
+from herringbone_sim.practice.outcome import Outcome, outcome
 from herringbone_sim.recording.safe_json import read_json
 
 Outcomes = Sequence[Outcome]

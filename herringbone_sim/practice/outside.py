@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.gap.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
-from herringbone_sim.gap.practice.machine import Machine
+from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
+from herringbone_sim.practice.machine import Machine
 
 
 def _phase_by_load(p: Machine, c: Cause, _: Point) -> Machine:

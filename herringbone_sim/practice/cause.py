@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.gap.practice.machine import MESHES, Array, Machine
+from herringbone_sim.practice.machine import MESHES, Array, Machine
 
 ALL = {"mesh": "all", "planet": "all", "side": "all"}
 Point = Mapping[str, float]

@@ -14,7 +14,7 @@ from numba import njit
 
 from herringbone_sim.core.cache import forget_stale
 from herringbone_sim.core.numba_private import COMPILED
-from herringbone_sim.gap.practice.machine import Array, Machine
+from herringbone_sim.practice.machine import Array, Machine
 
 TWO_PI = 2.0 * np.pi
 CYCLES_PER_TURN = 27.0 * 77.0 / (27.0 + 77.0)  # mesh cycles a turn of the sun to ground

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.gap.practice.cause import Cause, Kind, Point, at, sign
-from herringbone_sim.gap.practice.machine import BODIES, MESHES, Array, Machine
-from herringbone_sim.gap.practice.record import Motion, channels_of
+from herringbone_sim.practice.cause import Cause, Kind, Point, at, sign
+from herringbone_sim.practice.machine import BODIES, MESHES, Array, Machine
+from herringbone_sim.practice.record import Motion, channels_of
 
 Channels = dict[str, Array]
 UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4}

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from herringbone_sim.gap.practice.outcome import Outcome
+from herringbone_sim.practice.outcome import Outcome
 
 MOST = 6
 

@@ -18,10 +18,10 @@ from typing import Any
 from tqdm import tqdm
 
 from herringbone_sim.errors import AnalysisError, shown
-from herringbone_sim.gap.practice.frozen import Frozen, frozen, overlap
-from herringbone_sim.gap.practice.label import read_label
-from herringbone_sim.gap.practice.pool import pool
-from herringbone_sim.gap.practice.trial import Setting, sources, trial, truth_of
+from herringbone_sim.practice.frozen import Frozen, frozen, overlap
+from herringbone_sim.practice.label import read_label
+from herringbone_sim.practice.pool import pool
+from herringbone_sim.practice.trial import Setting, sources, trial, truth_of
 from herringbone_sim.recording import safe_json
 from herringbone_sim.recording.safe_json import JsonError
 from herringbone_sim.sweeps.kept import make_folder, whole

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.gap.practice.bench import Seen
-from herringbone_sim.gap.practice.intervals import Figure
-from herringbone_sim.gap.practice.outcome import Outcome
-from herringbone_sim.gap.practice.reasons import by_cause, reasons
-from herringbone_sim.gap.practice.score import (
+from herringbone_sim.practice.bench import Seen
+from herringbone_sim.practice.intervals import Figure
+from herringbone_sim.practice.outcome import Outcome
+from herringbone_sim.practice.reasons import by_cause, reasons
+from herringbone_sim.practice.score import (
     QUESTIONS,
     STRATA,
     Outcomes,
@@ -22,7 +22,7 @@ from herringbone_sim.gap.practice.score import (
     Row,
     target,
 )
-from herringbone_sim.gap.practice.stored import Bench
+from herringbone_sim.practice.stored import Bench
 
 REACHED = 2.75  # of d = 3: sizes are solved for to some percent
 AIM = "40 dB, all channels, d >= 3"

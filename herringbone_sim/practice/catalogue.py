@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.gap.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind, sign
-from herringbone_sim.gap.practice.machine import N_MESH, Array, Machine
+from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind, sign
+from herringbone_sim.practice.machine import N_MESH, Array, Machine
 
 Drawn = tuple[dict[str, Any], dict[str, Any]]
 Told = dict[str, tuple[Any, str]]

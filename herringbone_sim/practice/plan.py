@@ -9,13 +9,13 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.gap.practice.catalogue import CATALOGUE
-from herringbone_sim.gap.practice.cause import Cause, Kind
-from herringbone_sim.gap.practice.machine import N_COORDINATE, TOLERANCE, TOLERATED, Array
-from herringbone_sim.gap.practice.outside import OUTSIDE
-from herringbone_sim.gap.practice.record import CHANNEL_SETS
-from herringbone_sim.gap.practice.sensors import OUTSIDE_SENSORS, SENSORS
-from herringbone_sim.gap.practice.unseen import UNSEEN
+from herringbone_sim.practice.catalogue import CATALOGUE
+from herringbone_sim.practice.cause import Cause, Kind
+from herringbone_sim.practice.machine import N_COORDINATE, TOLERANCE, TOLERATED, Array
+from herringbone_sim.practice.outside import OUTSIDE
+from herringbone_sim.practice.record import CHANNEL_SETS
+from herringbone_sim.practice.sensors import OUTSIDE_SENSORS, SENSORS
+from herringbone_sim.practice.unseen import UNSEEN
 
 KINDS: dict[str, Kind] = {**CATALOGUE, **SENSORS, **OUTSIDE, **OUTSIDE_SENSORS, **UNSEEN}
 NAMED = (*CATALOGUE, *SENSORS)

@@ -8,9 +8,9 @@ import yaml
 
 from herringbone_sim.core.layout import unit_of
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.gap.practice.campaign import PracticeCampaign
-from herringbone_sim.gap.practice.label import label_text, seal
-from herringbone_sim.gap.practice.record import SAMPLES_PER_CYCLE
+from herringbone_sim.practice.campaign import PracticeCampaign
+from herringbone_sim.practice.label import label_text, seal
+from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.writer import RunWriter
 

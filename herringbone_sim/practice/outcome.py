@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.errors import AnalysisError, shown
-from herringbone_sim.gap.practice.machine import MESHES
+from herringbone_sim.practice.machine import MESHES
 
 Json = Mapping[str, Any]
 OUTSIDE_CATALOGUE = ("none", "unknown")

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.gap.practice.cause import Cause
-from herringbone_sim.gap.practice.machine import Constants
-from herringbone_sim.gap.practice.measure import RunMeasure, rms
-from herringbone_sim.gap.practice.plan import KINDS, Plan
-from herringbone_sim.gap.practice.record import (
+from herringbone_sim.practice.cause import Cause
+from herringbone_sim.practice.machine import Constants
+from herringbone_sim.practice.measure import RunMeasure, rms
+from herringbone_sim.practice.plan import KINDS, Plan
+from herringbone_sim.practice.record import (
     CYCLES,
     SAMPLES_PER_CYCLE,
     Motion,

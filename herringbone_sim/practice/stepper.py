@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.errors import DivergenceError
-from herringbone_sim.gap.practice.kernel import compiled, forces, rate
-from herringbone_sim.gap.practice.machine import N_COORDINATE, N_MESH, Array, Machine
+from herringbone_sim.practice.kernel import compiled, forces, rate
+from herringbone_sim.practice.machine import N_COORDINATE, N_MESH, Array, Machine
 
 STAGES = np.array(
     [

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.practice.bench import finished, read_json, read_seals
-from herringbone_sim.gap.practice.evidence import evidence_of
-from herringbone_sim.gap.practice.label import read_label
-from herringbone_sim.gap.practice.outcome import Outcome, outcome
 from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.practice.bench import finished, read_json, read_seals
+from herringbone_sim.practice.evidence import evidence_of
+from herringbone_sim.practice.label import read_label
+from herringbone_sim.practice.outcome import Outcome, outcome
 
 
 @dataclass(frozen=True)

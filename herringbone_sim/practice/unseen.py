@@ -10,9 +10,9 @@ from typing import Any
 
 from numpy.random import Generator
 
-from herringbone_sim.gap.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
-from herringbone_sim.gap.practice.machine import Machine
-from herringbone_sim.gap.practice.sensors import sensor
+from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
+from herringbone_sim.practice.machine import Machine
+from herringbone_sim.practice.sensors import sensor
 
 Drawn = tuple[dict[str, Any], dict[str, Any]]
 
