@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError
 from herringbone_sim.practice.cause import Cause
+from herringbone_sim.practice.chain import deterministic, gauged, measured
 from herringbone_sim.practice.label import label_of
 from herringbone_sim.practice.machine import (
     NOMINAL,
@@ -23,19 +24,20 @@ from herringbone_sim.practice.machine import (
 from herringbone_sim.practice.measure import RunMeasure, measure_run
 from herringbone_sim.practice.plan import FIT_RUNS, KINDS, Plan
 from herringbone_sim.practice.record import (
-    CHANNEL_SETS,
-    CYCLES,
     Motion,
+    Recorded,
+    Watch,
     channels_of,
     record_motion,
     series_of,
-    with_noise,
 )
 from herringbone_sim.practice.sensors import distort
 from herringbone_sim.recording.campaign import Campaign, CampaignRun
 
 NEAR = 0.08
 TRIES = 8
+SHORT_TRANSIENT, SHORT_CYCLES = 30, 40  # mesh cycles of the runs that sizes are solved with
+RING_CYCLES = 78  # a turn of the ring
 
 
 @dataclass(frozen=True)
@@ -46,11 +48,13 @@ class PracticeCampaign:
         campaign: as ``recording.campaign.read_campaign`` gives it; paths are bare names.
         series: recording of each run, in its order.
         label: the truth; only a scorer reads it.
+        sensors: what the campaign tells of single channels.
     """
 
     campaign: Campaign
     series: tuple[TimeSeries, ...]
     label: dict[str, Any]
+    sensors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ Solved = tuple[tuple[Cause, float], ...]
 
 
 def make_campaign(plan: Plan) -> PracticeCampaign:
-    """Solve for the sizes and run a plan: a second or two without effect, up to five with two.
+    """Solve for the sizes and run a plan: three seconds without effect, up to ten with two.
 
     Raises:
         DivergenceError: a rig whose motion leaves the range of any gear even so.
@@ -96,44 +100,82 @@ def run_plan(plan: Plan, solved: Solved) -> PracticeCampaign:
     """
     rig = NOMINAL.scaled(plan.factors)
     causes = tuple(cause for cause, _ in solved)
-    takes = [take_run(plan, rig, causes, i) for i in range(len(plan.points))]
-    names = CHANNEL_SETS[plan.channels]
+    moved = [move(plan, rig, causes, i) for i in range(len(plan.points))]
+    most = largest([one.now for one in moved])
+    takes = [take(plan, rig, causes, i, one, most) for i, one in enumerate(moved)]
     series = tuple(
-        series_of(take.motion, take.measured, point, names)
-        for take, point in zip(takes, plan.points, strict=True)
+        series_of(one.motion, one.measured, point, plan.names)
+        for one, point in zip(takes, plan.points, strict=True)
     )
     runs = tuple(
         CampaignRun(Path(f"run_{i:02d}"), dict(point), "fit" if i < FIT_RUNS else "held_out")
         for i, point in enumerate(plan.points)
     )
-    label = label_of(
-        plan, solved, runs, rig, [take.motion for take in takes], [t.found for t in takes]
-    )
-    return PracticeCampaign(
-        Campaign(f"practice_{plan.seed}", noise_share(plan), runs), series, label
-    )
+    if len(solved) == 1:
+        solved = ((causes[0], pooled([one.found for one in takes[:FIT_RUNS]])),)
+    label = label_of(plan, solved, runs, rig, [t.motion for t in takes], [t.found for t in takes])
+    told = plan.noise.share if plan.noise.told else None
+    campaign = Campaign(f"practice_{plan.seed}", told, runs)
+    there = {name: one for name, one in plan.noise.sensors.items() if name in plan.names}
+    return PracticeCampaign(campaign, series, label, there)
 
 
-def noise_share(plan: Plan) -> float:
-    """RMS of the noise as a share of each channel's RMS."""
-    return float(10.0 ** (-plan.snr_dB / 20.0))
+def pooled(found: Sequence[RunMeasure]) -> float:
+    """Detectability of the first cause over some runs."""
+    return float(max(np.sqrt(np.mean([one.d[0] ** 2 for one in found])), 1e-9))
 
 
-def take_run(plan: Plan, rig: Constants, causes: tuple[Cause, ...], i: int) -> Take:
-    """Run number i with these effects, measured."""
-    p = equipped(machine(rig, plan.points[i], span_of(plan, i)), causes, plan.points[i])
+def move(
+    plan: Plan, rig: Constants, causes: tuple[Cause, ...], i: int, watch: Watch | None = None
+) -> Recorded:
+    """Run number i with these effects, as it was; ``watch`` without what is late."""
     lags = tuple(c.size for c in causes if c.internal == "sensor_delay")
-    motion, before = record_motion(p, plan.phases[i], plan.starts[i], lags)
-    exact = channels_of(motion)
-    seen: dict[str, Array] = dict(exact)
+    delay = plan.noise.parts.get("filter", {}).get("delay_s") if watch is None else None
+    watch = replace(watch or Watch(), lags=lags, delay=delay)
+    span = span_of(plan.points[i], watch.transient + watch.cycles)
+    p = equipped(machine(rig, plan.points[i], span), causes, plan.points[i])
+    return record_motion(p, plan.phases[i], plan.starts[i], watch)
+
+
+def largest(motions: Sequence[Motion]) -> dict[str, float]:
+    """Largest x, v, F and u of some runs, what converters are chosen for."""
+    values = {"x": "x", "v": "v", "F": "force", "u": "u"}
+    return {
+        short: max(float(np.abs(getattr(one, long)).max()) for one in motions)
+        for short, long in values.items()
+    }
+
+
+def take(
+    plan: Plan,
+    rig: Constants,
+    causes: tuple[Cause, ...],
+    i: int,
+    moved: Recorded,
+    most: Mapping[str, float],
+) -> Take:
+    """Run number i, measured: filter and encoders, then faults, noise, gauges and converters."""
+    motion, exact = moved.now, channels_of(moved.now)
+    smooth, counted = deterministic(plan.noise, motion, moved.fine)
+    faulty = [_with_faults(causes, moved, one) for one in (exact, smooth, counted)]
+    clock = {"t": [one.pop("t") for one in faulty][-1]} if "t" in faulty[0] else {}
+    seen, quiet, shown = faulty[0], *(gauged(plan.noise, one) for one in faulty[1:])
+    rng = np.random.default_rng([plan.seed, 0x51, i])
+    noisy = measured(plan.noise, shown, motion.times, rng, most) | clock
+    found = measure_run(rig, plan.points[i], motion, seen, quiet, noisy, causes)
+    return Take(motion, noisy, found)
+
+
+def _with_faults(
+    causes: tuple[Cause, ...], moved: Recorded, channels: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Channels as sensors with faults show them."""
+    seen = dict(channels)
     for cause in causes:
         if KINDS[cause.internal].sense == "sensor":
-            seen = distort(cause, motion, before[0] if before else None, seen)
-    rng = np.random.default_rng([plan.seed, 0x51, i])
-    clock = {"t": seen.pop("t")} if "t" in seen else {}
-    measured = with_noise(seen, noise_share(plan), rng) | clock
-    found = measure_run(rig, plan.points[i], motion, seen, measured, causes)
-    return Take(motion, measured, found)
+            before = moved.before[0] if moved.before else None
+            seen = distort(cause, moved.now, before, seen)
+    return seen
 
 
 def equipped(p: Machine, causes: tuple[Cause, ...], point: Mapping[str, float]) -> Machine:
@@ -143,10 +185,9 @@ def equipped(p: Machine, causes: tuple[Cause, ...], point: Mapping[str, float]) 
     return p
 
 
-def span_of(plan: Plan, i: int) -> float:
-    """Duration [s] of a run with its transient, for what drifts."""
-    omega = machine(NOMINAL, plan.points[i]).omega
-    return float(2.0 * CYCLES * 2.0 * np.pi / omega)
+def span_of(point: Mapping[str, float], cycles: int) -> float:
+    """Time [s] that what drifts goes by: a fifth longer than a run of so many mesh cycles."""
+    return float(1.2 * cycles * 2.0 * np.pi / machine(NOMINAL, point).omega)
 
 
 def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
@@ -186,9 +227,14 @@ def _next(tries: list[tuple[float, float]], wanted: float) -> float:
 
 
 def _detectability(plan: Plan, rig: Constants, cause: Cause) -> float | None:
+    """By shorter runs than those that are recorded, and without a filter: it is no noise."""
     alone = replace(plan, causes=(cause,))
+    cycles = SHORT_CYCLES if cause.shape.get("member") != "ring" else RING_CYCLES
+    found = []
     try:
-        found = [take_run(alone, rig, (cause,), i).found.d[0] for i in range(FIT_RUNS)]
+        for i in range(FIT_RUNS):
+            moved = move(alone, rig, (cause,), i, Watch(SHORT_TRANSIENT, cycles))
+            found.append(take(alone, rig, (cause,), i, moved, largest([moved.now])).found)
     except DivergenceError:
         return None
-    return float(max(np.sqrt(np.mean(np.square(found))), 1e-9))
+    return pooled(found)

@@ -1,158 +1,57 @@
-"""The practice rig's own right-hand side, compiled: Eqs. (12)-(16) and every effect it can have.
-
-Nothing here is shared with the simulator's kernel: absolute coordinates in SI units. The numbers
-in the shapes are chosen to differ from what a textbook would write.
-"""
+"""The practice rig's own right-hand side, compiled: Eqs. (12)-(16) and every effect."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from herringbone_sim.core.cache import forget_stale
-from herringbone_sim.core.numba_private import COMPILED
 from herringbone_sim.practice.machine import Array, Machine
+from herringbone_sim.practice.shapes import (
+    TWO_PI,
+    compiled,
+    damper,
+    displaced,
+    flank,
+    rub,
+    spring,
+    wild,
+)
 
-TWO_PI = 2.0 * np.pi
 CYCLES_PER_TURN = 27.0 * 77.0 / (27.0 + 77.0)  # mesh cycles a turn of the sun to ground
-SECOND_TOUCHES = 8e-6  # deflection [m] at which a second pair touches
-forget_stale(Path(__file__).parent, Path(__file__).parent)
-
-# As in core.packed: no reference counting, all scratch comes from outside.
-compiled: Any = njit(cache=True, **COMPILED)
+SHOCK_PEAK = 0.4**2 * 0.6**3  # of z^2 (1 - z)^3
 
 
-def _crack_shape(z: float, skew: float) -> float:
-    """Raised cosine over z in 0..1, its peak moved by ``skew``; 0 outside."""
-    if z <= 0.0 or z >= 1.0:
-        return 0.0
-    value: float = 0.5 * (1.0 - np.cos(TWO_PI * z**skew))
-    return value
+def _wander(
+    p: Machine,
+    m: int,
+    f: float,
+    v: float,
+    phase: float,
+    t: float,
+    own: float,
+    force: Array,
+    extra: Array,
+    depth: Array,
+) -> None:
+    """What the random function does at mesh m, and the input of its own state."""
+    load = depth[m]
+    followed = p.wild.own_input
+    depth[12 + m] = f * 1e5 if followed == 0 else (v * 2.0 if followed == 1 else load * 1e-4)
+    if p.wild.size[m] == 0.0 or p.wild.target == 4:
+        return
+    by = p.wild.size[m] * wild(p, f, v, load, phase, t, own)[0]
+    if p.wild.target == 1:
+        depth[m] *= 1.0 + by
+    elif p.wild.target == 2:
+        force[m] += p.damping[m] * by * v
+    elif p.wild.target == 3:
+        force[m] += by
+    elif p.wild.target == 5:
+        extra[p.wild.body] += by
 
 
-def _spall_shape(z: float, skew: float) -> tuple[float, float]:
-    """z^2 (1 - z)^q with peak 1, q = 2 + skew, and its slope; 0 outside 0..1."""
-    if z <= 0.0 or z >= 1.0:
-        return 0.0, 0.0
-    q = 2.0 + skew
-    top = 2.0 / (2.0 + q)
-    peak = top**2 * (1.0 - top) ** q
-    value = z**2 * (1.0 - z) ** q / peak
-    slope = (2.0 * z * (1.0 - z) ** q - q * z**2 * (1.0 - z) ** (q - 1.0)) / peak
-    return value, slope
-
-
-crack_shape: Any = compiled(_crack_shape)
-spall_shape: Any = compiled(_spall_shape)
-
-
-def _displaced(p: Machine, m: int, phase: float, cos: float, sin: float) -> tuple[float, float]:
-    """What is taken off the deflection of mesh m [m], and its slope by phase [m/rad].
-
-    That is e(t), less the displacements that no encoder sees, which add to the deflection.
-    """
-    value, slope = p.error[m] * sin - p.offset[m], p.error[m] * cos
-    c, s = cos, sin
-    for h in range(p.p_cos.shape[0]):
-        a, b = p.p_cos[h, m], p.p_sin[h, m]
-        if a != 0.0 or b != 0.0:
-            value -= a * c + b * s
-            slope -= (h + 1) * (b * c - a * s)
-        c, s = c * cos - s * sin, s * cos + c * sin
-    if p.runout[0, m] != 0.0:
-        rate = 1.0 / p.runout[1, m]
-        first = phase * rate + p.runout[2, m]
-        second = 2.0 * first + p.runout[4, m]
-        value -= p.runout[0, m] * (np.cos(first) + p.runout[3, m] * np.cos(second))
-        down = np.sin(first) + 2.0 * p.runout[3, m] * np.sin(second)
-        slope += p.runout[0, m] * rate * down
-    if p.event[5, m] != 0.0:
-        z = ((phase / TWO_PI - p.event[1, m]) % p.event[0, m]) / p.event[2, m]
-        bump, steep = spall_shape(z, p.event[3, m])
-        value -= p.event[5, m] * bump
-        slope -= p.event[5, m] * steep / (TWO_PI * p.event[2, m])
-    return value, slope
-
-
-displaced: Any = compiled(_displaced)
-
-
-def _flank(x: float, b: float, rounding: float) -> float:
-    """Backlash function of Eq. (1), its corners rounded over a width [m]."""
-    if rounding == 0.0:
-        return x - b if x > b else (x + b if x < -b else 0.0)
-    drive: float = x - b + np.sqrt((x - b) ** 2 + rounding**2)
-    back: float = -x - b + np.sqrt((x + b) ** 2 + rounding**2)
-    return 0.5 * (drive - back)
-
-
-flank: Any = compiled(_flank)
-
-
-def _spring(p: Machine, m: int, f: float, phase: float, cos: float, sin: float, t: float) -> float:
-    """Spring force [N] of mesh m at the deflection f [m]."""
-    if p.phase_by_load[m] != 0.0:
-        turn = p.phase_by_load[m] * np.tanh(abs(f) / 1e-5)
-        cos, sin = cos * np.cos(turn) - sin * np.sin(turn), sin * np.cos(turn) + cos * np.sin(turn)
-    share, c, s = 1.0, cos, sin
-    for h in range(p.k_cos.shape[0]):
-        share += p.k_cos[h, m] * c + p.k_sin[h, m] * s
-        c, s = c * cos - s * sin, s * cos + c * sin
-    if p.k_half[m] != 0.0:
-        share += p.k_half[m] * np.cos(0.5 * phase)
-    if p.k_turn[m] != 0.0:
-        share += p.k_turn[m] * np.cos(phase / 27.0)
-    if p.k_second[m] != 0.0 and abs(f) > SECOND_TOUCHES:
-        share += p.k_second[m] * (1.0 - SECOND_TOUCHES / abs(f))
-    if p.k_drift[m] != 0.0:
-        share *= 1.0 + p.k_drift[m] * (t / p.span) ** 1.5
-    if p.event[4, m] != 0.0:
-        z = ((phase / TWO_PI - p.event[1, m]) % p.event[0, m]) / p.event[2, m]
-        share *= 1.0 - p.event[4, m] * crack_shape(z, p.event[3, m])
-    if p.hertz[m] != 1.0:
-        share *= ((f * f + 1e-14) / 1e-10) ** (0.5 * (p.hertz[m] - 1.0))
-    force: float = p.stiffness[m] * share * f
-    return force
-
-
-spring: Any = compiled(_spring)
-
-
-def _damper(p: Machine, m: int, f: float, v: float) -> float:
-    """Damping force [N], a share of which lives by contact or by load."""
-    if p.c_share[m] == 0.0:
-        return float(p.damping[m] * v)
-    depth = abs(f)
-    contact = depth / (depth + 2e-7)
-    load = 2.0 * np.tanh(depth / 2e-5)
-    lives = (1.0 - p.c_load) * contact + p.c_load * load
-    return float(p.damping[m] * (1.0 - p.c_share[m] * (1.0 - lives)) * v)
-
-
-damper: Any = compiled(_damper)
-
-
-def _rub(p: Machine, m: int, force: float, phase: float, extra: Array) -> None:
-    """Sliding friction of mesh m onto the bodies (coordinates of ``extra``) [N]."""
-    s = np.sin(phase - p.pitch) + 0.2 * np.sin(2.0 * (phase - p.pitch))
-    stribeck = 0.8 + 0.35 * np.exp(-abs(s) / 0.25)
-    rub = p.friction[m] * abs(force) * stribeck * np.tanh(s / 0.12) * p.cos_beta
-    kind, side, i = m // 6, (m // 3) % 2, m % 3
-    walk = 0.12 * s
-    planet = 3 + 3 * side + i
-    if kind == 0:
-        extra[side] -= rub * (0.378 + walk)
-        extra[planet] += rub * (0.378 - walk)
-        extra[2] += rub * 0.378
-    else:
-        extra[planet] -= rub * (0.378 + walk)
-        extra[2] += rub * (0.378 + 0.4 * walk)
-
-
-rub: Any = compiled(_rub)
+wander: Any = compiled(_wander)
 
 
 def _forces(
@@ -161,8 +60,8 @@ def _forces(
     """Mesh forces (12,) [N], and what else acts on the coordinates (15,) [N] but T_1, T_2, K.
 
     Args:
-        y: (30,) coordinates [m], then their rates.
-        depth: (12,) left with the springs' forces [N].
+        y: (30,) or (42,): coordinates [m], their rates, own states of the meshes.
+        depth: (24,) left with the springs' forces [N] and what own states follow.
     """
     n = p.mass.size
     phase = phase0 + p.omega * t
@@ -182,9 +81,16 @@ def _forces(
         sin = sin0 * p.shift_cos[m] + cos0 * p.shift_sin[m]
         e, slope = displaced(p, m, phase, cos, sin)
         v = v * p.cos_beta - slope * p.omega
-        f = flank(x * p.cos_beta - e, p.half_backlash[m], p.rounding[m])
+        own = y[2 * n + m] if y.size > 2 * n else 0.0
+        if p.wild.target == 4 and p.wild.size[m] != 0.0:
+            more, steep = wild(p, 0.0, 0.0, 0.0, phase, t, 0.0)
+            e -= p.wild.size[m] * more
+            v += p.wild.size[m] * steep * p.omega
+        f = flank(x * p.cos_beta - e, p.half_backlash[m], p.half_back[m], p.rounding[m])
         depth[m] = spring(p, m, f, phase, cos, sin, t)
         force[m] = damper(p, m, f, v)
+        if p.wild.target != 0:
+            wander(p, m, f, v, phase, t, own, force, extra, depth)
         if p.hysteresis[m] != 0.0:
             depth[m] *= 1.0 + p.hysteresis[m] * np.tanh(v * np.sign(f) / 0.02)
         if p.c_square[m] != 0.0:
@@ -197,17 +103,19 @@ def _forces(
         force[m] += depth[m] + p.cross[m] * depth[other]
         if p.friction[m] != 0.0:
             rub(p, m, force[m], phase, extra)
-    if p.ripple[0] != 0.0:
-        turn = p.ripple[1] * phase / CYCLES_PER_TURN + p.ripple[2]
-        wave = p.ripple[0] * p.drive * (np.cos(turn) + p.ripple[3] * np.cos(2.0 * turn + 0.7))
-        extra[0] += wave
-        extra[1] += wave
+    if p.ripple.shape[1] > 0:
+        turn = p.ripple_order * phase / CYCLES_PER_TURN
+        for h in range(p.ripple.shape[1]):
+            cos, sin = np.cos((h + 1) * turn), np.sin((h + 1) * turn)
+            wave = p.drive * (p.ripple[0, h] * cos + p.ripple[1, h] * sin)
+            extra[0] += wave
+            extra[1] += wave
     if p.output[0] != 0.0:
         u = y[n + 2] / p.output[1]
         extra[2] -= p.output[0] * np.tanh(u) * (0.6 + 0.8 * np.exp(-u * u / 9.0))
     if p.shock[0] != 0.0:
-        z = (phase / TWO_PI) % p.shock[1] / p.shock[2]
-        extra[2] += p.shock[0] * spall_shape(z, 1.0)[0]
+        z = min((phase / TWO_PI) % p.shock[1] / p.shock[2], 1.0)
+        extra[2] += p.shock[0] * z**2 * (1.0 - z) ** 3 / SHOCK_PEAK
     if p.gyro != 0.0:
         extra[0] += p.gyro * y[n + 3]
         extra[3] -= p.gyro * y[n]
@@ -223,14 +131,6 @@ def _forces(
 forces: Any = compiled(_forces)
 
 
-def _seat(y: float, clearance: float) -> float:
-    """Deflection of a support with play, its ends rounded over a tenth of the play."""
-    return float(flank(y, clearance, 0.1 * clearance))
-
-
-seat_deflection: Any = compiled(_seat)
-
-
 def _rate(
     p: Machine,
     t: float,
@@ -241,7 +141,7 @@ def _rate(
     extra: Array,
     depth: Array,
 ) -> None:
-    """dy/dt (30,) of Eqs. (12)-(14) with whatever coordinates are free."""
+    """dy/dt (30,) of Eqs. (12)-(14) with whatever coordinates are free, (42,) with own states."""
     n = p.mass.size
     forces(p, t, phase0, y, force, extra, depth)
     carrier = 0.0
@@ -267,11 +167,14 @@ def _rate(
         else:
             carrier += push
     for side in range(2):
-        dy[n + 9 + side] -= p.ring[0] * y[9 + side] + p.ring[1] * y[n + 9 + side]
+        u, w = y[9 + side], y[n + 9 + side]
+        hold = p.ring[0] * u * (1.0 + p.ring[2] * u * u)
+        dy[n + 9 + side] -= hold + p.ring[1] * w * (1.0 + p.ring[3] * abs(w))
     for i in range(3):
         if p.free[11 + i] > 0.0:
-            give = seat_deflection(y[11 + i] - y[2], p.support[0])
-            hold = p.support[1] * give + p.support[2] * (y[n + 11 + i] - y[n + 2])
+            give = flank(y[11 + i] - y[2], p.support[0], p.support[0], p.support[3])
+            hold = p.support[1] * give * (1.0 + p.support[4] * give * give)
+            hold += p.support[2] * (y[n + 11 + i] - y[n + 2])
             dy[n + 11 + i] -= hold
             carrier += hold
     if p.free[14] > 0.0:
@@ -282,6 +185,8 @@ def _rate(
     for k in range(n):
         dy[k] *= p.free[k]
         dy[n + k] *= p.free[k] / p.mass[k]
+    for m in range(y.size - 2 * n):
+        dy[2 * n + m] = p.wild.own_rate * (depth[12 + m] - y[2 * n + m])
 
 
 rate: Any = compiled(_rate)

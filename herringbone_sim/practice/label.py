@@ -49,6 +49,8 @@ def label_of(
         "effects": [_effect(plan, cause, d) for cause, d in solved],
         "d_requested": plan.d,
         "snr_dB": plan.snr_dB,
+        "noise": {"kind": plan.noise.kind, "told": plan.noise.told, **plan.noise.parts},
+        "law": law_of([cause for cause, _ in solved]),
         "channels": plan.channels,
         "regime": "quiet" if plan.regime == "quiet" else _regime(aperiodic),
         "samples_per_cycle": SAMPLES_PER_CYCLE,
@@ -59,6 +61,14 @@ def label_of(
         ],
         "runs": told,
     }
+
+
+def law_of(causes: Sequence[Cause]) -> str:
+    """Whose law the causes have: none, catalogue, other (one of them is enough) or outside."""
+    if not causes or any(cause.effect == "unknown" for cause in causes):
+        return "outside" if causes else "none"
+    laws = {cause.shape.get("law", "catalogue") for cause in causes}
+    return "other" if "other" in laws else "catalogue"
 
 
 def _regime(aperiodic: float) -> str:
@@ -77,6 +87,7 @@ def _effect(plan: Plan, cause: Cause, d: float) -> dict[str, Any]:
         "parameters": {
             name: {"value": _plain(value), "unit": unit} for name, (value, unit) in told.items()
         },
+        "law": law_of([cause]),
         "shape": {name: _plain(value) for name, value in cause.shape.items()},
     }
 

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 N_MESH = 12
 N_BODY = 9
 N_COORDINATE = 15
-N_HARMONIC = 6
+N_TABLE = 129
 BODIES = ("s_L", "s_R", "c", "p1_L", "p2_L", "p3_L", "p1_R", "p2_R", "p3_R")
 MESHES = tuple(f"{k}{i}_{s}" for k in ("sp", "rp") for s in "LR" for i in (1, 2, 3))
 TOLERANCE = 0.02
@@ -53,36 +53,65 @@ class Constants:
 NOMINAL = Constants()
 
 
+class Wild(NamedTuple):
+    """A random smooth function of what a mesh meets, sum of h cosines, and where it acts.
+
+    Inputs, 8: deflection over 10 um, rate over 0.5 m/s, mesh phase [rad], spring force over
+    10 kN, delta_T over 50 K, angle of a member's turn [rad], share of the run, own state.
+    """
+
+    target: int  # see ``random_physics.TARGETS``; 0: none
+    size: Array  # (12,) [-], [N] or [m], 0 where it does not act
+    heights: Array  # (h,)
+    weights: Array  # (h, 8) of the inputs
+    angles: Array  # (h,) [rad]
+    mean: float  # taken off the sum
+    cycles: float  # mesh cycles of the turn
+    temperature: float  # delta_T over 50 K
+    body: int  # coordinate that the body's force acts on
+    own_rate: float  # 1/s at which the own state follows its input; 0: no own state
+    own_input: int  # number of that input
+
+
 class Machine(NamedTuple):
     """One rig at one operating point; arrays over meshes are (12,), over coordinates (15,)."""
 
     mass: Array  # (15,) I / r_b^2 [kg]
     free: Array  # (15,) 1 where a coordinate moves
     stiffness: Array  # [N/m]
-    k_cos: Array  # (6, 12) harmonics of k as shares
-    k_sin: Array  # (6, 12)
+    k_cos: Array  # (h, 12) harmonics of k as shares, as many as there are
+    k_sin: Array  # (h, 12)
     k_half: Array  # share of k at half the mesh order
     k_drift: Array  # share by which k has grown at the end of the run
     phase_by_load: Array  # shift of k by load [rad]
     shift_cos: Array  # of the phase shift of k and e together
     shift_sin: Array
     error: Array  # amplitude of e [m]
-    p_cos: Array  # (6, 12) further errors by mesh order [m]
-    p_sin: Array  # (6, 12)
+    p_cos: Array  # (h, 12) further errors by mesh order [m]
+    p_sin: Array  # (h, 12)
     offset: Array  # constant displacement [m]
-    runout: Array  # (5, 12) amplitude [m], cycles a turn, phase [rad], second order's share, phase
-    event: Array  # (6, 12) cycles a turn, start, width [cycles], skew, depth [-], height [m]
-    half_backlash: Array  # b' [m]
+    turn_cycles: Array  # mesh cycles a turn of the member that runs out
+    turn_cos: Array  # (h, 12) displacement by orders of that turn [m]
+    turn_sin: Array  # (h, 12)
+    event: Array  # (5, 12) cycles a turn, start, width [cycles], depth [-], height [m]
+    window: Array  # (2, N_TABLE) shape of an event over its width, as ``tables.table`` gives it
+    half_backlash: Array  # b' of the drive flank [m]
+    half_back: Array  # b' of the back flank [m]
     rounding: Array  # width over which the flank takes up load [m]
     hertz: Array  # exponent of the spring's force
+    bent: Array  # 1 where ``bend`` holds
+    bend: Array  # (2, N_TABLE) factor of the spring's force by deflection
     damping: Array  # [N s/m]
-    c_share: Array  # share of the damping that lives by contact
-    c_load: float  # 0: in contact alone, 1: by load
+    c_share: Array  # share of the damping that lives by contact or load
+    c_power: Array  # (2,) power of the deflection by which it lives, deflection [m] where it is 1
+    c_curve: Array  # (2, N_TABLE) instead of the power by deflection; (2, 0) without
+    c_out: float  # what lives out of contact
     cross: Array  # share of the other side's spring force
     friction: Array  # coefficient at low sliding speed
     pitch: float  # where the sliding turns [rad]
-    ring: Array  # (2,) spring [N/m] and damper [N s/m] of the ring
-    support: Array  # (3,) clearance, spring and damper of a planet's pin
+    rub: Array  # (2, N_TABLE) friction over a mesh cycle from there; (2, 0): the sign of sliding
+    ring: Array  # (4,) spring [N/m], damper [N s/m], their growth [1/m^2], [s/m] of the ring
+    support: Array  # (5,) half clearance, spring, damper, width of its ends [m], growth [1/m^2]
     plate: Array  # (2,) spring and damper of the carrier's right plate
     output: Array  # (2,) stick force [N] and speed [m/s] of the output
     shock: Array  # (3,) force [N], cycles between, width [cycles] of a shock on the carrier
@@ -94,7 +123,9 @@ class Machine(NamedTuple):
     k_second: Array  # share of k that a second pair adds, once it touches
     bar: float  # torsion spring between the halves of the sun, put in with a twist [N/m]
     windage: float  # drag on each planet by its rate squared [N s2/m2]
-    ripple: Array  # (4,) amplitude, order a turn, phase, share of the second order
+    ripple_order: float  # a turn of the sun to ground
+    ripple: Array  # (2, h) cosines and sines of its multiples, shares of T_1
+    wild: Wild
     drive: float  # T_1 / (2 r_bs) [N] on each sun half
     brake: float  # T_2 / r_bc [N]
     control: float  # amplitude on the carrier [N]
@@ -135,38 +166,45 @@ def machine(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Mach
     cos_beta = float(np.cos(np.radians(16.0)))
     k = np.repeat([c.k_sp, c.k_rp], 6)
     other = np.repeat([m_s, m_r], 6)
-    harmonics = np.zeros((N_HARMONIC, N_MESH))
-    harmonics[0] = c.k_amp
     zero = np.zeros(N_MESH)
     unit = c.b_c * omega_n() ** 2
     return Machine(
         mass=np.array([m_s, m_s, m_c, *[m_pl] * 6, m_r, m_r, *[c.m_p] * 3, 0.3 * m_c]),
         free=np.concatenate([np.ones(N_BODY), np.zeros(N_COORDINATE - N_BODY)]),
         stiffness=k,
-        k_cos=harmonics,
-        k_sin=np.zeros((N_HARMONIC, N_MESH)),
+        k_cos=np.full((1, N_MESH), c.k_amp),
+        k_sin=np.zeros((1, N_MESH)),
         k_half=zero.copy(),
         k_drift=zero.copy(),
         phase_by_load=zero.copy(),
         shift_cos=np.ones(N_MESH),
         shift_sin=zero.copy(),
         error=np.repeat([c.e_sp, c.e_rp], 6),
-        p_cos=np.zeros((N_HARMONIC, N_MESH)),
-        p_sin=np.zeros((N_HARMONIC, N_MESH)),
+        p_cos=np.zeros((0, N_MESH)),
+        p_sin=np.zeros((0, N_MESH)),
         offset=zero.copy(),
-        runout=np.array([zero, zero + 27.0, zero, zero, zero]),
-        event=np.array([zero + 27.0, zero, zero + 1.0, zero + 1.0, zero, zero]),
+        turn_cycles=zero + 27.0,
+        turn_cos=np.zeros((0, N_MESH)),
+        turn_sin=np.zeros((0, N_MESH)),
+        event=np.array([zero + 27.0, zero, zero + 1.0, zero, zero]),
+        window=np.zeros((2, N_TABLE)),
         half_backlash=half_backlash(c, point["delta_T"]),
+        half_back=half_backlash(c, point["delta_T"]),
         rounding=zero.copy(),
         hertz=np.ones(N_MESH),
+        bent=zero.copy(),
+        bend=np.zeros((2, N_TABLE)),
         damping=2.0 * c.xi * np.sqrt(k / (1.0 / other + 1.0 / m_pl)),
         c_share=zero.copy(),
-        c_load=0.0,
+        c_power=np.array([0.0, 1e-5]),
+        c_curve=np.zeros((2, 0)),
+        c_out=0.0,
         cross=zero.copy(),
         friction=zero.copy(),
         pitch=0.0,
-        ring=np.zeros(2),
-        support=np.zeros(3),
+        rub=np.zeros((2, 0)),
+        ring=np.zeros(4),
+        support=np.zeros(5),
         plate=np.zeros(2),
         output=np.array([0.0, 1.0]),
         shock=np.array([0.0, 10.0, 1.0]),
@@ -178,7 +216,9 @@ def machine(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Mach
         k_second=zero.copy(),
         bar=0.0,
         windage=0.0,
-        ripple=np.zeros(4),
+        ripple_order=1.0,
+        ripple=np.zeros((2, 0)),
+        wild=tame(point["delta_T"]),
         drive=point["T_1"] / 2.0 / r_s,
         brake=2.0 * point["T_1"] / r_s,
         control=point["K"] * unit * nominal_m_c / cos_beta,
@@ -186,3 +226,10 @@ def machine(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Mach
         omega=point["Omega"] * omega_n(),
         span=span,
     )
+
+
+def tame(delta_T: float) -> Wild:
+    """No random function."""
+    none = np.zeros(0)
+    zero = np.zeros(N_MESH)
+    return Wild(0, zero, none, np.zeros((0, 8)), none, 0.0, 27.0, delta_T / 50.0, 0, 0.0, 0)

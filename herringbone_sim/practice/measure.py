@@ -38,14 +38,16 @@ def measure_run(
     point: Mapping[str, float],
     motion: Motion,
     seen: Mapping[str, Array],
+    quiet: Mapping[str, Array],
     measured: Mapping[str, Array],
     causes: tuple[Cause, ...],
 ) -> RunMeasure:
     """Residuals of a run and the detectability of its causes.
 
     Args:
-        seen: channels before noise, with the sensors' faults.
-        measured: the same with noise.
+        seen: channels as they were, with the sensors' faults.
+        quiet: the same behind filters, gauges and gratings off centre.
+        measured: the same with noise and in counts: what is over ``quiet`` is the floor.
     """
     phase = motion.phase
     off = own_error_shift(rig, point, phase)
@@ -53,8 +55,8 @@ def measure_run(
     noisy = _residual(rig, point, phase, measured, off)
     nominal = _residual(NOMINAL, point, phase, measured, (0.0, 0.0))
     nominal_clean = _residual(NOMINAL, point, phase, seen, (0.0, 0.0))
-    floor = noisy - clean
-    found = tuple(_d(cause, motion, clean, floor, seen, measured) for cause in causes)
+    floor = noisy - _residual(rig, point, phase, quiet, off)
+    found = tuple(_d(cause, motion, clean, floor, (seen, quiet, measured)) for cause in causes)
     return RunMeasure(rms(nominal), rms(nominal_clean), rms(noisy), rms(clean), rms(floor), found)
 
 
@@ -79,11 +81,10 @@ def _d(
     motion: Motion,
     clean: Array,
     floor: Array,
-    seen: Mapping[str, Array],
-    measured: Mapping[str, Array],
+    channels: tuple[Mapping[str, Array], ...],
 ) -> float:
     if "channels" in cause.locus:
-        return _d_of_sensor(cause, motion, seen, measured)
+        return _d_of_sensor(cause, motion, *channels)
     where = cause.meshes > 0.0
     if np.abs(motion.extra).max() > 0.0:
         return _d_of_bodies(motion, floor)
@@ -103,7 +104,11 @@ def _d_of_bodies(motion: Motion, floor: Array) -> float:
 
 
 def _d_of_sensor(
-    cause: Cause, motion: Motion, seen: Mapping[str, Array], measured: Mapping[str, Array]
+    cause: Cause,
+    motion: Motion,
+    seen: Mapping[str, Array],
+    quiet: Mapping[str, Array],
+    measured: Mapping[str, Array],
 ) -> float:
     """Fault of a channel over its noise; of a clock, what the velocities seem to be late."""
     true = channels_of(motion)
@@ -112,8 +117,8 @@ def _d_of_sensor(
         late = (measured["t"] - motion.times)[:, None]
         step = float(motion.times[1] - motion.times[0])
         fault = np.gradient(motion.v, step, axis=0) * late
-        noise = np.stack([measured[n] - seen[n] for n in _NAMES[1]], axis=1)
+        noise = np.stack([measured[n] - quiet[n] for n in _NAMES[1]], axis=1)
         return rms(fault) / rms(noise)
     faults = [rms(seen[name] - true[name]) for name in names]
-    noises = [rms(measured[name] - seen[name]) for name in names]
+    noises = [rms(measured[name] - quiet[name]) for name in names]
     return float(np.sqrt(np.mean(np.square(faults)) / np.mean(np.square(noises))))

@@ -50,7 +50,7 @@ class Outcome:
 
     Attributes:
         truth: ids, one or two; ``kind``: none, single, pair or unknown.
-        strata: d, noise, channels and regime of the case, as text.
+        strata: d, noise, snr, law, channels and regime of the case, as text.
         first: id of the largest probability; ``p_first`` that probability.
         right, in_class, in_three: whether the truth is first; first or in the named class; among
             the first three. Of a pair either effect counts.
@@ -183,7 +183,9 @@ def strata_of(label: Json, kind: str) -> dict[str, str]:
     d = "none" if kind == "none" else f"{float(label.get('d_requested', 0.0)):g}"
     return {
         "d": f"below {d}" if capped else d,
-        "noise": f"{float(label['snr_dB']):g} dB",
+        "noise": str((label.get("noise") or {}).get("kind", "white")),
+        "snr": f"{float(label['snr_dB']):g} dB",
+        "law": str(label.get("law", "none" if kind == "none" else "not said")),
         "channels": str(label["channels"]),
         "regime": str(label.get("regime", "not said")),
         "truth": kind,

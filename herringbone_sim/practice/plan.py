@@ -11,15 +11,26 @@ from numpy.random import Generator
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.practice.catalogue import CATALOGUE
 from herringbone_sim.practice.cause import Cause, Kind
+from herringbone_sim.practice.laws import LAWS, draw_law
 from herringbone_sim.practice.machine import N_COORDINATE, TOLERANCE, TOLERATED, Array
+from herringbone_sim.practice.noise import Noise, draw_noise
 from herringbone_sim.practice.outside import OUTSIDE
-from herringbone_sim.practice.record import CHANNEL_SETS
+from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
+from herringbone_sim.practice.record import CHANNEL_SETS, drawn_channels
 from herringbone_sim.practice.sensors import OUTSIDE_SENSORS, SENSORS
 from herringbone_sim.practice.unseen import UNSEEN
 
-KINDS: dict[str, Kind] = {**CATALOGUE, **SENSORS, **OUTSIDE, **OUTSIDE_SENSORS, **UNSEEN}
+KINDS: dict[str, Kind] = {
+    **CATALOGUE,
+    **SENSORS,
+    **OUTSIDE,
+    **OUTSIDE_SENSORS,
+    **UNSEEN,
+    **RANDOM_PHYSICS,
+}
 NAMED = (*CATALOGUE, *SENSORS)
 UNNAMED = (*OUTSIDE, *OUTSIDE_SENSORS)
+WILD = 0.5  # share of the unknown causes that are random physics, not one of ``UNNAMED``
 TRUTHS = {"none": 0.2, "single": 0.4, "pair": 0.2, "unknown": 0.2}
 DETECTABILITIES = (1.0, 3.0, 10.0)
 NOISES_DB = (20.0, 40.0, 60.0)
@@ -47,7 +58,8 @@ class Plan:
         seed: of everything.
         d: detectability that is asked for, 0 without effect.
         snr_dB: RMS of a channel over that of its noise.
-        channels: name of the set of channels.
+        noise: what measures, its kind among the rest.
+        channels: name of the set of channels; ``names``: those that are recorded.
         regime: ``varied`` or ``quiet`` operating points.
         factors: of the rig's constants.
         points: operating point of each run; the first five are for the fit.
@@ -59,7 +71,9 @@ class Plan:
     seed: int
     d: float
     snr_dB: float
+    noise: Noise
     channels: str
+    names: tuple[str, ...]
     regime: str
     factors: dict[str, float]
     points: tuple[dict[str, float], ...]
@@ -75,18 +89,24 @@ def draw_plan(
     snr_dB: float = 40.0,
     channels: str = "full",
     regime: str = "varied",
+    noise: str = "white",
+    law: str = "both",
 ) -> Plan:
     """Draw a campaign; what is not given is drawn by the shares of ``TRUTHS``.
 
     Args:
-        truth: none, single, pair, unknown, unseen, or the name of a kind of effect.
+        truth: none, single, pair, unknown, unseen, random_physics or a kind of effect.
         d: detectability; one of 1, 3, 10 if not given.
-        channels: full, no_force or few.
+        channels: full, no_force, few, x_and_F or half_forces.
+        noise: a kind of ``noise.NOISES``.
+        law: catalogue, other or both: whose curves the effects of the catalogue have.
 
     Raises:
-        ParameterError: no such truth, set of channels or regime.
+        ParameterError: no such truth, set of channels, regime, noise or law.
     """
-    _check(truth, channels, regime)
+    _check(truth, channels, regime, law)
+    measures = draw_noise(np.random.default_rng([seed, 0x9B]), noise, 10.0 ** (-snr_dB / 20.0))
+    names = drawn_channels(np.random.default_rng([seed, 0x9C]), channels)
     rng = np.random.default_rng([seed, 0x9A])
     shares = np.array(list(TRUTHS.values()))
     drawn, drawn_d = str(rng.choice(list(TRUTHS), p=shares)), float(rng.choice(DETECTABILITIES))
@@ -94,12 +114,14 @@ def draw_plan(
     points = tuple(_point(rng, ranges) for ranges in (QUIET if regime == "quiet" else VARIED))
     phases = tuple(float(phase) for phase in rng.uniform(0.0, 2.0 * np.pi, len(points)))
     starts = np.stack([_start(rng) for _ in points])
-    causes = _causes(rng, truth or drawn, channels)
+    causes = _causes(rng, truth or drawn, names, law)
     return Plan(
         seed=seed,
         d=(drawn_d if d is None else d) if causes else 0.0,
         snr_dB=snr_dB,
+        noise=measures,
         channels=channels,
+        names=names,
         regime=regime,
         factors=dict(zip(TOLERATED, map(float, tolerance), strict=True)),
         points=points,
@@ -109,11 +131,12 @@ def draw_plan(
     )
 
 
-def _check(truth: str | None, channels: str, regime: str) -> None:
+def _check(truth: str | None, channels: str, regime: str, law: str) -> None:
     for what, value, known in (
         ("truth", truth, (*TRUTHS, "unseen", *KINDS)),
         ("channels", channels, tuple(CHANNEL_SETS)),
         ("regime", regime, ("varied", "quiet")),
+        ("law", law, (*LAWS, "both")),
     ):
         if value is not None and value not in known:
             raise ParameterError(f"{what} must be one of {', '.join(known)}, got {value!r}")
@@ -145,21 +168,22 @@ def _start(rng: Generator) -> Array:
     return start
 
 
-def _causes(rng: Generator, truth: str, channels: str) -> tuple[Cause, ...]:
+def _causes(rng: Generator, truth: str, names: tuple[str, ...], law: str) -> tuple[Cause, ...]:
     if truth == "none":
         return ()
-    if truth == "single":
-        return (draw_cause(rng, str(rng.choice(NAMED)), channels),)
-    if truth == "unknown":
-        return (draw_cause(rng, str(rng.choice(UNNAMED)), channels),)
-    if truth == "unseen":
-        return (draw_cause(rng, str(rng.choice(list(UNSEEN))), channels),)
-    if truth != "pair":
-        return (draw_cause(rng, truth, channels),)
+    if truth == "pair":
+        return tuple(draw_cause(rng, one, names, law) for one in _pair(rng))
+    among = {"single": NAMED, "unseen": tuple(UNSEEN), "unknown": UNNAMED}.get(truth, (truth,))
+    if truth == "unknown" and rng.random() < WILD:
+        among = tuple(RANDOM_PHYSICS)
+    return (draw_cause(rng, str(rng.choice(among)), names, law),)
+
+
+def _pair(rng: Generator) -> tuple[str, str]:
     while True:
         one, other = (str(name) for name in rng.choice(NAMED, 2, replace=False))
         if not _clash(one, other):
-            return draw_cause(rng, one, channels), draw_cause(rng, other, channels)
+            return one, other
 
 
 def _clash(one: str, other: str) -> bool:
@@ -167,9 +191,9 @@ def _clash(one: str, other: str) -> bool:
     return {one, other} == {"tooth_crack", "tooth_spall"} or (one in SENSORS and other in SENSORS)
 
 
-def draw_cause(rng: Generator, name: str, channels: str = "full") -> Cause:
-    """An effect with its locus and shape, its size not solved for."""
+def draw_cause(rng: Generator, name: str, names: tuple[str, ...], law: str = "both") -> Cause:
+    """An effect with its locus, shape and law, among the channels there are; its size not."""
     kind = KINDS[name]
-    locus, shape = kind.draw(rng, CHANNEL_SETS[channels])
+    locus, shape = kind.draw(rng, names)
     effect = name if name in NAMED else "unknown"
-    return Cause(effect, name, locus, shape, kind.start)
+    return Cause(effect, name, locus, shape | draw_law(rng, name, law), kind.start)

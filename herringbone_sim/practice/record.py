@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -27,11 +28,40 @@ HEAD = ("t", "phase", "K", "delta_T", "T_1")
 SAMPLES_PER_CYCLE = 24
 CYCLES = 120
 TRANSIENT = 80
+FINER = 4  # samples for a filter to one that is recorded
+COS_BETA = float(np.cos(np.radians(16.0)))
+_X, _V, _F = (tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
+_U = tuple(f"u_{b}" for b in BODIES)
 CHANNEL_SETS = {
-    "full": (*(f"{a}_{m}" for a in "xvF" for m in MESHES), *(f"u_{b}" for b in BODIES)),
-    "no_force": tuple(f"{a}_{m}" for a in "xv" for m in MESHES),
+    "full": (*_X, *_V, *_F, *_U),
+    "no_force": (*_X, *_V),
     "few": ("u_s_L", "u_s_R", "u_c"),
+    "x_and_F": (*_X, *_F),
+    "half_forces": (*_X, *_V, *_F, *_U),
 }
+
+
+def drawn_channels(rng: Generator, name: str) -> tuple[str, ...]:
+    """Channels of a set; of ``half_forces`` those forces that are not missing are drawn."""
+    missing: set[str] = set()
+    if name == "half_forces":
+        missing = {str(one) for one in rng.choice(_F, len(_F) // 2, replace=False)}
+    return tuple(one for one in CHANNEL_SETS[name] if one not in missing)
+
+
+@dataclass(frozen=True)
+class Watch:
+    """How a run is watched: mesh cycles left out and kept, and what the sensors are late by.
+
+    Attributes:
+        lags: before each sample [s], of channels that are late.
+        delay: of all channels before a filter [s]; None: no filter.
+    """
+
+    transient: int = TRANSIENT
+    cycles: int = CYCLES
+    lags: tuple[float, ...] = ()
+    delay: float | None = None
 
 
 @dataclass(frozen=True)
@@ -54,26 +84,45 @@ class Motion:
     extra: Array
 
 
-def record_motion(
-    p: Machine, phase0: float, start: Array, lags: tuple[float, ...] = ()
-) -> tuple[Motion, tuple[Motion, ...]]:
-    """Run past the transient and sample; also what was a lag [s] before each sample.
+@dataclass(frozen=True)
+class Recorded:
+    """A run, what was a lag before it, and the same finely for a filter, from a cycle before."""
+
+    now: Motion
+    before: tuple[Motion, ...] = ()
+    fine: Motion | None = None
+
+
+def record_motion(p: Machine, phase0: float, start: Array, watch: Watch | None = None) -> Recorded:
+    """Run past the transient and sample.
 
     Args:
         phase0: mesh phase [rad] at the first sample kept.
         start: (30,) state in which the transient starts.
     """
+    watch = watch or Watch()
     step = 2.0 * np.pi / SAMPLES_PER_CYCLE / p.omega
-    lead = TRANSIENT * SAMPLES_PER_CYCLE * step
-    own = lead + step * np.arange(CYCLES * SAMPLES_PER_CYCLE)
-    wanted = np.concatenate([own, *(own - lag for lag in lags)])
-    times, back = np.unique(np.concatenate([[0.0], wanted]), return_inverse=True)
+    lead = watch.transient * SAMPLES_PER_CYCLE * step
+    own = lead + step * np.arange(watch.cycles * SAMPLES_PER_CYCLE)
+    grids = [own, *(own - lag for lag in watch.lags)]
+    if watch.delay is not None:
+        count = (watch.cycles + 1) * SAMPLES_PER_CYCLE * FINER - FINER + 1
+        finely = own[-1] + step / FINER * np.arange(1 - count, 1)
+        grids.append(finely - watch.delay)
+    times, back = np.unique(np.concatenate([[0.0], *grids]), return_inverse=True)
     states, force, extra = integrate(p, phase0 - p.omega * lead, start, times)
-    parts = np.split(back[1:], 1 + len(lags))
-    at: Array = np.asarray(own - lead, dtype=np.float64)
     phase: Array = phase0 + p.omega * np.asarray(times - lead, dtype=np.float64)
-    now, *before = (_seen(p, at, phase[i], states[i], force[i], extra[i]) for i in parts)
-    return now, tuple(before)
+    parts = np.split(back[1:], np.cumsum([len(grid) for grid in grids])[:-1])
+    at: Array = np.asarray(own - lead, dtype=np.float64)
+    clocks = [at] * (1 + len(watch.lags))
+    if watch.delay is not None:
+        clocks.append(finely - lead)
+    seen = [
+        _seen(p, clock, phase[i], states[i], force[i], extra[i])
+        for clock, i in zip(clocks, parts, strict=True)
+    ]
+    fine = seen.pop() if watch.delay is not None else None
+    return Recorded(seen[0], tuple(seen[1:]), fine)
 
 
 def _seen(
@@ -83,7 +132,7 @@ def _seen(
     e = NOMINAL.e_sp
     x = geometry(u) * p.cos_beta - e * np.sin(phase)[:, None]
     v = geometry(rate) * p.cos_beta - e * p.omega * np.cos(phase)[:, None]
-    kept = _without_trend(u, p.mass[:N_BODY], times)
+    kept = without_trend(u, times)
     return Motion(times, phase, x, v, force, kept, extra[:, :N_BODY])
 
 
@@ -94,12 +143,18 @@ def geometry(u: Array) -> Array:
     return np.concatenate([suns - planets - carrier, planets - carrier], axis=1)
 
 
-def _without_trend(u: Array, mass: Array, times: Array) -> Array:
+def without_trend(u: Array, times: Array) -> Array:
+    """u (n, 9) without the linear trend of the rigid rotation, by the nominal masses."""
     rigid = np.array([2.0, 2.0, 1.0, *[1.0] * 6])
-    along = u @ (rigid * mass) / float(rigid**2 @ mass)
-    trend = np.polyval(np.polyfit(times, along, 1), times)
-    kept: Array = u - trend[:, None] * rigid
+    weights = rigid * _nominal_masses()
+    along = u @ weights / float(rigid @ weights)
+    kept: Array = u - np.polyval(np.polyfit(times, along, 1), times)[:, None] * rigid
     return kept
+
+
+@functools.cache
+def _nominal_masses() -> Array:
+    return machine(NOMINAL, {"delta_T": 0.0, "K": 0.0, "T_1": 0.0, "Omega": 1.0}).mass[:N_BODY]
 
 
 def channels_of(motion: Motion) -> dict[str, Array]:
@@ -108,20 +163,6 @@ def channels_of(motion: Motion) -> dict[str, Array]:
     named |= {f"v_{m}": motion.v[:, j] for j, m in enumerate(MESHES)}
     named |= {f"F_{m}": motion.force[:, j] for j, m in enumerate(MESHES)}
     return named | {f"u_{b}": motion.u[:, j] for j, b in enumerate(BODIES)}
-
-
-def with_noise(exact: Mapping[str, Array], share: float, rng: Generator) -> dict[str, Array]:
-    """White noise of a share of each channel's RMS, then the steps of a converter.
-
-    A step is the power of two at most an eighth of the noise.
-    """
-    noisy = {}
-    for name, values in exact.items():
-        sigma = share * float(np.sqrt(np.mean(values**2)))
-        drawn = values + sigma * rng.normal(size=len(values))
-        step = 2.0 ** np.floor(np.log2(sigma / 8.0)) if sigma > 0.0 else 0.0
-        noisy[name] = np.round(drawn / step) * step if step > 0.0 else drawn
-    return noisy
 
 
 def series_of(

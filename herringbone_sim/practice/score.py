@@ -23,7 +23,8 @@ from herringbone_sim.practice.outcome import Outcome, outcome
 from herringbone_sim.recording.safe_json import read_json
 
 Outcomes = Sequence[Outcome]
-STRATA = ("truth", "d", "noise", "channels", "regime")
+STRATA = ("truth", "d", "noise", "snr", "law", "channels", "regime")
+CELL = ("noise", "law", "channels", "d")
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,8 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
         unit = float(c.shape["unit_of_size"])
         seen[names[0]] = exact[names[0]] + by * unit * (1.0 - 0.3 * np.exp(-12.0 * ramp))
     elif c.internal == "sensor_delay" and before is not None:
-        seen[names[0]] = channels_of(before)[names[0]]
+        late = channels_of(before)[names[0]] - channels_of(now)[names[0]]
+        seen[names[0]] = exact[names[0]] + late
     elif c.internal == "missing_codes":
         seen[names[0]] = _missing_codes(exact[names[0]], c.size)
     elif c.internal == "mains_hum":

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.errors import DivergenceError
-from herringbone_sim.practice.kernel import compiled, forces, rate
+from herringbone_sim.practice.kernel import forces, rate
 from herringbone_sim.practice.machine import N_COORDINATE, N_MESH, Array, Machine
+from herringbone_sim.practice.shapes import compiled
 
 STAGES = np.array(
     [
@@ -46,9 +47,9 @@ def _run(
     extra: Array,
     depth: Array,
 ) -> int:
-    """Fill states (n, 30), force (n, 12) and extra (n, 15) at the times; samples filled."""
+    """Fill states (n, 30 or 42), force (n, 12) and extra (n, 15) at the times; samples filled."""
     n = y.size
-    half = n // 2
+    half = p.mass.size
     t, h = times[0], 1e-2 / p.omega
     # A velocity of x is about omega_n = 3e4 1/s times x.
     rate(p, t, phase0, y, slopes[0], force[0], extra[0], depth)
@@ -70,7 +71,7 @@ def _run(
                 off = 0.0
                 for g in range(7):
                     off += error[g] * slopes[g, j]
-                scale = 1e-4 if j < half else 3.0
+                scale = 1e-4 if j < half else (3.0 if j < 2 * half else 1.0)
                 worst = max(worst, abs(step * off) / scale)
             ratio = worst / tolerance
             if ratio <= 1.0:
@@ -98,22 +99,23 @@ run: Any = compiled(_run)
 def integrate(
     p: Machine, phase0: float, y: Array, times: Array, tolerance: float = 1e-8
 ) -> tuple[Array, Array, Array]:
-    """States (n, 30), mesh forces (n, 12) and extra forces (n, 15) at times (n,) [s].
+    """States (n, 30 or 42), mesh forces (n, 12) and extra forces (n, 15) at times (n,) [s].
 
     Args:
         phase0: mesh phase [rad] at t = 0.
         y: (30,) coordinates [m] then rates [m/s] at the first time; not changed.
-        tolerance: local error, as a share of 0.1 mm and of 3 m/s.
+        tolerance: local error, as a share of 0.1 mm, of 3 m/s and of 1 of own states.
 
     Raises:
         DivergenceError: the motion left the range of any gear.
     """
     n = len(times)
-    states = np.empty((n, 2 * N_COORDINATE))
+    start = np.concatenate([y, np.zeros(N_MESH if p.wild.own_rate > 0.0 else 0)])
+    states = np.empty((n, len(start)))
     force, extra = np.empty((n, N_MESH)), np.empty((n, N_COORDINATE))
-    slopes, stage = np.zeros((7, 2 * N_COORDINATE)), np.zeros(2 * N_COORDINATE)
-    scratch = (slopes, stage, states, force, extra, np.zeros(N_MESH))
-    filled = run(p, phase0, y.copy(), times, tolerance, STAGES, NODES, ERROR, *scratch)
+    slopes, stage = np.zeros((7, len(start))), np.zeros(len(start))
+    scratch = (slopes, stage, states, force, extra, np.zeros(2 * N_MESH))
+    filled = run(p, phase0, start, times, tolerance, STAGES, NODES, ERROR, *scratch)
     if filled < n:
         raise DivergenceError(
             f"the motion of the practice rig left the range of any gear at t = "

@@ -48,11 +48,12 @@ def write_campaign(folder: Path, labels: Path, made: PracticeCampaign) -> str:
 
 
 def _yaml(made: PracticeCampaign) -> str:
-    content = {
-        "rig": made.campaign.rig,
-        "noise": {"kind": "white", "rms_share": made.campaign.noise_share},
-        "runs": [_entry(run) for run in made.campaign.runs],
-    }
+    content: dict[str, object] = {"rig": made.campaign.rig}
+    if made.campaign.noise_share is not None:
+        content["noise"] = {"kind": "white", "rms_share": made.campaign.noise_share}
+    if made.sensors:
+        content["sensors"] = {name: dict(told) for name, told in made.sensors.items()}
+    content["runs"] = [_entry(run) for run in made.campaign.runs]
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=99)
 
 

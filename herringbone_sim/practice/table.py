@@ -15,6 +15,7 @@ from herringbone_sim.practice.intervals import Figure
 from herringbone_sim.practice.outcome import Outcome
 from herringbone_sim.practice.reasons import by_cause, reasons
 from herringbone_sim.practice.score import (
+    CELL,
     QUESTIONS,
     STRATA,
     Outcomes,
@@ -25,8 +26,19 @@ from herringbone_sim.practice.score import (
 from herringbone_sim.practice.stored import Bench
 
 REACHED = 2.75  # of d = 3: sizes are solved for to some percent
-AIM = "40 dB, all channels, d >= 3"
-AT_ONE = "40 dB, all channels, d = 1"
+AIM = "white noise of 40 dB, all channels, d >= 3"
+AT_ONE = "white noise of 40 dB, all channels, d = 1"
+OF_CELLS = (
+    "false attribution on none",
+    "right effect first",
+    "right or in the named class",
+    "mean probability on the truth",
+    "AUROC unknown against known",
+    "confident wrong names on unknown",
+    "locus",
+    "coverage of 90 % intervals",
+    "closure, median",
+)
 FIRST_AT_ONE = 0.75
 
 
@@ -41,7 +53,8 @@ def at_one(cases: Outcomes) -> list[Outcome]:
 
 
 def _usual(case: Outcome) -> bool:
-    return case.strata["noise"] == "40 dB" and case.strata["channels"] == "full"
+    usual = {"noise": "white", "snr": "40 dB", "channels": "full"}
+    return all(case.strata[name] == value for name, value in usual.items())
 
 
 def rows_of(cases: Outcomes, stratum: str, questions: Sequence[Question] = QUESTIONS) -> list[Row]:
@@ -58,6 +71,14 @@ def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
     ]
 
 
+def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
+    """Name and cases of each kind of noise x law x channels x d that there is."""
+    found: dict[str, list[Outcome]] = {}
+    for case in cases:
+        found.setdefault(" x ".join(case.strata[name] for name in CELL), []).append(case)
+    return sorted(found.items())
+
+
 def bench_rows(bench: Bench) -> list[Row]:
     """All figures, of the diagnosis and of the baselines, as they go to the CSV file."""
     first = replace(QUESTIONS[1], least=FIRST_AT_ONE)
@@ -65,7 +86,7 @@ def bench_rows(bench: Bench) -> list[Row]:
     rows += rows_of(at_one(bench.cases), AT_ONE, [first])
     for name, cases in bench.rivals.items():
         rows += _untargeted(rows_of(aimed(cases), f"{AIM}; {name}"))
-    for name, inside in [("all", list(bench.cases)), *strata(bench.cases)]:
+    for name, inside in [("all", list(bench.cases)), *strata(bench.cases), *cells(bench.cases)]:
         rows += _untargeted(rows_of(inside, name))
     return rows
 
@@ -78,7 +99,8 @@ def table_markdown(bench: Bench, seen: Seen | None = None) -> str:
     """The table as Markdown."""
     cases = bench.cases
     parts = [_head(bench, seen), _aim_part(bench), _one_part(cases)]
-    parts += [_why_part(aimed(cases)), _strata_part(cases), _cause_part(cases)]
+    parts += [_why_part(aimed(cases)), _strata_part(cases), _cell_part(cases)]
+    parts.append(_cause_part(cases))
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -179,6 +201,18 @@ def _strata_part(cases: Outcomes) -> str:
         title = f"## All campaigns by {name}: value (n)\n\n"
         parts.append(title + _markdown(["figure", *values], lines))
     return "\n\n".join(parts)
+
+
+def _cell_part(cases: Outcomes) -> str:
+    """A line for each cell of noise, law, channels and d."""
+    questions = [question for question in QUESTIONS if question.name in OF_CELLS]
+    lines = []
+    for name, inside in cells(cases):
+        rows = rows_of(inside, name, questions)
+        figures = [f"{_value(row.result)} ({row.result.n})" for row in rows]
+        lines.append([name, str(len(inside)), *figures])
+    head = [" x ".join(CELL), "n", *(question.name for question in questions)]
+    return "## All campaigns by cell: value (n)\n\n" + _markdown(head, lines)
 
 
 def _cause_part(cases: Outcomes) -> str:

@@ -32,6 +32,7 @@ from herringbone_sim.practice.campaign import (
 )
 from herringbone_sim.practice.evidence import evidence_record
 from herringbone_sim.practice.label import label_text, seal
+from herringbone_sim.practice.noise import NOISES
 from herringbone_sim.practice.plan import Plan, draw_plan
 from herringbone_sim.practice.rivals import rivals
 
@@ -43,7 +44,7 @@ class Setting:
     """What campaigns are drawn from; each seed draws one of each list.
 
     Attributes:
-        snr_dB, channels, d, regime: as in ``plan.draw_plan``.
+        snr_dB, channels, d, regime, noise, law: as in ``plan.draw_plan``.
         truth: none, single, pair, unknown, unseen or a kind of effect; None draws by their shares.
     """
 
@@ -52,12 +53,18 @@ class Setting:
     d: tuple[float, ...] = (3.0, 10.0)
     regime: tuple[str, ...] = ("varied",)
     truth: str | None = None
+    noise: tuple[str, ...] = ("white",)
+    law: str = "both"
 
     def __post_init__(self) -> None:
-        if not all((self.snr_dB, self.channels, self.d, self.regime)) or min(self.d) <= 0.0:
+        lists = (self.snr_dB, self.channels, self.d, self.regime, self.noise)
+        if not all(lists) or min(self.d) <= 0.0:
             raise ParameterError(
-                f"snr, channels, d and regime need one value or more, d above 0, got {self}"
+                f"snr, channels, d, regime and noise need one value or more, d above 0, got {self}"
             )
+        for one in self.noise:
+            if one not in NOISES:
+                raise ParameterError(f"noise must be one of {', '.join(NOISES)}, got {one!r}")
 
 
 def plan_of(setting: Setting, seed: int) -> Plan:
@@ -70,6 +77,8 @@ def plan_of(setting: Setting, seed: int) -> Plan:
         snr_dB=float(rng.choice(setting.snr_dB)),
         channels=str(rng.choice(setting.channels)),
         regime=str(rng.choice(setting.regime)),
+        noise=str(rng.choice(setting.noise)),
+        law=setting.law,
     )
 
 
