@@ -158,7 +158,7 @@ def random_part(noise: Noise, times: Array, rng: Generator, mains: float) -> Arr
     """
     drift, hum = noise.parts.get("drift", {}), noise.parts.get("hum", {})
     rest = 1.0 - float(drift.get("power", 0.0)) - float(hum.get("power", 0.0))
-    total = np.sqrt(rest) * rng.normal(size=len(times))
+    total: Array = np.sqrt(rest) * rng.normal(size=len(times))
     if drift:
         total += np.sqrt(float(drift["power"])) * _drift(str(drift["law"]), len(times), rng)
     if hum:
