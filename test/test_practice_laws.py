@@ -32,18 +32,22 @@ from herringbone_sim.practice.tables import GRID, deflections, table
 from herringbone_sim.practice.take import largest, move, pooled, take
 
 POINTS = [{"delta_T": T, "K": 0.1, "T_1": 800.0, "Omega": 1.0} for T in (10.0, 50.0, 90.0)]
-SEEDS = range(40, 46)
+SEEDS = range(40, 50)
 
 
-def accelerations(cause, point):
-    """What a machine does at states that load every mesh either way; (states, 15)."""
+def accelerations(cause, point, cycles):
+    """What a machine does at states that load every mesh either way; (states, 15).
+
+    Args:
+        cycles: first and last mesh cycle of the states.
+    """
     p = machine(NOMINAL, point)
     if cause is not None:
         p = KINDS[cause.internal].apply(p, cause, point)
     rng = np.random.default_rng(5)
     found = []
-    for phase in rng.uniform(0.0, 2.0 * np.pi * 27.0 * 25.0, 400):
-        y = np.concatenate([6e-5 * rng.normal(size=15), 0.5 * rng.normal(size=15)])
+    for phase in 2.0 * np.pi * rng.uniform(*cycles, 150):
+        y = np.concatenate([3.5e-5 * rng.normal(size=15), 0.5 * rng.normal(size=15)])
         y[9:11] *= 0.02
         y[11:14] = y[2] + 0.05 * y[11:14]
         dy = np.zeros(30)
@@ -54,7 +58,10 @@ def accelerations(cause, point):
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_family_holds_curves_far_from_the_catalogue(name):
-    """Of what the effect adds, the best multiple of the catalogue's curve leaves a fifth."""
+    """Of what some add, the best multiple of the catalogue's curve leaves more than a tenth.
+
+    That is as much as the noise where the effect is ten times the noise.
+    """
     shares = []
     for seed in SEEDS:
         plan = draw_plan(seed, name, law="other")
@@ -63,15 +70,21 @@ def test_a_family_holds_curves_far_from_the_catalogue(name):
         assert json.loads(json.dumps(other.shape["curve"])) == other.shape["curve"]
         plain = {k: v for k, v in other.shape.items() if k != "curve"}
         both = [other, replace(other, shape={**plain, "law": "catalogue"})]
-        bare = [accelerations(None, point) for point in POINTS]
+        cycles = (0.0, 77.0)
+        if "at" in other.shape:
+            first = event(machine(NOMINAL, POINTS[0]), other, 3).event[1, other.meshes > 0.0][0]
+            cycles = (first - 1.5, first + 2.5)
+        bare = [accelerations(None, at, cycles) for at in POINTS]
         added = [
-            np.concatenate([accelerations(c, at) - b for at, b in zip(POINTS, bare, strict=True)])
+            np.concatenate(
+                [accelerations(c, at, cycles) - b for at, b in zip(POINTS, bare, strict=True)]
+            )
             for c in both
         ]
         one, known = (values.ravel() for values in added)
         left = one - known * (one @ known) / (known @ known)
         shares.append(np.linalg.norm(left) / np.linalg.norm(one))
-    assert max(shares) > 0.2
+    assert max(shares) > 0.1
     assert min(shares) > 1e-3
 
 

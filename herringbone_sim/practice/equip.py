@@ -100,9 +100,12 @@ def runout(p: Machine, c: Cause, _: Point) -> Machine:
 
 
 def _of_meshes(c: Cause) -> Array:
-    """(12,) 1 on the meshes, on ring meshes what the curve says of them."""
-    ring = float(_curve(c).get("ring", 1.0)) if c.locus["mesh"] == "all" else 1.0
-    return c.meshes * np.where(np.arange(N_MESH) < 6, 1.0, ring)
+    """(12,) 1 on the meshes, on those of the ring and the right what the curve says of them."""
+    mesh, shares = np.arange(N_MESH), c.meshes.copy()
+    for part, name, there in (("mesh", "ring", mesh > 5), ("side", "right", mesh // 3 % 2 == 1)):
+        if c.locus[part] == "all":
+            shares[there] *= float(_curve(c).get(name, 1.0))
+    return shares
 
 
 def pin_position(p: Machine, c: Cause, _: Point) -> Machine:

@@ -83,19 +83,26 @@ def _flanks(rng: Generator) -> Curve:
 
 
 def _pin(rng: Generator) -> Curve:
-    """What ring meshes have of the offset of sun meshes: the pin is off radially as well."""
-    return {"ring": float(rng.uniform(0.6, 1.25))}
+    """What ring meshes and the right side have of it: a pin off radially as well, and tilted."""
+    return {"ring": float(rng.uniform(0.3, 1.5)), "right": float(rng.uniform(0.6, 1.4))}
 
 
 def _temperature(rng: Generator) -> Curve:
-    return {"bend": float(rng.uniform(-0.35, 0.35)), "curl": float(rng.uniform(-0.15, 0.15))}
+    """From saturating to growing with the square, from 0 K on or from where it begins."""
+    return {
+        "bend": float(rng.uniform(-0.45, 0.9)),
+        "curl": float(rng.uniform(-0.25, 0.25)),
+        "onset": float(rng.choice([0.0, rng.uniform(5.0, 35.0)])),
+    }
 
 
 def warm(curve: Curve, delta_T: float) -> float:
     """delta_T [K], bent; itself at 50 K and without a curve."""
+    onset = float(curve.get("onset", 0.0))
+    above = WARM * max(delta_T - onset, 0.0) / (WARM - onset)
     off = delta_T / WARM - 1.0
     bend, curl = float(curve.get("bend", 0.0)), float(curve.get("curl", 0.0))
-    return delta_T * (1.0 + bend * off + curl * off**2)
+    return above * (1.0 + bend * off + curl * off**2)
 
 
 def _friction(rng: Generator) -> Curve:
@@ -147,7 +154,7 @@ def _stiffening(curve: Curve, f: Array) -> Array:
     share = float(curve["share"])
     form = curve["form"]
     if form == "rounded power":
-        return np.asarray(0.5 * np.log(at**2 + 0.01 + share))
+        return np.asarray(0.5 * np.log(at**2 + 0.2 + share))
     if form == "polynomial":  # bounded beyond what gears meet
         q = at / (1.0 + 0.1 * at)
         return np.asarray(q + share * q**2)
