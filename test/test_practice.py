@@ -161,13 +161,12 @@ def test_every_effect_is_felt_and_none_at_size_zero(name):
         assert felt.found.own_clean < 1e-6
     untouched = machine(rig, plan.points[4])
     sensor = KINDS[name].sense == "sensor"
+    equipped = KINDS[name].apply(untouched, cause, plan.points[4])
     changed = [
         field
-        for field in untouched._fields
-        if not np.array_equal(
-            getattr(untouched, field),
-            getattr(KINDS[name].apply(untouched, cause, plan.points[4]), field),
-        )
+        for field, one in {**untouched._asdict(), **untouched.wild._asdict()}.items()
+        if field != "wild"
+        and not np.array_equal(one, {**equipped._asdict(), **equipped.wild._asdict()}[field])
     ]
     assert bool(changed) is not sensor
 

@@ -20,7 +20,7 @@ from herringbone_sim.practice.machine import BODIES, Array, Machine
 INPUTS = ("deflection", "rate", "phase", "load", "temperature", "turn", "time", "own")
 TARGETS = ("none", "stiffness", "damping", "force", "displacement", "torque")
 # Of size 1; a size of 8 leaves stiffness and damping positive nearly everywhere.
-UNITS = {"stiffness": 0.04, "damping": 0.06, "force": 1e3, "displacement": 1e-6, "torque": 3e3}
+UNITS = {"stiffness": 0.04, "damping": 0.06, "force": 2e3, "displacement": 2e-6, "torque": 3e3}
 MEANT = {"stiffness": "-", "damping": "-", "force": "N", "displacement": "m", "torque": "N"}
 WAVES = ("phase", "turn")  # angles, of which a function has whole multiples
 FOLLOWED = ("deflection", "rate")
@@ -32,7 +32,7 @@ CLOCKED = ("phase", "temperature", "turn", "time")
 KNOWN = {
     "stiffness": ({"phase"}, {"load"}, {"deflection"}, {"temperature"}, {"load", "deflection"}),
     "damping": ({"load"}, {"deflection"}, {"load", "deflection"}),
-    "force": ({"phase"}, {"turn"}, {"temperature"}, {"deflection"}, {"load"}, {"rate"}),
+    "force": ({"phase"}, {"turn"}, {"temperature"}, {"time"}, {"deflection"}, {"load"}, {"rate"}),
     "displacement": ({"phase"}, {"turn"}, {"temperature"}),
     "torque": ({"phase"}, {"temperature"}),
 }

@@ -45,14 +45,13 @@ def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
         )
     slope = _slope(tries)
     size, d = min(tries, key=lambda one: abs(np.log(one[1] / plan.d)))
-    # What is wrong with a sensor hardly hangs on the motion.
-    longer = kind.sense != "sensor"
-    whole = _detectability(plan, rig, cause.sized(size), Watch()) if longer else None
+    whole = _detectability(plan, rig, cause.sized(size), Watch())
     if whole is None:
         return cause.sized(size), d
     if abs(np.log(whole / plan.d)) < NEAR:
         return cause.sized(size), whole
-    right = float(np.clip(_next(size, whole, plan.d, slope), kind.least, kind.cap))
+    least, most = (kind.cap, kind.cap) if kind.cap == kind.start else (kind.least, kind.cap)
+    right = float(np.clip(_next(size, whole, plan.d, slope), least, most))
     return cause.sized(right), whole * (right / size) ** slope
 
 
