@@ -101,10 +101,10 @@ def runout(p: Machine, c: Cause, _: Point) -> Machine:
 
 def _of_meshes(c: Cause) -> Array:
     """(12,) 1 on the meshes, on those of the ring and the right what the curve says of them."""
-    mesh, shares = np.arange(N_MESH), c.meshes.copy()
+    mesh, shares = np.arange(N_MESH), c.meshes
     for part, name, there in (("mesh", "ring", mesh > 5), ("side", "right", mesh // 3 % 2 == 1)):
         if c.locus[part] == "all":
-            shares[there] *= float(_curve(c).get(name, 1.0))
+            shares = np.where(there, float(_curve(c).get(name, 1.0)) * shares, shares)
     return shares
 
 

@@ -104,9 +104,11 @@ def _missing_codes(values: Array, size: float) -> Array:
     return shown
 
 
-def sensor(start: float, cap: float, tell: Any, draw: Any = draw_channel) -> Kind:
+def sensor(
+    start: float, cap: float, tell: Any, draw: Any = draw_channel, least: float = 0.0
+) -> Kind:
     """A kind of fault of a sensor."""
-    return Kind("sensor", start, cap, draw, _untouched, tell)
+    return Kind("sensor", start, cap, draw, _untouched, tell, least)
 
 
 def _tell_bias(c: Cause) -> dict[str, tuple[Any, str]]:
@@ -119,7 +121,7 @@ SENSORS: dict[str, Kind] = {
     "sensor_bias": sensor(0.02, 2.0, _tell_bias),
     "sensor_delay": sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
     "clock_drift": sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}, draw_clock),
-    "channel_swap": sensor(1.0, 1.0, lambda c: {}, draw_swap),
+    "channel_swap": sensor(1.0, 1.0, lambda c: {}, draw_swap, 1.0),
 }
 OUTSIDE_SENSORS: dict[str, Kind] = {
     "missing_codes": sensor(0.05, 1.5, lambda c: {"size": (c.size, "-")}),

@@ -50,8 +50,7 @@ def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
         return cause.sized(size), d
     if abs(np.log(whole / plan.d)) < NEAR:
         return cause.sized(size), whole
-    least, most = (kind.cap, kind.cap) if kind.cap == kind.start else (kind.least, kind.cap)
-    right = float(np.clip(_next(size, whole, plan.d, slope), least, most))
+    right = float(np.clip(_next(size, whole, plan.d, slope), kind.least, kind.cap))
     return cause.sized(right), whole * (right / size) ** slope
 
 
@@ -66,7 +65,7 @@ def _sought(plan: Plan, rig: Constants, cause: Cause) -> Tries:
             continue
         tries.append((size, d))
         stuck = (size >= kind.cap and d < plan.d) or (size <= kind.least and d > plan.d)
-        if abs(np.log(d / plan.d)) < NEAR or stuck or cause.internal == "channel_swap":
+        if abs(np.log(d / plan.d)) < NEAR or stuck:
             break
         size = float(np.clip(_next(size, d, plan.d, _slope(tries)), kind.least, kind.cap))
     return tries
