@@ -2,7 +2,7 @@
 
 A filter is fed with the motion sampled ``FINER`` times as finely and a cubic spline through that,
 again as finely; between those points the input counts as straight, and the response to that is
-exact: 0.2 % of a force, 0.04 % of other channels are left. Gauges and gratings off centre are errors of calibration, not noise.
+exact. Gauges and gratings off centre are errors of calibration, not noise.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def integrate(
         phase0: mesh phase [rad] at t = 0.
         y: (30,) coordinates [m] then rates [m/s] at the first time; not changed.
         tolerance: local error, as a share of 0.1 mm, of 3 m/s and of 1 of own states; as it
-            stands 0.02 N at a mesh, a hundredth of the noise that any set of sensors has.
+            stands 0.02 N at a mesh, far below the noise of sensors.
 
     Raises:
         DivergenceError: the motion left the range of any gear.
