@@ -24,7 +24,7 @@ UNITS = {"stiffness": 0.04, "damping": 0.06, "force": 2e3, "displacement": 2e-6,
 MEANT = {"stiffness": "-", "damping": "-", "force": "N", "displacement": "m", "torque": "N"}
 WAVES = ("phase", "turn")  # angles, of which a function has whole multiples
 FOLLOWED = ("deflection", "rate")
-COSINES = 8
+COSINES = 5
 HIGHEST = {"phase": 3, "turn": 4}
 # Of a displacement its rate has to be known: nothing that moves with the gear.
 CLOCKED = ("phase", "temperature", "turn", "time")

@@ -161,7 +161,7 @@ def _wild(
     t: float,
     own: float,
 ) -> tuple[float, float]:
-    """The random function at what a mesh meets, and its slope by phase [1/rad]."""
+    """The random function at what a mesh meets, and of a displacement its slope by phase."""
     q = p.wild
     value, slope = -q.mean, 0.0
     turn, share = phase / q.cycles, t / p.span
@@ -170,8 +170,9 @@ def _wild(
         at = w[0] * f * 1e5 + w[1] * v * 2.0 + w[2] * phase + w[3] * load * 1e-4
         at += w[4] * q.temperature + w[5] * turn + w[6] * share + w[7] * own + q.angles[h]
         value += q.heights[h] * np.cos(at)
-        steep = w[2] + w[5] / q.cycles + w[6] / (p.omega * p.span)
-        slope -= q.heights[h] * steep * np.sin(at)
+        if q.target == 4:
+            steep = w[2] + w[5] / q.cycles + w[6] / (p.omega * p.span)
+            slope -= q.heights[h] * steep * np.sin(at)
     return value, slope
 
 
