@@ -43,7 +43,10 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(exclude=["test", "test.*"]),
-    package_data={f"{NAME}.gap.verdict": ["calibration.json"]},
+    package_data={
+        f"{NAME}.diagnosis": ["calibration.json"],
+        f"{NAME}.examples.damper": ["weights.json"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),

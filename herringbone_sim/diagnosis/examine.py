@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.flexible import Predictable, predictable
+from herringbone_sim.diagnosis.products import cleared
 from herringbone_sim.diagnosis.search import (
     Hypothesis,
     Machine,
@@ -181,8 +182,7 @@ def _left(search: Search, found: Found) -> dict[str, Predictable]:
         residuals, inputs, numbers = [], [], []
         for r, b in enumerate(own):
             at = b.at if b.at is not None else np.arange(len(b.residual))
-            w = (b.residual / b.sigma) * (b.columns.shape[0] > 0)
-            residuals.append(w)
+            residuals.append(cleared(b))
             inputs.append(machine.inputs(o, r)[at])
             numbers.append((machine.cycles(o, r)[at] // BLOCK_CYCLES).astype(int))
         if inputs[0].shape[1] == residuals[0].shape[1]:

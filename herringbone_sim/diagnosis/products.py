@@ -34,7 +34,6 @@ class Block:
         shared_sd: (T,).
         independent: share of the samples that are independent of each other.
         at: (n,) samples of the run that the residual stands at; None for all.
-        at: (n,) samples of the run that the residual stands at; None for all.
     """
 
     observation: str
@@ -121,6 +120,22 @@ def _shared(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
     root = np.linalg.cholesky(normal)
     whitened = np.linalg.solve(root, cross.reshape(T, -1)).reshape(cross.shape)
     return whitened, np.linalg.solve(root, cross_y)
+
+
+def cleared(block: Block) -> Array:
+    """(n, R) whitened residual less what its nuisances most likely make of it."""
+    root = np.sqrt(block.independent)
+    w = (root / block.sigma)[:, :, None]
+    shared = np.einsum("nrq,trq->nrt", block.columns, block.shared)
+    every = np.concatenate([block.residual[:, :, None], shared], axis=2) * w
+    free = every.copy()
+    for row in range(every.shape[1]):
+        N = block.nuisance[:, row] * w[:, row]
+        normal = N.T @ N + np.diag(block.nuisance_sd[row] ** -2.0)
+        free[:, row] -= N @ np.linalg.solve(normal, N.T @ every[:, row])
+    normal = np.einsum("nrt,nru->tu", every[:, :, 1:], free)
+    mean = np.linalg.solve(normal[:, 1:] + np.diag(block.shared_sd**-2.0), normal[:, 0])
+    return np.asarray((free[:, :, 0] - free[:, :, 1:] @ mean) / root)
 
 
 def moved(p: Products, a: Array) -> Products:

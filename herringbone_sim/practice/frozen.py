@@ -28,7 +28,7 @@ def frozen(file: Path | None = None) -> Frozen | None:
     Raises:
         AnalysisError: a file that does not say its seeds as pairs [first, last + 1].
     """
-    here = Path(__file__).parents[1] / "gap" / "verdict"
+    here = Path(__file__).parents[1] / "diagnosis"
     files = [file] if file is not None else [here / name for name in FILES]
     found = next((one for one in files if one.is_file()), None)
     if found is None:

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from herringbone_sim.diagnosis.evidence import Evidence
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.practice.bench import finished, read_json, read_seals
-from herringbone_sim.practice.evidence import evidence_of
 from herringbone_sim.practice.label import read_label
 from herringbone_sim.practice.outcome import Outcome, outcome
 
@@ -74,7 +73,7 @@ def read_bench(folder: Path) -> Bench:
 
 
 def stored_evidence(folder: Path) -> Iterator[tuple[str, dict[str, Any], Evidence]]:
-    """Name, label and evidence of each finished campaign: what thresholds are frozen on.
+    """Name, label and evidence of each finished campaign: what weights are fitted on.
 
     Raises:
         RecordingError: a label that was changed.
@@ -84,4 +83,4 @@ def stored_evidence(folder: Path) -> Iterator[tuple[str, dict[str, Any], Evidenc
         record = read_json(folder / "reports" / name / "evidence.json")
         if record:
             label = read_label(folder / "labels" / f"{name}.json", sealed)
-            yield name, label, evidence_of(record)
+            yield name, label, Evidence.read(record)

@@ -30,7 +30,6 @@ from herringbone_sim.practice.campaign import (
     run_plan,
     solved_as,
 )
-from herringbone_sim.practice.evidence import evidence_record
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.noise import NOISES
 from herringbone_sim.practice.plan import Plan, draw_plan
@@ -132,10 +131,10 @@ def trial(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) ->
             return {"baselines.json": _json(plain), "case.json": _json(case)} | {
                 "report.json": _json(report)
             }
-        plain |= rivals(campaign, found.evidence)
+        plain |= rivals(campaign.rig, found.evidence)
     return {
         "baselines.json": _json(plain),
-        "evidence.json": _json(evidence_record(found.evidence)),
+        "evidence.json": _json({} if found.evidence is None else found.evidence.written()),
         "case.json": _json(case),
         "report.json": _json(found.report),
     }

@@ -1,0 +1,160 @@
+"""A damper as the engine of the diagnosis takes it: two observations of every run.
+
+The force law: measured F minus what x and v make of it. The impulse: that of the drive less that
+of the measured F, minus the momentum gained; it knows no law, so a wrong F alone shows there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.search import Amplitudes, Hypothesis
+from herringbone_sim.examples.damper import effects
+from herringbone_sim.examples.damper.effects import BENT, FIXED, FUNCTIONS, IMPULSE, LAW, TRAVEL
+from herringbone_sim.examples.damper.simulate import OFFSET, PLAY, SIGMA, STEP, C, K, M, Run
+
+Array = NDArray[np.float64]
+SIMPSON = STEP / 3.0 * np.array([1.0, 4.0, 2.0, 4.0, 2.0, 4.0, 2.0, 4.0, 1.0])  # 8 steps
+
+
+def beyond(x: Array, play: float) -> tuple[Array, Array, Array]:
+    """Spring's displacement beyond the play, slope by the play, odds of contact.
+
+    Expected values, for x is known but for its noise.
+    """
+    sigma = SIGMA["x"]
+    found, odds = [], []
+    for over in (x - play, -x - play):
+        odds.append(ndtr(over / sigma))
+        bell = sigma * np.exp(-0.5 * (over / sigma) ** 2) / np.sqrt(2.0 * np.pi)
+        found.append(over * odds[-1] + bell)
+    return found[0] - found[1], odds[1] - odds[0], odds[0] + odds[1]
+
+
+def presliding(v: Array, force: float, longer: float, travel: float) -> dict[str, Array]:
+    """Force of friction that gives way over ``travel`` times exp(longer / force); slopes by both.
+
+    With no force the slopes are those at the travel itself, which makes the law linear there.
+    """
+    share = float(np.clip(longer / force, -1.0, 1.0)) if force else 0.0
+    at = travel * np.exp(share)
+    h = effects.slip(v, at)
+    bend = (effects.slip(v, 1.01 * at) - effects.slip(v, at / 1.01)) / (2.0 * np.log(1.01))
+    return {"force": force * h, "slip": h - share * bend, "longer": bend}
+
+
+class Damper:
+    """Runs of a damper with all that may be wrong; see ``diagnosis.search.Machine``."""
+
+    def __init__(self, recorded: Sequence[Run]) -> None:
+        self.recorded, self.runs = tuple(recorded), len(recorded)
+        self.base = effects.tolerances(self.runs)
+        self.functions: Mapping[str, tuple[str, ...]] = FUNCTIONS
+        self.rows: Mapping[str, int] = dict.fromkeys(FUNCTIONS, 1)
+        self._fixed = [{name: f(r) for name, f in FIXED.items()} for r in self.recorded]
+
+    def hypotheses(self) -> list[Hypothesis]:
+        return effects.hypotheses(self.runs)
+
+    def proposals(self, amplitudes: Amplitudes) -> tuple[Damper, list[Hypothesis]]:
+        """None: the catalogue has it all."""
+        return self, []
+
+    def finely(self) -> Damper:
+        """Itself: what it calls linear is so exactly."""
+        return self
+
+    def inputs(self, observation: str, r: int) -> Array:
+        run = self.recorded[r]
+        found = [run.x / np.std(run.x), run.v / np.std(run.v), np.cos(run.phase)]
+        found += [np.sin(run.phase), np.full(len(run.x), run.P / 50.0)]
+        return np.stack(found, axis=1)[:, None, :]
+
+    def cycles(self, observation: str, r: int) -> Array:
+        phase = self.recorded[r].phase
+        return np.asarray((phase - phase[0]) / (2.0 * np.pi))
+
+    def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
+        """The force law bends with the play and the travel of presliding."""
+        law = amplitudes.get(LAW, {})
+        bent = any(np.any(law[f]) for f in BENT if f in law and f != "k")
+        return (IMPULSE,) if bent else (LAW, IMPULSE)
+
+    def blocks(
+        self,
+        amplitudes: Amplitudes,
+        wanted: Mapping[str, Sequence[str]] | None,
+        observations: Sequence[str],
+    ) -> list[dict[str, Block]]:
+        made = {LAW: self._law, IMPULSE: self._impulse}
+        found = []
+        for r in range(self.runs):
+            of_run = {}
+            for o in observations:
+                a = {f: float(values[r, 0]) for f, values in amplitudes.get(o, {}).items()}
+                names = FUNCTIONS[o] if wanted is None else tuple(wanted.get(o, ()))
+                of_run[o] = made[o](r, a, names)
+            found.append(of_run)
+        return found
+
+    def _law(self, r: int, a: Mapping[str, float], names: tuple[str, ...]) -> Block:
+        run, fixed = self.recorded[r], self._fixed[r]
+        k = K * (1.0 + a.get("k", 0.0))
+        out, slope, contact = beyond(run.x, PLAY + a.get("play", 0.0))
+        columns = {**fixed, "k": K * out, "play": k * slope}
+        force = k * out + C * run.v + sum(a[f] * fixed[f] for f in a if f in fixed)
+        for t in TRAVEL:
+            both = f"slip {t}", f"longer {t}"
+            if {*both} & {*names, *a}:
+                own = presliding(run.v, a.get(both[0], 0.0), a.get(both[1], 0.0), t)
+                force = force + own["force"]
+                columns |= {both[0]: own["slip"], both[1]: own["longer"]}
+        sigma = np.sqrt(SIGMA["F"] ** 2 + (K * SIGMA["x"]) ** 2 * contact + (C * SIGMA["v"]) ** 2)
+        return _block(LAW, run, run.F - force, sigma, {f: columns[f] for f in names}, 1.0)
+
+    def _impulse(self, r: int, a: Mapping[str, float], names: tuple[str, ...]) -> Block:
+        run, n = self.recorded[r], len(SIMPSON)
+        at = np.arange(0, len(run.F) - n + 1, n)
+        F, P = (
+            np.lib.stride_tricks.sliding_window_view(q, n)[at] @ SIMPSON
+            for q in (run.F, run.P * np.cos(run.phase))
+        )
+        gained = M * (run.v[at + n - 1] - run.v[at])
+        columns = {"mass": gained, "gain": -F}
+        residual = P - F - gained - sum(a[f] * columns[f] for f in a)
+        noise = 2.0 * (M * SIGMA["v"]) ** 2 + SIGMA["F"] ** 2 * float(SIMPSON @ SIMPSON)
+        sigma = np.full(len(at), np.sqrt(noise))
+        columns = {f: columns[f] for f in names}
+        return _block(IMPULSE, run, residual, sigma, columns, float(SIMPSON.sum()), at + n // 2)
+
+
+def _block(
+    observation: str,
+    run: Run,
+    residual: Array,
+    sigma: Array,
+    columns: Mapping[str, Array],
+    offset: float,
+    at: NDArray[np.int64] | None = None,
+) -> Block:
+    """A block of one row with the offset of F as its nuisance, ``offset`` per newton."""
+    n, q = len(residual), len(columns)
+    return Block(
+        observation,
+        f"{run.P:g} N",
+        ("mass",),
+        residual[:, None],
+        sigma[:, None],
+        tuple(columns),
+        np.stack(list(columns.values()), axis=1)[:, None, :] if q else np.zeros((n, 1, 0)),
+        np.full((n, 1, 1), offset),
+        np.array([[OFFSET]]),
+        np.zeros((0, 1, q)),
+        np.zeros(0),
+        at=at,
+    )

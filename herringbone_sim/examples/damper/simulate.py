@@ -1,0 +1,110 @@
+"""A rig of the damper, simulated: one mass on a spring with play and a damper, shaken.
+
+M dv/dt + F(x, v) = P cos(phase), F = K g(x) + C v + what effects add, g(x) = x beyond the play.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+M, K, C, PLAY = 2.0, 2e4, 60.0, 5e-4  # [kg], [N/m], [N s/m], half play [m]
+M_SHARE, K_SHARE, C_SHARE = 0.01, 0.02, 0.04  # tolerances, as in a data sheet
+SIGMA = {"x": 2e-6, "v": 2e-4, "F": 0.1}  # noise [m], [m/s], [N]
+OFFSET = 0.1  # of F, another one in every run [N]
+STEP, SECONDS, SETTLING = 5e-4, 1.8, 1.2  # of the recording, and what passes before it [s]
+FINE = 10  # steps of the integration in one of the recording
+POINTS = ((7, 30), (9, 60), (11, 40), (14, 40), (17, 60))  # [Hz], [N]
+SHARP = 3e-4  # [m/s] over which friction turns round, as little as the noise lets be seen
+# Moderate sizes [N], [N/m^3], [m], of F; the last two causes are in no catalogue.
+MODERATE = {"coulomb": 0.5, "presliding": 0.5, "stribeck": 0.5, "cubic": 5e6, "play": 3e-5}
+MODERATE |= {"gain": 0.01, "maxwell": 0.3, "smooth": 0.5}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the sensors say: arrays (n,).
+
+    Attributes:
+        phase: of the drive [rad].
+        P: amplitude of the drive [N].
+        x, v, F: displacement [m], velocity [m/s], force on the ground [N].
+    """
+
+    phase: Array
+    P: float
+    x: Array
+    v: Array
+    F: Array
+
+
+SOFT, RELAXING = 5e-4, 60.0  # of the Maxwell branch: [m] for its size, [1/s]
+
+
+@njit(cache=True)
+def law(x, v, s, p):  # type: ignore[no-untyped-def]
+    """Force [N] and rate of the state s of presliding (p[5] > 0) or of a Maxwell branch."""
+    k, c, play, friction, ratio, presliding, cubic, maxwell, smooth, a, b = p
+    out = x - min(max(x, -play), play)
+    slide = np.tanh(v / SHARP) * (1.0 + ratio * np.exp(-((v / b) ** 2)))
+    force = k * out + c * v + friction * slide + cubic * x**3 + (presliding + maxwell) * s
+    force += smooth * np.cos(0.1 * x / a + 3.0 * v + 50.0 * b)
+    return force, (v - abs(v) * s) / a if presliding else v / SOFT - RELAXING * s
+
+
+@njit(cache=True)
+def shaken(n, mass, P, omega, p):  # type: ignore[no-untyped-def]
+    """(n, 3) x, v and true F every STEP from near rest, by Runge and Kutta."""
+    found, h = np.empty((n, 3)), STEP / FINE
+    x, v, s = 2e-3, 0.0, 0.0
+    for i in range(n * FINE):
+        if i % FINE == 0:
+            found[i // FINE] = x, v, law(x, v, s, p)[0]
+        dx, dv, ds, to_x, to_v, to_s = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for at, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+            now = v + at * h * dv
+            force, ds = law(x + at * h * dx, now, s + at * h * ds, p)
+            dx, dv = now, (P * np.cos(omega * (i + at) * h) - force) / mass
+            to_x, to_v, to_s = to_x + weight * dx, to_v + weight * dv, to_s + weight * ds
+        x, v, s = x + h / 6.0 * to_x, v + h / 6.0 * to_v, s + h / 6.0 * to_s
+    return found
+
+
+def simulate(effect: str, seed: int) -> list[Run]:
+    """Runs of a rig with an effect (or ``none``), half to twice moderate; the rest by a seed."""
+    rng = np.random.default_rng(seed)
+    mass, gain, p = drawn(effect, rng)
+    return [recorded(2.0 * np.pi * hertz, float(P), mass, gain, p, rng) for hertz, P in POINTS]
+
+
+def drawn(effect: str, rng: np.random.Generator) -> tuple[float, float, Array]:
+    """Mass [kg], gain of F and the numbers of the law, in its order."""
+    shares = rng.uniform(-1.0, 1.0, 3) * [M_SHARE, K_SHARE, C_SHARE]
+    mass, k, c = (1.0 + shares) * [M, K, C]
+    size = dict.fromkeys(MODERATE, 0.0)
+    if effect != "none":
+        sign = rng.choice([-1.0, 1.0]) if effect in ("cubic", "play", "gain") else 1.0
+        size[effect] = sign * MODERATE[effect] * 2.0 ** rng.uniform(-1.0, 1.0)
+    friction = size["coulomb"] + size["stribeck"]
+    ratio = 10.0 ** rng.uniform(-0.1, 0.3) if effect == "stribeck" else 0.0
+    travel, falling = 10.0 ** rng.uniform(-4.0, -3.2), 10.0 ** rng.uniform(-1.7, -1.0)
+    rest = size["presliding"], size["cubic"], size["maxwell"], size["smooth"], travel, falling
+    law_numbers = np.array([k, c, PLAY + size["play"], friction, ratio, *rest])
+    return float(mass), 1.0 + size["gain"], law_numbers
+
+
+def recorded(
+    omega: float, P: float, mass: float, gain: float, p: Array, rng: np.random.Generator
+) -> Run:
+    """One run as its sensors say."""
+    passed, n = round(SETTLING / STEP), round(SECONDS / STEP)
+    x, v, F = shaken(passed + n, mass, P, omega, p)[passed:].T
+    noise = rng.normal(size=(3, n)) * np.array([list(SIGMA.values())]).T
+    F = gain * F + OFFSET * rng.normal()
+    phase = omega * STEP * np.arange(passed, passed + n, dtype=np.float64)
+    return Run(phase, P, x + noise[0], v + noise[1], F + noise[2])
