@@ -22,28 +22,29 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
 from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import case
-from herringbone_sim.gap.practice import bench, trial
-from herringbone_sim.gap.practice.arrays import as_prepared
-from herringbone_sim.gap.practice.bench import check_seeds, name_of, read_seals, run_bench
-from herringbone_sim.gap.practice.campaign import make_campaign, run_plan
-from herringbone_sim.gap.practice.evidence import evidence_of, evidence_record
-from herringbone_sim.gap.practice.label import label_text, seal
-from herringbone_sim.gap.practice.outcome import outcome
-from herringbone_sim.gap.practice.plan import draw_plan
-from herringbone_sim.gap.practice.rivals import recalibration_alone, sparse_regression
-from herringbone_sim.gap.practice.seeds import parse_seeds
-from herringbone_sim.gap.practice.stored import read_bench, stored_evidence
-from herringbone_sim.gap.practice.table import (
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.practice import bench, trial
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.bench import check_seeds, name_of, read_seals, run_bench
+from herringbone_sim.practice.campaign import make_campaign, run_plan
+from herringbone_sim.practice.evidence import evidence_of, evidence_record
+from herringbone_sim.practice.label import label_text, seal
+from herringbone_sim.practice.outcome import outcome
+from herringbone_sim.practice.plan import draw_plan
+from herringbone_sim.practice.rivals import recalibration_alone, sparse_regression
+from herringbone_sim.practice.seeds import parse_seeds
+from herringbone_sim.practice.stored import read_bench, stored_evidence
+from herringbone_sim.practice.table import (
     AIM,
+    AT_ONE,
     aimed,
     bench_rows,
     table_markdown,
     write_cases,
 )
-from herringbone_sim.gap.practice.trial import Setting, plan_of, remade
-from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.find import SensorCheck
-from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.practice.trial import Setting, plan_of, remade
 
 SETTING = Setting(truth="none")
 
@@ -56,16 +57,29 @@ def test_seeds_as_lists_and_ranges():
 
 
 def test_each_seed_draws_from_the_lists():
-    setting = Setting((20.0, 60.0), ("full", "few"), (1.0, 3.0), ("varied", "quiet"), "pair")
+    setting = Setting(
+        (20.0, 60.0),
+        ("full", "few"),
+        (1.0, 3.0),
+        ("varied", "quiet"),
+        "pair",
+        ("white", "encoders"),
+        "other",
+    )
     plans = [plan_of(setting, seed) for seed in range(40)]
     assert {p.snr_dB for p in plans} == {20.0, 60.0}
     assert {p.channels for p in plans} == {"full", "few"}
     assert {p.d for p in plans} == {1.0, 3.0}
     assert {p.regime for p in plans} == {"varied", "quiet"}
+    assert {p.noise.kind for p in plans} == {"white", "encoders"}
+    laws = {c.shape["law"] for p in plans for c in p.causes if "law" in c.shape}
+    assert laws == {"other"}
     again = plan_of(setting, 11)
     assert (again.d, again.causes) == (plans[11].d, plans[11].causes)
     with pytest.raises(ParameterError, match="one value or more"):
         Setting(d=())
+    with pytest.raises(ParameterError, match="noise must be one of"):
+        Setting(noise=("pink",))
 
 
 def test_seeds_of_the_thresholds_are_refused(tmp_path):
@@ -225,11 +239,13 @@ def test_table_with_targets_baselines_reasons_and_strata(tmp_path):
     assert first.result.value == pytest.approx(3 / 4)
     assert (first.met, first.least) == (False, 0.90)
     assert rows[AIM, "false attribution on none"].met is True
-    one = rows["40 dB, all channels, d = 1", "right effect first"]
+    one = rows[AT_ONE, "right effect first"]
     assert (one.result.n, one.least, one.met) == (1, 0.75, True)
     assert rows[f"{AIM}; always none", "right effect first"].result.value == 0.0
-    assert rows["noise: 20 dB", "right effect first"].result.value == 1.0
+    assert rows["snr: 20 dB", "right effect first"].result.value == 1.0
+    assert rows["white x not said x full x 3", "right effect first"].result.n == 4
     text = table_markdown(found)
+    assert "| white x not said x full x 10 | 1" in text
     assert "stagger -> runout (1)" in text
     assert "MISSED" in text
     assert "; d: 10 (0.000, n = 1)" in text
@@ -288,7 +304,7 @@ def test_rivals_name_a_profile_and_tell_their_closure():
 
 ORPHAN = """
 import os, signal
-from herringbone_sim.gap.practice.pool import pool
+from herringbone_sim.practice.pool import pool
 if __name__ == "__main__":
     with pool(1) as (executor, _):
         print(executor.submit(os.getpid).result(), flush=True)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from herringbone_sim.errors import AnalysisError, RecordingError
-from herringbone_sim.gap.practice.baselines import always_none, largest_residual
-from herringbone_sim.gap.practice.campaign import make_campaign
-from herringbone_sim.gap.practice.intervals import auroc, bootstrap, calibration_error, share
-from herringbone_sim.gap.practice.label import label_text, seal
-from herringbone_sim.gap.practice.machine import MESHES
-from herringbone_sim.gap.practice.outcome import outcome
-from herringbone_sim.gap.practice.plan import draw_plan
-from herringbone_sim.gap.practice.score import (
+from herringbone_sim.practice.baselines import always_none, largest_residual
+from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.intervals import auroc, bootstrap, calibration_error, share
+from herringbone_sim.practice.label import label_text, seal
+from herringbone_sim.practice.machine import MESHES
+from herringbone_sim.practice.outcome import outcome
+from herringbone_sim.practice.plan import draw_plan
+from herringbone_sim.practice.score import (
     QUESTIONS,
     read_cases,
     score,

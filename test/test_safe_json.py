@@ -12,12 +12,12 @@ import pytest
 from sweep_support import small
 
 from herringbone_sim.errors import AnalysisError, HerringboneError
-from herringbone_sim.gap.practice.bench import read_json as read_bench_json
-from herringbone_sim.gap.practice.bench import read_seals
-from herringbone_sim.gap.practice.label import read_label
-from herringbone_sim.gap.practice.outcome import outcome
-from herringbone_sim.gap.practice.score import read_cases
 from herringbone_sim.gap.repeat import read_report
+from herringbone_sim.practice.bench import read_json as read_bench_json
+from herringbone_sim.practice.bench import read_seals
+from herringbone_sim.practice.label import read_label
+from herringbone_sim.practice.outcome import outcome
+from herringbone_sim.practice.score import read_cases
 from herringbone_sim.recording.safe_json import MOST_BYTES, JsonError, read_json
 from herringbone_sim.sweeps.store import load_store
 

@@ -7,12 +7,14 @@ from pathlib import Path
 
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.errors import AnalysisError, ParameterError
-from herringbone_sim.gap.practice.bench import check_seeds, read_json, run_bench
-from herringbone_sim.gap.practice.score import write_table
-from herringbone_sim.gap.practice.seeds import parse_seeds
-from herringbone_sim.gap.practice.stored import read_bench
-from herringbone_sim.gap.practice.table import bench_rows, table_markdown, write_cases
-from herringbone_sim.gap.practice.trial import Setting, plan_of
+from herringbone_sim.practice.bench import check_seeds, read_json, run_bench
+from herringbone_sim.practice.noise import NOISES
+from herringbone_sim.practice.record import CHANNEL_SETS
+from herringbone_sim.practice.score import write_table
+from herringbone_sim.practice.seeds import parse_seeds
+from herringbone_sim.practice.stored import read_bench
+from herringbone_sim.practice.table import bench_rows, table_markdown, write_cases
+from herringbone_sim.practice.trial import Setting, plan_of
 
 DESCRIPTION = """\
 Make rigs with none, one, two or foreign effects, seal their labels (the hash is told before any
@@ -23,6 +25,8 @@ own, with another integrator and other shapes of the effects than the diagnosis 
   python -m herringbone_sim gap bench --seeds 40000:40200 --out bench
   python -m herringbone_sim gap bench --seeds 50000:50100 --snr 20,40,60 --d 1,3,10 --out wide
   python -m herringbone_sim gap bench --seeds 60000:60040 --truth unseen --out unseen
+  python -m herringbone_sim gap bench --seeds 70000:70100 --noise coloured,filtered,encoders \\
+      --law other --channels full,few --out real
   python -m herringbone_sim gap bench --table bench
 
 A bench that was stopped goes on when it is asked for again.
@@ -42,10 +46,17 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add("--out", type=Path, metavar="DIR", help="folder to write, or to go on in")
     add("--table", type=Path, metavar="DIR", help="tell again what is finished in a folder")
     add("--snr", default="40", metavar="DB", help="noise, a list to draw from [%(default)s]")
-    add("--channels", default="full", metavar="SETS", help="full, no_force, few [%(default)s]")
+    add("--noise", default="white", metavar="KINDS", help=f"{', '.join(NOISES)} [%(default)s]")
+    add("--law", default="both", help="curves of the effects: catalogue, other [%(default)s]")
+    add(
+        "--channels",
+        default="full",
+        metavar="SETS",
+        help=f"{', '.join(CHANNEL_SETS)} [%(default)s]",
+    )
     add("--d", default="3,10", metavar="D", help="detectabilities to draw from [%(default)s]")
     add("--regime", default="varied", metavar="R", help="varied, quiet [%(default)s]")
-    add("--truth", help="none, single, pair, unknown, unseen or an effect (default: by shares)")
+    add("--truth", help="none, single, pair, unknown, unseen, random_physics or an effect")
     add("--again", action="store_true", help="diagnose again what other sources diagnosed")
     add(
         "--calibration-family",
@@ -100,7 +111,8 @@ def setting_from(args: argparse.Namespace) -> Setting:
         snr, d = (tuple(float(v) for v in text.split(",")) for text in (args.snr, args.d))
     except ValueError as error:
         raise ParameterError(f"--snr and --d are lists of numbers: {error}") from None
-    channels, regime = (
-        tuple(v.strip() for v in text.split(",")) for text in (args.channels, args.regime)
+    channels, regime, noise = (
+        tuple(v.strip() for v in text.split(","))
+        for text in (args.channels, args.regime, args.noise)
     )
-    return Setting(snr, channels, d, regime, args.truth)
+    return Setting(snr, channels, d, regime, args.truth, noise, args.law)

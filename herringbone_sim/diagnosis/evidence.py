@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from herringbone_sim.diagnosis.examine import Examined, Found
 
 
@@ -21,11 +23,20 @@ class Candidate:
         effects: ids; empty for none.
         places: of each effect, as text.
         energy: whitened squares left of runs predicted by the others.
+        in_sample: those left with all runs.
+        size: number of coefficients.
+        strain: how far curves depart from the catalogue's beside the size of the effect: 1 where
+            they do as their prior expects; 0 of effects without a shape.
+        worst: largest mean square that is left of an observation, over its noise.
     """
 
     effects: tuple[str, ...]
     places: tuple[str, ...]
     energy: float
+    in_sample: float
+    size: int
+    strain: float
+    worst: float
 
 
 @dataclass(frozen=True)
@@ -53,7 +64,7 @@ class Evidence:
     def read(cls, data: Mapping[str, Any]) -> Evidence:
         """From plain data."""
         candidates = tuple(
-            Candidate(tuple(c["effects"]), tuple(c["places"]), float(c["energy"]))
+            Candidate(**{**c, "effects": tuple(c["effects"]), "places": tuple(c["places"])})
             for c in data["candidates"]
         )
         return cls(float(data["count"]), candidates, dict(data["remains"]), dict(data["screened"]))
@@ -71,13 +82,34 @@ def evidence_of(found: Examined) -> Evidence:
         )
         for name, of in found.flexible.items()
     }
-    candidates = tuple(_candidate(f) for f in every)
+    candidates = tuple(_candidate(f, found.counts) for f in every)
     return Evidence(found.count, candidates, remains, dict(found.screened))
 
 
-def _candidate(found: Found) -> Candidate:
+def _candidate(found: Found, counts: Mapping[str, float]) -> Candidate:
+    score = found.score
     return Candidate(
         tuple(h.effect for h in found.hypotheses),
         tuple(str(h.locus) for h in found.hypotheses),
         found.energy,
+        score.in_sample,
+        sum(len(h.coefficients) for h in found.hypotheses),
+        _strain(found),
+        max(float(rows.sum()) / counts[o] for o, rows in score.rows.items() if counts[o] > 0.0),
     )
+
+
+def _strain(found: Found) -> float:
+    """Largest ratio of departures to the effect's own parameters, each over its prior."""
+    every = [h.coefficients for h in found.hypotheses]
+    first = len(found.score.coefficients) - sum(len(c) for c in every)
+    strains = [0.0]
+    for h, own in zip(found.hypotheses, every, strict=True):
+        mean = found.score.mean[first : first + len(own)]
+        first += len(own)
+        squares = (mean / np.array([c.sd for c in own])) ** 2
+        if len(own) > h.mains:
+            strains.append(
+                float(squares[h.mains :].mean() / max(squares[: h.mains].mean(), 1e-12))
+            )
+    return max(strains)

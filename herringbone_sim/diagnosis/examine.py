@@ -24,6 +24,8 @@ SCREENED = 6  # places of an effect that are scored linearly on runs left out
 REFINED = 6  # hypotheses that are fitted exactly
 PLACES = 2  # of them with the same effect
 PAIRED = 3  # second effects that are fitted exactly
+SAME = 0.01  # of a gap: less between two explanations is no reason for the larger one
+CHANCE = 0.003  # predictable share of pure noise, of a hundred features and ten thousand values
 BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
 
 
@@ -69,17 +71,20 @@ def examine(machine: Machine, say: Callable[[str], None] = lambda text: None) ->
     none = Found((), search.settled(search.null))
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
-    search, ranked = _ranked(search, catalogue)
+    search, ranked = _ranked(search, catalogue, None)
     say("fits")
     singles = _fits(search, ranked, REFINED, PLACES)
-    say("pairs")
-    pairs = _pairs(search, catalogue, singles[0]) if singles else ()
     say("what is left")
     flexible = {"none": _left(search, none)}
+    pairs: tuple[Found, ...] = ()
     if singles:
+        first = _simplest(none, singles)
         flexible["single"] = _left(search, singles[0])
-    if pairs:
-        flexible["pair"] = _left(search, pairs[0])
+        if _predicted(flexible["single"]) > CHANCE:
+            say("pairs")
+            pairs = _pairs(search, catalogue, first)
+            if pairs:
+                flexible["pair"] = _left(search, pairs[0])
     counts = {
         o: float(sum(r[o].count[_alive(r[o].energy)].sum() for r in search.campaign.runs))
         for o in search.campaign.observations
@@ -98,8 +103,31 @@ def _alive(energy: Array) -> NDArray[np.bool_]:
 Ranked = list[tuple[float, Hypothesis, Score]]
 
 
-def _ranked(search: Search, catalogue: Sequence[Hypothesis]) -> tuple[Search, Ranked]:
-    """Linear scores, best first, with what the residual itself proposes."""
+def _simplest(none: Found, singles: Sequence[Found]) -> Found:
+    """The single with the fewest coefficients of those that explain the same."""
+    best = singles[0].energy
+    near = [f for f in singles if f.energy - best < SAME * (none.energy - best)]
+    return min(near, key=lambda f: len(f.score.coefficients), default=singles[0])
+
+
+def _predicted(left: dict[str, Predictable]) -> float:
+    """Largest share of what is left of an observation that a flexible regression predicts."""
+    shares = [
+        1.0 - float(p.left.sum()) / float(p.energy.sum())
+        for p in left.values()
+        if p.energy.sum() > 0.0
+    ]
+    return max(shares, default=0.0)
+
+
+def _ranked(
+    search: Search, catalogue: Sequence[Hypothesis], taken: Score | None
+) -> tuple[Search, Ranked]:
+    """Linear scores on top of what was taken, best first, with what the residual proposes."""
+    known = search.null if taken is None else taken
+    made = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
+    machine, proposed = search.machine.proposals(made)
+    search = search.onwards(machine, taken)
     quick = sorted(((search.quick(one.coefficients), i) for i, one in enumerate(catalogue)))
     chosen: list[Hypothesis] = []
     per: dict[str, int] = {}
@@ -108,9 +136,6 @@ def _ranked(search: Search, catalogue: Sequence[Hypothesis]) -> tuple[Search, Ra
         if per.get(one.effect, 0) < SCREENED:
             per[one.effect] = per.get(one.effect, 0) + 1
             chosen.append(one)
-    made = amplitudes(search.base, search.null.mean, search.runs, search.rows)
-    machine, proposed = search.machine.proposals(made)
-    search = search.onwards(machine)
     found: Ranked = []
     for one in (*chosen, *proposed):
         score = search.screened(one.coefficients, 0.3)
@@ -127,16 +152,17 @@ def _fits(search: Search, ranked: Ranked, most: int, places: int) -> tuple[Found
             break
         if per.get(one.effect, 0) < places:
             per[one.effect] = per.get(one.effect, 0) + 1
-            fits.append(Found((one,), search.settled(search.refined(one.coefficients, linear.mean))))
+            fits.append(
+                Found((one,), search.settled(search.refined(one.coefficients, linear.mean)))
+            )
     return tuple(sorted(fits, key=lambda f: f.energy))
 
 
 def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tuple[Found, ...]:
     """The best single with the best second effects on what it leaves."""
-    then = search.onwards(search.machine, first.score)
     own = first.hypotheses[0]
     others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
-    then, ranked = _ranked(then, others)
+    then, ranked = _ranked(search, others, first.score)
     different = [r for r in ranked if r[1].effect != own.effect]
     fits = _fits(then, different, PAIRED, 1)
     return tuple(Found((own, *f.hypotheses), f.score) for f in fits)

@@ -7,7 +7,8 @@ practice campaigns by ``calibrate`` and kept in ``calibration.json`` with the se
 With E the whitened squares left on runs predicted by the others, N their count, and R what a
 flexible regression still predicts of them: the gap is what can be predicted beside the calibrated
 machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
-(E_h - E_best + R_best) / (E_none - E_best + R_best) of it.
+(E_h - E_best + R_best) / (E_none - E_best + R_best) of it. The strain says how far a learned curve
+departs from the catalogue's beside the effect's size.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ NAMES = (
     "unknown: log gap",
     "pair",
     "pair: log second share",
+    "log strain",
 )
 LEAST = 1e-4  # of a share or a gap: below it nothing is told apart
 
@@ -76,9 +78,10 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
             first = singles[0].energy
             taken = (first - c.energy) / max(first - floor, LEAST * evidence.count)
             row[7:9] = 1.0, np.log(np.clip(taken, LEAST, 1.0))
+        row[9] = np.log1p(c.strain)
         every.append(c)
         rows.append(row)
-    excess = max(least[best].energy / evidence.count - 1.0, LEAST)
+    excess = max(least[best].worst - 1.0, LEAST)
     row = np.zeros(len(NAMES))
     row[3:7] = 1.0, share(least[best].energy), np.log(excess), np.log(gap)
     return [*every, None], np.array([*rows, row])

@@ -210,7 +210,7 @@ class Search:
         self._linear: dict[str, list[Products]] = {}
         start = np.zeros(len(self.base))
         self.null = self.refined((), start)
-        self.campaign = self.about((), self.null.mean, wanted=None)
+        self.campaign: Campaign
 
     def about(
         self,

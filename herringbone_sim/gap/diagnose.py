@@ -118,9 +118,7 @@ def diagnose(
     return _reported(made, campaign, measured, senses)
 
 
-def _fit_runs(
-    campaign: PreparedCampaign, findings: Sequence[Finding]
-) -> tuple[PreparedRun, ...]:
+def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:
     fit = campaign.of_role("fit")
     if not fit:
         told = "; ".join(f.text for f in findings if f.fatal)

@@ -46,9 +46,10 @@ def gap_of(
         metric: name of the observation.
         none, best, other: calibrated machine, the verdict's and the runner-up's explanation.
     """
+    whole = machine.of_runs(runs)
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
-    left = {name: _left(machine, runs, metric, f) for name, f in after.items() if f is not None}
-    before = _left(machine, runs, metric, None)
+    left = {name: _left(whole, metric, f) for name, f in after.items() if f is not None}
+    before = _left(whole, metric, None)
     nan = [(float("nan"),) * 2] * len(runs)
     return Gap(
         metric,
@@ -66,12 +67,9 @@ def gap_of(
     )
 
 
-def _left(
-    machine: GearMachine, runs: Sequence[PreparedRun], metric: str, found: Found | None
-) -> list[tuple[float, float]]:
+def _left(machine: GearMachine, metric: str, found: Found | None) -> list[tuple[float, float]]:
     """RMS of what an explanation leaves of each run, and of the noise."""
-    hypotheses = () if found is None else found.hypotheses
-    there, same = machine.over(runs, hypotheses)
+    there, same = machine.same(() if found is None else found.hypotheses)
     made: Mapping[str, Mapping[str, Array]] = {}
     if found is not None:
         coefficients = (*there.base, *(c for h in same for c in h.coefficients))

@@ -112,7 +112,9 @@ def _theta(h: Hypothesis, c: Array, model: Model) -> Told:
         return _event(h, c), kept
     options = dict(h.options)
     if h.effect == "ring_flexibility":
-        return np.array([float(str(options["stiffness"])) / c[0], float(str(options["damping"]))]), ()
+        return np.array(
+            [float(str(options["stiffness"])) / c[0], float(str(options["damping"]))]
+        ), ()
     if h.effect == "bearing_clearance":
         width = c[0] * float(str(options["clearance"]))
         return np.array(
@@ -208,7 +210,11 @@ def _over_turn(h: Hypothesis) -> Curve:
 def _over_shaft(h: Hypothesis) -> Curve:
     matrix = np.stack([_trig(c.name) for c in h.coefficients], axis=1)
     order = dict(h.options)["order"]
-    return PHASES, matrix, (f"{order} times the turn of the input shaft", "rad", "torque share", "-")
+    return (
+        PHASES,
+        matrix,
+        (f"{order} times the turn of the input shaft", "rad", "torque share", "-"),
+    )
 
 
 def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:

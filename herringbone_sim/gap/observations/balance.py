@@ -120,7 +120,9 @@ def block(
     )
 
 
-def corrected(block: Block, after_n: Array | None, before_n: Array | None, run: PreparedRun) -> Block:
+def corrected(
+    block: Block, after_n: Array | None, before_n: Array | None, run: PreparedRun
+) -> Block:
     """A balance with other forces between samples."""
     if after_n is None or before_n is None or block.at is None:
         return block

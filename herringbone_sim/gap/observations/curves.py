@@ -6,7 +6,7 @@ the curve depart from it by a share ``SHAPE`` of its size. Units are those of th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -115,10 +115,16 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     return tuple(found)
 
 
-def hypotheses(places: Places) -> Iterator[Hypothesis]:
-    """Every effect at every place with every option that linear functions can carry."""
+def hypotheses(places: Places, only: Collection[str] = ()) -> Iterator[Hypothesis]:
+    """Every effect at every place with every option that linear functions can carry.
+
+    Args:
+        only: effects in the force law that are asked for; empty for all.
+    """
     layout = places.gear.model.layout
     for effect in known_effects().values():
+        if only and effect.id not in only:
+            continue
         for options, unit, terms, mains in variants(effect, places.gear):
             for locus in effect.candidates(layout):
                 if _fits(options, locus):

@@ -13,6 +13,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
+from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law
 from herringbone_sim.gap.observations.basis import Function
@@ -160,7 +161,8 @@ class Gear:
     @cached_property
     def relations(self) -> int:
         """Rows of the consistency of motion sensors."""
-        found = self._consistency[0]
+        few = part_of(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
+        found = consistency.block(few, fuse(few), self.drift, self.swap)
         return 0 if found is None else len(found.rows)
 
     @cached_property
@@ -293,8 +295,8 @@ class Gear:
         observations: Sequence[str],
     ) -> dict[str, Block]:
         found: dict[str, Block] = {}
-        relations = self._consistency[r]
-        if consistency.NAME in observations and relations is not None:
+        relations = self._consistency[r] if consistency.NAME in observations else None
+        if relations is not None:
             found[consistency.NAME] = _about(
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
@@ -319,7 +321,9 @@ class Gear:
                 else self._balance(r, g, self.law_of(g.motion, of_law), chosen, names)
             )
             if self.fine and self._quadrature[r] is not None:
-                full = balance.corrected(full, self._between(r, of_law), self._quadrature[r], g.run)
+                full = balance.corrected(
+                    full, self._between(r, of_law), self._quadrature[r], g.run
+                )
             found[balance.NAME] = _about(full, amplitudes.get(balance.NAME, {}), r, wanted)
         return found
 

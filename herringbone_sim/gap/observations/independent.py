@@ -37,5 +37,3 @@ def independent(run: PreparedRun) -> PreparedRun:
 
 def _rms(values: np.ndarray) -> float:  # type: ignore[type-arg]
     return float(np.sqrt(np.mean(values**2)))
-
-

@@ -53,7 +53,11 @@ class GearMachine:
         """A machine with the functions of some events and parts, and their hypotheses."""
         first = len(self.gear.law_functions)
         labels = [f"part {first + i}" for i in range(len(parts))]
-        every = [f for p, label in zip(parts, labels, strict=True) for f in p.functions(self.gear, label)]
+        every = [
+            f
+            for p, label in zip(parts, labels, strict=True)
+            for f in p.functions(self.gear, label)
+        ]
         machine = GearMachine(
             self.gear.with_functions(
                 [f for f in every if f.slot != "body"], [f for f in every if f.slot == "body"]
@@ -62,16 +66,19 @@ class GearMachine:
         made = [p.place(machine.places, label) for p, label in zip(parts, labels, strict=True)]
         return machine, made
 
-    def over(
-        self, runs: Sequence[PreparedRun], hypotheses: Sequence[Hypothesis]
-    ) -> tuple[GearMachine, list[Hypothesis]]:
-        """The machine of other runs, and the same hypotheses there."""
-        parts = [h.maker for h in hypotheses if h.maker is not None]
-        bare = GearMachine(Gear(runs, self.gear.drift, self.gear.stride, self.gear.swap))
-        machine, made = bare.with_parts(parts)
-        known = {(h.effect, h.options, h.locus): h for h in machine.hypotheses()} if len(
-            parts
-        ) < len(hypotheses) else {}
+    def of_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
+        """The machine of other runs of the same rig, at every sample."""
+        return GearMachine(Gear(runs, self.gear.drift, 1, self.gear.swap))
+
+    def same(self, hypotheses: Sequence[Hypothesis]) -> tuple[GearMachine, list[Hypothesis]]:
+        """Hypotheses of another machine of the rig here."""
+        machine, made = self.with_parts([h.maker for h in hypotheses if h.maker is not None])
+        plain = [h for h in hypotheses if h.maker is None]
+        only = {h.effect for h in plain}
+        known = {
+            (h.effect, h.options, h.locus): h
+            for h in (curves.hypotheses(machine.places, only) if plain else ())
+        }
         rest = iter(made)
         return machine, [
             next(rest) if h.maker is not None else known[h.effect, h.options, h.locus]

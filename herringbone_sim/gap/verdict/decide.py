@@ -65,9 +65,7 @@ def option_of(found: Sequence[Named]) -> Option:
     )
 
 
-def decide(
-    chances: Sequence[Chance], options: Mapping[int, Option], metric: str
-) -> Verdict:
+def decide(chances: Sequence[Chance], options: Mapping[int, Option], metric: str) -> Verdict:
     """The verdict of some chances.
 
     Args:
@@ -83,9 +81,7 @@ def decide(
             if i in options:
                 best.setdefault(name, (options[i], j))
     top = max(probabilities, key=lambda name: probabilities[name])
-    first = next(
-        (i for i, c in enumerate(chances) if top in (c.effects or ("none",))), 0
-    )
+    first = next((i for i, c in enumerate(chances) if top in (c.effects or ("none",))), 0)
     chosen = options.get(first)
     if top == "unknown":
         chosen = next((options[i] for i in sorted(options)), None)

@@ -76,9 +76,7 @@ def design(
         gear = parameters_of(campaign.nominal, model)
     except ParameterError:
         return None
-    rivals = [
-        Rival(o.actives, model.factors, model.inverse) for o in options
-    ]
+    rivals = [Rival(o.actives, model.factors, model.inverse) for o in options]
     cases = [c for c in found.cases if where != BALANCE or balances_known((c,))]
     points = candidates([run.point for run in campaign.of_role("fit")])
     tried = (trial(cases, campaign.nominal, gear, model.factors, point) for point in points)

@@ -1,0 +1,26 @@
+"""A practice campaign as the diagnosis takes it, without writing a bag."""
+
+from __future__ import annotations
+
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table, prepare_run
+from herringbone_sim.practice.campaign import PracticeCampaign
+from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
+from herringbone_sim.recording.channels import Channels
+from herringbone_sim.recording.reader import Recording
+
+
+def as_prepared(made: PracticeCampaign) -> PreparedCampaign:
+    """The recordings alone, laid out as ``prepared.prepare`` would; the label stays behind."""
+    nominal = Parameters(model="full", samples_per_cycle=SAMPLES_PER_CYCLE)
+    campaign = made.campaign
+    runs = tuple(
+        prepare_run(
+            run,
+            Recording(run.path, run.path.name, series, Channels(), (), True, ()),
+            nominal,
+            campaign.noise_share,
+        )
+        for run, series in zip(campaign.runs, made.series, strict=True)
+    )
+    return PreparedCampaign(campaign.rig, nominal, runs, mesh_table(nominal.layout), ())

@@ -1,0 +1,243 @@
+"""The check on withheld effects: labels sealed first, campaigns diagnosed then, figures last.
+
+A folder holds ``bench.json`` (what was asked), ``seals.json``, ``labels/``, and ``reports/NAME/``
+with ``report.json``, ``baselines.json``, ``evidence.json`` and ``case.json``. What is there is
+kept, so a bench that was stopped goes on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from herringbone_sim.errors import AnalysisError, shown
+from herringbone_sim.practice.frozen import Frozen, frozen, overlap
+from herringbone_sim.practice.label import read_label
+from herringbone_sim.practice.pool import pool
+from herringbone_sim.practice.trial import Setting, sources, trial, truth_of
+from herringbone_sim.recording import safe_json
+from herringbone_sim.recording.safe_json import JsonError
+from herringbone_sim.sweeps.kept import make_folder, whole
+from herringbone_sim.version import VERSION
+
+Say = Callable[[str], None]
+AHEAD = 2  # tasks under way for each core: one computed, one waiting
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is known of the thresholds' seeds: whether figures of these seeds may be reported."""
+
+    frozen: Frozen | None
+    seeds: tuple[int, ...]
+
+    @property
+    def text(self) -> str:
+        return "seen while calibrating" if self.seeds else "not seen while calibrating"
+
+
+def name_of(seed: int) -> str:
+    """Name of the campaign of a seed."""
+    return f"practice_{seed:06d}"
+
+
+def check_seeds(seeds: Sequence[int], calibration_family: bool, file: Path | None = None) -> Seen:
+    """Hold seeds against those that the thresholds were frozen on.
+
+    Args:
+        calibration_family: asked for on purpose: then they only mark the table.
+        file: of the thresholds; that of the package by default.
+
+    Raises:
+        AnalysisError: seeds of the thresholds without having been asked for.
+    """
+    known = frozen(file)
+    used = overlap(known, seeds)
+    if used and not calibration_family:
+        raise AnalysisError(
+            f"{len(used)} of the seeds, {used[0]} .. {used[-1]}, are among those that the "
+            f"thresholds in {known.path.name if known else ''} were frozen on: report on others, "
+            "or give --calibration-family, which marks the table"
+        )
+    return Seen(known, tuple(used))
+
+
+def run_bench(
+    folder: Path,
+    seeds: Sequence[int],
+    setting: Setting,
+    seen: Seen,
+    workers: int = 2,
+    scheduler: str | None = None,
+    again: bool = False,
+    say: Say = print,
+) -> None:
+    """Seal the labels of all seeds, then diagnose what is not yet.
+
+    Args:
+        again: diagnose again what other sources of the diagnosis gave a report to.
+        workers: processes of this machine; each computes on one thread.
+        scheduler: address of a Dask scheduler to run on instead.
+
+    Raises:
+        AnalysisError: a folder of another setting, or no scheduler.
+        RecordingError: a label that was changed after it was sealed.
+    """
+    make_folder(folder)
+    _note(folder, seeds, setting, seen)
+    with pool(workers, scheduler) as (executor, cores):
+        seal_labels(folder, seeds, setting, executor, cores, say)
+        seals = read_seals(folder)
+        wanted = [(s, seals[name_of(s)]) for s in seeds if name_of(s) in seals]
+        todo = [one for one in wanted if not _done(folder, name_of(one[0]), again)]
+        tasks = [
+            (s, setting, read_label(_label(folder, name_of(s)), sealed), sealed)
+            for s, sealed in todo
+        ]
+        look = {"total": len(wanted), "initial": len(wanted) - len(todo), "desc": "diagnose"}
+        for task, files in _completed(executor, trial, tasks, AHEAD * cores, look):
+            place = make_folder(folder / "reports" / name_of(task[0]))
+            for name, text in files.items():  # the report comes last: with it a case is done
+                _write(place / name, text)
+
+
+def seal_labels(
+    folder: Path,
+    seeds: Sequence[int],
+    setting: Setting,
+    executor: Executor,
+    cores: int,
+    say: Say = print,
+) -> None:
+    """Make every label that is missing, and write down all seals before anything is diagnosed."""
+    make_folder(folder / "labels")
+    left = read_json(folder / "left_out.json")
+    todo = [
+        (s, setting)
+        for s in seeds
+        if not _label(folder, name_of(s)).is_file() and name_of(s) not in left
+    ]
+    look = {"total": len(seeds), "initial": len(seeds) - len(todo), "desc": "seal labels"}
+    for task, (text, reason) in _completed(executor, truth_of, todo, AHEAD * cores, look):
+        if text is None:
+            left[name_of(task[0])] = reason
+            _write(folder / "left_out.json", _json(left))
+        else:
+            _write(_label(folder, name_of(task[0])), text)
+    seals = read_seals(folder)
+    for name in sorted(name_of(s) for s in seeds):
+        if name not in seals and name not in left:
+            seals[name] = _sha256(_label(folder, name))
+    text = _json(dict(sorted(seals.items())))
+    _write(folder / "seals.json", text)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    say(f"sealed {len(seals)} labels: {folder / 'seals.json'}, sha256 {digest}")
+    if left:
+        say(f"left out {len(left)} seeds whose rig leaves the range of any gear")
+
+
+def read_seals(folder: Path) -> dict[str, str]:
+    """Seal of each label by name; empty before any was sealed."""
+    return {str(name): str(value) for name, value in read_json(folder / "seals.json").items()}
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """Content of a JSON file, empty where there is none; AnalysisError where it is broken."""
+    try:
+        return safe_json.read_json(file)
+    except FileNotFoundError:
+        return {}
+    except (OSError, JsonError) as error:
+        raise AnalysisError(f"can't read {file}: {error}: start in another folder") from None
+
+
+def finished(folder: Path) -> dict[str, str]:
+    """Seals of the campaigns that have a report."""
+    return {
+        name: sealed
+        for name, sealed in read_seals(folder).items()
+        if (folder / "reports" / name / "report.json").is_file()
+    }
+
+
+def _note(folder: Path, seeds: Sequence[int], setting: Setting, seen: Seen) -> None:
+    """Write ``bench.json``; a folder has one setting, its seeds may grow."""
+    before = read_json(folder / "bench.json")
+    asked = json.loads(json.dumps(asdict(setting)))
+    if before and before.get("setting") != asked:
+        raise AnalysisError(
+            f"{folder} holds a bench with {shown(before.get('setting'))}, got {asked}: choose "
+            "another --out"
+        )
+    known_seeds = before.get("seeds", [])
+    if not isinstance(known_seeds, list) or not all(type(one) is int for one in known_seeds):
+        raise AnalysisError(
+            f"{folder / 'bench.json'} must have seeds, a list of whole numbers, got "
+            f"{shown(known_seeds)}: choose another --out"
+        )
+    known = seen.frozen
+    content = {
+        "schema": "herringbone_sim/bench/1",
+        "setting": asked,
+        "seeds": sorted({*known_seeds, *seeds}),
+        "version": VERSION,
+        "sources": sources(),
+        "calibration": known and {"file": known.path.name, "sha256": known.sha256},
+        "calibration_family": bool(seen.seeds or before.get("calibration_family")),
+    }
+    _write(folder / "bench.json", _json(content))
+
+
+def _done(folder: Path, name: str, again: bool) -> bool:
+    place = folder / "reports" / name
+    if not (place / "report.json").is_file():
+        return False
+    return not again or read_json(place / "case.json").get("sources") == sources()
+
+
+def _label(folder: Path, name: str) -> Path:
+    return folder / "labels" / f"{name}.json"
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _json(content: Mapping[str, Any]) -> str:
+    return json.dumps(content, indent=1) + "\n"
+
+
+def _write(file: Path, text: str) -> None:
+    with whole(file) as handle:
+        handle.write(text.encode())
+
+
+def _completed(
+    executor: Executor,
+    work: Callable[..., Any],
+    tasks: Sequence[tuple[Any, ...]],
+    most: int,
+    look: Mapping[str, Any],
+) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Results in the order in which they come, with progress on a terminal."""
+    waiting, running = list(reversed(tasks)), dict[Future[Any], tuple[Any, ...]]()
+    with tqdm(unit="campaign", disable=None, smoothing=0.05, **look) as bar:
+        try:
+            while waiting or running:
+                while waiting and len(running) < most:
+                    task = waiting.pop()
+                    running[executor.submit(work, *task)] = task
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield running.pop(future), future.result()
+                    bar.update()
+        finally:
+            for future in running:
+                future.cancel()

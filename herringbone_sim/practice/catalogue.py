@@ -1,0 +1,217 @@
+"""The effects of the catalogue as a practice rig has them: where, of which shape, told how."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.practice import equip
+from herringbone_sim.practice.cause import ALL, Cause, Kind, anywhere, at, by_kind, sign
+from herringbone_sim.practice.equip import CYCLES
+
+Drawn = tuple[dict[str, Any], dict[str, Any]]
+Told = dict[str, tuple[Any, str]]
+
+
+def _angle(rng: Generator) -> float:
+    return float(rng.uniform(-np.pi, np.pi))
+
+
+def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    """A tooth of the sun or ring meets every planet of its side; one of a planet sun and ring."""
+    member, side = str(rng.choice(list(CYCLES))), str(rng.choice(["L", "R"]))
+    shape = {
+        "member": member,
+        "at": float(rng.uniform(0.0, CYCLES[member])),
+        "width": float(rng.uniform(0.8, 1.6)),
+    }
+    if member == "planet":
+        mesh = str(rng.choice(["all", "sp", "rp"]))
+        return at(mesh, int(rng.integers(1, 4)), side), shape
+    return at("sp" if member == "sun" else "rp", "all", side), shape
+
+
+def _tell_event(c: Cause, name: str, unit: str) -> Told:
+    member = c.shape["member"]
+    told: Told = {name: (c.size, unit), "member": (member, "-")}
+    return told | ({"order": (CYCLES[member], "-")} if name == "depth" else {})
+
+
+def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    member = str(rng.choice(list(CYCLES)))
+    shape = {"member": member, "phase": _angle(rng)}
+    side = str(rng.choice(["L", "R", "all"]))
+    if member == "planet":
+        return at("all", int(rng.integers(1, 4)), side), shape
+    return at("sp" if member == "sun" else "rp", "all", side), shape
+
+
+def _draw_damping(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    """Damping by contact (power 0) or by load, at whose deflection it is the nominal one."""
+    power = float(rng.choice([0.0, 1.0, rng.uniform(0.2, 1.0)]))
+    return by_kind(rng), {"power": power, "depth": float(rng.uniform(1.5e-5, 4e-5))}
+
+
+def _ripple_draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": _angle(rng)}
+
+
+def _told(name: str, unit: str, signed: bool = False) -> Any:
+    return lambda c: {name: (c.size * (c.sign if signed else 1.0), unit)}
+
+
+def _tell_waves(unit: str) -> Any:
+    return lambda c: {
+        "order": (c.shape["order"], "-"),
+        "cos": (c.size * np.cos(c.shape["angle"]), unit),
+        "sin": (c.size * np.sin(c.shape["angle"]), unit),
+    }
+
+
+def _draw_waves(least: int) -> Any:
+    return lambda rng, _: (
+        anywhere(rng),
+        {"order": int(rng.integers(least, 5)), "angle": _angle(rng)},
+    )
+
+
+def _signed(locus: Any) -> Any:
+    return lambda rng, _: (locus(rng), {"sign": sign(rng)})
+
+
+def _anywhere_or_all(rng: Generator) -> dict[str, Any]:
+    return dict(ALL) if rng.random() < 0.25 else anywhere(rng)
+
+
+def _one_planet(rng: Generator) -> dict[str, Any]:
+    return at("all", int(rng.integers(1, 4)))
+
+
+CATALOGUE: dict[str, Kind] = {
+    "mean_stiffness": Kind(
+        "law",
+        0.05,
+        0.5,
+        _signed(anywhere),
+        equip.mean_stiffness,
+        lambda c: {"factor": (1.0 + c.sign * c.size, "-")},
+    ),
+    "stiffness_harmonic": Kind(
+        "law", 0.05, 0.5, _draw_waves(1), equip.stiffness_harmonic, _tell_waves("-")
+    ),
+    "stagger": Kind(
+        "law",
+        0.05,
+        1.0,
+        _signed(lambda rng: at(side=str(rng.choice(["L", "R"])))),
+        equip.shift,
+        _told("phase", "rad", True),
+    ),
+    "planet_phase": Kind(
+        "law", 0.05, 1.0, _signed(_one_planet), equip.shift, _told("phase", "rad", True)
+    ),
+    "tooth_crack": Kind(
+        "law",
+        0.3,
+        0.9,
+        _draw_event,
+        lambda p, c, _: equip.event(p, c, 3),
+        lambda c: _tell_event(c, "depth", "-"),
+    ),
+    "tooth_spall": Kind(
+        "law",
+        5e-6,
+        6e-5,
+        _draw_event,
+        lambda p, c, _: equip.event(p, c, 4),
+        lambda c: _tell_event(c, "height", "m"),
+    ),
+    "runout": Kind(
+        "law",
+        2e-6,
+        4e-5,
+        _draw_runout,
+        equip.runout,
+        lambda c: {
+            "amplitude": (c.size, "m"),
+            "phase": (c.shape["phase"], "rad"),
+            "member": (c.shape["member"], "-"),
+        },
+    ),
+    "pin_position": Kind(
+        "law", 2e-6, 3e-5, _signed(_one_planet), equip.pin_position, _told("offset", "m", True)
+    ),
+    "backlash_offset": Kind(
+        "law",
+        2e-6,
+        2e-5,
+        _signed(_anywhere_or_all),
+        equip.backlash_offset,
+        _told("offset", "m", True),
+    ),
+    "thermal_backlash": Kind(
+        "law", 4e-8, 3e-7, _signed(by_kind), equip.thermal_backlash, _told("rate", "m/K", True)
+    ),
+    "thermal_stiffness": Kind(
+        "law",
+        1e-3,
+        1e-2,
+        lambda rng, _: (by_kind(rng), {}),
+        equip.thermal_stiffness,
+        _told("rate", "1/K"),
+    ),
+    "tooth_friction": Kind(
+        "body",
+        0.05,
+        0.4,
+        lambda rng, _: (by_kind(rng), {}),
+        equip.tooth_friction,
+        _told("mu", "-"),
+    ),
+    "contact_nonlinearity": Kind(
+        "law",
+        0.03,
+        0.5,
+        lambda rng, _: (by_kind(rng), {}),
+        equip.contact_nonlinearity,
+        lambda c: {"exponent": (1.0 + c.size, "-")},
+    ),
+    "damping_law": Kind(
+        "law",
+        0.3,
+        1.0,
+        _draw_damping,
+        equip.damping_law,
+        _told("share", "-"),
+    ),
+    "profile_error": Kind(
+        "law", 2e-6, 3e-5, _draw_waves(2), equip.profile_error, _tell_waves("m")
+    ),
+    "ring_flexibility": Kind(
+        "law",
+        1e-11,
+        2e-9,
+        lambda rng, _: (at("rp"), {"ratio": float(rng.uniform(0.03, 0.1))}),
+        equip.ring_flexibility,
+        lambda c: {"stiffness": (1.0 / c.size, "N/m"), "damping": (c.shape["ratio"], "-")},
+    ),
+    "bearing_clearance": Kind(
+        "law",
+        2e-6,
+        5e-5,
+        lambda rng, _: (_one_planet(rng), {}),
+        equip.bearing_clearance,
+        _told("clearance", "m"),
+        least=1e-6,
+    ),
+    "torque_ripple": Kind(
+        "body",
+        0.2,
+        1.5,
+        _ripple_draw,
+        equip.torque_ripple,
+        lambda c: {"amplitude": (c.size, "-"), "order": (c.shape["order"], "-")},
+    ),
+}

@@ -1,0 +1,186 @@
+"""The measuring chain: filters and encoders first, then noise, gauges and converters.
+
+A filter is fed with the motion sampled ``FINER`` times as finely and a cubic spline through that,
+again as finely; between those points the input counts as straight, and the response to that is
+exact. Gauges and gratings off centre are errors of calibration, not noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from scipy.interpolate import CubicSpline
+from scipy.signal import cont2discrete, lfilter, lfilter_zi
+
+from herringbone_sim.practice.machine import BODIES, MESHES, NOMINAL, Array, omega_n, radii
+from herringbone_sim.practice.noise import Noise
+from herringbone_sim.practice.record import (
+    COS_BETA,
+    FINER,
+    Motion,
+    channels_of,
+    geometry,
+    without_trend,
+)
+
+Channels = dict[str, Array]
+Part = Mapping[str, Any]
+MAINS = 50.0  # Hz
+
+
+def deterministic(noise: Noise, motion: Motion, fine: Motion | None) -> tuple[Channels, Channels]:
+    """Channels behind filter and encoders, without the counts of these and with them."""
+    part = noise.parts.get("encoders")
+    seen = channels_of(motion)
+    if fine is not None:
+        seen = filtered(fine, len(motion.times), noise.parts["filter"])
+    if part is None:
+        return seen, seen
+    return encoded(seen, motion, part, counted=False), encoded(seen, motion, part, counted=True)
+
+
+def filtered(fine: Motion, count: int, part: Part) -> Channels:
+    """The last ``count`` samples of all channels behind the low-pass, at the recorded times."""
+    channels = channels_of(fine)
+    values = np.stack(list(channels.values()), axis=1)
+    step = (fine.times[1] - fine.times[0]) / FINER
+    closer = fine.times[0] + step * np.arange((len(fine.times) - 1) * FINER + 1)
+    passed = low_pass(CubicSpline(fine.times, values)(closer), step, part)
+    kept = passed[:: FINER * FINER][-count:]
+    return {name: kept[:, i] for i, name in enumerate(channels)}
+
+
+def low_pass(values: Array, step: float, part: Part) -> Array:
+    """Response (n, k) of the filter to inputs (n, k) that run straight between samples.
+
+    Args:
+        step: time between samples [s].
+        part: ``order`` 1 or 2, ``corner`` over omega_n, damping ``ratio`` of order 2.
+    """
+    corner = float(part["corner"]) * omega_n()
+    poles = [1.0 / corner, 1.0]
+    if part["order"] == 2:
+        poles = [1.0 / corner**2, 2.0 * float(part["ratio"]) / corner, 1.0]
+    numerator, denominator, _ = cont2discrete(([1.0], poles), step, method="foh")
+    b, a = numerator.ravel(), denominator.ravel()
+    start = lfilter_zi(b, a)[:, None] * values[:1]
+    return np.asarray(lfilter(b, a, values, axis=0, zi=start)[0])
+
+
+def turns() -> Array:
+    """(9,) turns to ground of each body a mesh cycle; planets turn the other way."""
+    carrier = 1.0 / 77.0
+    planet = carrier * (1.0 - 77.0 / 25.0)
+    return np.array([carrier * (1.0 + 77.0 / 27.0)] * 2 + [carrier] + [planet] * 6)
+
+
+def encoded(seen: Channels, motion: Motion, part: Part, counted: bool) -> Channels:
+    """u by gratings that are off centre, and x and v worked out of it or of a second set.
+
+    Args:
+        counted: in whole counts; else as if these were as fine as one wants.
+    """
+    exact = np.stack([seen[f"u_{b}"] for b in BODIES], axis=1)
+    step = 2.0 * np.pi / int(part["counts"]) if counted else 0.0
+    sets = [
+        _by_grating(exact, motion, np.array(off), np.array(angle), step)
+        for off, angle in zip(part["off"], part["angle"], strict=True)
+    ]
+    u, of_mesh = sets[0], sets[-1]
+    if part["rate"] == "spline":
+        rate = CubicSpline(motion.times, of_mesh)(motion.times, 1)
+    else:
+        rate = np.gradient(of_mesh, motion.times, axis=0)
+    omega = float(motion.phase[-1] - motion.phase[0]) / float(motion.times[-1])
+    wave = NOMINAL.e_sp * np.exp(1j * motion.phase)[:, None]
+    x = geometry(of_mesh) * COS_BETA - wave.imag
+    v = geometry(rate) * COS_BETA - omega * wave.real
+    own = {f"u_{b}": u[:, i] for i, b in enumerate(BODIES)}
+    own |= {f"x_{m}": x[:, j] for j, m in enumerate(MESHES)}
+    return {**seen, **own, **{f"v_{m}": v[:, j] for j, m in enumerate(MESHES)}}
+
+
+def _by_grating(u: Array, motion: Motion, off: Array, angle: Array, step: float) -> Array:
+    """u (n, 9) [m] by a set of gratings, in counts of ``step`` [rad] unless that is 0."""
+    r_s, r_p, _, r_c = radii()
+    radius = np.array([r_s, r_s, r_c, *[r_p] * 6])
+    steady = motion.phase[:, None] * turns()
+    shown = steady + u / radius + off * np.cos(steady + angle)
+    if step > 0.0:
+        shown = np.round(shown / step) * step
+    return without_trend((shown - steady) * radius, motion.times)
+
+
+def by_encoder(noise: Noise, name: str) -> bool:
+    """Whether a channel is worked out of counts: no noise, gauge or converter touches it."""
+    return "encoders" in noise.parts and name[0] in "uxv"
+
+
+def gauged(noise: Noise, channels: Mapping[str, Array]) -> Channels:
+    """Channels times the gain of their gauge."""
+    gains = noise.parts.get("gains", {}).get("of", {})
+    return {name: values * gains.get(name, 1.0) for name, values in channels.items()}
+
+
+def measured(
+    noise: Noise,
+    channels: Mapping[str, Array],
+    times: Array,
+    rng: Generator,
+    most: Mapping[str, float],
+) -> Channels:
+    """Channels with noise of a share of each one's RMS, then in steps of a converter.
+
+    Args:
+        most: largest value of each quantity over the campaign, what a converter spans.
+    """
+    start = rng.uniform(0.0, 2.0 * np.pi)
+    shown = {}
+    for name, values in channels.items():
+        if by_encoder(noise, name):
+            shown[name] = values
+            continue
+        sigma = noise.share * float(np.sqrt(np.mean(values**2)))
+        drawn = values + sigma * random_part(noise, times, rng, start)
+        step = _step(noise, sigma, most[name[0]])
+        shown[name] = np.round(drawn / step) * step if step > 0.0 else drawn
+    return shown
+
+
+def random_part(noise: Noise, times: Array, rng: Generator, mains: float) -> Array:
+    """(n,) noise of RMS 1: white, drift and hum by their shares of the power.
+
+    Args:
+        mains: phase [rad] of the mains at the first sample, the same for all channels.
+    """
+    drift, hum = noise.parts.get("drift", {}), noise.parts.get("hum", {})
+    rest = 1.0 - float(drift.get("power", 0.0)) - float(hum.get("power", 0.0))
+    total: Array = np.sqrt(rest) * rng.normal(size=len(times))
+    if drift:
+        total += np.sqrt(float(drift["power"])) * _drift(str(drift["law"]), len(times), rng)
+    if hum:
+        turn = 2.0 * np.pi * MAINS * times + mains
+        sign = rng.choice([-1.0, 1.0])
+        waves = [a * np.sin((k + 1) * (turn + 0.3 * k)) for k, a in enumerate(hum["lines"])]
+        total += sign * np.sqrt(2.0 * float(hum["power"])) * np.sum(waves, axis=0)
+    return total
+
+
+def _drift(law: str, n: int, rng: Generator) -> Array:
+    """Slow noise (n,) of RMS 1 and mean 0: power falls with f^2 (a random walk) or with f."""
+    spectrum = np.fft.rfft(rng.normal(size=4 * n))
+    order = np.maximum(np.arange(len(spectrum)), 1.0)
+    slow = np.fft.irfft(spectrum / (order if law == "walk" else np.sqrt(order)))[:n]
+    slow -= slow.mean()
+    return np.asarray(slow / np.sqrt(np.mean(slow**2)))
+
+
+def _step(noise: Noise, sigma: float, most: float) -> float:
+    """Step of the converter; without one of its own, a power of two at most sigma / 8."""
+    part = noise.parts.get("converter")
+    if part is not None:
+        return 2.0 * float(part["room"]) * most / 2.0 ** int(part["bits"])
+    return float(2.0 ** np.floor(np.log2(sigma / 8.0))) if sigma > 0.0 else 0.0

@@ -1,0 +1,186 @@
+"""The machine with an effect of the catalogue, by the catalogue's law or by the curve drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.practice.cause import Cause, Point
+from herringbone_sim.practice.laws import contact, damping, friction, warm, window
+from herringbone_sim.practice.machine import N_MESH, Array, Machine
+from herringbone_sim.practice.tables import GRID, table, wave
+
+CYCLES = {"sun": 27, "planet": 25, "ring": 77}  # of the mesh a turn against the carrier
+SEAT = (3e11, 0.1)  # stiffness [N/m] and damping ratio of a pin's seat
+RING_LOAD = 1e5  # [N] at whose deflection springs have hardened by what their curve says
+
+
+def _curve(c: Cause) -> dict[str, Any]:
+    found: dict[str, Any] = c.shape.get("curve", {})
+    return found
+
+
+def _padded(rows: Array, count: int) -> Array:
+    """Harmonics (h, 12) with rows of zeros up to a count."""
+    return np.concatenate([rows, np.zeros((max(count - len(rows), 0), rows.shape[1]))])
+
+
+def _harmonics(c: Cause) -> tuple[Array, Array]:
+    """Cosines and sines (h,) by mesh order: that of the label and what rides along."""
+    order, angle = int(c.shape["order"]), float(c.shape["angle"])
+    riders = [one for one in _curve(c).get("riders", ()) if int(one[0]) != order]
+    parts = [(order, 1.0, angle), *riders]
+    return wave(parts, max(int(part[0]) for part in parts))
+
+
+def _added(c: Cause, cos: Array, sin: Array) -> tuple[Array, Array]:
+    more = [c.size * one[:, None] * c.meshes for one in _harmonics(c)]
+    count = max(len(cos), len(more[0]))
+    sums = [_padded(a, count) + _padded(b, count) for a, b in zip((cos, sin), more, strict=True)]
+    return sums[0], sums[1]
+
+
+def mean_stiffness(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(stiffness=p.stiffness * (1.0 + c.sign * c.size * c.meshes))
+
+
+def stiffness_harmonic(p: Machine, c: Cause, _: Point) -> Machine:
+    cos, sin = _added(c, p.k_cos, p.k_sin)
+    return p._replace(k_cos=cos, k_sin=sin)
+
+
+def profile_error(p: Machine, c: Cause, _: Point) -> Machine:
+    cos, sin = _added(c, p.p_cos, p.p_sin)
+    return p._replace(p_cos=cos, p_sin=sin)
+
+
+def shift(p: Machine, c: Cause, _: Point) -> Machine:
+    turn = c.sign * c.size * c.meshes
+    cos = p.shift_cos * np.cos(turn) - p.shift_sin * np.sin(turn)
+    sin = p.shift_sin * np.cos(turn) + p.shift_cos * np.sin(turn)
+    return p._replace(shift_cos=cos, shift_sin=sin)
+
+
+def lateness(member: str) -> Array:
+    """(12,) turns of a member after which a place of it meets each mesh, from planet 1 on."""
+    mesh = np.arange(float(N_MESH))
+    third, ring = mesh % 3.0 / 3.0, np.where(mesh > 5.0, 1.0, 0.0)
+    return {"sun": third, "ring": -third, "planet": 0.5 * ring}[member]
+
+
+def event(p: Machine, c: Cause, row: int) -> Machine:
+    """A tooth's event; row 3 of ``Machine.event`` is a crack's depth, 4 a spall's height."""
+    member, curve = str(c.shape["member"]), _curve(c)
+    late = np.rint(lateness(member) * CYCLES[member])
+    if member == "planet" and curve:
+        late = np.where(late > 0.0, float(curve["ring_after"]), 0.0)
+    hit = c.meshes > 0.0
+    found = p.event.copy()
+    found[0, hit] = float(CYCLES[member])
+    found[1, hit] = ((c.shape["at"] + late) % CYCLES[member])[hit]
+    found[2, hit] = float(curve.get("width", c.shape["width"]))
+    found[row, hit] = c.size
+    shape = window(curve) if curve else 0.5 - 0.5 * np.cos(2.0 * np.pi * GRID)
+    return p._replace(event=found, window=table(shape))
+
+
+def runout(p: Machine, c: Cause, _: Point) -> Machine:
+    """The member's first order is cos(2 pi turns + phase), a mesh late by its share of a turn."""
+    member, cycles = str(c.shape["member"]), p.turn_cycles.copy()
+    late = 2.0 * np.pi * lateness(member)
+    parts = [(1.0, 1.0, -float(c.shape["phase"])), *_curve(c).get("riders", ())]
+    count = max(int(part[0]) for part in parts)
+    cos, sin = np.zeros((2, count, N_MESH))
+    for m in np.flatnonzero(c.meshes):
+        own = [(order, amount, angle + order * late[m]) for order, amount, angle in parts]
+        cos[:, m], sin[:, m] = (c.size * one for one in wave(own, count))
+        cycles[m] = float(CYCLES[member])
+    return p._replace(turn_cycles=cycles, turn_cos=cos, turn_sin=sin)
+
+
+def _of_meshes(c: Cause) -> Array:
+    """(12,) 1 on the meshes, on those of the ring and the right what the curve says of them."""
+    mesh, shares = np.arange(N_MESH), c.meshes
+    for part, name, there in (("mesh", "ring", mesh > 5), ("side", "right", mesh // 3 % 2 == 1)):
+        if c.locus[part] == "all":
+            shares = np.where(there, float(_curve(c).get(name, 1.0)) * shares, shares)
+    return shares
+
+
+def pin_position(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(offset=p.offset + c.sign * c.size * _of_meshes(c))
+
+
+def backlash_offset(p: Machine, c: Cause, _: Point) -> Machine:
+    """The offset is the mean of both flanks."""
+    back = float(_curve(c).get("back", 1.0))
+    more = 2.0 * c.sign * c.size * _of_meshes(c) / (1.0 + back)
+    return p._replace(
+        half_backlash=np.maximum(p.half_backlash + more, 0.0),
+        half_back=np.maximum(p.half_back + back * more, 0.0),
+        rounding=p.rounding + float(_curve(c).get("corner", 0.0)) * c.size * c.meshes,
+    )
+
+
+def thermal_backlash(p: Machine, c: Cause, point: Point) -> Machine:
+    more = c.sign * c.size * warm(_curve(c), point["delta_T"]) * c.meshes
+    return p._replace(
+        half_backlash=np.maximum(p.half_backlash + more, 0.0),
+        half_back=np.maximum(p.half_back + more, 0.0),
+    )
+
+
+def thermal_stiffness(p: Machine, c: Cause, point: Point) -> Machine:
+    left = np.maximum(1.0 - c.size * warm(_curve(c), point["delta_T"]) * c.meshes, 0.05)
+    return p._replace(stiffness=p.stiffness * left)
+
+
+def tooth_friction(p: Machine, c: Cause, _: Point) -> Machine:
+    p = p._replace(friction=c.size * c.meshes)
+    curve = _curve(c)
+    return p._replace(pitch=curve["pitch"], rub=table(friction(curve))) if curve else p
+
+
+def contact_nonlinearity(p: Machine, c: Cause, _: Point) -> Machine:
+    if not _curve(c):
+        return p._replace(hertz=p.hertz + c.size * c.meshes)
+    return p._replace(bent=1.0 * c.meshes, bend=table(contact(_curve(c), c.size)))
+
+
+def damping_law(p: Machine, c: Cause, _: Point) -> Machine:
+    p = p._replace(c_share=c.size * c.meshes)
+    curve = _curve(c)
+    if curve:
+        return p._replace(c_curve=table(damping(curve)), c_out=float(curve["out"]))
+    return p._replace(c_power=np.array([c.shape["power"], c.shape["depth"]]))
+
+
+def ring_flexibility(p: Machine, c: Cause, _: Point) -> Machine:
+    """The size is the compliance [m/N] of the ring's spring."""
+    free = p.free.copy()
+    free[9:11] = 1.0
+    damper = 2.0 * c.shape["ratio"] * np.sqrt(p.mass[9] / c.size)
+    growth = float(_curve(c).get("growth", 0.0)) / (RING_LOAD * c.size) ** 2
+    drag = float(_curve(c).get("drag", 0.0)) / (RING_LOAD * c.size * p.omega)
+    return p._replace(free=free, ring=np.array([1.0 / c.size, damper, growth, drag]))
+
+
+def bearing_clearance(p: Machine, c: Cause, _: Point) -> Machine:
+    pin = 11 + int(c.locus["planet"]) - 1
+    free, mass = p.free.copy(), p.mass.copy()
+    free[pin] = 1.0
+    mass[2] -= mass[pin]
+    curve = _curve(c)
+    stiffness, ratio = (curve["stiffness"], curve["ratio"]) if curve else SEAT
+    damper = 2.0 * ratio * np.sqrt(stiffness * mass[pin])
+    width = float(curve.get("softness", 0.0)) * c.size
+    growth = float(curve.get("growth", 0.0)) / (RING_LOAD / stiffness) ** 2
+    support = np.array([c.size / 2.0, stiffness, damper, width, growth])
+    return p._replace(free=free, mass=mass, support=support)
+
+
+def torque_ripple(p: Machine, c: Cause, _: Point) -> Machine:
+    parts = [(1.0, 1.0, -float(c.shape["phase"])), *_curve(c).get("riders", ())]
+    waves = wave(parts, max(int(part[0]) for part in parts))
+    return p._replace(ripple_order=float(c.shape["order"]), ripple=c.size * np.stack(waves))

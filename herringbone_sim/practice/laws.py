@@ -1,0 +1,228 @@
+"""Families of curves: the law of an effect is drawn, not given.
+
+The catalogue's law of an effect is one curve. Of ``law: other`` the curve is drawn from all that
+still is what the effect's id says. A curve is a mapping of numbers, which stand in the label.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.practice.machine import Array
+from herringbone_sim.practice.tables import GRID, deflections
+
+Curve = Mapping[str, Any]
+LAWS = ("catalogue", "other")
+F_0 = 1e-5  # deflection [m] at which the laws of contact agree
+FROM, TO = 5e-6, 4e-5  # deflections [m] by 7 and 60 kN
+WARM = 50.0  # temperature rise [K] at which those of temperature do
+HIGHEST = 8  # order of a harmonic that rides along
+
+
+def _angle(rng: Generator) -> float:
+    return float(rng.uniform(-np.pi, np.pi))
+
+
+def _riders(rng: Generator, orders: Array) -> list[list[float]]:
+    """Two to four ``[order, share, angle]``, together 0.25 to 0.7 of the harmonic they ride on."""
+    count = int(rng.integers(2, 5))
+    chosen = rng.choice(orders, count, replace=False)
+    shares = rng.dirichlet(np.ones(count)) ** 0.5 * rng.uniform(0.25, 0.7)
+    return [[float(o), float(s), _angle(rng)] for o, s in zip(chosen, shares, strict=True)]
+
+
+def _waves(rng: Generator) -> Curve:
+    """Harmonics of the mesh beside that of the label; which one that is, is not known here."""
+    return {"riders": _riders(rng, np.arange(1.0, HIGHEST + 1.0))}
+
+
+def _turns(rng: Generator) -> Curve:
+    """Multiples of the first order."""
+    return {"riders": _riders(rng, np.arange(2.0, 6.0))}
+
+
+def _event(rng: Generator) -> Curve:
+    """A window: where its plateau lies and how long it is, how its ramps bend, a dip in it."""
+    return {
+        "width": float(rng.uniform(0.5, 2.2)),
+        "peak": float(rng.uniform(0.15, 0.85)),
+        "plateau": float(rng.choice([0.0, rng.uniform(0.1, 0.7)])),
+        "rise": float(rng.uniform(1.0, 2.5)),
+        "fall": float(rng.uniform(1.0, 2.5)),
+        "dip": float(rng.choice([0.0, rng.uniform(0.1, 0.5)])),
+        "ring_after": float(rng.choice([12.0, 12.5, 13.0])),
+    }
+
+
+def window(curve: Curve) -> Array:
+    """Values (n,) of an event over its width, 0 at both ends, 1 at its peak."""
+    flat = float(curve["plateau"])
+    start = float(curve["peak"]) * (1.0 - flat)
+    up = np.clip(GRID / start, 0.0, 1.0)
+    down = np.clip((1.0 - GRID) / (1.0 - start - flat), 0.0, 1.0)
+    ramps = [
+        (0.5 - 0.5 * np.cos(np.pi * part)) ** float(curve[name])
+        for part, name in ((up, "rise"), (down, "fall"))
+    ]
+    shape = ramps[0] * ramps[1] * (1.0 - float(curve["dip"]) * np.sin(np.pi * GRID) ** 2)
+    values: Array = shape / shape.max()
+    return values
+
+
+def _flanks(rng: Generator) -> Curve:
+    """What the back flank and ring meshes have of the offset of the drive flank of sun meshes."""
+    return {
+        "back": float(rng.uniform(0.2, 1.5)),
+        "ring": float(rng.uniform(0.5, 1.4)),
+        "corner": float(rng.choice([0.0, rng.uniform(0.02, 0.3)])),
+    }
+
+
+def _pin(rng: Generator) -> Curve:
+    """What ring meshes and the right side have of it: a pin off radially as well, and tilted."""
+    return {"ring": float(rng.uniform(0.3, 1.5)), "right": float(rng.uniform(0.6, 1.4))}
+
+
+def _temperature(rng: Generator) -> Curve:
+    """From saturating to growing with the square, from 0 K on or from where it begins."""
+    return {
+        "bend": float(rng.uniform(-0.45, 0.9)),
+        "curl": float(rng.uniform(-0.25, 0.25)),
+        "onset": float(rng.choice([0.0, rng.uniform(5.0, 35.0)])),
+    }
+
+
+def warm(curve: Curve, delta_T: float) -> float:
+    """delta_T [K], bent; itself at 50 K and without a curve."""
+    onset = float(curve.get("onset", 0.0))
+    above = WARM * max(delta_T - onset, 0.0) / (WARM - onset)
+    off = delta_T / WARM - 1.0
+    bend, curl = float(curve.get("bend", 0.0)), float(curve.get("curl", 0.0))
+    return above * (1.0 + bend * off + curl * off**2)
+
+
+def _friction(rng: Generator) -> Curve:
+    """Stribeck's rise at low speed, a sign that turns smoothly, at another pitch point."""
+    return {
+        "pitch": float(rng.uniform(-0.6, 0.6)),
+        "softness": float(rng.uniform(0.01, 0.15)),
+        "rise": float(rng.uniform(0.0, 1.0)),
+        "speed": float(rng.uniform(0.05, 0.3)),
+        "uneven": float(rng.uniform(-0.3, 0.3)),
+    }
+
+
+def friction(curve: Curve) -> Array:
+    """Values (n,) over a mesh cycle, the pitch point in the middle, RMS 1."""
+    s = GRID - 0.5
+    sign = np.tanh(s / float(curve["softness"]))
+    stribeck = 1.0 + float(curve["rise"]) * np.exp(-np.abs(s) / float(curve["speed"]))
+    shape = sign * stribeck * (1.0 + float(curve["uneven"]) * sign)
+    values: Array = shape / np.sqrt(np.mean(shape**2))
+    return values
+
+
+def _contact(rng: Generator) -> Curve:
+    form = str(rng.choice(["rounded power", "polynomial", "saturating", "second stage"]))
+    return {
+        "form": form,
+        "depth": float(10.0 ** rng.uniform(-5.3, -4.5)),
+        "share": float(rng.uniform(0.0, 1.0)),
+    }
+
+
+def contact(curve: Curve, size: float) -> Array:
+    """Factor (n,) of the spring's force at the deflections of a table; 1 at ``F_0`` at any size.
+
+    The size is its growth over the logarithm of the deflection between ``FROM`` and ``TO``: of a
+    power of the deflection nearly the exponent.
+    """
+    low, middle, high = _stiffening(curve, np.array([FROM, F_0, TO]))
+    steep = (high - low) / np.log(TO / FROM)
+    grown = (_stiffening(curve, deflections()) - middle) / steep
+    factor: Array = np.maximum(1.0 + size * grown, 0.1)
+    return factor
+
+
+def _stiffening(curve: Curve, f: Array) -> Array:
+    """A function that grows with the deflection f [m]."""
+    at = f / float(curve["depth"])
+    share = float(curve["share"])
+    form = curve["form"]
+    if form == "rounded power":
+        return np.asarray(0.5 * np.log(at**2 + 0.2 + share))
+    if form == "polynomial":  # bounded beyond what gears meet
+        q = at / (1.0 + 0.1 * at)
+        return np.asarray(q + share * q**2)
+    if form == "saturating":
+        return np.asarray(np.tanh(at) + share * np.tanh(0.3 * at))
+    return np.asarray(np.logaddexp(0.0, (at - 1.0) / (0.1 + 0.4 * share)) + 0.02 * at)
+
+
+def _damping(rng: Generator) -> Curve:
+    """Any rising function of the deflection: steps of random height."""
+    steps = rng.dirichlet(np.full(6, 0.6)) * rng.uniform(1.2, 3.0)
+    return {
+        "out": float(rng.choice([0.0, rng.uniform(0.0, 0.3)])),
+        "steps": [float(step) for step in steps],
+    }
+
+
+def damping(curve: Curve) -> Array:
+    """Values (n,) at the deflections of a table of what lives of a damper there."""
+    knots = float(curve["out"]) + np.concatenate([[0.0], np.cumsum(curve["steps"])])
+    values: Array = np.interp(GRID, np.linspace(0.0, 1.0, len(knots)), knots)
+    width = len(GRID) // 12
+    even = np.pad(values, width, mode="edge")
+    mean = np.full(2 * width + 1, 1.0 / (2 * width + 1))
+    return np.asarray(np.convolve(even, mean, mode="valid"))
+
+
+def _ring(rng: Generator) -> Curve:
+    """Hardening and drag of the ring's spring at the deflection by 100 kN."""
+    return {"growth": float(rng.uniform(0.1, 1.0)), "drag": float(rng.uniform(0.0, 1.0))}
+
+
+def _bearing(rng: Generator) -> Curve:
+    """Ends of the clearance over it, and hardening of the seat at the deflection by 100 kN."""
+    return {
+        "softness": float(rng.choice([0.0, rng.uniform(0.05, 0.4)])),
+        "stiffness": float(10.0 ** rng.uniform(11.0, 11.7)),
+        "ratio": float(rng.uniform(0.03, 0.25)),
+        "growth": float(rng.uniform(0.0, 1.0)),
+    }
+
+
+FAMILIES: dict[str, Callable[[Generator], Curve]] = {
+    "stiffness_harmonic": _waves,
+    "profile_error": _waves,
+    "tooth_crack": _event,
+    "tooth_spall": _event,
+    "runout": _turns,
+    "pin_position": _pin,
+    "backlash_offset": _flanks,
+    "thermal_backlash": _temperature,
+    "thermal_stiffness": _temperature,
+    "tooth_friction": _friction,
+    "contact_nonlinearity": _contact,
+    "damping_law": _damping,
+    "ring_flexibility": _ring,
+    "bearing_clearance": _bearing,
+    "torque_ripple": _turns,
+}
+
+
+def draw_law(rng: Generator, name: str, law: str) -> dict[str, Any]:
+    """Entries ``law`` and, of another law than the catalogue's, ``curve`` of a cause's shape.
+
+    Args:
+        law: catalogue, other or both; an effect without a family has the catalogue's.
+    """
+    other = rng.random() < 0.5 if law == "both" else law == "other"
+    if name not in FAMILIES:
+        return {}
+    return {"law": "other", "curve": FAMILIES[name](rng)} if other else {"law": "catalogue"}

@@ -1,0 +1,124 @@
+"""How large an effect is in a recording: its force over the noise floor, and the residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from herringbone_sim.practice.cause import Cause
+from herringbone_sim.practice.machine import MESHES, N_BODY, NOMINAL, Array, Constants
+from herringbone_sim.practice.record import Motion, channels_of, law_force, own_error_shift
+
+_NAMES = tuple(tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
+
+
+@dataclass(frozen=True)
+class RunMeasure:
+    """Numbers of one run.
+
+    Attributes:
+        nominal, nominal_clean, own, own_clean, floor: RMS residual [N] of the force law over all
+            meshes: with nominal constants, with the rig's own, with and without noise; the floor
+            is what noise alone leaves.
+        d: of each cause, RMS of its force over that of the floor, where it acts.
+    """
+
+    nominal: float
+    nominal_clean: float
+    own: float
+    own_clean: float
+    floor: float
+    d: tuple[float, ...]
+
+
+def measure_run(
+    rig: Constants,
+    point: Mapping[str, float],
+    motion: Motion,
+    seen: Mapping[str, Array],
+    quiet: Mapping[str, Array],
+    measured: Mapping[str, Array],
+    causes: tuple[Cause, ...],
+) -> RunMeasure:
+    """Residuals of a run and the detectability of its causes.
+
+    Args:
+        seen: channels as they were, with the sensors' faults.
+        quiet: the same behind filters, gauges and gratings off centre.
+        measured: the same with noise and in counts: what is over ``quiet`` is the floor.
+    """
+    phase = motion.phase
+    off = own_error_shift(rig, point, phase)
+    clean = _residual(rig, point, phase, seen, off)
+    noisy = _residual(rig, point, phase, measured, off)
+    nominal = _residual(NOMINAL, point, phase, measured, (0.0, 0.0))
+    nominal_clean = _residual(NOMINAL, point, phase, seen, (0.0, 0.0))
+    floor = noisy - _residual(rig, point, phase, quiet, off)
+    found = tuple(_d(cause, motion, clean, floor, (seen, quiet, measured)) for cause in causes)
+    return RunMeasure(rms(nominal), rms(nominal_clean), rms(noisy), rms(clean), rms(floor), found)
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _residual(
+    c: Constants,
+    point: Mapping[str, float],
+    phase: Array,
+    channels: Mapping[str, Array],
+    off: tuple[Array | float, Array | float],
+) -> Array:
+    x, v, force = (np.stack([channels[name] for name in names], axis=1) for names in _NAMES)
+    residual: Array = force - law_force(c, point, phase, x - off[0], v - off[1])
+    return residual
+
+
+def _d(
+    cause: Cause,
+    motion: Motion,
+    clean: Array,
+    floor: Array,
+    channels: tuple[Mapping[str, Array], ...],
+) -> float:
+    if "channels" in cause.locus:
+        return _d_of_sensor(cause, motion, *channels)
+    where = cause.meshes > 0.0
+    if np.abs(motion.extra).max() > 0.0:
+        return _d_of_bodies(motion, floor)
+    return rms(clean[:, where]) / rms(floor[:, where])
+
+
+def _d_of_bodies(motion: Motion, floor: Array) -> float:
+    """Force on the bodies over the noise of the mesh forces summed on each."""
+    mesh = np.mean(floor**2, axis=0)
+    sun, ring = mesh[:6].reshape(2, 3), mesh[6:].reshape(2, 3)
+    noise = np.empty(N_BODY)
+    noise[:2] = sun.sum(axis=1)
+    noise[2] = mesh.sum()
+    noise[3:] = (sun + ring).ravel()
+    acts = np.abs(motion.extra).max(axis=0) > 0.0
+    return rms(motion.extra[:, acts]) / float(np.sqrt(noise[acts].mean()))
+
+
+def _d_of_sensor(
+    cause: Cause,
+    motion: Motion,
+    seen: Mapping[str, Array],
+    quiet: Mapping[str, Array],
+    measured: Mapping[str, Array],
+) -> float:
+    """Fault of a channel over its noise; of a clock, what the velocities seem to be late."""
+    true = channels_of(motion)
+    names = cause.locus["channels"]
+    if names == ["t"]:
+        late = (measured["t"] - motion.times)[:, None]
+        step = float(motion.times[1] - motion.times[0])
+        fault = np.gradient(motion.v, step, axis=0) * late
+        noise = np.stack([measured[n] - quiet[n] for n in _NAMES[1]], axis=1)
+        return rms(fault) / rms(noise)
+    faults = [rms(seen[name] - true[name]) for name in names]
+    noises = [rms(measured[name] - quiet[name]) for name in names]
+    return float(np.sqrt(np.mean(np.square(faults)) / np.mean(np.square(noises))))

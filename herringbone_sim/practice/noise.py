@@ -1,0 +1,147 @@
+"""Kinds of noise: what each part of a measuring chain does to a campaign, drawn from the seed.
+
+One function a kind; the parts it gives are what ``chain`` knows: ``drift`` and ``hum`` (share of
+the noise's power, the rest is white), ``filter``, ``encoders``, ``gains`` and ``converter``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.practice.machine import BODIES, MESHES
+
+Parts = dict[str, dict[str, Any]]
+ARC_SECOND = np.pi / 180.0 / 3600.0
+TOLD_GAIN = 0.05  # tolerance of a force gauge
+HARD = 0.4  # share of the power that is no white noise, beyond the data sheet
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What measures a campaign.
+
+    Attributes:
+        kind: of ``NOISES``.
+        share: RMS of what is random over that of each channel.
+        told: whether the campaign tells that it is white, and its share.
+        parts: numbers of each part of the chain.
+    """
+
+    kind: str
+    share: float
+    told: bool = False
+    parts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def sensors(self) -> dict[str, dict[str, float]]:
+        """What ``campaign.yaml`` tells of single sensors."""
+        gains = self.parts.get("gains", {})
+        told = gains.get("told", False)
+        return {name: {"gain_tolerance": TOLD_GAIN} for name in gains.get("of", {}) if told}
+
+
+def _white(_: Generator) -> Parts:
+    return {}
+
+
+def _coloured(rng: Generator) -> Parts:
+    """Drift and hum, each a tenth to a half of the noise's RMS."""
+    drift, hum = rng.uniform(0.1, 0.5, 2) ** 2
+    return _colours(rng, float(drift), float(hum), 3)
+
+
+def _coloured_hard(rng: Generator) -> Parts:
+    """Two fifths of the power are drift and hum, which has further multiples of the mains."""
+    drift = float(HARD * rng.uniform(0.2, 0.8))
+    return _colours(rng, drift, HARD - drift, 7)
+
+
+def _colours(rng: Generator, drift: float, hum: float, multiples: int) -> Parts:
+    heights = rng.uniform(0.2, 1.0, multiples)
+    law = str(rng.choice(["walk", "1/f"]))
+    lines = (heights / np.linalg.norm(heights)).tolist()
+    return {"drift": {"power": drift, "law": law}, "hum": {"power": hum, "lines": lines}}
+
+
+def _filtered(rng: Generator) -> Parts:
+    """One low-pass for all channels, corner at 10 to 30 omega_n, a delay of up to 5 us."""
+    return {
+        "filter": {
+            "order": int(rng.integers(1, 3)),
+            "corner": float(10.0 ** rng.uniform(1.0, 1.5)),
+            "ratio": float(rng.uniform(0.6, 1.0)),
+            "delay_s": float(rng.uniform(0.0, 5e-6)),
+        }
+    }
+
+
+def _encoders(rng: Generator) -> Parts:
+    return {"encoders": _gratings(rng, 1), "gains": _gauges(rng, True)}
+
+
+def _encoders_two(rng: Generator) -> Parts:
+    return {"encoders": _gratings(rng, 2), "gains": _gauges(rng, True)}
+
+
+def _gratings(rng: Generator, sets: int) -> dict[str, Any]:
+    """Counts a turn and, of each set and body, how far off centre the grating is [rad], where."""
+    size = (sets, len(BODIES))
+    return {
+        "counts": 2 ** int(rng.integers(18, 21)),
+        "rate": str(rng.choice(["spline", "central"])),
+        "off": (ARC_SECOND * rng.uniform(0.0, 3.0, size)).tolist(),
+        "angle": rng.uniform(-np.pi, np.pi, size).tolist(),
+    }
+
+
+def _gauges(rng: Generator, told: bool) -> dict[str, Any]:
+    gains = rng.uniform(1.0 - TOLD_GAIN, 1.0 + TOLD_GAIN, len(MESHES))
+    of = {f"F_{m}": float(g) for m, g in zip(MESHES, gains, strict=True)}
+    return {"told": told, "of": of}
+
+
+def _quantised(rng: Generator) -> Parts:
+    """Converters of 12 to 16 bits over 1.1 to 2 times the largest value of a quantity."""
+    bits, room = int(rng.integers(12, 17)), float(rng.uniform(1.1, 2.0))
+    return {"converter": {"bits": bits, "room": room}}
+
+
+def _gains(rng: Generator) -> Parts:
+    return {"gains": _gauges(rng, False)}
+
+
+def _mixture(rng: Generator) -> Parts:
+    """Two to four of the others at once."""
+    among = (_coloured, _filtered, _encoders, _quantised, _gains)
+    chosen = rng.choice(len(among), int(rng.integers(2, 5)), replace=False)
+    parts: Parts = {}
+    for i in sorted(chosen):
+        parts |= among[i](rng)
+    return parts
+
+
+NOISES: dict[str, Callable[[Generator], Parts]] = {
+    "white": _white,
+    "white_untold": _white,
+    "coloured": _coloured,
+    "coloured_hard": _coloured_hard,
+    "filtered": _filtered,
+    "encoders": _encoders,
+    "encoders_two": _encoders_two,
+    "quantised": _quantised,
+    "gains": _gains,
+    "mixture": _mixture,
+}
+
+
+def draw_noise(rng: Generator, kind: str, share: float) -> Noise:
+    """The numbers of a kind; ParameterError where there is no such kind."""
+    if kind not in NOISES:
+        raise ParameterError(f"noise must be one of {', '.join(NOISES)}, got {kind!r}")
+    return Noise(kind, share, kind == "white", NOISES[kind](rng))

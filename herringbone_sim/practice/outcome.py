@@ -1,0 +1,266 @@
+"""What one report says against one label."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.errors import AnalysisError, shown
+from herringbone_sim.practice.machine import MESHES
+
+Json = Mapping[str, Any]
+OUTSIDE_CATALOGUE = ("none", "unknown")
+VERDICTS = (*OUTSIDE_CATALOGUE, "ambiguous")
+CONFIDENT = 0.5
+
+# What an effect's size is measured by, and the value of it at which there is no effect.
+SIZES: dict[str, tuple[tuple[str, ...], float]] = {
+    "mean_stiffness": (("factor",), 1.0),
+    "stiffness_harmonic": (("cos", "sin"), 0.0),
+    "stagger": (("phase",), 0.0),
+    "planet_phase": (("phase",), 0.0),
+    "tooth_crack": (("depth",), 0.0),
+    "tooth_spall": (("height",), 0.0),
+    "runout": (("amplitude",), 0.0),
+    "pin_position": (("offset",), 0.0),
+    "backlash_offset": (("offset",), 0.0),
+    "thermal_backlash": (("rate",), 0.0),
+    "thermal_stiffness": (("rate",), 0.0),
+    "tooth_friction": (("mu",), 0.0),
+    "contact_nonlinearity": (("exponent",), 1.0),
+    "damping_law": (("share",), 0.0),
+    "profile_error": (("cos", "sin"), 0.0),
+    "ring_flexibility": (("stiffness",), 0.0),
+    "bearing_clearance": (("clearance",), 0.0),
+    "torque_ripple": (("amplitude",), 0.0),
+    "sensor_gain": (("gain",), 1.0),
+    "sensor_bias": (("bias",), 0.0),
+    "sensor_delay": (("delay",), 0.0),
+    "clock_drift": (("ppm",), 0.0),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A case, scored.
+
+    Attributes:
+        truth: ids, one or two; ``kind``: none, single, pair or unknown.
+        strata: d, noise, snr, law, channels and regime of the case, as text.
+        first: id of the largest probability; ``p_first`` that probability.
+        right, in_class, in_three: whether the truth is first; first or in the named class; among
+            the first three. Of a pair either effect counts.
+        both: of a pair, whether exactly both were named.
+        p_truth: probability on the truth, summed over a pair.
+        brier: sum over causes of (p - truth)^2; NaN of a pair.
+        p_unknown: probability of ``unknown``.
+        named: whether the verdict blames anything.
+        wrong_name: whether an effect was named with confidence that is not there.
+        locus: whether the locus of the right effect is right; None where that can't be asked.
+        error: of the size, relative; None likewise.
+        covered: whether each 90 % interval holds the truth.
+        closure: on held-out runs, None when the report has none.
+        said: what the report names: its effects, or its verdict.
+        sure: probability of what is said; ``held``, whether all of it is there.
+        internal: names of the causes in the tables of this package.
+        reached: least detectability of the causes, infinite without any.
+        name: of the campaign.
+        failed: why the diagnosis ended without a report.
+    """
+
+    truth: tuple[str, ...]
+    kind: str
+    strata: Mapping[str, str]
+    first: str
+    p_first: float
+    right: bool
+    in_class: bool
+    in_three: bool
+    both: bool
+    p_truth: float
+    brier: float
+    p_unknown: float
+    named: bool
+    wrong_name: bool
+    locus: bool | None
+    error: float | None
+    covered: tuple[bool, ...]
+    closure: float | None
+    said: tuple[str, ...]
+    sure: float
+    held: bool
+    internal: tuple[str, ...]
+    reached: float
+    name: str = ""
+    failed: str = ""
+
+
+def outcome(label: Json, report: Json, name: str = "") -> Outcome:
+    """Score a report.
+
+    Raises:
+        AnalysisError: probabilities that do not sum to 1, or a report or label that breaks the
+            schema.
+    """
+    try:
+        return _outcome(label, report, name)
+    except AnalysisError:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise AnalysisError(
+            f"a report and a label must have the entries of the schema, got {shown(error)}: write "
+            "them by it"
+        ) from None
+
+
+def _outcome(label: Json, report: Json, name: str) -> Outcome:
+    p = probabilities(report)
+    truth = tuple(sorted(label["truth"]))
+    kind = "pair" if len(truth) > 1 else (truth[0] if truth[0] in OUTSIDE_CATALOGUE else "single")
+    order = sorted(p, key=lambda name: -p[name])
+    verdict = report["verdict"]
+    suspects = {*report.get("ambiguous_with", ()), *report.get("effects", ())}
+    ambiguous = suspects if verdict == "ambiguous" else set()
+    right = order[0] in truth
+    cause = _right_cause(label, report, truth)
+    names = verdict not in VERDICTS
+    said = tuple(report.get("effects") or ()) or (order[0],)
+    return Outcome(
+        truth=truth,
+        kind=kind,
+        strata=strata_of(label, kind),
+        first=order[0],
+        p_first=p[order[0]],
+        right=right,
+        in_class=right or bool(ambiguous & set(truth)),
+        in_three=bool(set(order[:3]) & set(truth)),
+        both=kind == "pair" and set(report.get("effects", ())) == set(truth),
+        p_truth=sum(p.get(name, 0.0) for name in truth),
+        brier=float("nan") if kind == "pair" else _brier(p, truth[0]),
+        p_unknown=p.get("unknown", 0.0),
+        named=verdict != "none" and "none" not in ambiguous,
+        wrong_name=names and verdict not in truth and p.get(verdict, 0.0) >= CONFIDENT,
+        locus=_same_place(*cause) if cause and right else None,
+        error=_size_error(*cause) if cause and right else None,
+        covered=_covered(*cause) if cause and right else (),
+        closure=_closure(report),
+        said=said,
+        sure=min(sum(p.get(one, 0.0) for one in said), 1.0),
+        held=set(said) <= set(truth),
+        internal=tuple(str(one.get("internal", one["effect"])) for one in label["effects"]),
+        reached=min((float(one.get("d", math.inf)) for one in label["effects"]), default=math.inf),
+        name=name,
+        failed=str(report.get("failure", "")),
+    )
+
+
+def probabilities(report: Json) -> dict[str, float]:
+    """Probability of each id, its loci summed; AnalysisError unless they sum to 1."""
+    try:
+        causes, _ = report["causes"], report["verdict"]
+    except KeyError as error:
+        raise AnalysisError(
+            f"a report must have {error}, got {', '.join(report)}: write it by the schema"
+        ) from None
+    p: dict[str, float] = {}
+    for cause in causes:
+        p[cause["effect"]] = p.get(cause["effect"], 0.0) + float(cause["probability"])
+    if not math.isclose(sum(p.values()), 1.0, abs_tol=1e-3) or min(p.values()) < 0.0:
+        raise AnalysisError(
+            f"the probabilities of causes must sum to 1, got {sum(p.values()):.6g}: normalise "
+            "them over the catalogue, none and unknown"
+        )
+    return p
+
+
+def strata_of(label: Json, kind: str) -> dict[str, str]:
+    """Names of the strata a case belongs to: d as asked, if it was reached."""
+    capped = any(effect.get("capped") for effect in label.get("effects", ()))
+    d = "none" if kind == "none" else f"{float(label.get('d_requested', 0.0)):g}"
+    return {
+        "d": f"below {d}" if capped else d,
+        "noise": str((label.get("noise") or {}).get("kind", "white")),
+        "snr": f"{float(label['snr_dB']):g} dB",
+        "law": str(label.get("law", "none" if kind == "none" else "not said")),
+        "channels": str(label["channels"]),
+        "regime": str(label.get("regime", "not said")),
+        "truth": kind,
+    }
+
+
+def _brier(p: Mapping[str, float], truth: str) -> float:
+    others = sum(value**2 for name, value in p.items() if name != truth)
+    return others + (1.0 - p.get(truth, 0.0)) ** 2
+
+
+def _right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Json, Json] | None:
+    """The label's effect and the likeliest cause of that id, of the likeliest right effect."""
+    for cause in sorted(report["causes"], key=lambda one: -float(one["probability"])):
+        if cause["effect"] in truth and cause["effect"] not in OUTSIDE_CATALOGUE:
+            told = [one for one in label["effects"] if one["effect"] == cause["effect"]]
+            return told[0], cause
+    return None
+
+
+def _same_place(told: Json, cause: Json) -> bool:
+    """Whether the channels are the same (of sensors), else mesh, planet, side and member."""
+    found, true = cause.get("locus") or {}, told["locus"]
+    if "channels" in true:
+        said = found.get("channels") or _value(cause, "channels") or _value(cause, "channel") or ()
+        named = [said] if isinstance(said, str) else said
+        return {name for one in named for name in _expanded(one, found)} == set(true["channels"])
+    places = ("mesh", "planet", "side")
+    same = all(str(found.get(name, "all")) == str(true.get(name, "all")) for name in places)
+    member = _value(told, "member")
+    return same and (member is None or _value(cause, "member") in (member, None))
+
+
+def _expanded(name: str, place: Json) -> list[str]:
+    """A channel, or all of a quantity at a place, as ``F`` at sp/2/L."""
+    if name not in ("x", "v", "F"):
+        return [name]
+    mesh, planet, side = (str(place.get(part, "all")) for part in ("mesh", "planet", "side"))
+    return [
+        f"{name}_{m}"
+        for m in MESHES
+        if mesh in ("all", m[:2]) and planet in ("all", m[2]) and side in ("all", m[4])
+    ]
+
+
+def _value(cause: Json, name: str) -> Any:
+    entry = (cause.get("parameters") or {}).get(name)
+    return entry.get("value") if isinstance(entry, Mapping) else entry
+
+
+def _size_error(told: Json, cause: Json) -> float | None:
+    names, neutral = SIZES.get(told["effect"], ((), 0.0))
+    true, found = ([_value(one, name) for name in names] for one in (told, cause))
+    if not names or any(not _number(value) for value in (*true, *found)):
+        return None
+    distance = float(np.hypot.reduce(np.subtract(found, true)))
+    size = float(np.hypot.reduce(np.subtract(true, neutral)))
+    return distance / size if size > 0.0 else None
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _covered(told: Json, cause: Json) -> tuple[bool, ...]:
+    """For each parameter of the size with an interval, whether it holds the truth."""
+    held = []
+    for name in SIZES.get(told["effect"], ((), 0.0))[0]:
+        entry = (cause.get("parameters") or {}).get(name) or {}
+        interval, true = entry.get("ci90"), _value(told, name)
+        if interval is not None and _number(true):
+            held.append(bool(interval[0] <= true <= interval[1]))
+    return tuple(held)
+
+
+def _closure(report: Json) -> float | None:
+    value: Any = (report.get("gap") or {}).get("closure")
+    return float(value) if _number(value) else None

@@ -1,0 +1,92 @@
+"""Effects that no catalogue holds: what a tool must not give a name to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
+from herringbone_sim.practice.machine import Machine
+
+
+def _phase_by_load(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(phase_by_load=c.size * c.meshes)
+
+
+def _half_order(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(k_half=c.size * c.meshes)
+
+
+def _drift(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(k_drift=c.sign * c.size * c.meshes)
+
+
+def _cross(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(cross=c.size * c.meshes)
+
+
+def _plate(p: Machine, c: Cause, _: Point) -> Machine:
+    free, mass = p.free.copy(), p.mass.copy()
+    free[14] = 1.0
+    mass[2] -= mass[14]
+    damper = 2.0 * 0.05 * np.sqrt(mass[14] / c.size)
+    return p._replace(free=free, mass=mass, plate=np.array([1.0 / c.size, damper]))
+
+
+def _stick_slip(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(output=np.array([c.size, c.shape["speed"]]))
+
+
+def _shock(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(shock=np.array([c.size, c.shape["cycles"], c.shape["width"]]))
+
+
+def _gyro(p: Machine, c: Cause, _: Point) -> Machine:
+    return p._replace(gyro=c.size)
+
+
+def _size(unit: str) -> Any:
+    return lambda c: {"size": (c.size, unit)}
+
+
+def _drift_draw(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    return anywhere(rng), {"sign": float(rng.choice([-1.0, 1.0]))}
+
+
+OUTSIDE: dict[str, Kind] = {
+    "phase_by_load": Kind(
+        "law", 0.1, 1.2, lambda rng, _: (by_kind(rng), {}), _phase_by_load, _size("rad")
+    ),
+    "half_order_stiffness": Kind(
+        "law", 0.05, 0.5, lambda rng, _: (anywhere(rng), {}), _half_order, _size("-")
+    ),
+    "drifting_stiffness": Kind("law", 0.1, 0.6, _drift_draw, _drift, _size("-")),
+    "side_coupling": Kind("law", 0.05, 0.5, lambda rng, _: (by_kind(rng), {}), _cross, _size("-")),
+    "carrier_flexibility": Kind(
+        "law", 1e-12, 5e-10, lambda rng, _: (at(side="R"), {}), _plate, _size("m/N")
+    ),
+    "output_stick_slip": Kind(
+        "body",
+        1e3,
+        3e4,
+        lambda rng, _: (dict(ALL), {"speed": float(rng.uniform(0.02, 0.1))}),
+        _stick_slip,
+        _size("N"),
+    ),
+    "output_shock": Kind(
+        "body",
+        2e3,
+        1e5,
+        lambda rng, _: (
+            dict(ALL),
+            {"cycles": float(rng.uniform(6.0, 16.0)), "width": float(rng.uniform(0.5, 2.0))},
+        ),
+        _shock,
+        _size("N"),
+    ),
+    "gyroscopic_coupling": Kind(
+        "body", 1e3, 2e4, lambda rng, _: (at("sp", 1, "L"), {}), _gyro, _size("N s/m")
+    ),
+}

@@ -1,0 +1,199 @@
+"""Draw a practice campaign: the rig within its tolerance, operating points, and the cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.practice.catalogue import CATALOGUE
+from herringbone_sim.practice.cause import Cause, Kind
+from herringbone_sim.practice.laws import LAWS, draw_law
+from herringbone_sim.practice.machine import N_COORDINATE, TOLERANCE, TOLERATED, Array
+from herringbone_sim.practice.noise import Noise, draw_noise
+from herringbone_sim.practice.outside import OUTSIDE
+from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
+from herringbone_sim.practice.record import CHANNEL_SETS, drawn_channels
+from herringbone_sim.practice.sensors import OUTSIDE_SENSORS, SENSORS
+from herringbone_sim.practice.unseen import UNSEEN
+
+KINDS: dict[str, Kind] = {
+    **CATALOGUE,
+    **SENSORS,
+    **OUTSIDE,
+    **OUTSIDE_SENSORS,
+    **UNSEEN,
+    **RANDOM_PHYSICS,
+}
+NAMED = (*CATALOGUE, *SENSORS)
+UNNAMED = (*OUTSIDE, *OUTSIDE_SENSORS)
+WILD = 0.5  # share of the unknown causes that are random physics, not one of ``UNNAMED``
+TRUTHS = {"none": 0.2, "single": 0.4, "pair": 0.2, "unknown": 0.2}
+DETECTABILITIES = (1.0, 3.0, 10.0)
+NOISES_DB = (20.0, 40.0, 60.0)
+
+# Ranges of delta_T [K], K, T_1 [N m] and Omega of the runs of a campaign, as rigs are run.
+VARIED = (
+    ((75, 98), (0, 0), (205, 320), (0.92, 1.06)),
+    ((13, 46), (0, 0), (205, 480), (0.91, 1.12)),
+    ((20, 80), (0, 0), (1640, 2150), (0.3, 0.36)),
+    ((41, 69), (0.2, 0.48), (300, 900), (0.64, 0.9)),
+    ((12, 83), (0.02, 0.13), (930, 1680), (1.06, 1.3)),
+    ((46, 79), (0, 0), (315, 800), (0.75, 0.95)),
+    ((5, 40), (0.01, 0.3), (970, 1830), (0.5, 0.75)),
+    ((62, 92), (0.08, 0.42), (260, 1280), (1.0, 1.24)),
+)
+QUIET = (((10, 90), (0, 0), (1500, 2200), (0.22, 0.38)),) * 8
+FIT_RUNS = 5
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that is drawn before anything is solved for.
+
+    Attributes:
+        seed: of everything.
+        d: detectability that is asked for, 0 without effect.
+        snr_dB: RMS of a channel over that of its noise.
+        noise: what measures, its kind among the rest.
+        channels: name of the set of channels; ``names``: those that are recorded.
+        regime: ``varied`` or ``quiet`` operating points.
+        factors: of the rig's constants.
+        points: operating point of each run; the first five are for the fit.
+        phases: mesh phase [rad] of each run's first sample.
+        starts: (runs, 30) state in which each run's transient starts.
+        causes: at most two.
+    """
+
+    seed: int
+    d: float
+    snr_dB: float
+    noise: Noise
+    channels: str
+    names: tuple[str, ...]
+    regime: str
+    factors: dict[str, float]
+    points: tuple[dict[str, float], ...]
+    phases: tuple[float, ...]
+    starts: Array
+    causes: tuple[Cause, ...]
+
+
+def draw_plan(
+    seed: int,
+    truth: str | None = None,
+    d: float | None = None,
+    snr_dB: float = 40.0,
+    channels: str = "full",
+    regime: str = "varied",
+    noise: str = "white",
+    law: str = "both",
+) -> Plan:
+    """Draw a campaign; what is not given is drawn by the shares of ``TRUTHS``.
+
+    Args:
+        truth: none, single, pair, unknown, unseen, random_physics or a kind of effect.
+        d: detectability; one of 1, 3, 10 if not given.
+        channels: full, no_force, few, x_and_F or half_forces.
+        noise: a kind of ``noise.NOISES``.
+        law: catalogue, other or both: whose curves the effects of the catalogue have.
+
+    Raises:
+        ParameterError: no such truth, set of channels, regime, noise or law.
+    """
+    _check(truth, channels, regime, law)
+    measures = draw_noise(np.random.default_rng([seed, 0x9B]), noise, 10.0 ** (-snr_dB / 20.0))
+    names = drawn_channels(np.random.default_rng([seed, 0x9C]), channels)
+    rng = np.random.default_rng([seed, 0x9A])
+    shares = np.array(list(TRUTHS.values()))
+    drawn, drawn_d = str(rng.choice(list(TRUTHS), p=shares)), float(rng.choice(DETECTABILITIES))
+    tolerance = rng.uniform(1.0 - TOLERANCE, 1.0 + TOLERANCE, len(TOLERATED))
+    points = tuple(_point(rng, ranges) for ranges in (QUIET if regime == "quiet" else VARIED))
+    phases = tuple(float(phase) for phase in rng.uniform(0.0, 2.0 * np.pi, len(points)))
+    starts = np.stack([_start(rng) for _ in points])
+    causes = _causes(rng, truth or drawn, names, law)
+    return Plan(
+        seed=seed,
+        d=(drawn_d if d is None else d) if causes else 0.0,
+        snr_dB=snr_dB,
+        noise=measures,
+        channels=channels,
+        names=names,
+        regime=regime,
+        factors=dict(zip(TOLERATED, map(float, tolerance), strict=True)),
+        points=points,
+        phases=phases,
+        starts=starts,
+        causes=causes,
+    )
+
+
+def _check(truth: str | None, channels: str, regime: str, law: str) -> None:
+    for what, value, known in (
+        ("truth", truth, (*TRUTHS, "unseen", *KINDS)),
+        ("channels", channels, tuple(CHANNEL_SETS)),
+        ("regime", regime, ("varied", "quiet")),
+        ("law", law, (*LAWS, "both")),
+    ):
+        if value is not None and value not in known:
+            raise ParameterError(f"{what} must be one of {', '.join(known)}, got {value!r}")
+
+
+def _point(rng: Generator, ranges: Any) -> dict[str, float]:
+    digits = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}
+    return {
+        name: round(float(rng.uniform(*low_high)), digit)
+        for (name, digit), low_high in zip(digits.items(), ranges, strict=True)
+    }
+
+
+def _start(rng: Generator) -> Array:
+    """A state (30,), planets in step but for a nanometre: at rest, or its sides set off apart.
+
+    Runs from rest miss the violent motions, left and right apart, that coexist with quiet ones.
+    """
+    start = 1e-9 * rng.normal(size=2 * N_COORDINATE)
+    start[9:N_COORDINATE] = start[N_COORDINATE + 9 :] = 0.0
+    far = 10.0 ** rng.uniform(-2.0, 0.5) * float(rng.random() < 0.6)
+    for side in range(2):
+        sun, planet = far * 5e-5 * rng.normal(size=2)
+        sun_rate, planet_rate = far * 1.5 * rng.normal(size=2)
+        start[side] += sun
+        start[3 + 3 * side : 6 + 3 * side] += planet
+        start[N_COORDINATE + side] += sun_rate
+        start[N_COORDINATE + 3 + 3 * side : N_COORDINATE + 6 + 3 * side] += planet_rate
+    return start
+
+
+def _causes(rng: Generator, truth: str, names: tuple[str, ...], law: str) -> tuple[Cause, ...]:
+    if truth == "none":
+        return ()
+    if truth == "pair":
+        return tuple(draw_cause(rng, one, names, law) for one in _pair(rng))
+    among = {"single": NAMED, "unseen": tuple(UNSEEN), "unknown": UNNAMED}.get(truth, (truth,))
+    if truth == "unknown" and rng.random() < WILD:
+        among = tuple(RANDOM_PHYSICS)
+    return (draw_cause(rng, str(rng.choice(among)), names, law),)
+
+
+def _pair(rng: Generator) -> tuple[str, str]:
+    while True:
+        one, other = (str(name) for name in rng.choice(NAMED, 2, replace=False))
+        if not _clash(one, other):
+            return one, other
+
+
+def _clash(one: str, other: str) -> bool:
+    """Whether two effects want the same place in the machine or in the channels."""
+    return {one, other} == {"tooth_crack", "tooth_spall"} or (one in SENSORS and other in SENSORS)
+
+
+def draw_cause(rng: Generator, name: str, names: tuple[str, ...], law: str = "both") -> Cause:
+    """An effect with its locus, shape and law, among the channels there are; its size not."""
+    kind = KINDS[name]
+    locus, shape = kind.draw(rng, names)
+    effect = name if name in NAMED else "unknown"
+    return Cause(effect, name, locus, shape | draw_law(rng, name, law), kind.start)

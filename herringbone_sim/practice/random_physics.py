@@ -1,0 +1,155 @@
+"""Causes that nobody drew up: a random smooth function of what a mesh meets, somewhere.
+
+One to three inputs, a sum of cosines of random directions and lengths in their space (A. Rahimi,
+B. Recht, NIPS 20 (2007) 1177), and a target: stiffness, damping, a force, a displacement, or a
+torque on a body that no force sensor sees. What the catalogue holds (a stiffness by phase alone,
+by load alone, ...) is not drawn.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.practice.cause import Cause, Kind, Point, anywhere, at, by_kind
+from herringbone_sim.practice.equip import CYCLES
+from herringbone_sim.practice.machine import BODIES, Array, Machine
+
+INPUTS = ("deflection", "rate", "phase", "load", "temperature", "turn", "time", "own")
+TARGETS = ("none", "stiffness", "damping", "force", "displacement", "torque")
+# Of size 1; a size of 8 leaves stiffness and damping positive nearly everywhere.
+UNITS = {"stiffness": 0.04, "damping": 0.06, "force": 2e3, "displacement": 2e-6, "torque": 3e3}
+MEANT = {"stiffness": "-", "damping": "-", "force": "N", "displacement": "m", "torque": "N"}
+WAVES = ("phase", "turn")  # angles, of which a function has whole multiples
+FOLLOWED = ("deflection", "rate")
+COSINES = 5
+HIGHEST = {"phase": 3, "turn": 4}
+# Of a displacement its rate has to be known: nothing that moves with the gear.
+CLOCKED = ("phase", "temperature", "turn", "time")
+# What a function of a single input, or of these alone, would be in the catalogue.
+KNOWN = {
+    "stiffness": ({"phase"}, {"load"}, {"deflection"}, {"temperature"}, {"load", "deflection"}),
+    "damping": ({"load"}, {"deflection"}, {"load", "deflection"}),
+    "force": ({"phase"}, {"turn"}, {"temperature"}, {"time"}, {"deflection"}, {"load"}, {"rate"}),
+    "displacement": ({"phase"}, {"turn"}, {"temperature"}),
+    "torque": ({"phase"}, {"temperature"}),
+}
+
+
+def _draw(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    target = str(rng.choice(TARGETS[1:]))
+    inputs = _inputs(rng, target)
+    heights, weights, angles = _cosines(rng, inputs)
+    shape: dict[str, Any] = {"target": target, "inputs": list(inputs)}
+    if "turn" in inputs:
+        shape["member"] = str(rng.choice(list(CYCLES)))
+    if "own" in inputs:
+        cycles = float(10.0 ** rng.uniform(-1.0, 1.0))
+        shape |= {"follows": str(rng.choice(FOLLOWED)), "memory_cycles": cycles}
+    locus = _place(rng)
+    if target == "torque":
+        locus, shape["body"] = _torque_place(rng)
+    cosines = {"heights": heights, "weights": weights, "angles": angles}
+    return locus, shape | {name: values.tolist() for name, values in cosines.items()}
+
+
+def _inputs(rng: Generator, target: str) -> tuple[str, ...]:
+    """One to three inputs that no effect of the catalogue is a function of."""
+    among = CLOCKED if target == "displacement" else INPUTS
+    while True:
+        chosen = rng.choice(len(among), int(rng.integers(1, 4)), replace=False)
+        inputs = tuple(among[i] for i in sorted(chosen))
+        if set(inputs) not in KNOWN[target] and set(inputs) != {"temperature"}:
+            return inputs
+
+
+def _cosines(rng: Generator, inputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
+    """Heights (h,), weights (h, inputs) and angles (h,); of an angle the weight is whole, not 0.
+
+    The length of other inputs is drawn between a half and twice what the input goes through.
+    """
+    weights = np.empty((COSINES, len(inputs)))
+    for i, name in enumerate(inputs):
+        if name in WAVES:
+            weights[:, i] = rng.integers(1, HIGHEST[name] + 1, COSINES)
+            weights[:, i] *= rng.choice([-1.0, 1.0], COSINES)
+        else:
+            weights[:, i] = rng.normal(size=COSINES) / _length(name, rng)
+    return rng.normal(size=COSINES), weights, rng.uniform(0.0, 2.0 * np.pi, COSINES)
+
+
+def _length(name: str, rng: Generator) -> float:
+    """Length scale over the kernel's unit of an input: 10 um, 0.5 m/s, 10 kN, 50 K, the run."""
+    span = {"time": 0.4, "temperature": 0.6}.get(name, 1.5)
+    return float(span * 2.0 ** rng.uniform(-1.0, 1.0))
+
+
+def _place(rng: Generator) -> dict[str, Any]:
+    """A kind of mesh or both, a planet, a side, a mesh."""
+    planet, side = int(rng.integers(1, 4)), str(rng.choice(["L", "R"]))
+    places = (by_kind(rng), at(planet=planet), at(side=side), anywhere(rng))
+    return places[int(rng.integers(len(places)))]
+
+
+def _torque_place(rng: Generator) -> tuple[dict[str, Any], str]:
+    """Meshes of a body, and the body."""
+    body = str(rng.choice(BODIES))
+    if body == "c":
+        return at(), body
+    side = body[-1]
+    return (at("sp", side=side) if body[0] == "s" else at("all", int(body[1]), side)), body
+
+
+def _samples(inputs: tuple[str, ...]) -> Array:
+    """(n, inputs) typical values, the same for all, to centre and scale a function by."""
+    rng = np.random.default_rng(0)
+    n = 4000
+    drawn = {name: rng.uniform(0.0, 2.0 * np.pi, n) for name in WAVES}
+    drawn |= {"time": rng.uniform(0.4, 1.0, n), "temperature": rng.uniform(0.2, 1.8, n)}
+    return np.stack([drawn.get(name, 1.5 * rng.normal(size=n)) for name in inputs], axis=1)
+
+
+def function(shape: Any) -> tuple[Array, Array, Array, float]:
+    """Heights, weights (h, 8), angles and mean of the function: typical mean 0, RMS 1."""
+    inputs = tuple(shape["inputs"])
+    heights, weights, angles = (np.array(shape[n]) for n in ("heights", "weights", "angles"))
+    values = np.cos(_samples(inputs) @ weights.T + angles) @ heights
+    scale = 1.0 / float(np.std(values))
+    wide = np.zeros((COSINES, len(INPUTS)))
+    wide[:, [INPUTS.index(name) for name in inputs]] = weights
+    return heights * scale, wide, angles, float(np.mean(values)) * scale
+
+
+def _apply(p: Machine, c: Cause, _: Point) -> Machine:
+    heights, weights, angles, mean = function(c.shape)
+    unit = UNITS[str(c.shape["target"])]
+    own = "own" in c.shape["inputs"]
+    memory = 2.0 * np.pi * float(c.shape.get("memory_cycles", 1.0)) / p.omega
+    return p._replace(
+        wild=p.wild._replace(
+            target=TARGETS.index(c.shape["target"]),
+            size=c.size * unit * c.meshes,
+            heights=heights,
+            weights=weights,
+            angles=angles,
+            mean=mean,
+            cycles=float(CYCLES[c.shape.get("member", "sun")]),
+            body=BODIES.index(c.shape.get("body", "s_L")),
+            own_rate=1.0 / memory if own else 0.0,
+            own_input=FOLLOWED.index(c.shape.get("follows", "deflection")),
+        )
+    )
+
+
+RANDOM_PHYSICS: dict[str, Kind] = {
+    "random_physics": Kind(
+        "law",
+        1.0,
+        8.0,
+        _draw,
+        _apply,
+        lambda c: {"rms": (c.size * UNITS[c.shape["target"]], MEANT[c.shape["target"]])},
+    )
+}

@@ -1,0 +1,175 @@
+"""Why a figure of the bench is what it is: the commonest confusions, counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from herringbone_sim.practice.outcome import Outcome
+
+MOST = 6
+
+
+def reasons(figure: str, cases: Sequence[Outcome]) -> list[str]:
+    """Sentences on what goes wrong where a figure misses its target."""
+    found = _REASONS.get(figure)
+    return found(cases) if found else []
+
+
+def _counted(texts: Sequence[str], head: str) -> list[str]:
+    if not texts:
+        return []
+    common = Counter(texts).most_common(MOST)
+    more = len(set(texts)) - len(common)
+    rest = f"; {more} more" if more > 0 else ""
+    return [f"{head}: " + "; ".join(f"{text} ({n})" for text, n in common) + rest]
+
+
+def _name(case: Outcome) -> str:
+    return " + ".join(case.internal) or "none"
+
+
+def _confused(wrong: Callable[[Outcome], bool]) -> Callable[[Sequence[Outcome]], list[str]]:
+    def tell(cases: Sequence[Outcome]) -> list[str]:
+        known = [c for c in cases if c.kind in ("single", "pair") and wrong(c)]
+        return _counted([f"{_name(c)} -> {c.first}" for c in known], "truth -> first")
+
+    return tell
+
+
+def _named_on_none(cases: Sequence[Outcome]) -> list[str]:
+    wrong = [c for c in cases if c.kind == "none" and c.named]
+    return _counted([" + ".join(c.said) for c in wrong], "said of empty rigs")
+
+
+def _pairs(cases: Sequence[Outcome]) -> list[str]:
+    wrong = [c for c in cases if c.kind == "pair" and not c.both]
+    shape = [f"{len(set(c.said) & set(c.truth))} of 2 right, {len(c.said)} named" for c in wrong]
+    texts = [f"{_name(c)} -> {' + '.join(c.said)}" for c in wrong]
+    return _counted(shape, "pairs") + _counted(texts, "truth -> named")
+
+
+def _doubted(cases: Sequence[Outcome]) -> list[str]:
+    means = {
+        kind: [c.p_truth for c in cases if c.kind == kind]
+        for kind in ("none", "single", "pair", "unknown")
+    }
+    told = "; ".join(f"{kind} {np.mean(p):.2f} (n = {len(p)})" for kind, p in means.items() if p)
+    doubted = [f"{_name(c)} -> {c.first}" for c in cases if c.p_truth < 0.5]
+    return [f"mean on the truth: {told}", *_counted(doubted, "under 0.5, truth -> first")]
+
+
+def _calibration(cases: Sequence[Outcome]) -> list[str]:
+    edges = (0.0, 0.5, 0.7, 0.9, 0.97, 1.0 + 1e-9)
+    told = []
+    for low, high in pairwise(edges):
+        inside = [c for c in cases if low <= c.sure < high]
+        if inside:
+            sure, held = np.mean([c.sure for c in inside]), np.mean([c.held for c in inside])
+            told.append(f"said {sure:.2f}, true {held:.2f} (n = {len(inside)})")
+    return ["probability of what is said and how often it is true: " + "; ".join(told)]
+
+
+def _unknowns(cases: Sequence[Outcome]) -> list[str]:
+    taken = [f"{_name(c)} -> {c.first}" for c in cases if c.kind == "unknown" and not c.right]
+    given = [f"{_name(c)}" for c in cases if c.kind in ("single", "pair") and c.first == "unknown"]
+    return _counted(taken, "unknown -> first") + _counted(given, "known but called unknown")
+
+
+def _wrong_names(cases: Sequence[Outcome]) -> list[str]:
+    wrong = [f"{_name(c)} -> {c.first}" for c in cases if c.kind == "unknown" and c.wrong_name]
+    return _counted(wrong, "unknown -> name")
+
+
+def _places(cases: Sequence[Outcome]) -> list[str]:
+    return _counted([c.first for c in cases if c.locus is False], "wrong place of")
+
+
+def _errors(cases: Sequence[Outcome]) -> list[str]:
+    found = _by_effect(cases, lambda c: c.error)
+    return _ranked({name: float(np.median(v)) for name, v in found.items()}, found, "median error")
+
+
+def _coverage(cases: Sequence[Outcome]) -> list[str]:
+    found: dict[str, list[float]] = {}
+    for c in cases:
+        found.setdefault(c.first, []).extend(float(held) for held in c.covered)
+    shares = {name: 1.0 - float(np.mean(v)) for name, v in found.items() if v}
+    return _ranked(shares, found, "share of intervals without the truth")
+
+
+def _closures(cases: Sequence[Outcome]) -> list[str]:
+    known = [c for c in cases if c.kind in ("single", "pair")]
+    low = [c for c in known if (c.closure or 0.0) < 0.7]
+    tied = [f"{_name(c)} -> {' + '.join(c.said)}" for c in low]
+    right = sum(c.right for c in low)
+    count = f"under 0.7: {len(low)} of {len(known)}, {right} of them with the right effect first"
+    return [count, *_counted(tied, "under 0.7, truth -> named")]
+
+
+def _by_effect(
+    cases: Sequence[Outcome], value: Callable[[Outcome], float | None]
+) -> dict[str, list[float]]:
+    found: dict[str, list[float]] = {}
+    for c in cases:
+        got = value(c)
+        if got is not None:
+            found.setdefault(c.first, []).append(got)
+    return found
+
+
+def _ranked(values: dict[str, float], found: dict[str, list[float]], head: str) -> list[str]:
+    worst = sorted(values, key=lambda name: -values[name])[:MOST]
+    told = "; ".join(f"{name} {values[name]:.3f} (n = {len(found[name])})" for name in worst)
+    return [f"{head}, worst first: {told}"] if told else []
+
+
+_REASONS: dict[str, Callable[[Sequence[Outcome]], list[str]]] = {
+    "false attribution on none": _named_on_none,
+    "right effect first": _confused(lambda c: not c.right),
+    "right or in the named class": _confused(lambda c: not c.in_class),
+    "among the first three": _confused(lambda c: not c.in_three),
+    "both effects of a pair": _pairs,
+    "mean probability on the truth": _doubted,
+    "Brier score": _doubted,
+    "calibration error": _calibration,
+    "AUROC unknown against known": _unknowns,
+    "confident wrong names on unknown": _wrong_names,
+    "locus": _places,
+    "parameter error, median": _errors,
+    "coverage of 90 % intervals": _coverage,
+    "closure, median": _closures,
+    "closure, tenth percentile": _closures,
+}
+
+
+def by_cause(cases: Sequence[Outcome]) -> list[list[str]]:
+    """A line a cause: single ones, those outside the catalogue, none, pairs, as text cells."""
+    groups: dict[str, list[Outcome]] = {}
+    for c in cases:
+        if c.kind == "pair":
+            key = "a pair"
+        else:
+            key = f"unknown: {_name(c)}" if c.kind == "unknown" else _name(c)
+        groups.setdefault(key, []).append(c)
+    return [_line(name, groups[name]) for name in sorted(groups)]
+
+
+def _line(name: str, cases: Sequence[Outcome]) -> list[str]:
+    loci = [c.locus for c in cases if c.locus is not None]
+    errors = [c.error for c in cases if c.error is not None]
+    closures = [c.closure for c in cases if c.closure is not None]
+    wrong = Counter(c.first for c in cases if not c.right).most_common(3)
+    return [
+        name,
+        str(len(cases)),
+        str(sum(c.right for c in cases)),
+        str(sum(c.in_class for c in cases)),
+        f"{sum(loci)}/{len(loci)}" if loci else "",
+        f"{np.median(errors):.3f}" if errors else "",
+        f"{np.median(closures):.2f}" if closures else "",
+        ", ".join(f"{other} ({n})" for other, n in wrong),
+    ]

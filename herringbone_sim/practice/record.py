@@ -1,0 +1,221 @@
+"""What the rig's encoders and force sensors would show of a run: exact, then with noise."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.practice.machine import (
+    BODIES,
+    MESHES,
+    N_BODY,
+    N_COORDINATE,
+    NOMINAL,
+    Array,
+    Constants,
+    Machine,
+    half_backlash,
+    machine,
+)
+from herringbone_sim.practice.stepper import integrate
+
+HEAD = ("t", "phase", "K", "delta_T", "T_1")
+SAMPLES_PER_CYCLE = 24
+CYCLES = 120
+TRANSIENT = 80
+FINER = 4  # samples for a filter to one that is recorded
+COS_BETA = float(np.cos(np.radians(16.0)))
+_X, _V, _F = (tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
+_U = tuple(f"u_{b}" for b in BODIES)
+CHANNEL_SETS = {
+    "full": (*_X, *_V, *_F, *_U),
+    "no_force": (*_X, *_V),
+    "few": ("u_s_L", "u_s_R", "u_c"),
+    "x_and_F": (*_X, *_F),
+    "half_forces": (*_X, *_V, *_F, *_U),
+}
+
+
+def drawn_channels(rng: Generator, name: str) -> tuple[str, ...]:
+    """Channels of a set; of ``half_forces`` those forces that are not missing are drawn."""
+    missing: set[str] = set()
+    if name == "half_forces":
+        missing = {str(one) for one in rng.choice(_F, len(_F) // 2, replace=False)}
+    return tuple(one for one in CHANNEL_SETS[name] if one not in missing)
+
+
+@dataclass(frozen=True)
+class Watch:
+    """How a run is watched: mesh cycles left out and kept, and what the sensors are late by.
+
+    Attributes:
+        lags: before each sample [s], of channels that are late.
+        delay: of all channels before a filter [s]; None: no filter.
+    """
+
+    transient: int = TRANSIENT
+    cycles: int = CYCLES
+    lags: tuple[float, ...] = ()
+    delay: float | None = None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A run as it was, without sensors.
+
+    Attributes:
+        times: (n,) [s] from 0 on; ``phase`` (n,) [rad].
+        x, v, force: (n, 12) as the recording contract has them, with the nominal e(t).
+        u: (n, 9) displacements, the linear trend of the rigid rotation removed.
+        extra: (n, 9) what acts on the bodies besides mesh forces, T_1, T_2 and K [N].
+    """
+
+    times: Array
+    phase: Array
+    x: Array
+    v: Array
+    force: Array
+    u: Array
+    extra: Array
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A run, what was a lag before it, and the same finely for a filter, from a cycle before."""
+
+    now: Motion
+    before: tuple[Motion, ...] = ()
+    fine: Motion | None = None
+
+
+def record_motion(p: Machine, phase0: float, start: Array, watch: Watch | None = None) -> Recorded:
+    """Run past the transient and sample.
+
+    Args:
+        phase0: mesh phase [rad] at the first sample kept.
+        start: (30,) state in which the transient starts.
+    """
+    watch = watch or Watch()
+    step = 2.0 * np.pi / SAMPLES_PER_CYCLE / p.omega
+    lead = watch.transient * SAMPLES_PER_CYCLE * step
+    own = lead + step * np.arange(watch.cycles * SAMPLES_PER_CYCLE)
+    grids = [own, *(own - lag for lag in watch.lags)]
+    if watch.delay is not None:
+        count = (watch.cycles + 1) * SAMPLES_PER_CYCLE * FINER - FINER + 1
+        finely = own[-1] + step / FINER * np.arange(1 - count, 1)
+        grids.append(finely - watch.delay)
+    times, back = np.unique(np.concatenate([[0.0], *grids]), return_inverse=True)
+    states, force, extra = integrate(p, phase0 - p.omega * lead, start, times)
+    phase: Array = phase0 + p.omega * np.asarray(times - lead, dtype=np.float64)
+    parts = np.split(back[1:], np.cumsum([len(grid) for grid in grids])[:-1])
+    at: Array = np.asarray(own - lead, dtype=np.float64)
+    clocks = [at] * (1 + len(watch.lags))
+    if watch.delay is not None:
+        clocks.append(finely - lead)
+    seen = [
+        _seen(p, clock, phase[i], states[i], force[i], extra[i])
+        for clock, i in zip(clocks, parts, strict=True)
+    ]
+    fine = seen.pop() if watch.delay is not None else None
+    return Recorded(seen[0], tuple(seen[1:]), fine)
+
+
+def _seen(
+    p: Machine, times: Array, phase: Array, states: Array, force: Array, extra: Array
+) -> Motion:
+    u, rate = states[:, :N_BODY], states[:, N_COORDINATE : N_COORDINATE + N_BODY]
+    e = NOMINAL.e_sp
+    x = geometry(u) * p.cos_beta - e * np.sin(phase)[:, None]
+    v = geometry(rate) * p.cos_beta - e * p.omega * np.cos(phase)[:, None]
+    kept = without_trend(u, times)
+    return Motion(times, phase, x, v, force, kept, extra[:, :N_BODY])
+
+
+def geometry(u: Array) -> Array:
+    """Deflections (n, 12) of Eqs. (15), (16) over cos beta, without errors, of bodies (n, 9)."""
+    suns = np.repeat(u[:, :2], 3, axis=1)
+    planets, carrier = u[:, 3:9], u[:, 2:3]
+    return np.concatenate([suns - planets - carrier, planets - carrier], axis=1)
+
+
+def without_trend(u: Array, times: Array) -> Array:
+    """u (n, 9) without the linear trend of the rigid rotation, by the nominal masses."""
+    rigid = np.array([2.0, 2.0, 1.0, *[1.0] * 6])
+    weights = rigid * _nominal_masses()
+    along = u @ weights / float(rigid @ weights)
+    kept: Array = u - np.polyval(np.polyfit(times, along, 1), times)[:, None] * rigid
+    return kept
+
+
+@functools.cache
+def _nominal_masses() -> Array:
+    return machine(NOMINAL, {"delta_T": 0.0, "K": 0.0, "T_1": 0.0, "Omega": 1.0}).mass[:N_BODY]
+
+
+def channels_of(motion: Motion) -> dict[str, Array]:
+    """All measured channels by name, exact, the head left out."""
+    named = {f"x_{m}": motion.x[:, j] for j, m in enumerate(MESHES)}
+    named |= {f"v_{m}": motion.v[:, j] for j, m in enumerate(MESHES)}
+    named |= {f"F_{m}": motion.force[:, j] for j, m in enumerate(MESHES)}
+    return named | {f"u_{b}": motion.u[:, j] for j, b in enumerate(BODIES)}
+
+
+def series_of(
+    motion: Motion,
+    measured: Mapping[str, Array],
+    point: Mapping[str, float],
+    names: tuple[str, ...],
+) -> TimeSeries:
+    """The recording: head and the measured channels of a set."""
+    n = len(motion.times)
+    set_to = [np.full(n, float(point[name])) for name in HEAD[2:]]
+    times = measured.get("t", motion.times)
+    head = [times, motion.phase, *set_to]
+    columns = np.stack([*head, *(measured[name] for name in names)], axis=1)
+    return TimeSeries(times, columns, (*HEAD, *names))
+
+
+def law_force(c: Constants, point: Mapping[str, float], phase: Array, x: Array, v: Array) -> Array:
+    """k(t) f(x) + c v (n, 12) [N] of a rig without effect."""
+    p = machine(c, point)
+    half = half_backlash(c, point["delta_T"])
+    flank = x - np.clip(x, -half, half)
+    k = p.stiffness * (1.0 + c.k_amp * np.cos(phase))[:, None]
+    force: Array = k * flank + p.damping * v
+    return force
+
+
+def own_error_shift(c: Constants, point: Mapping[str, float], phase: Array) -> tuple[Array, Array]:
+    """What own e(t) takes off the recorded x, v (n, 12), which hold the nominal e(t)."""
+    p = machine(c, point)
+    off = p.error - NOMINAL.e_sp
+    return off * np.sin(phase)[:, None], off * p.omega * np.cos(phase)[:, None]
+
+
+def contact(c: Constants, point: Mapping[str, float], motion: Motion) -> dict[str, float]:
+    """Shares of samples with drive and back flank closed, sun and ring meshes."""
+    half = half_backlash(c, point["delta_T"])
+    dx, _ = own_error_shift(c, point, motion.phase)
+    drive, back = motion.x - dx > half, motion.x - dx < -half
+    return {
+        "sp_fwd": float(drive[:, :6].mean()),
+        "sp_back": float(back[:, :6].mean()),
+        "rp_fwd": float(drive[:, 6:].mean()),
+        "rp_back": float(back[:, 6:].mean()),
+    }
+
+
+def period(motion: Motion) -> int:
+    """Mesh cycles after which all x repeat within 1e-3 of their RMS, at most 12; 0 if none."""
+    tail = motion.x[len(motion.x) // 2 :]
+    near = 1e-3 * float(np.sqrt(np.mean(tail**2)))
+    for cycles in range(1, 13):
+        lag = cycles * SAMPLES_PER_CYCLE
+        if float(np.abs(tail[lag:] - tail[:-lag]).max()) < near:
+            return cycles
+    return 0

@@ -1,0 +1,73 @@
+"""Baselines that see what the diagnosis sees: recalibration, in-sample BIC, sparse regression.
+
+Each gives a report of the same schema, from the same evidence. None of them leaves a run out or
+says ``unknown`` by itself, as they are mostly used; all three know the tolerances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.diagnosis.evidence import Candidate, Evidence
+from herringbone_sim.practice.baselines import SCHEMA
+
+Report = dict[str, Any]
+
+HEALTHY = 1.1  # mean square of the residual over its noise below which calibration is enough
+SPARSE = 0.1  # share of the squares that a term has to take off to be kept
+
+
+def rivals(rig: str, evidence: Evidence | None) -> dict[str, Report]:
+    """Reports by the name of the baseline."""
+    if evidence is None:
+        names = ("recalibration alone", "in-sample BIC", "sparse regression")
+        return {name: _report(rig, ("none",)) for name in names}
+    return {
+        "recalibration alone": _report(rig, recalibration_alone(evidence)),
+        "in-sample BIC": _report(rig, in_sample_bic(evidence)),
+        "sparse regression": _report(rig, sparse_regression(evidence)),
+    }
+
+
+def recalibration_alone(evidence: Evidence) -> tuple[str, ...]:
+    """``none`` where the machine with its tolerances fits the noise, else ``unknown``."""
+    none = evidence.candidates[0]
+    return ("none",) if none.in_sample / evidence.count < HEALTHY else ("unknown",)
+
+
+def in_sample_bic(evidence: Evidence) -> tuple[str, ...]:
+    """The candidate with the least chi2 + p ln n of the runs that it was fitted to."""
+
+    def bic(c: Candidate) -> float:
+        return float(c.in_sample + c.size * np.log(evidence.count))
+
+    return min(evidence.candidates, key=bic).effects or ("none",)
+
+
+def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
+    """The effect whose linear terms take most off the squares, if that is a tenth of them."""
+    none = evidence.candidates[0]
+    if not evidence.screened:
+        return ("none",)
+    name = min(evidence.screened, key=lambda n: evidence.screened[n])
+    kept = none.energy - evidence.screened[name] > SPARSE * none.energy
+    return (name,) if kept else ("none",)
+
+
+def _report(rig: str, found: Sequence[str]) -> Report:
+    causes = [
+        {"effect": name, "locus": {}, "probability": 1.0 / len(found), "parameters": {}}
+        for name in found
+    ]
+    return {
+        "schema": SCHEMA,
+        "campaign": rig,
+        "verdict": found[0],
+        "effects": [] if found[0] in ("none", "unknown") else list(found),
+        "causes": causes,
+        "ambiguous_with": [],
+        "gap": {"closure": None},
+    }

@@ -1,0 +1,129 @@
+"""Sensors that tell it wrong: effects on the recording, not on the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from herringbone_sim.practice.cause import Cause, Kind, Point, at, sign
+from herringbone_sim.practice.machine import BODIES, MESHES, Array, Machine
+from herringbone_sim.practice.record import Motion, channels_of
+
+Channels = dict[str, Array]
+UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4}
+
+
+def _untouched(p: Machine, _c: Cause, _point: Point) -> Machine:
+    return p
+
+
+def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
+    """Locus of some channels: where their mesh is, and the names."""
+    first = channels[0]
+    prefix, _, place = first.partition("_")
+    mesh = prefix in "xvF" and prefix != "t" and place in MESHES
+    where = at(place[:2], place[2], place[4]) if mesh else at()
+    return {**where, "channels": list(channels)}
+
+
+def draw_channel(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """One of the channels there are, and sign, unit and frequency of its fault."""
+    name = str(rng.choice(list(among)))
+    shape = {"sign": sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
+    return channel_locus((name,)), shape | {"hertz": float(rng.uniform(900.0, 1900.0))}
+
+
+def draw_clock(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The clock, slow or fast."""
+    return at() | {"channels": ["t"]}, {"sign": float(rng.choice([-1.0, 1.0]))}
+
+
+def draw_swap(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Two channels of one quantity whose swap shows: the sun and a ring mesh, or two bodies."""
+    quantities = sorted({name[0] for name in among})
+    one = str(rng.choice(quantities))
+    if one == "u":
+        pair = ("u_c", f"u_{rng.choice([b for b in BODIES[:2] if f'u_{b}' in among])}")
+    else:
+        i, s = rng.integers(1, 4), rng.choice(["L", "R"])
+        pair = (f"{one}_sp{i}_{s}", f"{one}_rp{i}_{s}")
+    return channel_locus(pair), {}
+
+
+def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Array]) -> Channels:
+    """Channels with the fault: all names of ``exact``, and ``t`` where the clock is wrong.
+
+    Args:
+        before: the motion a delay earlier, where there is one.
+    """
+    seen: Channels = dict(exact)
+    names = c.locus["channels"]
+    by = c.sign * c.size
+    ramp = np.linspace(0.0, 1.0, len(now.times))
+    if c.internal == "channel_swap":
+        seen[names[0]], seen[names[1]] = exact[names[1]], exact[names[0]]
+    elif c.internal == "clock_drift":
+        seen["t"] = now.times * (1.0 + 1e-6 * by)
+    elif c.internal == "sensor_gain":
+        seen[names[0]] = exact[names[0]] * (1.0 + by * (0.95 + 0.1 * ramp))
+    elif c.internal == "sensor_bias":
+        unit = float(c.shape["unit_of_size"])
+        seen[names[0]] = exact[names[0]] + by * unit * (1.0 - 0.3 * np.exp(-12.0 * ramp))
+    elif c.internal == "sensor_delay" and before is not None:
+        late = channels_of(before)[names[0]] - channels_of(now)[names[0]]
+        seen[names[0]] = exact[names[0]] + late
+    elif c.internal == "missing_codes":
+        seen[names[0]] = _missing_codes(exact[names[0]], c.size)
+    elif c.internal == "mains_hum":
+        rms = float(np.sqrt(np.mean(exact[names[0]] ** 2)))
+        hum = np.sin(float(c.shape["hertz"]) * 2.0 * np.pi * now.times)
+        seen[names[0]] = exact[names[0]] + by * rms * hum
+    elif c.internal == "crosstalk":
+        seen[names[0]] = exact[names[0]] + by * exact[_neighbour(names[0], exact)]
+    elif c.internal == "soft_saturation":
+        level = float(np.sqrt(np.mean(exact[names[0]] ** 2))) / c.size
+        seen[names[0]] = level * np.tanh(exact[names[0]] / level)
+    return seen
+
+
+def _neighbour(name: str, among: Mapping[str, Array]) -> str:
+    """The channel of the same quantity that is wired next to one."""
+    alike = [other for other in among if other[0] == name[0]]
+    return alike[(alike.index(name) + 1) % len(alike)]
+
+
+def _missing_codes(values: Array, size: float) -> Array:
+    """A coarse encoder with steps of ``size`` RMS, every third code of which is missing."""
+    step = size * float(np.sqrt(np.mean(values**2)))
+    code = np.floor(values / step)
+    lost = np.mod(code, 3.0) == 1.0
+    shown: Array = (code + np.where(lost, -0.5, 0.5)) * step
+    return shown
+
+
+def sensor(
+    start: float, cap: float, tell: Any, draw: Any = draw_channel, least: float = 0.0
+) -> Kind:
+    """A kind of fault of a sensor."""
+    return Kind("sensor", start, cap, draw, _untouched, tell, least)
+
+
+def _tell_bias(c: Cause) -> dict[str, tuple[Any, str]]:
+    unit = {"x": "m", "u": "m", "v": "m/s", "F": "N"}[c.locus["channels"][0][0]]
+    return {"bias": (c.sign * c.size * c.shape["unit_of_size"], unit)}
+
+
+SENSORS: dict[str, Kind] = {
+    "sensor_gain": sensor(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
+    "sensor_bias": sensor(0.02, 2.0, _tell_bias),
+    "sensor_delay": sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
+    "clock_drift": sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}, draw_clock),
+    "channel_swap": sensor(1.0, 1.0, lambda c: {}, draw_swap, 1.0),
+}
+OUTSIDE_SENSORS: dict[str, Kind] = {
+    "missing_codes": sensor(0.05, 1.5, lambda c: {"size": (c.size, "-")}),
+    "mains_hum": sensor(0.02, 1.0, lambda c: {"size": (c.size, "-")}),
+}

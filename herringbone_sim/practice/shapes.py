@@ -1,0 +1,203 @@
+"""What a mesh of the practice rig does, compiled: displacements, flanks, springs, dampers.
+
+Nothing here is shared with the simulator's kernel: absolute coordinates in SI units.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from herringbone_sim.core.cache import forget_stale
+from herringbone_sim.core.numba_private import COMPILED
+from herringbone_sim.practice.machine import Array, Machine
+from herringbone_sim.practice.tables import HALFWAY, LARGEST
+
+TWO_PI = 2.0 * np.pi
+SECOND_TOUCHES = 8e-6  # deflection [m] at which a second pair touches
+forget_stale(Path(__file__).parent, Path(__file__).parent)
+
+# As in core.packed: no reference counting, all scratch comes from outside.
+compiled: Any = njit(cache=True, **COMPILED)
+
+
+def _read(table: Array, z: float) -> tuple[float, float]:
+    """Value and slope by z at z in 0..1 of a table, its ends beyond."""
+    cells = table.shape[1] - 1
+    at = min(max(z, 0.0), 1.0) * cells
+    i = min(int(at), cells - 1)
+    u = at - i
+    low, high = table[0, i], table[0, i + 1]
+    p, q = table[1, i], table[1, i + 1]
+    bend = p + q - 2.0 * (high - low)
+    turn = 3.0 * (high - low) - 2.0 * p - q
+    value = low + u * (p + u * (turn + u * bend))
+    return value, cells * (p + u * (2.0 * turn + 3.0 * u * bend))
+
+
+read: Any = compiled(_read)
+
+
+def _by_depth(table: Array, depth: float) -> float:
+    """Value of a table by deflection [m]."""
+    value: float = read(table, depth / (depth + HALFWAY) / LARGEST)[0]
+    return value
+
+
+by_depth: Any = compiled(_by_depth)
+
+
+def _window(p: Machine, m: int, phase: float) -> tuple[float, float]:
+    """Event of mesh m in 0..1 and its slope by phase [1/rad]; 0 outside its width."""
+    z = ((phase / TWO_PI - p.event[1, m]) % p.event[0, m]) / p.event[2, m]
+    if z >= 1.0:
+        return 0.0, 0.0
+    value, slope = read(p.window, z)
+    return value, slope / (TWO_PI * p.event[2, m])
+
+
+window: Any = compiled(_window)
+
+
+def _displaced(p: Machine, m: int, phase: float, cos: float, sin: float) -> tuple[float, float]:
+    """What is taken off the deflection of mesh m [m], and its slope by phase [m/rad].
+
+    That is e(t), less the displacements that no encoder sees, which add to the deflection.
+    """
+    value, slope = p.error[m] * sin - p.offset[m], p.error[m] * cos
+    c, s = cos, sin
+    for h in range(p.p_cos.shape[0]):
+        a, b = p.p_cos[h, m], p.p_sin[h, m]
+        value -= a * c + b * s
+        slope -= (h + 1) * (b * c - a * s)
+        c, s = c * cos - s * sin, s * cos + c * sin
+    if p.turn_cos.shape[0] > 0:
+        rate = 1.0 / p.turn_cycles[m]
+        first, second = np.cos(phase * rate), np.sin(phase * rate)
+        c, s = first, second
+        for h in range(p.turn_cos.shape[0]):
+            a, b = p.turn_cos[h, m], p.turn_sin[h, m]
+            value -= a * c + b * s
+            slope -= (h + 1) * rate * (b * c - a * s)
+            c, s = c * first - s * second, s * first + c * second
+    if p.event[4, m] != 0.0:
+        bump, steep = window(p, m, phase)
+        value -= p.event[4, m] * bump
+        slope -= p.event[4, m] * steep
+    return value, slope
+
+
+displaced: Any = compiled(_displaced)
+
+
+def _flank(x: float, drive: float, back: float, rounding: float) -> float:
+    """Backlash function of Eq. (1), its corners rounded over a width [m]."""
+    if rounding == 0.0:
+        return x - drive if x > drive else (x + back if x < -back else 0.0)
+    ahead: float = x - drive + np.sqrt((x - drive) ** 2 + rounding**2)
+    behind: float = -x - back + np.sqrt((x + back) ** 2 + rounding**2)
+    return 0.5 * (ahead - behind)
+
+
+flank: Any = compiled(_flank)
+
+
+def _spring(p: Machine, m: int, f: float, phase: float, cos: float, sin: float, t: float) -> float:
+    """Spring force [N] of mesh m at the deflection f [m]."""
+    if p.phase_by_load[m] != 0.0:
+        turn = p.phase_by_load[m] * np.tanh(abs(f) / 1e-5)
+        cos, sin = cos * np.cos(turn) - sin * np.sin(turn), sin * np.cos(turn) + cos * np.sin(turn)
+    share, c, s = 1.0, cos, sin
+    for h in range(p.k_cos.shape[0]):
+        share += p.k_cos[h, m] * c + p.k_sin[h, m] * s
+        c, s = c * cos - s * sin, s * cos + c * sin
+    if p.k_half[m] != 0.0:
+        share += p.k_half[m] * np.cos(0.5 * phase)
+    if p.k_turn[m] != 0.0:
+        share += p.k_turn[m] * np.cos(phase / 27.0)
+    if p.k_second[m] != 0.0 and abs(f) > SECOND_TOUCHES:
+        share += p.k_second[m] * (1.0 - SECOND_TOUCHES / abs(f))
+    if p.k_drift[m] != 0.0:
+        share *= 1.0 + p.k_drift[m] * (t / p.span) ** 1.5
+    if p.event[3, m] != 0.0:
+        share *= 1.0 - p.event[3, m] * window(p, m, phase)[0]
+    if p.hertz[m] != 1.0 and f != 0.0:
+        share *= (abs(f) / 1e-5) ** (p.hertz[m] - 1.0)
+    if p.bent[m] != 0.0:
+        share *= by_depth(p.bend, abs(f))
+    force: float = p.stiffness[m] * share * f
+    return force
+
+
+spring: Any = compiled(_spring)
+
+
+def _damper(p: Machine, m: int, f: float, v: float) -> float:
+    """Damping force [N], a share of which lives by contact or by load."""
+    if p.c_share[m] == 0.0:
+        return float(p.damping[m] * v)
+    depth = abs(f)
+    if depth == 0.0:
+        lives = p.c_out
+    elif p.c_curve.shape[1] > 0:
+        lives = by_depth(p.c_curve, depth)
+    else:
+        lives = (depth / p.c_power[1]) ** p.c_power[0]
+    return float(p.damping[m] * (1.0 - p.c_share[m] * (1.0 - lives)) * v)
+
+
+damper: Any = compiled(_damper)
+
+
+def _wild(
+    p: Machine,
+    f: float,
+    v: float,
+    load: float,
+    phase: float,
+    t: float,
+    own: float,
+) -> tuple[float, float]:
+    """The random function at what a mesh meets, and of a displacement its slope by phase."""
+    q = p.wild
+    value, slope = -q.mean, 0.0
+    turn, share = phase / q.cycles, t / p.span
+    for h in range(q.heights.size):
+        w = q.weights[h]
+        at = w[0] * f * 1e5 + w[1] * v * 2.0 + w[2] * phase + w[3] * load * 1e-4
+        at += w[4] * q.temperature + w[5] * turn + w[6] * share + w[7] * own + q.angles[h]
+        value += q.heights[h] * np.cos(at)
+        if q.target == 4:
+            steep = w[2] + w[5] / q.cycles + w[6] / (p.omega * p.span)
+            slope -= q.heights[h] * steep * np.sin(at)
+    return value, slope
+
+
+wild: Any = compiled(_wild)
+
+
+def _rub(p: Machine, m: int, force: float, phase: float, extra: Array) -> None:
+    """Sliding friction of mesh m onto the bodies (coordinates of ``extra``) [N].
+
+    Arms of involute flanks: tan alpha_t and the way from the pitch point over the base radius.
+    """
+    turn = (phase - p.pitch) / TWO_PI
+    s = turn - np.floor(turn + 0.5)
+    way = np.sign(s) if p.rub.shape[1] == 0 else read(p.rub, s + 0.5)[0]
+    rub = p.friction[m] * abs(force) * way * p.cos_beta
+    kind, side, i = m // 6, (m // 3) % 2, m % 3
+    planet = 3 + 3 * side + i
+    tan, on_planet = 0.37864, s * TWO_PI / 25.0
+    if kind == 0:
+        extra[side] -= rub * (tan + s * TWO_PI / 27.0)
+        extra[planet] += rub * (tan - on_planet)
+        extra[2] += rub * tan
+    else:
+        extra[planet] -= rub * (tan + on_planet)
+        extra[2] += rub * tan
+
+
+rub: Any = compiled(_rub)

@@ -1,0 +1,96 @@
+"""Solve for the size of a cause that gives the detectability asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from herringbone_sim.errors import DivergenceError
+from herringbone_sim.practice.cause import Cause
+from herringbone_sim.practice.machine import NOMINAL, Constants
+from herringbone_sim.practice.plan import FIT_RUNS, KINDS, Plan
+from herringbone_sim.practice.record import Watch
+from herringbone_sim.practice.take import largest, move, pooled, take
+
+NEAR = 0.08
+TRIES = 8
+SHORT = Watch(30, 40)  # mesh cycles of the runs that sizes are sought with
+SHORT_OF_RING = Watch(30, 78)  # a turn of the ring is 77
+Solved = tuple[tuple[Cause, float], ...]
+Tries = list[tuple[float, float]]
+
+
+def solve_plan(plan: Plan) -> Solved:
+    """Causes at the sizes that give the plan's detectability, and what each then has."""
+    rig = NOMINAL.scaled(plan.factors)
+    return tuple(solve_size(plan, rig, cause) for cause in plan.causes)
+
+
+def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
+    """The cause at the size whose detectability is the plan's, and what that is.
+
+    Sought with short runs, then put right once by runs as they are recorded. The slope of log d
+    over log size is followed; the best try counts, within the kind's limits.
+
+    Raises:
+        DivergenceError: the rig leaves the range of any gear at every size tried.
+    """
+    kind = KINDS[cause.internal]
+    tries = _sought(plan, rig, cause)
+    if not tries:
+        raise DivergenceError(
+            f"the rig of seed {plan.seed} leaves the range of any gear with {cause.internal} "
+            "of any size tried: take another seed"
+        )
+    slope = _slope(tries)
+    size, d = min(tries, key=lambda one: abs(np.log(one[1] / plan.d)))
+    whole = _detectability(plan, rig, cause.sized(size), Watch())
+    if whole is None:
+        return cause.sized(size), d
+    if abs(np.log(whole / plan.d)) < NEAR:
+        return cause.sized(size), whole
+    right = float(np.clip(_next(size, whole, plan.d, slope), kind.least, kind.cap))
+    return cause.sized(right), whole * (right / size) ** slope
+
+
+def _sought(plan: Plan, rig: Constants, cause: Cause) -> Tries:
+    """Sizes tried with short runs and the detectability of each."""
+    kind, tries, size = KINDS[cause.internal], Tries(), KINDS[cause.internal].start
+    watch = SHORT_OF_RING if cause.shape.get("member") == "ring" else SHORT
+    for _ in range(TRIES):
+        d = _detectability(plan, rig, cause.sized(size), watch)
+        if d is None:
+            size *= 0.5
+            continue
+        tries.append((size, d))
+        stuck = (size >= kind.cap and d < plan.d) or (size <= kind.least and d > plan.d)
+        if abs(np.log(d / plan.d)) < NEAR or stuck:
+            break
+        size = float(np.clip(_next(size, d, plan.d, _slope(tries)), kind.least, kind.cap))
+    return tries
+
+
+def _slope(tries: Tries) -> float:
+    """Growth of log d over log size between the last two tries, in the range of sane ones."""
+    if len(tries) < 2 or tries[-2][0] == tries[-1][0]:
+        return 1.0
+    (size, d), (before, d_before) = tries[-1], tries[-2]
+    return float(np.clip(np.log(d / d_before) / np.log(size / before), 0.4, 2.5))
+
+
+def _next(size: float, d: float, wanted: float, slope: float) -> float:
+    return size * float(np.clip((wanted / max(d, 1e-6)) ** (1.0 / slope), 0.1, 10.0))
+
+
+def _detectability(plan: Plan, rig: Constants, cause: Cause, watch: Watch) -> float | None:
+    """Over the runs for the fit; None where one of them leaves the range of any gear."""
+    alone = replace(plan, causes=(cause,))
+    found = []
+    try:
+        for i in range(FIT_RUNS):
+            moved = move(alone, rig, (cause,), i, watch)
+            found.append(take(alone, rig, (cause,), i, moved, largest([moved.now])).found)
+    except DivergenceError:
+        return None
+    return pooled(found)

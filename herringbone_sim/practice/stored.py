@@ -1,0 +1,86 @@
+"""A stored bench: outcomes of the diagnosis and of the baselines, each label held to its seal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.diagnosis.evidence import Evidence
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.practice.bench import finished, read_json, read_seals
+from herringbone_sim.practice.label import read_label
+from herringbone_sim.practice.outcome import Outcome, outcome
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Outcomes of a bench.
+
+    Attributes:
+        note: what ``bench.json`` holds.
+        cases: of the diagnosis; ``rivals``: of each baseline.
+        sealed: number of labels.
+        sources: of the diagnosis, how many reports each gave.
+        seconds: that a diagnosis took.
+        left_out: seeds without a campaign.
+    """
+
+    note: Mapping[str, Any]
+    cases: tuple[Outcome, ...]
+    rivals: Mapping[str, tuple[Outcome, ...]]
+    sealed: int
+    sources: Mapping[str, int]
+    seconds: tuple[float, ...]
+    left_out: int
+
+
+def read_bench(folder: Path) -> Bench:
+    """All that is finished in a folder, each label held against its seal.
+
+    Raises:
+        AnalysisError: nothing finished there, or a report that breaks the schema.
+        RecordingError: a label that was changed.
+    """
+    done = finished(folder)
+    if not done:
+        raise AnalysisError(f"{folder} must hold finished campaigns of a bench, got none")
+    cases, notes = [], []
+    others: dict[str, list[Outcome]] = {}
+    for name, sealed in done.items():
+        label = read_label(folder / "labels" / f"{name}.json", sealed)
+        place = folder / "reports" / name
+        try:
+            cases.append(outcome(label, read_json(place / "report.json"), name))
+            for rival, report in read_json(place / "baselines.json").items():
+                others.setdefault(rival, []).append(outcome(label, report, name))
+        except AnalysisError as error:
+            raise AnalysisError(f"{place}: {error}: diagnose it again") from None
+        notes.append(read_json(place / "case.json"))
+    return Bench(
+        note=read_json(folder / "bench.json"),
+        cases=tuple(cases),
+        rivals={name: tuple(them) for name, them in others.items()},
+        sealed=len(read_seals(folder)),
+        sources=Counter(str(note.get("sources")) for note in notes),
+        seconds=tuple(
+            seconds for note in notes if isinstance(seconds := note.get("seconds"), (int, float))
+        ),
+        left_out=len(read_json(folder / "left_out.json")),
+    )
+
+
+def stored_evidence(folder: Path) -> Iterator[tuple[str, dict[str, Any], Evidence]]:
+    """Name, label and evidence of each finished campaign: what weights are fitted on.
+
+    Raises:
+        RecordingError: a label that was changed.
+        AnalysisError: evidence of another version of the diagnosis.
+    """
+    for name, sealed in finished(folder).items():
+        record = read_json(folder / "reports" / name / "evidence.json")
+        if record:
+            label = read_label(folder / "labels" / f"{name}.json", sealed)
+            yield name, label, Evidence.read(record)

@@ -1,0 +1,249 @@
+"""The table of a bench: figures and targets beside the baselines, by strata, with reasons."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.practice.bench import Seen
+from herringbone_sim.practice.intervals import Figure
+from herringbone_sim.practice.outcome import Outcome
+from herringbone_sim.practice.reasons import by_cause, reasons
+from herringbone_sim.practice.score import (
+    CELL,
+    QUESTIONS,
+    STRATA,
+    Outcomes,
+    Question,
+    Row,
+    target,
+)
+from herringbone_sim.practice.stored import Bench
+
+REACHED = 2.75  # of d = 3: sizes are solved for to some percent
+AIM = "white noise of 40 dB, all channels, d >= 3"
+AT_ONE = "white noise of 40 dB, all channels, d = 1"
+OF_CELLS = (
+    "false attribution on none",
+    "right effect first",
+    "right or in the named class",
+    "mean probability on the truth",
+    "AUROC unknown against known",
+    "confident wrong names on unknown",
+    "locus",
+    "coverage of 90 % intervals",
+    "closure, median",
+)
+FIRST_AT_ONE = 0.75
+
+
+def aimed(cases: Outcomes) -> list[Outcome]:
+    """Cases that the targets are for: ``AIM``, empty rigs included."""
+    return [case for case in cases if _usual(case) and case.reached >= REACHED]
+
+
+def at_one(cases: Outcomes) -> list[Outcome]:
+    """Cases of known effects at d = 1."""
+    return [case for case in cases if _usual(case) and case.strata["d"] == "1"]
+
+
+def _usual(case: Outcome) -> bool:
+    usual = {"noise": "white", "snr": "40 dB", "channels": "full"}
+    return all(case.strata[name] == value for name, value in usual.items())
+
+
+def rows_of(cases: Outcomes, stratum: str, questions: Sequence[Question] = QUESTIONS) -> list[Row]:
+    """Every figure of a stratum."""
+    return [Row(q.name, stratum, q.ask(cases), q.least, q.most) for q in questions]
+
+
+def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
+    """Name and cases of each stratum."""
+    return [
+        (f"{name}: {value}", [case for case in cases if case.strata[name] == value])
+        for name in STRATA
+        for value in sorted({case.strata[name] for case in cases})
+    ]
+
+
+def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
+    """Name and cases of each kind of noise x law x channels x d that there is."""
+    found: dict[str, list[Outcome]] = {}
+    for case in cases:
+        found.setdefault(" x ".join(case.strata[name] for name in CELL), []).append(case)
+    return sorted(found.items())
+
+
+def bench_rows(bench: Bench) -> list[Row]:
+    """All figures, of the diagnosis and of the baselines, as they go to the CSV file."""
+    first = replace(QUESTIONS[1], least=FIRST_AT_ONE)
+    rows = rows_of(aimed(bench.cases), AIM)
+    rows += rows_of(at_one(bench.cases), AT_ONE, [first])
+    for name, cases in bench.rivals.items():
+        rows += _untargeted(rows_of(aimed(cases), f"{AIM}; {name}"))
+    for name, inside in [("all", list(bench.cases)), *strata(bench.cases), *cells(bench.cases)]:
+        rows += _untargeted(rows_of(inside, name))
+    return rows
+
+
+def _untargeted(rows: Sequence[Row]) -> list[Row]:
+    return [replace(row, least=-np.inf, most=np.inf) for row in rows]
+
+
+def table_markdown(bench: Bench, seen: Seen | None = None) -> str:
+    """The table as Markdown."""
+    cases = bench.cases
+    parts = [_head(bench, seen), _aim_part(bench), _one_part(cases)]
+    parts += [_why_part(aimed(cases)), _strata_part(cases), _cell_part(cases)]
+    parts.append(_cause_part(cases))
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _head(bench: Bench, seen: Seen | None) -> str:
+    note = bench.note
+    frozen = note.get("calibration") or {}
+    known = f"{frozen['file']} {frozen['sha256'][:16]}" if frozen else "no file of thresholds"
+    failed = sum(bool(case.failed) for case in bench.cases)
+    marked = note.get("calibration_family") or bool(seen and seen.seeds)
+    seeds = "SEEN WHILE CALIBRATING" if marked else "not seen while calibrating"
+    lines = [
+        "# Withheld effects",
+        "",
+        f"- {len(bench.cases)} campaigns diagnosed of {bench.sealed} sealed; {failed} diagnoses "
+        f"failed (counted as wrong); {bench.left_out} seeds gave no rig",
+        f"- seeds: {seeds}; {known}",
+        f"- drawn from: {_setting(note.get('setting', {}))}",
+    ]
+    if bench.seconds:
+        middle, most = np.median(bench.seconds), max(bench.seconds)
+        lines.append(f"- a diagnosis took {middle:.0f} s in the median, {most:.0f} s at most")
+    if len(bench.sources) > 1:
+        counts = ", ".join(f"{name}: {n}" for name, n in bench.sources.items())
+        lines.append(f"- MIXED: reports of different sources of the diagnosis ({counts})")
+    return "\n".join(lines)
+
+
+def _setting(setting: Mapping[str, Any]) -> str:
+    return "; ".join(
+        f"{name} {', '.join(map(str, value)) if isinstance(value, list) else value or 'by shares'}"
+        for name, value in setting.items()
+    )
+
+
+def _aim_part(bench: Bench) -> str:
+    names = list(bench.rivals)
+    inside = aimed(bench.cases)
+    others = {name: rows_of(aimed(cases), AIM) for name, cases in bench.rivals.items()}
+    head = ["figure", "value", "95 %", "n", "target", "", *names]
+    lines = [
+        [*_told(row), *(_value(others[name][i].result) for name in names)]
+        for i, row in enumerate(rows_of(inside, AIM))
+    ]
+    return f"## {AIM} ({len(inside)} campaigns)\n\n" + _markdown(head, lines)
+
+
+def _one_part(cases: Outcomes) -> str:
+    inside = at_one(cases)
+    if not inside:
+        return ""
+    question = replace(QUESTIONS[1], least=FIRST_AT_ONE)
+    lines = [_told(row) for row in rows_of(inside, AT_ONE, [question])]
+    return f"## {AT_ONE} ({len(inside)} campaigns)\n\n" + _markdown(
+        ["figure", "value", "95 %", "n", "target", ""], lines
+    )
+
+
+def _told(row: Row) -> list[str]:
+    mark = {True: "met", False: "MISSED", None: ""}[row.met]
+    r = row.result
+    span = f"{r.low:.3f} .. {r.high:.3f}" if np.isfinite([r.low, r.high]).all() else ""
+    return [row.figure, _value(r), span, str(r.n), target(row), mark]
+
+
+def _value(figure: Figure) -> str:
+    return f"{figure.value:.3f}" if np.isfinite(figure.value) else "-"
+
+
+def _why_part(cases: Outcomes) -> str:
+    """For each missed target the strata that miss it, and what goes wrong there."""
+    found = []
+    for question, row in zip(QUESTIONS, rows_of(cases, AIM), strict=True):
+        if row.met is not False:
+            continue
+        where = []
+        for name, inside in strata(cases):
+            one = rows_of(inside, name, [question])[0]
+            if one.met is False and len(inside) < len(cases):
+                where.append(f"{name} ({one.result.value:.3f}, n = {one.result.n})")
+        found.append(f"- {question.name}: {_value(row.result)}, target {target(row)}")
+        found.append(f"  - missed in: {'; '.join(where) or 'no single stratum'}")
+        found += [f"  - {text}" for text in reasons(question.name, cases)]
+    return "## Why targets are missed\n\n" + "\n".join(found) if found else ""
+
+
+def _strata_part(cases: Outcomes) -> str:
+    parts = []
+    for name in STRATA:
+        values = sorted({case.strata[name] for case in cases})
+        columns = [
+            rows_of([case for case in cases if case.strata[name] == value], value)
+            for value in values
+        ]
+        lines = [
+            [question.name, *(f"{_value(c[i].result)} ({c[i].result.n})" for c in columns)]
+            for i, question in enumerate(QUESTIONS)
+        ]
+        title = f"## All campaigns by {name}: value (n)\n\n"
+        parts.append(title + _markdown(["figure", *values], lines))
+    return "\n\n".join(parts)
+
+
+def _cell_part(cases: Outcomes) -> str:
+    """A line for each cell of noise, law, channels and d."""
+    questions = [question for question in QUESTIONS if question.name in OF_CELLS]
+    lines = []
+    for name, inside in cells(cases):
+        rows = rows_of(inside, name, questions)
+        figures = [f"{_value(row.result)} ({row.result.n})" for row in rows]
+        lines.append([name, str(len(inside)), *figures])
+    head = [" x ".join(CELL), "n", *(question.name for question in questions)]
+    return "## All campaigns by cell: value (n)\n\n" + _markdown(head, lines)
+
+
+def _cause_part(cases: Outcomes) -> str:
+    head = ["cause", "n", "right first", "in class", "locus", "error", "closure", "else named"]
+    return "## All campaigns by cause\n\n" + _markdown(head, by_cause(cases))
+
+
+def _markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table whose columns line up when printed as they stand."""
+    rows = [list(head), *(list(line) for line in lines)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    texts = [
+        "| " + " | ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) + " |"
+        for row in rows
+    ]
+    texts.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
+    return "\n".join(texts)
+
+
+def write_cases(cases: Outcomes, file: Path) -> None:
+    """One row a campaign, as CSV."""
+    with file.open("w", newline="", encoding="utf-8") as handle:
+        table = csv.writer(handle)
+        rows = [_case_row(case) for case in cases]
+        table.writerow(rows[0])
+        table.writerows(row.values() for row in rows)
+
+
+def _case_row(case: Outcome) -> dict[str, Any]:
+    texts = {name: " + ".join(getattr(case, name)) for name in ("truth", "internal", "said")}
+    rest = {name: value for name, value in vars(case).items() if name not in ("strata", *texts)}
+    given = {name: value for name, value in case.strata.items() if name != "truth"}
+    covered = " ".join("yes" if held else "no" for held in case.covered)
+    return {"name": case.name, **texts, **given, **rest, "covered": covered}

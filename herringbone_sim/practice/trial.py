@@ -1,0 +1,173 @@
+"""One campaign of the bench: what is drawn, its label, and the reports of diagnosis and rivals.
+
+Both functions run in a process of their own and give back texts; nothing is written here.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import time
+import traceback
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.core import cache
+from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
+from herringbone_sim.gap.diagnose import diagnose
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.baselines import always_none, largest_residual
+from herringbone_sim.practice.campaign import (
+    PracticeCampaign,
+    make_campaign,
+    run_plan,
+    solved_as,
+)
+from herringbone_sim.practice.label import label_text, seal
+from herringbone_sim.practice.noise import NOISES
+from herringbone_sim.practice.plan import Plan, draw_plan
+from herringbone_sim.practice.rivals import rivals
+
+FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What campaigns are drawn from; each seed draws one of each list.
+
+    Attributes:
+        snr_dB, channels, d, regime, noise, law: as in ``plan.draw_plan``.
+        truth: none, single, pair, unknown, unseen or a kind of effect; None draws by their shares.
+    """
+
+    snr_dB: tuple[float, ...] = (40.0,)
+    channels: tuple[str, ...] = ("full",)
+    d: tuple[float, ...] = (3.0, 10.0)
+    regime: tuple[str, ...] = ("varied",)
+    truth: str | None = None
+    noise: tuple[str, ...] = ("white",)
+    law: str = "both"
+
+    def __post_init__(self) -> None:
+        lists = (self.snr_dB, self.channels, self.d, self.regime, self.noise)
+        if not all(lists) or min(self.d) <= 0.0:
+            raise ParameterError(
+                f"snr, channels, d, regime and noise need one value or more, d above 0, got {self}"
+            )
+        for one in self.noise:
+            if one not in NOISES:
+                raise ParameterError(f"noise must be one of {', '.join(NOISES)}, got {one!r}")
+
+
+def plan_of(setting: Setting, seed: int) -> Plan:
+    """The plan of a seed; ParameterError for values that there are not."""
+    rng = np.random.default_rng([seed, 0xBE])
+    return draw_plan(
+        seed,
+        setting.truth,
+        d=float(rng.choice(setting.d)),
+        snr_dB=float(rng.choice(setting.snr_dB)),
+        channels=str(rng.choice(setting.channels)),
+        regime=str(rng.choice(setting.regime)),
+        noise=str(rng.choice(setting.noise)),
+        law=setting.law,
+    )
+
+
+def truth_of(seed: int, setting: Setting) -> tuple[str | None, str]:
+    """Text of the label of a seed, or None and why there is none."""
+    try:
+        return label_text(make_campaign(plan_of(setting, seed)).label), ""
+    except DivergenceError as error:
+        return None, str(error)
+
+
+def remade(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) -> PracticeCampaign:
+    """The campaign of a sealed label again.
+
+    Raises:
+        RecordingError: it comes out another: the generator changed, or the machine.
+    """
+    plan = plan_of(setting, seed)
+    made = run_plan(plan, solved_as(plan, label))
+    if seal(made.label) != sealed:
+        raise RecordingError(
+            f"the campaign of seed {seed} must come out as it was sealed, got another: the "
+            "generator or the machine is not the one of then; start in another folder"
+        )
+    return made
+
+
+def trial(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) -> dict[str, str]:
+    """Texts of the files of a case, ``report.json`` last.
+
+    The label serves to make the campaign; the diagnosis gets the recordings alone. Where it fails
+    the report says ``failed`` with certainty, which is wrong whatever the truth.
+    """
+    made = remade(seed, setting, label, sealed)
+    plain = {
+        "always none": always_none(made.campaign),
+        "largest residual": largest_residual(made.campaign, made.series),
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        campaign = as_prepared(made)
+        del made
+        start = time.monotonic()
+        case: dict[str, Any] = {"sources": sources()}
+        try:
+            found = diagnose(campaign, senses=False)
+            case["seconds"] = time.monotonic() - start
+        except Exception as error:  # in a bench failure is data
+            case["failure"] = "".join(traceback.format_exception(error))
+            report = failure_report(campaign.rig, error)
+            return {"baselines.json": _json(plain), "case.json": _json(case)} | {
+                "report.json": _json(report)
+            }
+        plain |= rivals(campaign.rig, found.evidence)
+    return {
+        "baselines.json": _json(plain),
+        "evidence.json": _json({} if found.evidence is None else found.evidence.written()),
+        "case.json": _json(case),
+        "report.json": _json(found.report),
+    }
+
+
+def failure_report(rig: str, error: Exception) -> dict[str, Any]:
+    """A report that is wrong whatever the truth."""
+    cause = {"effect": FAILED, "locus": {}, "probability": 1.0, "parameters": {}}
+    return {
+        "campaign": rig,
+        "verdict": FAILED,
+        "effects": [FAILED],
+        "causes": [cause],
+        "ambiguous_with": [],
+        "gap": {"closure": None},
+        "failure": f"{type(error).__name__}: {error}",
+    }
+
+
+@functools.cache
+def sources() -> str:
+    """Digest of what a verdict hangs on: the diagnosis, its thresholds, effects and the model.
+
+    Taken once: what a process has loaded does not follow changes of the files.
+    """
+    package = Path(__file__).parents[1]
+    own = sorted(
+        one for end in ("py", "json", "yaml") for one in (package / "gap").rglob(f"*.{end}")
+    )
+    parts = [cache.digest(package / "core", package / "effects").encode()]
+    parts += [hashlib.sha256(one.read_bytes()).digest() for one in own]
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
+
+
+def _json(content: Mapping[str, Any]) -> str:
+    return json.dumps(content) + "\n"
