@@ -31,6 +31,7 @@ VERBS = (
     "gap",
     "gap verify",
     "gap bench",
+    "gap calibrate",
     "gap live",
     "rig",
     "sweep",

@@ -45,6 +45,21 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add("--seeds", metavar="A:B", help="one campaign each; ranges without their end, or lists")
     add("--out", type=Path, metavar="DIR", help="folder to write, or to go on in")
     add("--table", type=Path, metavar="DIR", help="tell again what is finished in a folder")
+    add_setting(parser)
+    add("--again", action="store_true", help="diagnose again what other sources diagnosed")
+    add(
+        "--calibration-family",
+        action="store_true",
+        help="allow seeds that the thresholds were frozen on; the table is marked",
+    )
+    add_workers(parser)
+    add("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, as tcp://HOST:8786")
+    parser.set_defaults(func=bench)
+
+
+def add_setting(parser: argparse.ArgumentParser) -> None:
+    """Options of what campaigns are drawn from."""
+    add = parser.add_argument
     add("--snr", default="40", metavar="DB", help="noise, a list to draw from [%(default)s]")
     add("--noise", default="white", metavar="KINDS", help=f"{', '.join(NOISES)} [%(default)s]")
     add("--law", default="both", help="curves of the effects: catalogue, other [%(default)s]")
@@ -57,15 +72,6 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add("--d", default="3,10", metavar="D", help="detectabilities to draw from [%(default)s]")
     add("--regime", default="varied", metavar="R", help="varied, quiet [%(default)s]")
     add("--truth", help="none, single, pair, unknown, unseen, random_physics or an effect")
-    add("--again", action="store_true", help="diagnose again what other sources diagnosed")
-    add(
-        "--calibration-family",
-        action="store_true",
-        help="allow seeds that the thresholds were frozen on; the table is marked",
-    )
-    add_workers(parser)
-    add("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, as tcp://HOST:8786")
-    parser.set_defaults(func=bench)
 
 
 def bench(args: argparse.Namespace) -> int:

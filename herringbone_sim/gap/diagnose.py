@@ -24,6 +24,7 @@ from herringbone_sim.gap.named import named
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.sensors.late import put_right
+from herringbone_sim.gap.sensors.shown import noise_shown
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
@@ -87,14 +88,12 @@ def diagnose(
     campaign, findings = check(campaign)
     if not campaign.noise_known:
         campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
-    campaign = replace(
-        campaign, runs=tuple(independent(run) for run in put_right(campaign.runs))
-    )
+    campaign = replace(campaign, runs=tuple(independent(run) for run in put_right(campaign.runs)))
     for finding in findings:
         say(finding.text)
     fit = to_leave_out(_fit_runs(campaign, findings))
     machine = GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=campaign.gain_tolerance))
-    if mismatched(findings) or not machine.observes:
+    if mismatched(findings) or not machine.formed:
         return _nothing(campaign, findings, machine, senses)
     found = examine(machine, say)
     evidence = evidence_of(found)
@@ -118,7 +117,7 @@ def diagnose(
     if senses:
         rival = None if other is None else augmented(other, verdict.runner_up)
         measured = measure_senses(campaign.runs, made.mend, gap, model, rival, say)
-    return _reported(made, campaign, measured, senses)
+    return _reported(made, campaign, machine, measured, senses)
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:
@@ -184,11 +183,15 @@ def _nothing(
     cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
     calibrated = Calibrated(cases, np.ones(6), None)
     made = Diagnosis(None, calibrated, verdict, Gap("force_law", runs), {}, findings=findings)
-    return _reported(made, campaign, None, senses)
+    return _reported(made, campaign, machine, None, senses)
 
 
 def _reported(
-    made: Diagnosis, campaign: PreparedCampaign, senses: Senses | None, full: bool
+    made: Diagnosis,
+    campaign: PreparedCampaign,
+    machine: GearMachine,
+    senses: Senses | None,
+    full: bool,
 ) -> Diagnosis:
     point = design(campaign, made.calibrated, made.verdict, made.augmented) if full else None
     verdict, findings = made.verdict, made.findings
@@ -204,5 +207,7 @@ def _reported(
         senses,
         campaign.nominal.layout.channels,
         structure(campaign, made.calibrated) if full else None,
+        noise_shown(machine.gear.runs, campaign.noise_known),
+        machine.formed,
     )
     return replace(made, report=written, senses=senses)

@@ -10,9 +10,10 @@ from pathlib import Path
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views import gap_words as words
 from herringbone_sim.views.gap_figures import GapArrays, write_gap_figures
+from herringbone_sim.views.gap_laws import write_law_figures
 from herringbone_sim.views.gap_senses import distances_table, senses_table
 from herringbone_sim.views.gap_style import STYLE
-from herringbone_sim.views.gap_tables import attractor_table, runs_table
+from herringbone_sim.views.gap_tables import attractor_table, noise_table, runs_table
 from herringbone_sim.views.gap_verdict import OUTSIDE, answers, headline, kind, named
 from herringbone_sim.views.gap_where import where_section
 from herringbone_sim.views.gap_words import NOT_KNOWN, Part, known, mapping, percent, sequence
@@ -44,7 +45,8 @@ def write_gap_page(
         AnalysisError: the folder can't be written.
     """
     make_folder(folder)
-    pictures = write_gap_figures(folder, arrays) if arrays else []
+    pictures = write_law_figures(folder, sequence(report.get("law")))
+    pictures += write_gap_figures(folder, arrays) if arrays else []
     page = folder / "report.html"
     command = compare_command(nominal, folder) if nominal else ""
     page.write_text(gap_page(report, pictures, command), encoding="utf-8")
@@ -73,6 +75,7 @@ def gap_page(report: Part, pictures: Sequence[Picture] = (), command: str = "") 
         f'<div class="two"><div><h2>What is not decidable</h2>{_undecidable(report)}</div>',
         f"<div><h2>What to measure next</h2>{_next(report)}</div></div>",
         _optional("What the real gear will do", _compared(command)),
+        _optional("Noise, as the recording shows it", noise_table(mapping(report.get("noise")))),
         _optional("Attractor", _attractor(mapping(report.get("attractor")))),
         _optional("Figures", "".join(picture_html(picture) for picture in pictures)),
         "<footer>The same in numbers: report.json, beside this page.</footer>",

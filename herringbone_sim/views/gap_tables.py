@@ -120,3 +120,28 @@ def flat(part: Part, before: str = "") -> list[tuple[str, object]]:
         name = f"{before}{key}"
         found += flat(value, f"{name} · ") if isinstance(value, dict) else [(name, value)]
     return found
+
+
+def noise_table(noise: Part) -> str:
+    """Noise of every channel, folded: RMS, colour, lines, step and delay."""
+    if not noise:
+        return ""
+    header = "<th>channel</th>" + "".join(
+        f'<th class="n">{title}</th>' for title in ("RMS", "step", "delay [s]")
+    )
+    header += "<th>unit</th><th>colour</th><th>lines [Hz]</th>"
+    rows = []
+    for name, one in noise.items():
+        told = mapping(one)
+        lines = ", ".join(figure(f) for f in sequence(told.get("lines_hz"))) or "-"
+        cells = "".join(
+            f'<td class="n">{escape(figure(told.get(key)))}</td>'
+            for key in ("rms", "step", "delay_s")
+        )
+        words = "".join(
+            f"<td>{escape(text)}</td>"
+            for text in (word(told.get("unit")), word(told.get("colour")), lines)
+        )
+        rows.append(f"<tr><td>{escape(name)}</td>{cells}{words}</tr>")
+    table = f'<div class="scroll"><table><tr>{header}</tr>{"".join(rows)}</table></div>'
+    return f"<details><summary>{len(rows)} channels</summary>{table}</details>"

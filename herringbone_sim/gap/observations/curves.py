@@ -395,9 +395,11 @@ def force_sensors(places: Places) -> Iterator[Hypothesis]:
 def motion_sensors(places: Places) -> Iterator[Hypothesis]:
     """Errors of x, v and u: by what the sensors say of each other."""
     gear = places.gear
+    if not gear.relations:
+        return
     for kind, effect in zip(consistency.KINDS, MOTION_EFFECTS, strict=True):
         for group in groups_of(gear.model.layout):
-            if group.quantity == "xvu":
+            if group.quantity == "xvu" or group.quantity not in gear.sizes:
                 continue
             scale = {
                 "gain": 0.05,

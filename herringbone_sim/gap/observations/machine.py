@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations import curves, events, force_law, seats
+from herringbone_sim.gap.observations import balance, consistency, curves, events, force_law, seats
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.seats import Seat
@@ -30,9 +30,14 @@ class GearMachine:
         self.runs = len(gear.runs)
 
     @property
-    def observes(self) -> bool:
-        """Whether any observation can be formed."""
-        return bool(self.gear.relations or self.gear.balanced or not self.gear.modelled.all())
+    def formed(self) -> tuple[str, ...]:
+        """Observations that can be formed."""
+        there = {
+            force_law.NAME: not self.gear.modelled.all(),
+            balance.NAME: self.gear.balanced,
+            consistency.NAME: self.gear.relations > 0,
+        }
+        return tuple(name for name, known in there.items() if known)
 
     @property
     def functions(self) -> Mapping[str, tuple[str, ...]]:

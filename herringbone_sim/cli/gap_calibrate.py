@@ -1,0 +1,69 @@
+"""``gap calibrate``: the weights that turn evidence into probabilities, from practice campaigns."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from herringbone_sim.cli.gap_bench import add_setting, setting_from
+from herringbone_sim.cli.workers import add_workers, workers_from
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.practice.bench import check_seeds, run_bench
+from herringbone_sim.practice.calibrate import (
+    calibrate,
+    practised,
+    read_evidence,
+    write_evidence,
+    write_weights,
+)
+from herringbone_sim.practice.seeds import parse_seeds
+from herringbone_sim.practice.trial import sources
+
+DESCRIPTION = """\
+Diagnose practice campaigns, keep what the diagnosis found of each (FOLDER/evidence.jsonl), and fit
+the few weights with which evidence becomes probability. The file says seeds, code and what campaigns
+that were left out of the fit got.
+
+  python -m herringbone_sim gap calibrate --seeds 300000:300300 --folder practice --out weights.json
+  python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --out weights.json
+"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``gap calibrate``."""
+    parser = subparsers.add_parser(
+        "gap calibrate",
+        help="fit what turns evidence into probabilities, on practice campaigns",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--seeds", metavar="A:B", help="one campaign each; ranges without their end, or lists")
+    add("--folder", type=Path, metavar="DIR", help="where campaigns go, or to go on in")
+    add("--evidence", type=Path, metavar="FILE", help="evidence that was kept, instead of seeds")
+    add("--out", type=Path, required=True, metavar="FILE", help="weights to write")
+    add_setting(parser)
+    add_workers(parser)
+    add("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, as tcp://HOST:8786")
+    parser.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run what is missing, fit, write, and tell the figures."""
+    if args.evidence is not None:
+        campaigns = read_evidence(args.evidence)
+    elif args.seeds is None or args.folder is None:
+        raise AnalysisError("a calibration needs --seeds and --folder, or --evidence: give them")
+    else:
+        seeds = parse_seeds(args.seeds)
+        seen = check_seeds(seeds, True)
+        workers, scheduler = workers_from(args), args.scheduler
+        run_bench(args.folder, seeds, setting_from(args), seen, workers, scheduler)
+        campaigns = practised(args.folder)
+        write_evidence(args.folder / "evidence.jsonl", campaigns)
+    found = calibrate(campaigns)
+    write_weights(args.out, found, campaigns, sources())
+    for name, value in found.figures.items():
+        print(f"{name:28}{value:8.3f}")
+    print(f"written: {args.out}")
+    return 0
