@@ -75,7 +75,7 @@ def test_sizes_are_recovered() -> None:
     for effect, name, at in (
         ("cubic", "cubic", 6),
         ("play", "play", 2),
-        ("coulomb", "friction", 3),
+        ("coulomb", "coulomb", 3),
     ):
         _, _, p = drawn(effect, np.random.default_rng(SEED))
         true = p[at] - 5e-4 if effect == "play" else p[at]
@@ -91,7 +91,7 @@ def test_the_travel_of_presliding_is_learned() -> None:
     best = examined("presliding").singles[0]
     travel = dict(best.hypotheses[0].options)["travel"]
     force, longer = (
-        fitted(examined("presliding"), f"{q} {travel}")[0] for q in ("slip", "longer")
+        fitted(examined("presliding"), q)[0] for q in ("presliding", "longer")
     )
     assert force == pytest.approx(p[5], rel=0.03)
     assert travel * np.exp(longer / force) == pytest.approx(p[9], rel=0.1)
@@ -115,7 +115,8 @@ def test_slopes_of_presliding_are_those_of_its_force() -> None:
 
 @pytest.fixture(scope="module")
 def search() -> Search:
-    return Search(Damper(simulate("cubic", SEED)))
+    found = Search(Damper(simulate("cubic", SEED)))
+    return found.onwards(found.machine)
 
 
 def test_columns_are_the_slopes_of_the_residual(search: Search) -> None:
@@ -168,7 +169,7 @@ def test_the_verdict_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     main(["--effect", "coulomb", "--seed", "3"])
     first, *_, best, left = capsys.readouterr().out.splitlines()
     assert first.endswith("%  coulomb")
-    assert best.startswith("best effect: coulomb, friction = ")
+    assert best.startswith("best effect: coulomb, coulomb = ")
     assert left.startswith("mean square left over the noise: ")
 
 
