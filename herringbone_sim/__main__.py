@@ -12,6 +12,9 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
+# Matrices here are small: threads of a linear algebra library only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION

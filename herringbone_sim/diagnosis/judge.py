@@ -40,7 +40,7 @@ NAMES = (
     "pair: log second share",
     "log strain",
 )
-LEAST = 1e-4  # of a share or a gap: below it nothing is told apart
+LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
         least["pair"] = pairs[0]
     best = min(least, key=lambda k: least[k].energy + evidence.remains.get(k, 0.0))
     floor = least[best].energy - evidence.remains.get(best, 0.0)
-    gap = max((none.energy - floor) / evidence.count, LEAST)
+    gap = max((none.energy - floor) / evidence.count, 0.0) + LEAST
     rows: list[Array] = []
     every: list[Candidate | None] = []
 
     def share(energy: float) -> float:
-        return float(np.log(max((energy - floor) / evidence.count / gap, LEAST)))
+        return float(np.log((max(energy - floor, 0.0) / evidence.count + LEAST) / gap))
 
     for c in (none, *singles, *pairs):
         row = np.zeros(len(NAMES))
@@ -76,7 +76,7 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
             row[1:3] = 1.0, np.log(gap)
         if len(c.effects) == 2:
             first = singles[0].energy
-            taken = (first - c.energy) / max(first - floor, LEAST * evidence.count)
+            taken = (first - c.energy) / (max(first - floor, 0.0) + LEAST * evidence.count)
             row[7:9] = 1.0, np.log(np.clip(taken, LEAST, 1.0))
         row[9] = np.log1p(c.strain)
         every.append(c)

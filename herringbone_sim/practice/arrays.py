@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table, prepare_run
+from herringbone_sim.gap.data.prepared import (
+    PreparedCampaign,
+    force_gains,
+    mesh_table,
+    prepare_run,
+)
 from herringbone_sim.practice.campaign import PracticeCampaign
 from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.recording.channels import Channels
@@ -23,4 +28,12 @@ def as_prepared(made: PracticeCampaign) -> PreparedCampaign:
         )
         for run, series in zip(campaign.runs, made.series, strict=True)
     )
-    return PreparedCampaign(campaign.rig, nominal, runs, mesh_table(nominal.layout), ())
+    return PreparedCampaign(
+        campaign.rig,
+        nominal,
+        runs,
+        mesh_table(nominal.layout),
+        (),
+        campaign.noise_share is not None,
+        force_gains(nominal.layout, made.sensors),
+    )

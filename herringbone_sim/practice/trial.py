@@ -162,7 +162,10 @@ def sources() -> str:
     """
     package = Path(__file__).parents[1]
     own = sorted(
-        one for end in ("py", "json", "yaml") for one in (package / "gap").rglob(f"*.{end}")
+        one
+        for room in ("diagnosis", "gap")
+        for end in ("py", "json", "yaml")
+        for one in (package / room).rglob(f"*.{end}")
     )
     parts = [cache.digest(package / "core", package / "effects").encode()]
     parts += [hashlib.sha256(one.read_bytes()).digest() for one in own]

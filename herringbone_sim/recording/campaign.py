@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -38,12 +38,14 @@ class Campaign:
         noise_share: RMS of the noise as a share of each channel's RMS; None when unknown.
         runs: in the order of the file.
         faults: (path, reason) of the entries that say nonsense and were left out.
+        sensors: what is told of single channels: name -> {rms, step, gain_tolerance, corner_hz}.
     """
 
     rig: str
     noise_share: float | None
     runs: tuple[CampaignRun, ...]
     faults: tuple[tuple[str, str], ...] = ()
+    sensors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def read_campaign(folder: Path) -> Campaign:
@@ -79,7 +81,8 @@ def read_campaign(folder: Path) -> Campaign:
         told = "; ".join(f"{name}: {reason}" for name, reason in faults[:MOST_TOLD])
         told += f"; and {len(faults) - MOST_TOLD} more" if len(faults) > MOST_TOLD else ""
         raise RecordingError(f"{file} lists no run of a campaign that can be used: {told}")
-    return Campaign(rig, _noise_share(file, noise), tuple(runs), tuple(faults))
+    sensors = _sensors(file, content.get("sensors") or {})
+    return Campaign(rig, _noise_share(file, noise), tuple(runs), tuple(faults), sensors)
 
 
 def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list[tuple[str, str]]]:
@@ -136,6 +139,20 @@ def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
     if not all(map(isfinite, point.values())):
         raise ValueError("an operating point must be finite")
     return CampaignRun(folder / _name(entry["path"]), point, entry["role"])
+
+
+def _sensors(file: Path, told: Any) -> dict[str, dict[str, float]]:
+    """What is told of single channels; RecordingError for what is no number."""
+    try:
+        return {
+            str(name): {str(key): float(value) for key, value in one.items()}
+            for name, one in told.items()
+        }
+    except (AttributeError, TypeError, ValueError) as error:
+        raise RecordingError(
+            f"sensors of {file} must be channels with numbers, as {{F_rp1_L: {{gain_tolerance: "
+            f"0.05}}}}, got {shown(told)} ({error}): mend it"
+        ) from None
 
 
 def _noise_share(file: Path, noise: Mapping[str, Any]) -> float | None:

@@ -60,6 +60,7 @@ class PreparedRun:
         waves: nominal k(t), e(t) and its derivatives at the recorded phase.
         recorded_point: (n,) channels K, delta_T and T_1 as recorded, those that are there.
         findings: channels left out and breaks of the clock; what the reader found odd.
+        late_rad: how late in mesh phase all channels are, see ``sensors.late``.
     """
 
     name: str
@@ -75,6 +76,7 @@ class PreparedRun:
     waves: Waves
     recorded_point: Mapping[str, Array]
     findings: tuple[Finding, ...]
+    late_rad: float = 0.0
 
     def __len__(self) -> int:
         return len(self.times)
@@ -123,6 +125,7 @@ class PreparedCampaign:
         meshes: what each mesh is.
         missing: (run, reason) of those that could not be read.
         noise_known: whether the campaign tells it; if not, it is that of the spectra.
+        gain_tolerance: (n_mesh,) of the force sensors, as the campaign tells; 0 where it doesn't.
     """
 
     rig: str
@@ -131,6 +134,7 @@ class PreparedCampaign:
     meshes: MeshTable
     missing: tuple[tuple[str, str], ...]
     noise_known: bool = True
+    gain_tolerance: tuple[float, ...] = ()
 
     def of_role(self, role: str) -> tuple[PreparedRun, ...]:
         return tuple(run for run in self.runs if run.role == role)
@@ -166,6 +170,16 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
         mesh_table(full.layout),
         tuple(missing),
         campaign.noise_share is not None,
+        force_gains(full.layout, campaign.sensors),
+    )
+
+
+def force_gains(
+    layout: Layout, sensors: Mapping[str, Mapping[str, float]]
+) -> tuple[float, ...]:
+    """Tolerance of the gain of each force sensor, as it is told."""
+    return tuple(
+        float(sensors.get(f"F_{m}", {}).get("gain_tolerance", 0.0)) for m in layout.meshes
     )
 
 

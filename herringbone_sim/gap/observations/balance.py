@@ -20,6 +20,7 @@ from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, column
+from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, slow_waves
 from herringbone_sim.gap.observations.law import Law, Motion
 from herringbone_sim.gap.residuals.balance import _loads, inertia_parts, window_of
 from herringbone_sim.gap.residuals.fusion import Fused
@@ -67,6 +68,7 @@ def block(
     width: float,
     on_bodies: Sequence[Function] = (),
     wanted: Sequence[str] | None = None,
+    drift: float = DRIFT_SHARE,
 ) -> Block:
     """The balance of a run.
 
@@ -77,6 +79,7 @@ def block(
         width: of the window [mesh cycles].
         on_bodies: further functions, (n,) each.
         wanted: names of the columns to form; None for all.
+        drift: RMS of drift and hum over that of the noise.
     """
     look = window_of(run, width)
     A = inertia_parts(run.model)
@@ -102,6 +105,9 @@ def block(
     names, columns = _columns(
         run, m, law, force, modelled, chosen, look, stride, parts, on_bodies, wanted
     )
+    slow = slow_waves(m.times)[at]
+    # A window averages white noise out, drift and hum it leaves as they are.
+    spread = drift * np.sqrt(2.0 / slow.shape[1] * ((whole**2) @ np.nan_to_num(noise_f) ** 2))
     overlap = 2.0 * np.sqrt(np.pi) * look.deviation
     return Block(
         NAME,
@@ -111,8 +117,8 @@ def block(
         np.broadcast_to(np.sqrt(variance), residual.shape),
         names,
         columns,
-        np.zeros((len(at), rows, 0)),
-        np.zeros((rows, 0)),
+        np.repeat(slow[:, None, :], rows, axis=1),
+        np.repeat(spread[:, None], slow.shape[1], axis=1),
         np.zeros((0, rows, len(names))),
         np.zeros(0),
         independent=min(1.0, stride / overlap),

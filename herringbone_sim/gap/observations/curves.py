@@ -112,7 +112,19 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     found.append(places.coefficient("filter", {"filter": 1.0}, 0.05, 0.2))
     for mass in balance.MASSES:
         found.append(places.coefficient(mass, {(balance.NAME, mass): 1.0}, 0.02 / 3**0.5, 0.0205))
+    for j, tolerance in enumerate(gear.gain_tolerance):
+        if tolerance > 0.0 and not gear.modelled[j]:
+            weights = _gain_of(places, j)
+            found.append(places.coefficient(f"gain {j}", weights, tolerance / 3**0.5, tolerance))
     return tuple(found)
+
+
+def _gain_of(places: Places, j: int) -> Weights:
+    """A force sensor that reads too much: in the force law, and in the balance less."""
+    on = np.zeros(places.gear.model.layout.n_mesh)
+    on[j] = 1.0
+    reach = inertia_parts(places.gear.model).sum(0)
+    return {"F gain": on, (balance.NAME, f"F of {j}"): -reach[:, j]}
 
 
 def hypotheses(places: Places, only: Collection[str] = ()) -> Iterator[Hypothesis]:

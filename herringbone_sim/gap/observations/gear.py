@@ -111,6 +111,7 @@ class Gear:
         drift: RMS of drift and hum over that of the noise.
         stride: samples from one comparison of the force law to the next.
         swap: motion channels that may have been exchanged; None: sought.
+        gain_tolerance: (n_mesh,) of force sensors, as the campaign tells.
     """
 
     def __init__(
@@ -119,9 +120,11 @@ class Gear:
         drift: float = force_law.DRIFT_SHARE,
         stride: int = 1,
         swap: tuple[str, str] | None = None,
+        gain_tolerance: Sequence[float] = (),
     ) -> None:
         self.model = runs[0].model
         self.drift, self.stride = drift, stride
+        self.gain_tolerance = tuple(gain_tolerance) or (0.0,) * self.model.layout.n_mesh
         self.runs = tuple(gear_run(run, stride) for run in runs)
         known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
         self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
@@ -232,6 +235,7 @@ class Gear:
             WIDTH,
             self.body_functions,
             wanted,
+            self.drift,
         )
 
     def _put_right(self, r: int, errors: Mapping[str, Array]) -> GearRun:

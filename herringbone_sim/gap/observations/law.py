@@ -79,15 +79,15 @@ def motion_of(run: PreparedRun, fused: Fused, stride: int = 1) -> Motion:
         k=run.waves.k[at],
         e=run.waves.e[at],
         e_rate=run.waves.e_rate[at],
-        waves_at=partial(_waves, run.model, run.omega_rad_per_s),
+        waves_at=partial(_waves, run.model, run.omega_rad_per_s, run.late_rad),
         k_m=mean_stiffness(run.model.parameters),
         c=run.model.damping_n_s_per_m,
         b=run.model.half_backlash_m,
     )
 
 
-def _waves(model: Model, omega: float, phase: Array) -> Waves:
-    return waves(model, phase, omega)
+def _waves(model: Model, omega: float, late: float, phase: Array) -> Waves:
+    return waves(model, phase - late, omega)
 
 
 @dataclass
