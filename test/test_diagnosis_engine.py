@@ -250,13 +250,18 @@ def drawn(rng, evidence, weights):
     return ("unknown",) if chosen is None else chosen.effects
 
 
+def told(given, truth):
+    """Logarithm of the probability of the truth."""
+    return np.log(sum(c.probability for c in given if c.effects == truth))
+
+
 def test_fitted_probabilities_come_true():
     rng = np.random.default_rng(8)
     true = rng.normal(size=len(NAMES))
     true[0] = -1.0  # less left is more probable
     practice = [some_evidence(rng) for _ in range(800)]
     weights = fit(practice, [drawn(rng, e, true) for e in practice], 1e-3)
-    said, came = [], []
+    said, came, lost = [], [], []
     for _ in range(800):
         evidence = some_evidence(rng)
         truth = drawn(rng, evidence, true)
@@ -264,6 +269,8 @@ def test_fitted_probabilities_come_true():
         assert sum(c.probability for c in given) == pytest.approx(1.0)
         said += [c.probability for c in given]
         came += [c.effects == truth for c in given]
+        lost.append(told(chances(evidence, true), truth) - told(given, truth))
+    assert np.mean(lost) < 0.02  # the truth tells hardly more
     said, came = np.array(said), np.array(came)
     edges = np.quantile(said, np.linspace(0.0, 1.0, 7))
     for low, high in pairwise(edges):
