@@ -75,7 +75,7 @@ def test_sizes_are_recovered() -> None:
     for effect, name, at in (
         ("cubic", "cubic", 6),
         ("play", "play", 2),
-        ("coulomb", "friction", 3),
+        ("coulomb", "coulomb", 3),
     ):
         _, _, p = drawn(effect, np.random.default_rng(SEED))
         true = p[at] - 5e-4 if effect == "play" else p[at]
@@ -90,9 +90,7 @@ def test_the_travel_of_presliding_is_learned() -> None:
     _, _, p = drawn("presliding", np.random.default_rng(SEED))
     best = examined("presliding").singles[0]
     travel = dict(best.hypotheses[0].options)["travel"]
-    force, longer = (
-        fitted(examined("presliding"), f"{q} {travel}")[0] for q in ("slip", "longer")
-    )
+    force, longer = (fitted(examined("presliding"), q)[0] for q in ("presliding", "longer"))
     assert force == pytest.approx(p[5], rel=0.03)
     assert travel * np.exp(longer / force) == pytest.approx(p[9], rel=0.1)
 
@@ -115,7 +113,8 @@ def test_slopes_of_presliding_are_those_of_its_force() -> None:
 
 @pytest.fixture(scope="module")
 def search() -> Search:
-    return Search(Damper(simulate("cubic", SEED)))
+    found = Search(Damper(simulate("cubic", SEED)))
+    return found.onwards(found.machine)
 
 
 def test_columns_are_the_slopes_of_the_residual(search: Search) -> None:
@@ -146,6 +145,21 @@ def test_the_quick_score_is_what_the_regression_takes_off(search: Search) -> Non
         assert search.quick(one.coefficients) == pytest.approx(by_base - taken, rel=1e-6)
 
 
+@pytest.mark.parametrize("effect", ["play", "presliding"])
+def test_laws_that_bend_are_followed(effect: str) -> None:
+    """Exactly they leave less than their slopes at zero, and one travel leads to the next."""
+    search = Search(Damper(simulate(effect, 24)))
+    search = search.onwards(search.machine)
+    of_effect = [h for h in search.machine.hypotheses() if h.effect == effect]
+    lines = [search.screened(h.coefficients, 1.0) for h in of_effect]
+    exact = [
+        search.refined(h.coefficients, line.mean).energy.sum()
+        for h, line in zip(of_effect, lines, strict=True)
+    ]
+    assert lines[0].energy.sum() - exact[0] > 3.0 * np.sqrt(2.0 * search.campaign.count.sum())
+    assert np.ptp(exact) < 1.0
+
+
 def test_runs_left_out_are_predicted_by_the_others(search: Search) -> None:
     """The energy of a run is what its block leaves with the numbers that the others give."""
     one = next(h for h in search.machine.hypotheses() if h.effect == "cubic")
@@ -168,7 +182,7 @@ def test_the_verdict_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     main(["--effect", "coulomb", "--seed", "3"])
     first, *_, best, left = capsys.readouterr().out.splitlines()
     assert first.endswith("%  coulomb")
-    assert best.startswith("best effect: coulomb, friction = ")
+    assert best.startswith("best effect: coulomb, coulomb = ")
     assert left.startswith("mean square left over the noise: ")
 
 

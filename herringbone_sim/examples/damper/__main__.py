@@ -44,9 +44,9 @@ def practise(rigs: int) -> NDArray[np.float64]:
 
 
 def kept_weights() -> NDArray[np.float64]:
-    """Those of the last practice."""
+    """Those of the last practice; a number that the judge did not look at then weighs nothing."""
     data = json.loads(WEIGHTS.read_text(encoding="utf-8"))
-    return np.array([data[name] for name in NAMES])
+    return np.array([data.get(name, 0.0) for name in NAMES])
 
 
 def verdict(found: Examined, weights: NDArray[np.float64]) -> str:
