@@ -72,6 +72,13 @@ def test_what_gives_constants_to_compiled_code_counts(tmp_path):
     assert [room.name for room in compiled_from(tmp_path)] == ["core", "analysis", "sweeps"]
 
 
+def test_every_compiled_function_of_the_package_lies_in_a_folder_that_counts():
+    rooms = compiled_from(PACKAGE)
+    makers = [p for p in PACKAGE.rglob("*.py") if re.search(r"\bnjit\(", p.read_text("utf-8"))]
+    assert len(makers) > 5
+    assert not [p for p in makers if not any(room in p.parents for room in rooms)]
+
+
 @pytest.mark.parametrize("elsewhere", [False, True])
 def test_a_constant_of_another_module_reaches_the_code_compiled_before(tmp_path, elsewhere):
     """Numba by itself would load what it compiled with the old one."""

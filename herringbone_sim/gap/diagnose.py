@@ -23,10 +23,10 @@ from herringbone_sim.gap.measured import gap_of, metric_of
 from herringbone_sim.gap.named import named
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
-from herringbone_sim.gap.sensors.late import put_right
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
+from herringbone_sim.gap.sensors.late import put_right
 from herringbone_sim.gap.sensors.noise import quieter
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import Option, Verdict, decide, option_of
@@ -87,9 +87,7 @@ def diagnose(
     campaign, findings = check(campaign)
     if not campaign.noise_known:
         campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
-    campaign = replace(
-        campaign, runs=tuple(independent(run) for run in put_right(campaign.runs))
-    )
+    campaign = replace(campaign, runs=tuple(independent(run) for run in put_right(campaign.runs)))
     for finding in findings:
         say(finding.text)
     fit = to_leave_out(_fit_runs(campaign, findings))

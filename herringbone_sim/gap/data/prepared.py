@@ -174,9 +174,7 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
     )
 
 
-def force_gains(
-    layout: Layout, sensors: Mapping[str, Mapping[str, float]]
-) -> tuple[float, ...]:
+def force_gains(layout: Layout, sensors: Mapping[str, Mapping[str, float]]) -> tuple[float, ...]:
     """Tolerance of the gain of each force sensor, as it is told."""
     return tuple(
         float(sensors.get(f"F_{m}", {}).get("gain_tolerance", 0.0)) for m in layout.meshes

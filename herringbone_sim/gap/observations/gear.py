@@ -246,8 +246,8 @@ class Gear:
             if value == 0.0:
                 continue
             kind, _, channel = name.partition(" of ")
-            names = self.swap if name == "swap" else (channel,)
-            run = undone(run, "swap" if name == "swap" else kind, names, value)
+            names = self.swap or () if name == "swap" else (channel,)
+            run = undone(run, kind, names, value)
         if run is g.run:
             return g
         return gear_run(run, self.stride)
@@ -347,7 +347,7 @@ class Gear:
         g = self.runs[r]
         m = g.some if observation == force_law.NAME else g.motion
         x, v = np.nan_to_num(m.x) / m.b, np.nan_to_num(m.v) / (m.b * m.omega)
-        lag = max(1, int(round(0.25 * 2.0 * np.pi / m.omega / (m.times[1] - m.times[0]))))
+        lag = max(1, round(0.25 * 2.0 * np.pi / m.omega / (m.times[1] - m.times[0])))
         late = [np.concatenate([np.repeat(q[:1], lag, axis=0), q[:-lag]]) for q in (x, v)]
         angles = [m.phase, *(m.phase / c for c in force_law.members(self.model).values())]
         turns = [trig(a) for a in angles for trig in (np.cos, np.sin)]
