@@ -42,7 +42,7 @@ def function_names(
 ) -> tuple[str, ...]:
     """Columns: masses, forces and their slopes by mesh, friction, ripple, laws of some meshes."""
     meshes = model.layout.meshes
-    names = [*MASSES, "one"]
+    names = [*MASSES, "between", "one"]
     names += [f"{what} of {j}" for what in ("F", "slope", "late") for j in range(len(meshes))]
     names += [f"friction {g} of {j}" for j in range(len(meshes)) for g in FRICTION]
     names += [f"ripple {q} {trig}" for q in RIPPLES for trig in ("cos", "sin")]
@@ -90,8 +90,10 @@ def block(
     at = np.arange(reach, len(run) - reach)[::stride]
     force = np.where(modelled, law.force, m.F)
     average = look.average(force)
+    more = np.zeros((len(average), whole.shape[0]))
     if quadrature_n is not None:
         average = average + quadrature_n
+        more = quadrature_n @ whole.T
     load = _loads(run)
     parts = np.stack([average @ A[i].T + look.average(load[i]) for i in range(3)])
     measured = look.derivative(fused.z_rate)
@@ -104,7 +106,7 @@ def block(
     residual = (measured - parts.sum(0))[::stride]
     rows = run.model.layout.n_coordinate
     names, columns = _columns(
-        run, m, law, force, modelled, chosen, look, stride, parts, on_bodies, wanted
+        run, m, law, force, modelled, chosen, look, stride, (*parts, more), on_bodies, wanted
     )
     slow = slow_waves(m.times)[at]
     # A window averages white noise out, drift and hum it leaves as they are.
@@ -147,7 +149,7 @@ def _columns(
     chosen: Sequence[Function],
     look: Window,
     stride: int,
-    parts: Array,
+    parts: Sequence[Array],
     on_bodies: Sequence[Function],
     wanted: Sequence[str] | None,
 ) -> tuple[tuple[str, ...], Array]:
@@ -197,7 +199,7 @@ def _columns(
         run.model, modelled, [f.name for f in chosen], [f.name for f in on_bodies]
     )
     names = tuple(n for n in every if wanted is None or n in set(wanted))
-    masses = {name: parts[i][::stride] for i, name in enumerate(MASSES)}
+    masses = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "between"))}
     flat = [made[n]() for n in names if n not in masses]
     k, rows = parts[0][::stride].shape
     averaged = iter(look.average(np.stack(flat, axis=1))[::stride].T if flat else ())

@@ -111,7 +111,11 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     late = -gear.omegas[:, None]
     for name, function in (("delay of k", "shift k"), ("delay of e", "shift e")):
         found.append(places.coefficient(name, {function: late}, 2.5e-6, 5e-6))
-    found.append(places.coefficient("filter", {"filter": 1.0}, 0.05, 0.2))
+    # A corner at 10 omega_n or above: an impulse response of a tenth of 1 / omega_n, data sheet.
+    widest = (0.1 / gear.model.scales.omega_n) ** 2
+    found.append(places.coefficient("filter", {"filter": 1.0}, 0.5 * widest, widest))
+    between = {(balance.NAME, "between"): 1.0}
+    found.append(places.coefficient("between", between, 0.3, 1.0))
     for mass in balance.MASSES:
         found.append(places.coefficient(mass, {(balance.NAME, mass): 1.0}, 0.02 / 3**0.5, 0.0205))
     for j, tolerance in enumerate(gear.gain_tolerance):

@@ -125,13 +125,15 @@ def _of_mesh(i: int) -> Values:
 def smoothing(m: Motion, law: Law) -> Array:
     """What a common filter takes off kinks: filtered force minus the force of filtered x.
 
-    Second differences of k f(x) minus k f' times those of x, per sample step squared.
+    Half the variance of its impulse response [s^2] is the coefficient of the second derivative of
+    k f(x) less k f' times that of x.
     """
     spring = law.k * law.f
     slope = law.k * (law.drive + law.back)
     found = np.zeros_like(spring)
+    step = float(m.times[1] - m.times[0])
     found[1:-1] = np.diff(spring, 2, axis=0) - slope[1:-1] * np.diff(m.x, 2, axis=0)
-    return found
+    return found / step**2
 
 
 def slow_waves(times: Array) -> Array:

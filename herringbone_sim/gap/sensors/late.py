@@ -18,7 +18,8 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.sensors.consistency import geometry
 
-LONGEST_S = 5e-6  # of a common filter, data sheet
+LONGEST_S = 5e-6  # of a common delay, data sheet
+CORNER = 10.0  # omega_n: the lowest corner of a common filter, data sheet
 HALF = 0.5  # of what geometry leaves: less is not what a delay explains
 
 
@@ -51,7 +52,9 @@ def common_delay(runs: Sequence[PreparedRun]) -> float | None:
     if not turns:
         return None
     delay = float(np.dot(turns, weights) / np.dot(weights, weights))
-    return delay if 0.0 < delay <= LONGEST_S else None
+    # A filter of second order is late by up to two over its corner, beside its own delay.
+    longest = LONGEST_S + 2.0 / (CORNER * runs[0].model.scales.omega_n)
+    return delay if 0.0 < delay <= longest else None
 
 
 def _later(run: PreparedRun, delay: float) -> PreparedRun:
