@@ -394,7 +394,7 @@ def motion_sensors(places: Places) -> Iterator[Hypothesis]:
     gear = places.gear
     for kind, effect in zip(consistency.KINDS, MOTION_EFFECTS, strict=True):
         for group in groups_of(gear.model.layout):
-            if group.quantity == "xvu":
+            if group.quantity not in gear.sizes:
                 continue
             scale = {
                 "gain": 0.05,

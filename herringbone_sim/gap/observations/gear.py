@@ -152,14 +152,14 @@ class Gear:
 
     @cached_property
     def sizes(self) -> dict[str, float]:
-        """RMS of each quantity over all runs."""
+        """RMS of each quantity over all runs; those without any channel are left out."""
         return {
             q: float(
                 np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
             )
             for q in "xvu"
             if any(getattr(g.run, q).there.any() for g in self.runs)
-        } | {}
+        }
 
     @cached_property
     def relations(self) -> int:
