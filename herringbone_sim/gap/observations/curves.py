@@ -114,7 +114,7 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     # A corner at 10 omega_n or above: an impulse response of a tenth of 1 / omega_n, data sheet.
     widest = (0.1 / gear.model.scales.omega_n) ** 2
     found.append(places.coefficient("filter", {"filter": 1.0}, 0.5 * widest, widest))
-    between = {(balance.NAME, "between"): 1.0}
+    between: Weights = {(balance.NAME, "between"): 1.0}
     found.append(places.coefficient("between", between, 0.3, 1.0))
     for mass in balance.MASSES:
         found.append(places.coefficient(mass, {(balance.NAME, mass): 1.0}, 0.02 / 3**0.5, 0.0205))
