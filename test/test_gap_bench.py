@@ -14,22 +14,22 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from herringbone_sim.gap.attribution.fit import Fit
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.practice.evidence import evidence_of, evidence_record
 from test_practice_score import a_label, a_report
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
-from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.find import SensorCheck
-from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.practice import bench, trial
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.bench import check_seeds, name_of, read_seals, run_bench
 from herringbone_sim.practice.campaign import make_campaign, run_plan
-from herringbone_sim.practice.evidence import evidence_of, evidence_record
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.outcome import outcome
 from herringbone_sim.practice.plan import draw_plan

@@ -7,6 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_support import POINTS, noisy, prepared, rig, sampled
+from herringbone_sim.gap.filtering.few import few
+from herringbone_sim.gap.filtering.filter import Filtered, filtered, innovations
+from herringbone_sim.gap.filtering.linear import accelerations, linear, responses
+from herringbone_sim.gap.filtering.runs import following, left, settled
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.effect import Locus, active
@@ -20,10 +24,6 @@ from herringbone_sim.gap.attribution.channel_sets import (
 )
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.filtering.few import few
-from herringbone_sim.gap.filtering.filter import Filtered, filtered, innovations
-from herringbone_sim.gap.filtering.linear import accelerations, linear, responses
-from herringbone_sim.gap.filtering.runs import following, left, settled
 from herringbone_sim.gap.residuals.fusion import fuse
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")

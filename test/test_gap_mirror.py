@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gap_support import NOMINAL, rig
+from herringbone_sim.gap.attribution.fit import fit
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.gap.verdict.stages import Option
 
 from herringbone_sim.cli.gap_rerun import mirror_gap
 from herringbone_sim.cli.rerun_option import Where
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.attribution.fit import fit
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.find import SensorCheck
 from herringbone_sim.gap.verdict.decide import Verdict
-from herringbone_sim.gap.verdict.evidence import Evidence
-from herringbone_sim.gap.verdict.stages import Option
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.views.gap_mirror_runs import run_views, shares
 

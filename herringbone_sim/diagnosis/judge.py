@@ -2,7 +2,8 @@
 
 A conditional logit (McFadden 1974): each explanation has a few numbers that say how well it does,
 and its probability goes with the exponential of their weighted sum. The weights are fitted on
-practice campaigns by ``calibrate`` and kept in ``calibration.json`` with the seeds, none is chosen.
+practice campaigns by ``calibrate`` and kept in ``calibration.json`` with the seeds; none is
+chosen.
 
 With E the whitened squares left on runs predicted by the others, N their count, and R what a
 flexible regression still predicts of them: the gap is what can be predicted beside the calibrated

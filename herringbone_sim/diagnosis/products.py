@@ -8,7 +8,7 @@ normal equations are sums of entries of the products. Nuisances of a row (drift,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -223,7 +223,15 @@ class Campaign:
             self._sum_up(o, self.base, products, nuisances, self.base_A, self.base_b)
             self.base_A -= nuisances @ nuisances.transpose(0, 2, 1)
 
-    def _sum_up(self, o, coefficients, products, nuisances, A, b):  # type: ignore[no-untyped-def]
+    def _sum_up(
+        self,
+        o: str,
+        coefficients: Sequence[Coefficient],
+        products: Array,
+        nuisances: Array,
+        A: Array,
+        b: Array,
+    ) -> None:
         """Add products (runs, p, R, Q) with coefficients to A (runs, p, q) and b (runs, q)."""
         for i, one in enumerate(coefficients):
             for row, f, w in self._entries(one, o):
@@ -247,7 +255,15 @@ class Campaign:
         A[:, n:, :n] = A[:, :n, n:].transpose(0, 2, 1)
         return A, b
 
-    def _add(self, o, coefficients, used, A, b):  # type: ignore[no-untyped-def]
+    def _add(
+        self,
+        o: str,
+        coefficients: Sequence[Coefficient],
+        used: Mapping[int, Mapping[int, int]],
+        A: Array,
+        b: Array,
+    ) -> None:
+        """Add the entries used, by row and function, to A (runs, p, p) and b (runs, p)."""
         n, runs, q = len(self.base), len(self.runs), len(coefficients)
         X = np.zeros((runs, q, self._x[o].shape[1]))
         for row, places in used.items():

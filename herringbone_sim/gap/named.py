@@ -1,4 +1,4 @@
-"""From a fitted hypothesis to an effect of the catalogue with intervals, and to its learned law."""
+"""From a fitted hypothesis to an effect of the catalogue with intervals, and its learned law."""
 
 from __future__ import annotations
 
@@ -185,10 +185,10 @@ Curve = tuple[Array, Array, tuple[str, str, str, str]]
 PHASES = np.linspace(0.0, 2.0 * np.pi, 97)
 
 
-def _trig(name: str) -> Array | None:
+def _trig(name: str) -> Array:
     """cos or sin of the order that a coefficient's name tells."""
     order, _, trig = name.partition(" ")
-    return {"cos": np.cos, "sin": np.sin}[trig](float(order) * PHASES)
+    return np.asarray({"cos": np.cos, "sin": np.sin}[trig](float(order) * PHASES))
 
 
 def _over_phase(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
@@ -219,7 +219,7 @@ def _over_shaft(h: Hypothesis) -> Curve:
 
 def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
     def make(h: Hypothesis) -> Curve:
-        matrix = np.column_stack([BUMP, np.eye(len(KNOTS))])
+        matrix: Array = np.column_stack([BUMP, np.eye(len(KNOTS))])
         return KNOTS, matrix, ("mesh cycles from the event", "cycles", y_name, y_unit)
 
     return make

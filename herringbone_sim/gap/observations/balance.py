@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,7 @@ def accelerations(model: Model) -> Array:
     """(m, n_bodies) acceleration of the coordinates by a force on each body at its base radius."""
     s, packed = model.scales, model.packed
     inverse = np.concatenate([packed.inv_M_s, [1.0 / s.M_c], packed.inv_M_p.ravel()])
-    return bodies_to_coordinates(model) * inverse
+    return np.asarray(bodies_to_coordinates(model) * inverse)
 
 
 def block(
@@ -85,7 +86,7 @@ def block(
     A = inertia_parts(run.model)
     whole = A.sum(0)
     reach = len(look.mean) // 2
-    stride = max(1, int(round(look.deviation)))
+    stride = max(1, round(look.deviation))
     at = np.arange(reach, len(run) - reach)[::stride]
     force = np.where(modelled, law.force, m.F)
     average = look.average(force)
@@ -155,6 +156,7 @@ def _columns(
     """Names and columns (n, rows, Q), those wanted alone."""
     n_mesh = m.x.shape[1]
     slope = np.gradient(force, m.times, axis=0)
+    late = m.times[:, None] * slope
     s = m.phase / (2.0 * np.pi)
     s = s - np.floor(s + 0.5)
     shapes = {
@@ -168,21 +170,31 @@ def _columns(
     }
     p = run.model.parameters
     turn = p.z_s * p.z_r / (p.z_s + p.z_r)
-    made: dict[str, Callable[[], Array]] = {"one": lambda: np.ones(len(m.phase))}
+    made: dict[str, Callable[[], Array]] = {"one": partial(np.ones, len(m.phase))}
+
+    def friction(j: int, g: str) -> Array:
+        return np.abs(force[:, j]) * shapes[g]
+
+    def ripple(trig: Callable[[Array], Array], q: int) -> Array:
+        return trig(q * m.phase / turn)
+
+    def of_law(f: Function, j: int) -> Array:
+        return np.nan_to_num(column(f, m, law)[:, j])
+
     for j in range(n_mesh):
-        made[f"F of {j}"] = lambda j=j: force[:, j]
-        made[f"slope of {j}"] = lambda j=j: slope[:, j]
-        made[f"late of {j}"] = lambda j=j: m.times * slope[:, j]
+        made[f"F of {j}"] = partial(np.take, force, j, 1)
+        made[f"slope of {j}"] = partial(np.take, slope, j, 1)
+        made[f"late of {j}"] = partial(np.take, late, j, 1)
         for g in FRICTION:
-            made[f"friction {g} of {j}"] = lambda j=j, g=g: np.abs(force[:, j]) * shapes[g]
+            made[f"friction {g} of {j}"] = partial(friction, j, g)
     for q in RIPPLES:
-        made[f"ripple {q} cos"] = lambda q=q: np.cos(q * m.phase / turn)
-        made[f"ripple {q} sin"] = lambda q=q: np.sin(q * m.phase / turn)
+        made[f"ripple {q} cos"] = partial(ripple, np.cos, q)
+        made[f"ripple {q} sin"] = partial(ripple, np.sin, q)
     for f in on_bodies:
-        made[f.name] = lambda f=f: f.values(m, law)
+        made[f.name] = partial(f.values, m, law)
     for f in chosen if modelled.any() else ():
-        for j in np.flatnonzero(modelled):
-            made[f"{f.name} of {j}"] = lambda f=f, j=j: np.nan_to_num(column(f, m, law)[:, j])
+        for j in np.flatnonzero(modelled).tolist():
+            made[f"{f.name} of {j}"] = partial(of_law, f, j)
     every = function_names(
         run.model, modelled, [f.name for f in chosen], [f.name for f in on_bodies]
     )

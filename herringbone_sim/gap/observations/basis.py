@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from herringbone_sim.gap.observations.law import Law, Motion
 
 Array = NDArray[np.float64]
+Values = Callable[[Motion, Law], Array]
 ORDERS = tuple(range(1, 9))  # mesh orders below which a tooth flank's own form lies
 TURNS = (1, 2, 3)  # harmonics of a turn
 LOADS_M = np.array([1e-7, 5e-7, 2e-6, 8e-6, 3e-5, 1e-4])  # |f| from a static to a violent load
@@ -34,8 +35,8 @@ class Function:
 
     name: str
     slot: str
-    values: Callable[[Motion, Law], Array]
-    rate: Callable[[Motion, Law], Array] | None = None
+    values: Values
+    rate: Values | None = None
     bent: Callable[[Motion, Array], tuple[Array, Array]] | None = None
 
 

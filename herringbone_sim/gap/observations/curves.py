@@ -1,18 +1,20 @@
-"""Effects of the catalogue as curves: what they depend on, where they sit, which symmetry they have.
+"""Effects of the catalogue as curves: what they depend on, where they sit, their symmetry.
 
-The catalogue's law is the mean of a prior over curves: one coefficient carries it, further ones let
-the curve depart from it by a share ``SHAPE`` of its size. Units are those of the effect's size.
+The catalogue's law is the mean of a prior over curves: one coefficient carries it, further ones
+let the curve depart from it by a share ``SHAPE`` of its size. Units are those of the effect's
+size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.products import Coefficient, Part
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
@@ -112,7 +114,7 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     # A corner at 10 omega_n or above: an impulse response of a tenth of 1 / omega_n, data sheet.
     widest = (0.1 / gear.model.scales.omega_n) ** 2
     found.append(places.coefficient("filter", {"filter": 1.0}, 0.5 * widest, widest))
-    between = {(balance.NAME, "between"): 1.0}
+    between: Weights = {(balance.NAME, "between"): 1.0}
     found.append(places.coefficient("between", between, 0.3, 1.0))
     for mass in balance.MASSES:
         found.append(places.coefficient(mass, {(balance.NAME, mass): 1.0}, 0.02 / 3**0.5, 0.0205))
@@ -181,7 +183,9 @@ def _mean_stiffness(gear: Gear) -> Iterator[Variant]:
     yield (), 0.1, [Term("factor", {"kappa": 1.0}, 1.0)], 1
 
 
-def _waves(label: str, unit: float, least: int, sign: float):  # type: ignore[no-untyped-def]
+def _waves(
+    label: str, unit: float, least: int, sign: float
+) -> Callable[[Gear], Iterator[Variant]]:
     def make(gear: Gear) -> Iterator[Variant]:
         for order in ORDERS:
             if order < least:
@@ -274,22 +278,19 @@ def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
 
 
 def _hertz(gear: Gear) -> Iterator[Variant]:
-    main = {f"kappa load {i}": float(np.log(f / 1e-5)) for i, f in enumerate(LOADS_M)}
+    main: Weights = {f"kappa load {i}": float(np.log(f / 1e-5)) for i, f in enumerate(LOADS_M)}
     bend = [Term(f"load {i}", {f"kappa load {i}": 1.0}, SHAPE) for i in range(len(LOADS_M))]
-    yield (), 0.1, [Term("exponent", {**main}, 1.0), Term("level", {"kappa": 1.0}, 1.0), *bend], 1
+    yield (), 0.1, [Term("exponent", main, 1.0), Term("level", {"kappa": 1.0}, 1.0), *bend], 1
 
 
 def _damping(gear: Gear) -> Iterator[Variant]:
     bend = [Term(f"load {i}", {f"gamma load {i}": 1.0}, SHAPE) for i in range(len(LOADS_M))]
     yield (("law", "contact"),), 0.3, [Term("share", {"gamma out": -1.0}, 1.0), *bend], 1
-    by_load = {f"gamma load {i}": float(f / 1e-5) - 1.0 for i, f in enumerate(LOADS_M)}
+    by_load: Weights = {f"gamma load {i}": float(f / 1e-5) - 1.0 for i, f in enumerate(LOADS_M)}
     yield (
         (("law", "load"),),
         0.3,
-        [
-            Term("share", {"gamma out": -1.0, **by_load}, 1.0),
-            *bend,
-        ],
+        [Term("share", {"gamma out": -1.0, **by_load}, 1.0), *bend],
         1,
     )
 
@@ -319,7 +320,7 @@ def friction(places: Places) -> Iterator[Hypothesis]:
     for locus in effect.candidates(layout):
         constant, lever = friction_arms(gear.model, locus.mask(layout))
         of = {"sign": constant @ to_rows.T, "lever": lever @ to_rows.T}
-        weights = {
+        weights: Weights = {
             (balance.NAME, f"friction {g} of {j}"): of[g][j]
             for j in range(layout.n_mesh)
             for g in ("sign", "lever")
@@ -347,12 +348,8 @@ def ripple(places: Places) -> Iterator[Hypothesis]:
         for times, sd in ((1, 1.0), (2, SHAPE), (3, SHAPE / 2)):
             if times * order in balance.RIPPLES:
                 for trig in ("cos", "sin"):
-                    name = f"ripple {times * order} {trig}"
-                    terms.append(
-                        places.coefficient(
-                            f"{times} {trig}", {(balance.NAME, name): rows}, 0.2 * sd
-                        )
-                    )
+                    of: Weights = {(balance.NAME, f"ripple {times * order} {trig}"): rows}
+                    terms.append(places.coefficient(f"{times} {trig}", of, 0.2 * sd))
         yield Hypothesis("torque_ripple", (("order", order),), Locus(), tuple(terms), 2)
 
 
@@ -367,7 +364,7 @@ def force_sensors(places: Places) -> Iterator[Hypothesis]:
         ("sensor_delay", "F delay", "slope", 1.0, 2e-6),
         ("clock_drift", "F clock", "late", 1.0, 1e-3),
     ):
-        for locus in SENSOR_LOCI(layout):
+        for locus in sensor_loci(layout):
             mask = locus.mask(layout) * ~gear.modelled
             if not mask.any():
                 continue
@@ -427,5 +424,5 @@ PARAMETER = {
 MOTION_EFFECTS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
-def SENSOR_LOCI(layout):  # type: ignore[no-untyped-def]
+def sensor_loci(layout: Layout) -> tuple[Locus, ...]:
     return known_effects()["sensor_gain"].candidates(layout)

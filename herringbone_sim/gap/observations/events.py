@@ -19,7 +19,7 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
 from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.curves import SHAPE, Places
+from herringbone_sim.gap.observations.curves import SHAPE, Places, Weights
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.law import Law, Motion
 
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 BINS = 6  # to a mesh cycle, which has ten samples or more
 SPAN = 1.5  # mesh cycles that a pair of teeth is in contact (contact ratio), data sheet's geometry
 APART = 0.125  # mesh cycles between knots of a window's curve: three samples of 24 a cycle
-KNOTS = np.arange(-9, 10) * APART  # from the window's middle
+KNOTS = np.arange(-9, 10, dtype=np.float64) * APART  # from the window's middle
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def lags(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
 def fold(gear: Gear, amplitudes: Amplitudes, member: str) -> dict[str, Fold]:
     """Folds of both kinds of event about a change of the law."""
     cycles = force_law.members(gear.model)[member]
-    bins = int(round(BINS * cycles))
+    bins = round(BINS * cycles)
     n = gear.model.layout.n_mesh
     found = {kind: Fold(np.zeros((n, bins)), np.zeros((n, bins))) for kind in KINDS}
     for r, g in enumerate(gear.runs):
@@ -95,17 +95,17 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
     return chosen
 
 
-def _ranked(gear: Gear, member: str, kind: str, one: Fold):  # type: ignore[no-untyped-def]
+def _ranked(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[float, Event]]:
     layout = gear.model.layout
     cycles = force_law.members(gear.model)[member]
     bins = one.A.shape[1]
-    wide = int(round(SPAN * BINS))
+    wide = round(SPAN * BINS)
     kernel = np.zeros(bins)
     kernel[:wide] = 1.0
     spectrum = np.fft.rfft(kernel)
 
     def summed(values: Array) -> Array:
-        return np.fft.irfft(np.fft.rfft(values, axis=1) * spectrum, bins, axis=1)
+        return np.asarray(np.fft.irfft(np.fft.rfft(values, axis=1) * spectrum, bins, axis=1))
 
     A, b = summed(one.A), summed(one.b)
     ranked = []
@@ -146,7 +146,7 @@ def window(
 
     def made(i: int) -> Function:
         def values(m: Motion, _: Law) -> Array:
-            return np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / APART)
+            return np.asarray(np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / APART))
 
         def rate(m: Motion, _: Law) -> Array:
             s = from_event(m) - KNOTS[i]
@@ -185,10 +185,10 @@ class Event:
         """With its coefficients: a raised cosine and departures from it."""
         mask = self.locus.mask(places.gear.model.layout)
         sign, unit = (-1.0, 0.3) if self.effect == "tooth_crack" else (1.0, 5e-6)
-        main = {f"{label} {i}": sign * w * mask for i, w in enumerate(BUMP) if w}
+        main: Weights = {f"{label} {i}": sign * w * mask for i, w in enumerate(BUMP) if w}
         terms = [places.coefficient(_NAMES[self.effect], main, unit)]
         for i in range(len(KNOTS)):
-            bend = {f"{label} {i}": sign * mask}
+            bend: Weights = {f"{label} {i}": sign * mask}
             terms.append(places.coefficient(f"window {i}", bend, unit * 2 * SHAPE))
         options = (("member", self.member),)
         return Hypothesis(self.effect, options, self.locus, tuple(terms), 1, self)

@@ -19,6 +19,7 @@ from herringbone_sim.gap.observations.basis import (
     ORDERS,
     TURNS,
     Function,
+    Values,
     column,
     constant,
     load_hats,
@@ -113,11 +114,11 @@ def functions(model: Model) -> list[Function]:
     return found
 
 
-def _in_contact(f: Function):  # type: ignore[no-untyped-def]
+def _in_contact(f: Function) -> Values:
     return lambda m, law: f.values(m, law) * (law.drive + law.back)
 
 
-def _of_mesh(i: int):  # type: ignore[no-untyped-def]
+def _of_mesh(i: int) -> Values:
     return lambda m, law: np.repeat(law.force[:, i : i + 1], m.x.shape[1], axis=1)
 
 
@@ -151,7 +152,7 @@ def block(
     drift: float = DRIFT_SHARE,
 ) -> Block:
     """The force law of a run; meshes without force have no weight."""
-    known = np.isfinite(m.F).all(axis=0) & np.isfinite(law.force).all(axis=0)
+    known = np.asarray(np.all(np.isfinite(m.F) & np.isfinite(law.force), axis=0))
     residual = np.where(known, m.F - law.force, 0.0)
     sigma = np.where(known, law.sigma, 1.0)
     names = tuple(f.name for f in chosen)

@@ -152,14 +152,14 @@ class Gear:
 
     @cached_property
     def sizes(self) -> dict[str, float]:
-        """RMS of each quantity over all runs."""
+        """RMS of each quantity over all runs; those without any channel are left out."""
         return {
             q: float(
                 np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
             )
             for q in "xvu"
             if any(getattr(g.run, q).there.any() for g in self.runs)
-        } | {}
+        }
 
     @cached_property
     def relations(self) -> int:
@@ -246,8 +246,8 @@ class Gear:
             if value == 0.0:
                 continue
             kind, _, channel = name.partition(" of ")
-            names = self.swap if name == "swap" else (channel,)
-            run = undone(run, "swap" if name == "swap" else kind, names, value)
+            names = self.swap or () if name == "swap" else (channel,)
+            run = undone(run, kind, names, value)
         if run is g.run:
             return g
         return gear_run(run, self.stride)
@@ -316,7 +316,11 @@ class Gear:
             now = self.law_of(g.some, of_law)
             found[force_law.NAME] = force_law.block(g.some, now, self.model, chosen, self.drift)
         if balance.NAME in observations and self.balanced:
-            of_balance = amplitudes.get(balance.NAME, {})
+            # Functions of laws stand in the forces already.
+            own = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
+            own |= {f.name for f in self.body_functions}
+            given = amplitudes.get(balance.NAME, {})
+            of_balance = {name: a for name, a in given.items() if name in own}
             names = None if wanted is None else [*wanted.get(balance.NAME, ()), *of_balance]
             cached = g is self.runs[r] and not self.modelled.any()
             full = (
@@ -328,7 +332,7 @@ class Gear:
                 full = balance.corrected(
                     full, self._between(r, of_law), self._quadrature[r], g.run
                 )
-            found[balance.NAME] = _about(full, amplitudes.get(balance.NAME, {}), r, wanted)
+            found[balance.NAME] = _about(full, of_balance, r, wanted)
         return found
 
     def with_functions(
@@ -347,7 +351,7 @@ class Gear:
         g = self.runs[r]
         m = g.some if observation == force_law.NAME else g.motion
         x, v = np.nan_to_num(m.x) / m.b, np.nan_to_num(m.v) / (m.b * m.omega)
-        lag = max(1, int(round(0.25 * 2.0 * np.pi / m.omega / (m.times[1] - m.times[0]))))
+        lag = max(1, round(0.25 * 2.0 * np.pi / m.omega / (m.times[1] - m.times[0])))
         late = [np.concatenate([np.repeat(q[:1], lag, axis=0), q[:-lag]]) for q in (x, v)]
         angles = [m.phase, *(m.phase / c for c in force_law.members(self.model).values())]
         turns = [trig(a) for a in angles for trig in (np.cos, np.sin)]

@@ -7,6 +7,7 @@ measurement; where rates are slopes of displacements, likewise. The copy is left
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, increments, velocity
@@ -35,5 +36,5 @@ def independent(run: PreparedRun) -> PreparedRun:
     return run
 
 
-def _rms(values: np.ndarray) -> float:  # type: ignore[type-arg]
+def _rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))

@@ -1,7 +1,7 @@
 """The force law of a run with room for what effects do, and its derivatives.
 
-F = k(t) [1 + kappa] f(x + d; b' + b_plus, b' + b_minus) + c [1 + gamma] (v + d') + more, with f the
-backlash function smoothed over the noise of x, Eqs. (1) to (4), (12).
+F = k(t) [1 + kappa] f(x + d; b' + b_plus, b' + b_minus) + c [1 + gamma] (v + d') + more, with f
+the backlash function smoothed over the noise of x, Eqs. (1) to (4), (12).
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _waves(model: Model, omega: float, late: float, phase: Array) -> Waves:
 
 @dataclass
 class Change:
-    """What effects do to the law at every sample: arrays (n, n_mesh) or numbers; see the module."""
+    """What effects do to the law at every sample: arrays (n, n_mesh) or numbers."""
 
     kappa: Array | float = 0.0
     mean_kappa: Array | float = 0.0

@@ -39,7 +39,9 @@ def measured(m: Motion, law: Law) -> Array:
 
 
 def ring_motion(gear: Gear, theta: Array, m: Motion, F: Array) -> Array:
-    """(n, 2, 2) turn [m] of both sides of the ring, and its rate: M_r u'' = cos beta F - k u - c u'.
+    """(n, 2, 2) turn [m] of both sides of the ring, and its rate.
+
+    M_r u'' = cos beta F - k u - c u'.
 
     Args:
         theta: stiffness [N/m] and damping ratio.

@@ -1,8 +1,9 @@
 """A filter that all channels pass: displacements show e(t) late, rotations don't know of it.
 
-Recorded x holds the nominal e(t), Eqs. (15), (16). Where all channels pass one filter, x + e is not
-what the rotations give by geometry, but for e(t) late: its sine and cosine there tell the delay,
-and k(t) in recorded forces is as late. Only a delay that the data sheet allows is put right.
+Recorded x holds the nominal e(t), Eqs. (15), (16). Where all channels pass one filter, x + e is
+not what the rotations give by geometry, but for e(t) late: its sine and cosine there tell the
+delay, and k(t) in recorded forces is as late. Only a delay that the data sheet allows is put
+right.
 """
 
 from __future__ import annotations
