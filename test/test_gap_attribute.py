@@ -8,24 +8,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from herringbone_sim.gap.attribution.constancy import varying
+from herringbone_sim.gap.attribution.fit import fit
+from herringbone_sim.gap.attribution.shortlist import base, shortlist
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.evidence import Evidence, gather
+from herringbone_sim.gap.verdict.stages import Option
 
 from herringbone_sim.core.model import build
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.constancy import varying
-from herringbone_sim.gap.attribution.fit import fit
 from herringbone_sim.gap.attribution.hypothesis import Case, added, case, expected, fine_law_with
-from herringbone_sim.gap.attribution.shortlist import base, shortlist
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.report import check_report, report
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.sensors.find import SensorCheck
 from herringbone_sim.gap.verdict.decide import Verdict, decide
-from herringbone_sim.gap.verdict.evidence import Evidence, gather
-from herringbone_sim.gap.verdict.stages import Option
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.recording.parameter_file import load_parameters
 

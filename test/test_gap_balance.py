@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_support import rig
+from herringbone_sim.gap.attribution.fit import Fit, fit
+from herringbone_sim.gap.verdict.balance import balance_evidence
 
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.gap.attribution.fit import Fit, fit
 from herringbone_sim.gap.attribution.hypothesis import Case, case, name_of
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.verdict.balance import balance_evidence
 
 FACTOR = 1.2
 GAIN = active(effect("sensor_gain"), values={"gain": FACTOR, "channels": ("F",)})

@@ -9,24 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 from gap_support import NOMINAL, OMEGA_N, noisy, prepared
+from herringbone_sim.gap.attribution.fit import fit
+from herringbone_sim.gap.sensors.find import SensorCheck
+from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.gap.verdict.stages import Option, Stage
+from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import ALL, Active, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
-from herringbone_sim.gap.attribution.fit import fit
 from herringbone_sim.gap.attribution.hypothesis import Case, case
 from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.find import SensorCheck
 from herringbone_sim.gap.verdict.decide import Verdict, decide
 from herringbone_sim.gap.verdict.design import Design, design, leading
-from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.gap.verdict.questions import next_experiment, undecidable
 from herringbone_sim.gap.verdict.rivals import BALANCE, FORCES, MOTION, Rival, rest, shown
-from herringbone_sim.gap.verdict.stages import Option, Stage
-from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 from herringbone_sim.gap.verdict.trial import LEVELS, candidates, reach
 
 Point = Mapping[str, float]

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from gap_support import NOMINAL, POINTS, noisy, prepared, sampled
+from herringbone_sim.gap.sensors.find import SensorCheck, contradictions, find_sensor_errors
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.sensors.corrected import drop
-from herringbone_sim.gap.sensors.find import SensorCheck, contradictions, find_sensor_errors
 from herringbone_sim.gap.sensors.noise import quieter
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")

@@ -7,23 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from herringbone_sim.gap.attribution.constancy import Varying
+from herringbone_sim.gap.attribution.fit import Fit
+from herringbone_sim.gap.attribution.unforced import Unforced
+from herringbone_sim.gap.sensors.find import SensorCheck, SensorFinding
+from herringbone_sim.gap.verdict.evidence import Evidence
+from herringbone_sim.gap.verdict.stages import has_shape, stages_of
+from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.attribution.bodies import BodyFit
-from herringbone_sim.gap.attribution.constancy import Varying
-from herringbone_sim.gap.attribution.fit import Fit
 from herringbone_sim.gap.attribution.hypothesis import name_of
-from herringbone_sim.gap.attribution.unforced import Unforced
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.sensors.find import SensorCheck, SensorFinding
 from herringbone_sim.gap.sensors.groups import Group
 from herringbone_sim.gap.verdict.decide import decide
-from herringbone_sim.gap.verdict.evidence import Evidence
 from herringbone_sim.gap.verdict.questions import undecidable
-from herringbone_sim.gap.verdict.stages import has_shape, stages_of
-from herringbone_sim.gap.verdict.thresholds import frozen_thresholds
 
 MOVING = Unforced(np.ones(6), np.ones(3), ())
 QUIET = SensorCheck(1.0, 1.0, 1.0, 1.0, ())
