@@ -9,31 +9,23 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from herringbone_sim.gap.attribution.fit import Fit
-from herringbone_sim.gap.sensors.find import SensorCheck
-from herringbone_sim.gap.verdict.evidence import Evidence
-from herringbone_sim.practice.evidence import evidence_of, evidence_record
 from test_practice_score import a_label, a_report
 
 from herringbone_sim.__main__ import main
-from herringbone_sim.effects.effect import Locus, active
-from herringbone_sim.effects.registry import effect
+from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
-from herringbone_sim.gap.attribution.hypothesis import case
-from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.practice import bench, trial
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.bench import check_seeds, name_of, read_seals, run_bench
-from herringbone_sim.practice.campaign import make_campaign, run_plan
+from herringbone_sim.practice.campaign import run_plan
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.outcome import outcome
-from herringbone_sim.practice.plan import draw_plan
-from herringbone_sim.practice.rivals import recalibration_alone, sparse_regression
+from herringbone_sim.practice.rivals import rivals
 from herringbone_sim.practice.seeds import parse_seeds
 from herringbone_sim.practice.stored import read_bench, stored_evidence
 from herringbone_sim.practice.table import (
@@ -260,46 +252,44 @@ def test_table_with_targets_baselines_reasons_and_strata(tmp_path):
         read_bench(tmp_path / "none")
 
 
-def a_fit(name, locus, gain):
-    one = active(effect(name), locus)
-    three = np.array([1.0, 2.0, 3.0])
-    return Fit((one,), np.ones(6), np.array([0.1]), 1.5, 1.6, three, three, np.array(gain))
+def candidate(energy, *effects, in_sample=None, size=0):
+    places = tuple("all/all/all" for _ in effects)
+    left = energy if in_sample is None else in_sample
+    return Candidate(effects, places, energy, left, size, 0.0, left / 1000.0)
+
+
+GAP = Evidence(
+    1000.0,
+    (
+        candidate(9000.0),
+        candidate(1010.0, "stagger", in_sample=1005.0, size=1),
+        candidate(1020.0, "profile_error", in_sample=1004.0, size=16),
+        candidate(1012.0, "runout", "stagger", in_sample=1003.0, size=7),
+    ),
+    {"none": 8000.0, "single": 3.0, "pair": 2.0},
+    {"profile_error": 1100.0, "stagger": 1200.0, "runout": 8900.0},
+)
 
 
 def test_evidence_comes_back_from_plain_data(tmp_path):
-    rng = np.random.default_rng(0)
-    fits = [a_fit("mean_stiffness", Locus("sp"), rng.normal(size=500)) for _ in range(3)]
-    pair = a_fit("stagger", Locus(side="L"), rng.normal(size=500))
-    check = SensorCheck(1.0, float("nan"), float("nan"), 1.0, ())
-    whole = Evidence(check, (), fits[0], (), tuple(fits[:2]), (pair,), (), 0.5, {"a": 1.0}, None)
-    text = json.dumps(evidence_record(whole))
-    assert len(text) < 10_000
     stored(tmp_path, [(a_label("stagger"), a_report("none", {"none": 1.0}))] * 2)
+    text = json.dumps(GAP.written())
     (tmp_path / "reports" / name_of(1) / "evidence.json").write_text(text)
     [(name, label, back)] = stored_evidence(tmp_path)
     assert (name, label["truth"]) == (name_of(1), ["stagger"])
-    assert back.fits[1].actives == fits[1].actives
-    assert back.by_force == {"a": 1.0}
-    assert np.isnan(back.check.after)
-    for i, one in enumerate((*fits[:2], pair)):
-        for j, other in enumerate((*fits[:2], pair)):
-            held = (*back.fits, *back.pairs)
-            assert held[i].gain @ held[j].gain == pytest.approx(one.gain @ other.gain)
-    np.testing.assert_array_equal(back.pairs[0].per_run, pair.per_run)
-    with pytest.raises(AnalysisError, match="diagnose again"):
-        evidence_of({"is": "os:system", "has": {}})
+    assert back == GAP
 
 
-def test_rivals_name_a_profile_and_tell_their_closure():
-    campaign = as_prepared(make_campaign(draw_plan(12, "profile_error", 10.0)))
-    cases = [case(run, fuse(run)) for run in campaign.of_role("fit")[:2]]
-    held = [case(run, fuse(run)) for run in campaign.of_role("held_out")[:1]]
-    nominal = SimpleNamespace(chi2=9.0, factors=np.ones(6))
-    evidence = SimpleNamespace(cases=tuple(cases), nominal=nominal)
-    assert recalibration_alone("rig", evidence, held)["verdict"] == "unknown"
-    report = sparse_regression("rig", evidence, held)
-    assert report["verdict"] == "profile_error"
-    assert report["gap"]["closure"] > 0.5
+def test_rivals_name_what_their_rule_says():
+    told = {name: report["verdict"] for name, report in rivals("rig", GAP).items()}
+    assert told == {
+        "recalibration alone": "unknown",  # the calibrated machine leaves nine times the noise
+        "in-sample BIC": "stagger",  # a square less is not worth a second effect
+        "sparse regression": "profile_error",  # the linear term that takes most off
+    }
+    quiet = replace(GAP, candidates=(candidate(1010.0), *GAP.candidates[1:]), screened={})
+    assert {r["verdict"] for r in rivals("rig", quiet).values()} == {"none"}
+    assert {r["verdict"] for r in rivals("rig", None).values()} == {"none"}
 
 
 ORPHAN = """

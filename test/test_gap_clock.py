@@ -50,13 +50,3 @@ def test_one_run_says_nothing_of_its_clock(runs: list[PreparedRun]) -> None:
 def test_a_clock_put_right_keeps_its_speed(runs: list[PreparedRun]) -> None:
     right = set_right(drifting(runs[0], 800.0), 800.0)
     assert rate_ppm(right) == pytest.approx(0.0, abs=1e-3)
-
-
-def test_the_check_of_sensors_names_the_clock_and_drops_no_channel(
-    runs: list[PreparedRun],
-) -> None:
-    found = find_sensor_errors([drifting(run, -200.0) for run in runs])
-    assert [one.effect for one in found.findings] == ["clock_drift"]
-    assert found.findings[0].value == pytest.approx(-200.0, abs=0.5)
-    assert found.before > 1e3
-    assert found.after == pytest.approx(1.0, abs=0.2)

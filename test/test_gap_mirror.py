@@ -9,20 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gap_support import NOMINAL, rig
-from herringbone_sim.gap.attribution.fit import fit
-from herringbone_sim.gap.sensors.find import SensorCheck
-from herringbone_sim.gap.verdict.evidence import Evidence
-from herringbone_sim.gap.verdict.stages import Option
 
 from herringbone_sim.cli.gap_rerun import mirror_gap
 from herringbone_sim.cli.rerun_option import Where
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.verdict.decide import Verdict
+from herringbone_sim.gap.verdict.augmented import Augmented
+from herringbone_sim.gap.verdict.decide import Option, Verdict
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.views.gap_mirror_runs import run_views, shares
 
@@ -40,24 +38,14 @@ def found(campaign: PreparedCampaign) -> Diagnosis:
     """A verdict with the planted cause, put together by hand."""
     stiff = active(effects()["mean_stiffness"], Locus("sp"), {"factor": 1.1})
     cases = tuple(case(run, fuse(run)) for run in campaign.of_role("fit"))
-    option = Option("force_law", (stiff,), 0.0, fit(cases, np.ones(6), (stiff,), 1))
-    evidence = Evidence(
-        SensorCheck(1.0, 1.0, 1.0, 1.0, ()),
-        cases,
-        fit(cases, np.ones(6), (), 1),
-        (),
-        (),
-        (),
-        (),
-        0.0,
-        {},
-    )
-    name = "mean_stiffness"
-    verdict = Verdict(name, (name,), {name: 1.0}, {}, (), "force_law", (option,))
+    name, option = "mean_stiffness", Option((stiff,))
+    verdict = Verdict(name, (name,), {name: 1.0}, {}, (), "force_law", option, None, ())
     gap = Gap("force_law", tuple(RunGap(r.name, r.role, 3.0, 1.1, 1.0) for r in campaign.runs))
     place = {"mesh": "sp", "planet": "all", "side": "all"}
     cause = {"effect": name, "locus": place, "probability": 1.0, "parameters": {}}
-    return Diagnosis(evidence, verdict, gap, None, {"causes": [cause]})
+    model = Augmented(np.ones(6), np.ones(3), (stiff,))
+    calibrated = Calibrated(cases, np.ones(6), None)
+    return Diagnosis(None, calibrated, verdict, gap, {"causes": [cause]}, model)
 
 
 def test_columns_hold_what_their_names_say(campaign: PreparedCampaign, found: Diagnosis) -> None:

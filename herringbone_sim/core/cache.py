@@ -18,7 +18,7 @@ from herringbone_sim.core.numba_private import event
 STAMP = "sources.sha256"
 ROOMS = (  # of functions and their constants
     *("core", "analysis", "dynamics", "sweeps", "effects"),
-    *("gap/observations", "gap/verification", "practice", "examples/damper"),
+    *("gap/verification", "practice"),
 )
 
 

@@ -1,0 +1,77 @@
+"""The whole way: practice campaigns come back with their cause, its place and its size."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from typing import Any
+
+import pytest
+
+from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.gap.diagnose import diagnose
+from herringbone_sim.gap.report import check_report
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.outcome import Outcome, outcome
+from herringbone_sim.practice.plan import draw_plan
+
+Json = dict[str, Any]
+SURE = 0.5  # likelier than all else together
+
+
+@cache
+def diagnosed(truth: str, channels: str = "full", noise: str = "white") -> tuple[Json, Outcome]:
+    """Report of a campaign at ten times what is detectable, and how it compares to the truth."""
+    plan = draw_plan(1, truth, d=10.0, channels=channels, noise=noise, law="catalogue")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        made = make_campaign(plan)
+        report = diagnose(as_prepared(made), senses=False).report
+    assert check_report(report) == []
+    return report, outcome(made.label, report)
+
+
+def test_nothing_is_named_where_nothing_is() -> None:
+    report, _ = diagnosed("none")
+    assert report["verdict"] == "none"
+    assert report["causes"][0]["probability"] > 0.9
+    gap = report["gap"]
+    assert gap["recalibrated"] == pytest.approx(gap["noise_floor"], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "truth", ["mean_stiffness", "pin_position", "tooth_spall", "tooth_friction", "sensor_gain"]
+)
+def test_an_effect_is_named_with_its_place_and_size(truth: str) -> None:
+    report, found = diagnosed(truth)
+    assert report["verdict"] == truth
+    assert found.p_first > SURE
+    assert found.locus
+    assert found.error is not None
+    assert found.error < 0.1
+    assert report["gap"]["closure"] > 0.8
+    assert report["gap"]["runner_up"] is not None
+
+
+@pytest.mark.parametrize(
+    ("truth", "channels", "noise"),
+    [
+        ("none", "full", "encoders"),
+        ("runout", "full", "encoders_two"),
+        ("pin_position", "x_and_F", "filtered"),
+        ("mean_stiffness", "half_forces", "coloured"),
+        ("stagger", "no_force", "white"),
+    ],
+)
+def test_campaigns_with_other_channels_and_noise_are_diagnosed(
+    truth: str, channels: str, noise: str
+) -> None:
+    _, found = diagnosed(truth, channels, noise)
+    assert found.right or found.in_class
+
+
+def test_what_three_rotations_leave_open_is_said() -> None:
+    report, _ = diagnosed("none", "few")
+    assert report["verdict"] in ("none", "unknown", "ambiguous")
+    assert any("can't be told" in one or "can be held" in one for one in report["undecidable"])

@@ -1,0 +1,99 @@
+"""From chances to a verdict and its report."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.diagnosis.judge import Chance
+from herringbone_sim.effects.effect import Locus, active
+from herringbone_sim.effects.registry import effect
+from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.report import check_report, report
+from herringbone_sim.gap.verdict.decide import Option, Verdict, decide
+from herringbone_sim.gap.verdict.questions import undecidable
+from herringbone_sim.gap.verification.verify import Gap, RunGap
+
+GAP = Gap("force_law", (RunGap("run_00", "held_out", 3.0, 1.2, 1.0),))
+
+
+def verdict_of(*told: tuple[tuple[str, ...], float]) -> Verdict:
+    """The verdict of explanations by their effects; none and unknown have no option."""
+    chances = sorted((Chance(e, None, p) for e, p in told), key=lambda c: -c.probability)
+    options = {
+        i: Option(tuple(active(effect(name)) for name in c.effects))
+        for i, c in enumerate(chances)
+        if c.effects and c.effects != ("unknown",)
+    }
+    return decide(chances, options, "force_law")
+
+
+def ids(option: Option | None) -> tuple[str, ...]:
+    return () if option is None else tuple(a.effect.id for a in option.actives)
+
+
+def test_what_is_likelier_than_all_others_is_named() -> None:
+    found = verdict_of((("runout",), 0.8), (("stagger",), 0.15), ((), 0.05))
+    assert (found.verdict, found.effects) == ("runout", ("runout",))
+    assert ids(found.chosen) == ("runout",)
+    assert ids(found.runner_up) == ("stagger",)
+    assert sum(found.probabilities.values()) == pytest.approx(1.0)
+
+
+def test_none_has_no_effect_and_no_rival() -> None:
+    found = verdict_of((("runout",), 0.1), ((), 0.9))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert (found.chosen, found.runner_up) == (None, None)
+
+
+def test_rivals_without_a_favourite_are_ambiguous() -> None:
+    told = ((("runout",), 0.44), (("stagger",), 0.4), (("tooth_crack",), 0.01), ((), 0.15))
+    found = verdict_of(*told)
+    assert found.verdict == "ambiguous"
+    assert found.ambiguous_with == ("runout", "stagger")
+
+
+def test_a_pair_names_both_and_is_not_its_own_rival() -> None:
+    found = verdict_of(
+        (("mean_stiffness", "runout"), 0.9), (("mean_stiffness",), 0.06), (("stagger",), 0.04)
+    )
+    assert set(found.effects) == {"mean_stiffness", "runout"}
+    assert ids(found.runner_up) == ("stagger",)
+
+
+def test_unknown_keeps_what_comes_nearest() -> None:
+    found = verdict_of((("unknown",), 0.7), (("runout",), 0.2), ((), 0.1))
+    assert (found.verdict, found.effects) == ("unknown", ())
+    nothing = PreparedCampaign("rig", Parameters(), (), {}, ())
+    said = undecidable(nothing, Calibrated((), np.ones(6), None), found)
+    assert "no effect of the catalogue explains the gap: what it comes from is open" in said
+    assert "nearest comes runout, but it leaves too much" in said
+
+
+@pytest.mark.parametrize("name", ["none", "unknown", "stagger"])
+def test_report_follows_the_contract(name: str) -> None:
+    effects = () if name == "none" else (name,)
+    verdict = verdict_of((effects, 0.8), (("runout",), 0.2))
+    assert verdict.verdict == name
+    good = report("rig", verdict, [(Locus(), 1.0)], GAP, [], {"delta_T": 20.0})
+    assert check_report(good) == []
+    assert good["gap"]["closure"] == pytest.approx(0.9)
+    bad = copy.deepcopy(good)
+    bad["causes"][0]["probability"] += 0.1
+    assert any("sum to 1" in rule for rule in check_report(bad))
+    del good["gap"]
+    assert check_report(good) == ["gap is missing"]
+
+
+def test_a_clock_is_told_with_the_channel_that_it_is() -> None:
+    drift = active(effect("clock_drift"), values={"ppm": 200.0})
+    option = Option((drift,), (((190.0, 210.0),),))
+    verdict = decide([Chance(("clock_drift",), None, 1.0)], {0: option}, "consistency")
+    told = report("rig", verdict, [], GAP, [], {"delta_T": 20.0})["causes"]
+    assert told[0]["effect"] == "clock_drift"
+    assert told[0]["parameters"]["channels"]["value"] == ["t"]
+    assert told[0]["parameters"]["ppm"]["ci90"] == [190.0, 210.0]
