@@ -49,12 +49,14 @@ class Evidence:
         remains: of none, the best single and the best pair: whitened squares that a flexible
             regression predicts of what they leave, out of sample.
         screened: least squares of each effect by the linear screen.
+        told: whether the noise was told, so that what is left above it counts in full.
     """
 
     count: float
     candidates: tuple[Candidate, ...]
     remains: Mapping[str, float]
     screened: Mapping[str, float]
+    told: bool = True
 
     def written(self) -> dict[str, Any]:
         """As plain data."""
@@ -67,11 +69,12 @@ class Evidence:
             Candidate(**{**c, "effects": tuple(c["effects"]), "places": tuple(c["places"])})
             for c in data["candidates"]
         )
-        return cls(float(data["count"]), candidates, dict(data["remains"]), dict(data["screened"]))
+        remains, screened = dict(data["remains"]), dict(data["screened"])
+        return cls(float(data["count"]), candidates, remains, screened, bool(data["told"]))
 
 
-def evidence_of(found: Examined) -> Evidence:
-    """The numbers of an examination."""
+def evidence_of(found: Examined, told: bool = True) -> Evidence:
+    """The numbers of an examination; ``told``: whether the noise was."""
     every = (found.none, *found.singles, *found.pairs)
     remains = {
         name: sum(
@@ -83,7 +86,7 @@ def evidence_of(found: Examined) -> Evidence:
         for name, of in found.flexible.items()
     }
     candidates = tuple(_candidate(f, found.counts) for f in every)
-    return Evidence(found.count, candidates, remains, dict(found.screened))
+    return Evidence(found.count, candidates, remains, dict(found.screened), told)
 
 
 def _candidate(found: Found, counts: Mapping[str, float]) -> Candidate:

@@ -40,6 +40,8 @@ NAMES = (
     "pair",
     "pair: log second share",
     "log strain",
+    "unknown, noise told",
+    "unknown, noise told: log excess left",
 )
 LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
 
@@ -84,6 +86,8 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
         rows.append(row)
     excess = max(least[best].worst - 1.0, LEAST)
     row = np.zeros(len(NAMES))
+    if evidence.told:
+        row[10:12] = 1.0, np.log(excess)
     row[3:7] = 1.0, share(least[best].energy), np.log(excess), np.log(gap)
     return [*every, None], np.array([*rows, row])
 

@@ -96,7 +96,7 @@ def diagnose(
     if mismatched(findings) or not machine.formed:
         return _nothing(campaign, findings, machine, senses)
     found = examine(machine, say)
-    evidence = evidence_of(found)
+    evidence = evidence_of(found, campaign.noise_known)
     told = chances(evidence)
     options = {
         i: option_of(named(f.hypotheses, f.score, machine.gear.model))
