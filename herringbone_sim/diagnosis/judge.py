@@ -9,7 +9,8 @@ With E the whitened squares left on runs predicted by the others, N their count,
 flexible regression still predicts of them: the gap is what can be predicted beside the calibrated
 machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
 (E_h - E_best + R_best) / (E_none - E_best + R_best) of it. The strain says how far a learned curve
-departs from the catalogue's beside the effect's size.
+departs from the catalogue's beside the effect's size; the excess is the largest mean square that is left
+of an observation, above the noise's one.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ NAMES = (
     "none: log gap",
     "unknown",
     "unknown: log share left",
-    "unknown: log excess left",
+    "log excess left",
     "unknown: log gap",
     "pair",
     "pair: log second share",
     "log strain",
     "unknown, noise told",
-    "unknown, noise told: log excess left",
+    "noise told: log excess left",
 )
 LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
 
@@ -82,13 +83,13 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
             taken = (first - c.energy) / (max(first - floor, 0.0) + LEAST * evidence.count)
             row[7:9] = 1.0, np.log(np.clip(taken, LEAST, 1.0))
         row[9] = np.log1p(c.strain)
+        row[5] = np.log(max(c.worst - 1.0, LEAST))
+        row[11] = row[5] * evidence.told
         every.append(c)
         rows.append(row)
-    excess = max(least[best].worst - 1.0, LEAST)
     row = np.zeros(len(NAMES))
-    if evidence.told:
-        row[10:12] = 1.0, np.log(excess)
-    row[3:7] = 1.0, share(least[best].energy), np.log(excess), np.log(gap)
+    row[3:5] = 1.0, share(least[best].energy)
+    row[6], row[10] = np.log(gap), evidence.told
     return [*every, None], np.array([*rows, row])
 
 
