@@ -259,7 +259,7 @@ def test_fitted_probabilities_come_true():
     rng = np.random.default_rng(8)
     true = rng.normal(size=len(NAMES))
     true[0] = -1.0  # less left is more probable
-    practice = [some_evidence(rng) for _ in range(800)]
+    practice = [some_evidence(rng) for _ in range(2400)]
     weights = fit(practice, [drawn(rng, e, true) for e in practice], 1e-3)
     said, came, lost = [], [], []
     for _ in range(800):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 from gap_support import POINTS, noisy, prepared, sampled
-from herringbone_sim.gap.sensors.find import find_sensor_errors
 
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.sensors.clock import find_clock, lateness, rate_ppm, set_right

@@ -145,7 +145,9 @@ def _cause(
         return {"effect": name, "locus": _locus(Locus()), "probability": chance, "parameters": {}}
     option, i = best
     one = option.actives[i]
-    spans = option.intervals[i] if i < len(option.intervals) else ()
+    unknown = ((float("nan"),) * 2,) * len(one.theta)
+    spans = option.intervals[i] if i < len(option.intervals) else unknown
+    spans = spans or unknown
     concerned = names_of(channels, one) or one.chosen.get("channels", ())
     values: dict[str, Any] = {
         p.name: {"value": value, "unit": _unit(p.unit, concerned), "ci90": list(span)}

@@ -89,7 +89,7 @@ def design(
     designed = [
         _designed(rivals, known, one, rests, len(cases), most)
         for one, rests in tested
-        if all(rest.finite for rest in (*known, *rests))
+        if all(rest.finite and rest.count > 0 for rest in (*known, *rests))
     ]
     return max(designed, key=lambda one: one.there, default=None)
 
