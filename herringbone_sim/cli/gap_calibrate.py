@@ -1,4 +1,4 @@
-"""``gap calibrate``: the weights that turn evidence into probabilities, from practice campaigns."""
+"""``gap calibrate``: weights that turn evidence into probabilities, from practice campaigns."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from herringbone_sim.practice.seeds import parse_seeds
 from herringbone_sim.practice.trial import sources
 
 DESCRIPTION = """\
-Diagnose practice campaigns, keep what the diagnosis found of each (FOLDER/evidence.jsonl), and fit
-the few weights with which evidence becomes probability. The file says seeds, code and what campaigns
-that were left out of the fit got.
+Diagnose practice campaigns, keep what the diagnosis found of each (FOLDER/evidence.jsonl), and
+fit the few weights with which evidence becomes probability. The file says seeds, code and what
+campaigns that were left out of the fit got.
 
-  python -m herringbone_sim gap calibrate --seeds 300000:300300 --folder practice --out weights.json
-  python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --out weights.json
+  python -m herringbone_sim gap calibrate --seeds 300000:300300 --folder practice --out w.json
+  python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --out w.json
 """
 
 
@@ -63,7 +63,9 @@ def run(args: argparse.Namespace) -> int:
         write_evidence(args.folder / "evidence.jsonl", campaigns)
     found = calibrate(campaigns)
     write_weights(args.out, found, campaigns, sources())
-    for name, value in found.figures.items():
-        print(f"{name:28}{value:8.3f}")
+    names = list(next(iter(found.figures.values())))
+    print("campaigns left out".ljust(20) + "".join(f"{name:>26}" for name in names))
+    for stratum, row in found.figures.items():
+        print(stratum.ljust(20) + "".join(f"{row[name]:26.3f}" for name in names))
     print(f"written: {args.out}")
     return 0

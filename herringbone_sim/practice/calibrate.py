@@ -1,8 +1,8 @@
 """Weights of the judge, fitted on practice campaigns, and the evidence that anyone can fit again.
 
-The evidence of a campaign is a line of JSON: seed, truth, stratum, numbers. Weights are those with the
-largest penalised likelihood; the penalty is the one that predicts campaigns best that were left
-out, in five folds.
+The evidence of a campaign is a line of JSON: seed, truth, stratum, numbers. Weights are those with
+the largest penalised likelihood; the penalty is the one that predicts campaigns best that were
+left out, in five folds.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def read_evidence(path: Path) -> list[Practised]:
             )
         except (KeyError, TypeError, ValueError) as error:
             raise AnalysisError(
-                f"line {i + 1} of {path} must be the evidence of a campaign, got {error}: write the "
-                "file again with `gap calibrate`"
+                f"line {i + 1} of {path} must be the evidence of a campaign, got {error}: write "
+                "the file again with `gap calibrate`"
             ) from None
     return found
 
@@ -107,7 +107,7 @@ class Calibrated:
 
     weights: Array
     penalty: float
-    figures: dict[str, float]
+    figures: dict[str, dict[str, float]]
 
 
 def calibrate(campaigns: Sequence[Practised]) -> Calibrated:
@@ -118,14 +118,29 @@ def calibrate(campaigns: Sequence[Practised]) -> Calibrated:
     """
     if len(campaigns) < 2 * FOLDS:
         raise AnalysisError(
-            f"calibration needs {2 * FOLDS} campaigns or more, got {len(campaigns)}: run more seeds"
+            f"calibration needs {2 * FOLDS} campaigns or more, got {len(campaigns)}: run more"
         )
     chances = {p: left_out(campaigns, p) for p in PENALTIES}
     loss = {p: -float(np.mean(np.log(np.maximum(c[:, 0], 1e-6)))) for p, c in chances.items()}
     penalty = min(loss, key=lambda p: loss[p])
     weights = judge.fit([c.evidence for c in campaigns], [c.truth for c in campaigns], penalty)
-    figures = {"log loss": loss[penalty], **headline(chances[penalty])}
-    return Calibrated(weights, penalty, figures)
+    return Calibrated(weights, penalty, by_stratum(campaigns, chances[penalty]))
+
+
+def by_stratum(campaigns: Sequence[Practised], chances: Array) -> dict[str, dict[str, float]]:
+    """Headline figures of all campaigns, of those whose noise is told, and of the others."""
+    told = np.array([c.evidence.told for c in campaigns])
+    healthy = np.array([not c.truth for c in campaigns])
+    foreign = np.array([c.truth == ("unknown",) for c in campaigns])
+    strata = {
+        "all": np.ones(len(campaigns), dtype=bool),
+        "noise told": told,
+        "noise not told": ~told,
+        "healthy": healthy,
+        "outside cause": foreign,
+        "effects": ~healthy & ~foreign,
+    }
+    return {name: headline(chances[on]) for name, on in strata.items() if on.any()}
 
 
 def left_out(campaigns: Sequence[Practised], penalty: float) -> Array:
@@ -159,6 +174,7 @@ def judged(one: Practised, weights: Array) -> tuple[float, float, float]:
 def headline(chances: Array) -> dict[str, float]:
     """Probability on the truth, share right first, and the calibration error."""
     return {
+        "log loss": -float(np.mean(np.log(np.maximum(chances[:, 0], 1e-6)))),
         "probability on the truth": float(chances[:, 0].mean()),
         "right first": float(chances[:, 2].mean()),
         "calibration error": calibration_error(chances[:, 1:]),
