@@ -40,7 +40,8 @@ def test_no_healthy_rig_with_told_noise_is_blamed(campaigns: list[Practised]) ->
     assert told
     for one in told:
         first = judge.chances(one.evidence)[0]
-        assert first.effects == () and first.probability > 0.5
+        assert first.effects == ()
+        assert first.probability > 0.5
 
 
 def test_judged_again_each_campaign_gets_what_its_evidence_says(

@@ -9,8 +9,8 @@ With E the whitened squares left on runs predicted by the others, N their count,
 flexible regression still predicts of them: the gap is what can be predicted beside the calibrated
 machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
 (E_h - E_best + R_best) / (E_none - E_best + R_best) of it. The strain says how far a learned curve
-departs from the catalogue's beside the effect's size; the excess is the largest mean square that is left
-of an observation, above the noise's one.
+departs from the catalogue's beside the effect's size; the excess is the largest mean square that
+is left of an observation, above the noise's one.
 """
 
 from __future__ import annotations

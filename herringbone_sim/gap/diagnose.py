@@ -24,11 +24,11 @@ from herringbone_sim.gap.named import named
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.shown import noise_shown
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
 from herringbone_sim.gap.sensors.late import put_right
 from herringbone_sim.gap.sensors.noise import quieter
-from herringbone_sim.gap.sensors.shown import noise_shown
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import Option, Verdict, decide, option_of
 from herringbone_sim.gap.verdict.design import design

@@ -153,7 +153,7 @@ def left_out(campaigns: Sequence[Practised], penalty: float) -> Array:
     for f in range(FOLDS):
         others = [c for c, k in zip(campaigns, fold, strict=True) if k != f]
         weights = judge.fit([c.evidence for c in others], [c.truth for c in others], penalty)
-        for i in np.flatnonzero(fold == f):
+        for i in np.flatnonzero(fold == f).tolist():
             found[i] = judged(campaigns[i], weights)
     return found
 

@@ -1,7 +1,7 @@
 """Noise of every channel, as the recording shows it beside what is told.
 
-What geometry leaves of a displacement or a rotation, and the force law of a force, is noise but for
-what is wrong; its spectrum tells colour and lines.
+What geometry leaves of a displacement or a rotation, and the force law of a force, is noise but
+for what is wrong; its spectrum tells colour and lines.
 """
 
 from __future__ import annotations
