@@ -90,6 +90,8 @@ def with_rates(fused: Fused, run: PreparedRun) -> Fused:
     def slope(values: Array) -> Array:
         known = np.isfinite(values).all(axis=0)
         found = np.full_like(values, np.nan)
+        if not known.any():
+            return found
         found[:, known] = savgol_filter(
             values[:, known], RATE_SAMPLES, RATE_ORDER, deriv=1, delta=h, axis=0
         )

@@ -93,6 +93,15 @@ class Gap:
         above = before - floor
         return (before - self.over(what, role)) / above if above > 0.0 else float("nan")
 
+    def with_runner_up(self, control: Gap | None) -> Gap:
+        """The same with what another model leaves as the runner-up."""
+        if control is None:
+            return self
+        pairs = zip(self.runs, control.runs, strict=True)
+        return replace(
+            self, runs=tuple(replace(one, runner_up=other.augmented) for one, other in pairs)
+        )
+
 
 def measure(runs: Sequence[PreparedRun], mend: Mend, metric: str, model: Augmented) -> Gap:
     """The gap of all runs in the residual that counts, before and after.
