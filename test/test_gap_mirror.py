@@ -43,7 +43,9 @@ def found(campaign: PreparedCampaign) -> Diagnosis:
     gap = Gap("force_law", tuple(RunGap(r.name, r.role, 3.0, 1.1, 1.0) for r in campaign.runs))
     place = {"mesh": "sp", "planet": "all", "side": "all"}
     cause = {"effect": name, "locus": place, "probability": 1.0, "parameters": {}}
-    model = Augmented(np.ones(6), np.ones(3), (stiff,))
+    # Damping goes with the root of the stiffness, Eq. (11).
+    factors = np.array([1.0, 1.0, 1.1**0.5, 1.0, 1.0, 1.0])
+    model = Augmented(factors, np.ones(3), (stiff,))
     calibrated = Calibrated(cases, np.ones(6), None)
     return Diagnosis(None, calibrated, verdict, gap, {"causes": [cause]}, model)
 
