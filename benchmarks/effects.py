@@ -81,16 +81,19 @@ def gear(text: str, **values: object) -> Model:
     return build_with(Parameters(**{**ORBIT, **values}), read_effects(text))
 
 
-def load_example() -> None:
-    """Make the effect that docs/effects.md shows known by its name."""
+def load_examples() -> None:
+    """Make the effects that docs/effects.md shows known by their names."""
     page = Path(__file__).parents[1] / "docs" / "effects.md"
     blocks = [
         text.split("```")[0] for text in page.read_text(encoding="utf-8").split("```python\n")[1:]
     ]
     folder = Path(tempfile.mkdtemp())
-    file = folder / "thermal_damping.py"
-    file.write_text(next(text for text in blocks if "EFFECT =" in text))
-    os.environ[VARIABLE] = str(file)
+    files = []
+    for text in blocks:
+        if "EFFECT =" in text:
+            files.append(folder / f"example_{len(files)}.py")
+            files[-1].write_text(text)
+    os.environ[VARIABLE] = os.pathsep.join(map(str, files))
 
 
 def best(do: Callable[[], object], rounds: int) -> float:
@@ -185,7 +188,7 @@ def print_reference() -> None:
 
 def print_laws(rounds: int) -> None:
     """Two rows for each of some effects: in slots, and by its law."""
-    load_example()
+    load_examples()
     print("| effect | run by | error | of tangents | us a cycle | with a tangent | of 8 values |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for text in BY_LAWS:

@@ -226,6 +226,12 @@ def root(typing: Any, a: Any) -> Any:
 
 
 @intrinsic
+def power(typing: Any, a: Any, b: Any) -> Any:
+    """a to the power of b; each lane takes its time."""
+    return _function("pow", (a, b))
+
+
+@intrinsic
 def nearest(typing: Any, a: Any) -> Any:
     """Nearest whole numbers."""
     return _function("rint", (a,))

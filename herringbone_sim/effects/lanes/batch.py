@@ -17,6 +17,12 @@ from herringbone_sim.effects.law_stepper import LawStepper
 Array = NDArray[np.float64]
 
 
+class LaneStepper(LawStepper):
+    """Of a gear whose own laws are written for lanes: one orbit, or a batch by ``run_batch``."""
+
+    run_batch = staticmethod(lambda *args: run_batch(*args))
+
+
 class Found(NamedTuple):
     """What comes of n values; s numbers of a state."""
 
