@@ -58,6 +58,7 @@ class LaneGear(NamedTuple):
     n_state: int
     reacts: bool
     controlled: bool
+    singly: bool  # whether some law is not written for lanes
 
 
 class Single(NamedTuple):
@@ -105,9 +106,6 @@ class LaneTrial(NamedTuple):
     place: NDArray[np.int64]  # (4, l) see ``places``
 
 
-
-
-
 def lane_gear(
     models: Sequence[Model], gears: Sequence[Gear], tangents: int
 ) -> tuple[LaneGear, Own]:
@@ -145,6 +143,7 @@ def lane_gear(
         n_state=one.n_state,
         reacts=one.reacts,
         controlled=any(model.packed.K != 0.0 for model in models),
+        singly=not all(a.effect.lanes for a in effects),
     ), every
 
 

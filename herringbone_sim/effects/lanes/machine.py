@@ -45,10 +45,22 @@ from herringbone_sim.effects.lanes.places import (
 )
 from herringbone_sim.effects.lanes.step import attempt, carry
 from herringbone_sim.effects.law import law
-from herringbone_sim.effects.located import END, FIRST, INSIDE, RESIDUE, SHORTEST, START, TRIALS
+from herringbone_sim.effects.located import (
+    END,
+    FIRST,
+    INSIDE,
+    RESIDUE,
+    SHORTEST,
+    START,
+    TRIALS,
+    dip,
+    guess,
+    keep,
+    passed,
+    to_edge,
+)
 from herringbone_sim.effects.located import HIGH as AT_HIGH
 from herringbone_sim.effects.located import LOW as AT_LOW
-from herringbone_sim.effects.located import dip, guess, keep, passed, to_edge
 
 Array = NDArray[np.float64]
 WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # what is tried, ``lane[MODE]``
@@ -248,7 +260,7 @@ def decide(at, lane, gap, pace):
     return mode != WAIT
 
 
-@law
+@inlined
 def take_steps(m):
     """State and slope at the end of the step, in every lane that takes it."""
     r, taken = m.r, take(m.r.lane, TAKEN) == 1.0
@@ -264,23 +276,22 @@ def take_steps(m):
     give(r.lane, DONE, choose(taken, done + take(r.lane, TRIED), done))
 
 
-@law
-def go_on(m, queue, lane, length):
-    """What a lane does after a step that it took; returns whether its value is done."""
+@inlined
+def go_on(m, lane):
+    """What a lane does after a step that it took; returns whether its piece is done."""
     r, at, tried = m.r, m.r.lane, m.r.lane[TRIED, lane]
     for j in range(m.w.x.shape[0]):
         r.spent[lane, j, 1 + int(m.w.side[j, lane])] += tried
     for k in range(m.n_state):
         if not abs(r.y[0, k, lane]) < FAR:
             at[GROWN, lane] = 1.0
-            return True
     if at[REACH, lane] - at[DONE, lane] > RESIDUE:
         plan(at, lane)
         return False
-    if at[STALE, lane] == 0.0:
-        return next_piece(m, queue, lane, length)
-    at[MODE, lane], at[TRIED, lane] = WAIT, 0.0  # until its contact is that after the step
-    return False
+    if at[STALE, lane] != 0.0:
+        at[MODE, lane], at[TRIED, lane] = WAIT, 0.0  # until its contact is that after the step
+        return False
+    return True
 
 
 @law
@@ -328,10 +339,11 @@ def run_queue(m, queue, length):
         move(m)
         anew, stale = False, False
         for lane in range(LANES):
-            done = False
+            over = at[MODE, lane] == WAIT and place[VALUE, lane] >= 0
             if at[TAKEN, lane] == 1.0:
-                done = go_on(m, queue, lane, length)
-            elif at[MODE, lane] == WAIT and place[VALUE, lane] >= 0:
+                over = go_on(m, lane)
+            done = at[GROWN, lane] != 0.0 and place[VALUE, lane] >= 0
+            if over and not done:
                 done = next_piece(m, queue, lane, length)
             if done:
                 finish(m, queue, lane)

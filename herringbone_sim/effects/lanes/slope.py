@@ -50,7 +50,7 @@ def inside(x, b, side, margin):
     return choose(side == 0.0, within, closed)
 
 
-@law
+@inlined
 def nominal(m, phase):
     """Deflections and rates with the nominal error, and the nominal law, at a phase."""
     w, one, gear = m.w, m.one, m.gear
@@ -165,7 +165,7 @@ def tell_singly(m):
             m.single.own[lane, k] = m.r.z[m.n_state + k, lane]
 
 
-@law
+@inlined
 def forces(m, free):
     """Mesh forces and torques; ``free``: contact as deflections have it, moved by ``hold``."""
     e, w, own = m.e, m.w, m.r.z[m.n_state :]
@@ -200,7 +200,7 @@ def forces(m, free):
             react_singly(m, i, first, last)
 
 
-@law
+@inlined
 def accelerate(m, phase, dy):
     """Rates of the coordinates (s, lanes) from the forces and torques, Eqs. (18), (22)."""
     one, w = m.one, m.w
@@ -236,28 +236,7 @@ def accelerate(m, phase, dy):
         give(dy, k, take(m.r.z, size + k))
 
 
-@law
-def slope(m, y, dy, free):
-    """dy/dtau (s, lanes) at each lane's present phase, kept between the bounds of its step.
-
-    Leaves all that it is made of in ``m.w``.
-    """
-    bound = take(m.r.lane, BOUND_LOW), take(m.r.lane, BOUND_HIGH)
-    at = least(most(take(m.r.lane, NOW), bound[0]), bound[1])
-    for k in range(y.shape[0]):
-        give(m.r.z, k, take(y, k) * take(m.unit, k))
-    give(m.now, PHASE, take(m.r.lane, CYCLE) * TWO_PI + at)
-    tell_singly(m)
-    nominal(m, at)
-    forces(m, free)
-    accelerate(m, at, dy)
-    drive(m, dy[m.n_state :])
-    per_second = take(m.one, SI + FREQUENCY_N)
-    for k in range(m.n_state, y.shape[0]):
-        give(dy, k, take(dy, k) / (per_second * take(m.unit, k)))
-
-
-@law
+@inlined
 def drive(m, dy):
     """Rates of the effects' own states (own states, lanes), in SI units."""
     e, own = m.e, m.r.z[m.n_state :]
@@ -268,3 +247,31 @@ def drive(m, dy):
             m.vector[2][i](*head, m.w.force, dy[first:last])
         elif last > first:
             drive_singly(m, i, first, last, dy)
+
+
+@inlined
+def slope_of(m, y, dy, free):
+    """dy/dtau (s, lanes) at each lane's present phase, kept between the bounds of its step.
+
+    Leaves all that it is made of in ``m.w``.
+    """
+    bound = take(m.r.lane, BOUND_LOW), take(m.r.lane, BOUND_HIGH)
+    at = least(most(take(m.r.lane, NOW), bound[0]), bound[1])
+    for k in range(y.shape[0]):
+        give(m.r.z, k, take(y, k) * take(m.unit, k))
+    give(m.now, PHASE, take(m.r.lane, CYCLE) * TWO_PI + at)
+    if m.singly:
+        tell_singly(m)
+    nominal(m, at)
+    forces(m, free)
+    accelerate(m, at, dy)
+    drive(m, dy[m.n_state :])
+    per_second = take(m.one, SI + FREQUENCY_N)
+    for k in range(m.n_state, y.shape[0]):
+        give(dy, k, take(dy, k) / (per_second * take(m.unit, k)))
+
+
+@law
+def slope(m, y, dy, free):
+    """``slope_of``, compiled once for all that is not in haste."""
+    slope_of(m, y, dy, free)

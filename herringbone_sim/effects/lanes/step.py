@@ -15,10 +15,11 @@ from herringbone_sim.core.lanes.vector import (
     without,
 )
 from herringbone_sim.core.packed import inlined
-from herringbone_sim.effects.dormand_prince import APART, ERROR as SHARES, NODE, TOLERANCE, A
+from herringbone_sim.effects.dormand_prince import APART, NODE, TOLERANCE, A
+from herringbone_sim.effects.dormand_prince import ERROR as SHARES
 from herringbone_sim.effects.lanes.gear import OMEGA, SI
-from herringbone_sim.effects.lanes.places import ERROR, NOW, PIECE, DONE, TAKEN, TRIED
-from herringbone_sim.effects.lanes.slope import inside, slope
+from herringbone_sim.effects.lanes.places import DONE, ERROR, NOW, PIECE, TAKEN, TRIED
+from herringbone_sim.effects.lanes.slope import inside, slope, slope_of
 from herringbone_sim.effects.law import PLAY, SHIFT, law
 from herringbone_sim.effects.located import END
 from herringbone_sim.effects.run import FORCE, LENGTH, RATE
@@ -30,7 +31,7 @@ def begin_phase(m):
     return fma(take(m.r.lane, DONE), take(m.one, OMEGA), take(m.r.lane, PIECE))
 
 
-@law
+@inlined
 def hold_of(m, j):
     """What moves deflection j well inside its contact, for differences around a stage [m]."""
     w = m.w
@@ -51,7 +52,7 @@ def attempt(m):
                 moved = fma(load(r.slope, j, k), A[i, j], moved)
             store(r.y, i, k, fma(h, moved, load(r.y, 0, k)))
         give(r.lane, NOW, fma(h * Omega, NODE[i], begin))
-        slope(m, r.y[i], r.slope[i], False)
+        slope_of(m, r.y[i], r.slope[i], False)
         for j in range(m.w.x.shape[0]):
             store(r.hold, i, j, hold_of(m, j))
     worst = h * 0.0
