@@ -90,6 +90,7 @@ class LaneScratch(NamedTuple):
 class LaneTrial(NamedTuple):
     """As ``dormand_prince.Trial``, and where in its run each lane is."""
 
+    place: NDArray[np.int64]  # (4, l) see ``places``
     y: Array  # (7, s, l)
     slope: Array  # (7, s, l)
     hold: Array  # (7, n, l)
@@ -103,7 +104,6 @@ class LaneTrial(NamedTuple):
     tangent: Array  # (k, s, l), one or none
     spent: Array  # (l, n, 3)
     lane: Array  # (rows, l) see ``places``
-    place: NDArray[np.int64]  # (4, l) see ``places``
 
 
 def lane_gear(
@@ -191,6 +191,5 @@ def _scratch(n: int, bodies: int) -> LaneScratch:
 def _trial(n: int, s: int, tangents: int) -> LaneTrial:
     shapes = [(7, s), (7, s), (7, n), (5, 2 * n), (5, n), (n,), (7, s)]
     shapes += [(s,), (s,), (s,), (tangents, s)]
-    first = _zeros(*((*shape, LANES) for shape in shapes))
-    rest = _zeros((LANES, n, 3), (ROWS, LANES))
-    return LaneTrial(*first, *rest, np.zeros((4, LANES), dtype=np.int64))
+    rest = _zeros(*((*shape, LANES) for shape in shapes), (LANES, n, 3), (ROWS, LANES))
+    return LaneTrial(np.zeros((4, LANES), dtype=np.int64), *rest)

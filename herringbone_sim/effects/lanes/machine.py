@@ -6,7 +6,6 @@ shorter for its error, or looked into for a border, as ``located.piece`` and ``l
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,21 +16,17 @@ from herringbone_sim.core.packed import LIMIT, TWO_PI, inlined
 from herringbone_sim.core.right_hand_side import angle_of
 from herringbone_sim.effects.dormand_prince import FAR
 from herringbone_sim.effects.lanes.contact import begin
-from herringbone_sim.effects.lanes.gear import CONTROL_ORDER, CONTROL_PHASE, OMEGA
+from herringbone_sim.effects.lanes.decide import WAIT, decide, plan
+from herringbone_sim.effects.lanes.gear import CONTROL_ORDER, CONTROL_PHASE, OMEGA, Own
 from herringbone_sim.effects.lanes.places import (
     ANGLE,
     BOUND_HIGH,
     BOUND_LOW,
-    COUNT,
     CYCLE,
     DONE,
-    ERROR,
     GRID_LEFT,
     GROWN,
-    HIGH,
     INDEX,
-    LAST,
-    LOW,
     MODE,
     PIECE,
     REACH,
@@ -50,26 +45,18 @@ from herringbone_sim.effects.located import (
     FIRST,
     INSIDE,
     RESIDUE,
-    SHORTEST,
     START,
-    TRIALS,
-    dip,
-    guess,
-    keep,
     passed,
     to_edge,
 )
-from herringbone_sim.effects.located import HIGH as AT_HIGH
-from herringbone_sim.effects.located import LOW as AT_LOW
 
 Array = NDArray[np.float64]
-WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # what is tried, ``lane[MODE]``
 
 
 class Queue(NamedTuple):
     """Values to run, and what comes of each; s numbers of a state, k tangents."""
 
-    table: tuple[Array, ...]  # ``gear.Own``
+    table: Own
     steps: NDArray[np.int64]  # (v,) of the grid, a mesh cycle
     starts: Array  # (v, s)
     frame: Array  # (k, s) first tangents
@@ -79,13 +66,6 @@ class Queue(NamedTuple):
     growth: Array  # (v, cycles, k) logarithms of the tangents' growth
     contact: Array  # (v, n, 3) time
     failed: NDArray[np.bool_]  # (v,)
-
-
-@inlined
-def plan(at, lane):
-    """The next whole step of a lane to the end of its piece."""
-    left = at[REACH, lane] - at[DONE, lane]
-    at[MODE, lane], at[TRIED, lane] = WHOLE, left / math.ceil(left / at[WANT, lane])
 
 
 @law
@@ -200,64 +180,6 @@ def take_value(m, queue, lane, value):
     r.place[VALUE, lane] = value
     begin_cycle(m, lane, queue.before[value])
     begin_grid(m, lane, queue.steps[value])
-
-
-@law
-def narrow(at, lane, gap, pace):
-    """The next look for a border; returns whether the step just tried ends there."""
-    low, high = at[LOW, lane], at[HIGH, lane]
-    if at[COUNT, lane] < TRIALS:
-        part, worst = guess(gap, pace, high - low)
-        if worst > 2.0:
-            part = 0.5 if at[COUNT, lane] % 4 == 3 else part
-            last = low + min(max(part, 1e-12), 1.0 - 1e-12) * (high - low)
-            at[LAST, lane], at[TRIED, lane], at[MODE, lane] = last, last, BRACKET
-            return False
-    if at[LAST, lane] != high:
-        at[TRIED, lane], at[MODE, lane] = high, FINAL
-        return False
-    return True
-
-
-@law
-def open_bracket(at, lane, gap, pace):
-    """Look for the border that the step just tried has passed; as ``narrow``."""
-    high = at[TRIED, lane]
-    at[LOW, lane], at[HIGH, lane], at[LAST, lane], at[COUNT, lane] = 0.0, high, high, 0.0
-    keep(gap, pace, START, AT_LOW)
-    keep(gap, pace, END, AT_HIGH)
-    return narrow(at, lane, gap, pace)
-
-
-@law
-def decide(at, lane, gap, pace):
-    """Whether a lane takes the step it tried; else what it tries next is set."""
-    mode, tried, error = at[MODE, lane], at[TRIED, lane], at[ERROR, lane]
-    if mode == WHOLE:
-        if not error <= 1.0 and tried > SHORTEST:
-            at[WANT, lane] = tried * (max(0.2, 0.9 * error**-0.2) if error < 1e30 else 0.2)
-            plan(at, lane)
-            return False
-        at[WANT, lane] = tried * min(5.0, 0.9 * max(error, 1e-9) ** -0.2)
-        at[STEP, lane] = tried
-        if passed(gap):
-            return open_bracket(at, lane, gap, pace)
-        part = dip(gap, pace, tried)
-        if part < 1.0:
-            at[TRIED, lane], at[MODE, lane] = part * tried, DIP
-        return part == 1.0
-    if mode == DIP:
-        if passed(gap):
-            return open_bracket(at, lane, gap, pace)
-        at[TRIED, lane], at[MODE, lane] = at[STEP, lane], BACK
-        return False
-    if mode == BRACKET:
-        beyond = passed(gap)
-        at[HIGH if beyond else LOW, lane] = tried
-        keep(gap, pace, END, AT_HIGH if beyond else AT_LOW)
-        at[COUNT, lane] += 1.0
-        return narrow(at, lane, gap, pace)
-    return mode != WAIT
 
 
 @inlined
