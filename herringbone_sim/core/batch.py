@@ -348,7 +348,8 @@ def _run_by_laws(
     told = models[0].integrator.run_batch(models, *begin, look, tangents)
     found.sections[chosen] = told.sections[..., : models[0].layout.n_state]
     found.end[chosen] = told.end
-    found.contact[chosen] = told.contact / told.contact[:, :1].sum(axis=2, keepdims=True)
+    with np.errstate(invalid="ignore"):  # of a value that has failed
+        found.contact[chosen] = told.contact / told.contact[:, :1].sum(axis=2, keepdims=True)
     if tangents:
         _put_exponents(found, chosen, models, _by_batches(told.growth, length), length)
     for name in ("sections", "end", "contact", "exponents", "exponent_errors"):
