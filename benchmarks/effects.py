@@ -7,7 +7,8 @@ values of delta_T in lanes, 100 + 100 mesh cycles each. Compilation is not count
 A second table has the example of docs/effects.md as slots and without ``fill``, and effects of the
 catalogue by their laws: error against the slots at order 16, of the state after 20 mesh cycles and
 of all tangents after one; processor time a mesh cycle of one orbit, of that with one tangent, and
-of 8 values of delta_T in a batch.
+of 8 values of delta_T in a batch. A third has laws that are written for lanes: processor time a
+mesh cycle and value of a batch of 64, one after another and in lanes, and how far the ends differ.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from herringbone_sim.core.integrate import Stepper, stepper
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.effects.assemble import build_with, by_laws
+from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import VARIABLE
 from herringbone_sim.effects.written import read_effects
 
@@ -74,6 +76,8 @@ BY_LAWS = (
     "ring_flexibility@rp:stiffness=3e9",
 )
 FEW = 8
+DRAG = "squeezed_oil:drag=2e4"
+IN_LANES = (DRAG, f"{DRAG}; ring_flexibility@rp:stiffness=3e9", f"{DRAG}; tooth_friction:mu=0.08")
 
 
 def gear(text: str, **values: object) -> Model:
@@ -81,16 +85,19 @@ def gear(text: str, **values: object) -> Model:
     return build_with(Parameters(**{**ORBIT, **values}), read_effects(text))
 
 
-def load_example() -> None:
-    """Make the effect that docs/effects.md shows known by its name."""
+def load_examples() -> None:
+    """Make the effects that docs/effects.md shows known by their names."""
     page = Path(__file__).parents[1] / "docs" / "effects.md"
     blocks = [
         text.split("```")[0] for text in page.read_text(encoding="utf-8").split("```python\n")[1:]
     ]
     folder = Path(tempfile.mkdtemp())
-    file = folder / "thermal_damping.py"
-    file.write_text(next(text for text in blocks if "EFFECT =" in text))
-    os.environ[VARIABLE] = str(file)
+    files = []
+    for text in blocks:
+        if "EFFECT =" in text:
+            files.append(folder / f"example_{len(files)}.py")
+            files[-1].write_text(text)
+    os.environ[VARIABLE] = os.pathsep.join(map(str, files))
 
 
 def best(do: Callable[[], object], rounds: int) -> float:
@@ -147,6 +154,17 @@ def law_row(text: str, slots: bool, rounds: int) -> tuple[list[float], list[floa
     return errors, [*times, batch / (2 * CYCLES * FEW)]
 
 
+def lanes_row(text: str, exponents: bool, rounds: int) -> tuple[float, float, float]:
+    """Seconds a mesh cycle and value one after another, and in lanes; difference of the ends."""
+    lanes = [gear(text, delta_T=value) for value in np.linspace(60.0, 90.0, VALUES)]
+    ends, times = [], []
+    for models in ([replace(model, integrator=LawStepper) for model in lanes], lanes):
+        run = partial(run_batch, models, None, CYCLES, CYCLES, 1, exponents)
+        times.append(best(run, rounds) / (2 * CYCLES * VALUES))
+        ends.append(run().end)
+    return times[0], times[1], float(np.abs(ends[0] - ends[1]).max())
+
+
 def print_effects(rounds: int) -> None:
     """A row for each effect, beside the gear without effects."""
     print("| effect | error | stepper | in lanes | halves |")
@@ -185,7 +203,7 @@ def print_reference() -> None:
 
 def print_laws(rounds: int) -> None:
     """Two rows for each of some effects: in slots, and by its law."""
-    load_example()
+    load_examples()
     print("| effect | run by | error | of tangents | us a cycle | with a tangent | of 8 values |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for text in BY_LAWS:
@@ -196,11 +214,25 @@ def print_laws(rounds: int) -> None:
             print(f"| {' | '.join(cells)} |", flush=True)
 
 
+def print_lanes(rounds: int) -> None:
+    """What lanes gain for laws that are written for them, without and with a tangent."""
+    print("\n| effect | tangent | one after another | in lanes | gain | difference |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for text in IN_LANES:
+        for exponents in (False, True):
+            singly, lanes, apart = lanes_row(text, exponents, rounds)
+            print(
+                f"| {text} | {'yes' if exponents else 'no'} | {1e6 * singly:.0f} "
+                f"| {1e6 * lanes:.0f} | {singly / lanes:.1f} | {apart:.0e} |",
+                flush=True,
+            )
+
+
 def main() -> None:
-    """Print both tables."""
+    """Print all tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.effects", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one round in the place of five")
-    parser.add_argument("--laws", action="store_true", help="the second table alone")
+    parser.add_argument("--laws", action="store_true", help="the other two tables alone")
     parser.add_argument(
         "--reference", action="store_true", help="errors against DOP853 alone (some ten minutes)"
     )
@@ -213,6 +245,7 @@ def main() -> None:
     if not args.laws:
         print_effects(rounds)
     print_laws(rounds)
+    print_lanes(rounds)
 
 
 if __name__ == "__main__":

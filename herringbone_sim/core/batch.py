@@ -136,6 +136,9 @@ def run_batch(
             length = _Length(transient, cycles, points, (3 - sides) * exponents)
             group = [models[int(i)] for i in chosen]
             begin = starts[chosen], before[chosen]
+            if hasattr(models[0].integrator, "run_batch"):
+                reasons[chosen] = _run_by_laws(found, chosen, group, begin, length)
+                continue
             if _has_no_lanes(models[0]):
                 reasons[chosen] = _run_singly(found, chosen, group, begin, sides, length)
                 continue
@@ -332,6 +335,34 @@ def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> 
     shares[chosen, :, 1] = 1.0 - whole.sum(axis=2)
 
 
+def _run_by_laws(
+    found: Batch,
+    chosen: Indices,
+    models: Sequence[Model],
+    begin: tuple[Array, Indices],
+    length: _Length,
+) -> list[str]:
+    """The same in the lanes of gears by their effects' own laws, with one tangent."""
+    look = length.transient, length.cycles, length.points
+    tangents = min(length.tangents, 1)
+    told = models[0].integrator.run_batch(models, *begin, look, tangents)
+    found.sections[chosen] = told.sections[..., : models[0].layout.n_state]
+    found.end[chosen] = told.end
+    with np.errstate(invalid="ignore"):  # of a value that has failed
+        found.contact[chosen] = told.contact / told.contact[:, :1].sum(axis=2, keepdims=True)
+    if tangents:
+        _put_exponents(found, chosen, models, _by_batches(told.growth, length), length)
+    for name in ("sections", "end", "contact", "exponents", "exponent_errors"):
+        getattr(found, name)[chosen[told.failed]] = np.nan
+    return ["diverged" if bad else "" for bad in told.failed]
+
+
+def _by_batches(growth: Array, length: _Length) -> Array:
+    """Growth (n, cycles, tangents) of single cycles as ``_put_exponents`` takes it."""
+    parts = [part.sum(axis=1) for part in np.array_split(growth, length.batches, axis=1)]
+    return np.pad(np.stack(parts, axis=1), ((0, 0), (0, 1), (0, 0)))
+
+
 def _has_no_lanes(model: Model) -> bool:
     return model.parameters.method == "rk4" or model.integrator is not None
 
@@ -369,10 +400,6 @@ def _run_one(found: Batch, i: int, model: Model, y: Array, cycle: int, length: _
     found.end[i] = states[-1].y
     found.contact[i] = contact / contact[0].sum()
     if k:
-        growth = np.diff([state.growth[0] for state in states])
-        parts = [part.sum() for part in np.array_split(growth, length.batches)]
-        rates = np.array(parts).reshape(1, -1, 1)
-        _put_exponents(
-            found, np.array([i]), [model], np.pad(rates, ((0, 0), (0, 1), (0, 0))), length
-        )
+        growth = np.diff([state.growth[0] for state in states]).reshape(1, -1, 1)
+        _put_exponents(found, np.array([i]), [model], _by_batches(growth, length), length)
     return ""

@@ -39,7 +39,7 @@ class Model:
         effects: what changed it, as ``effects.assemble`` was given them; empty for the gear alone.
         own: keys of their own states, and how many each has.
         integrator: makes the stepper of a gear that ``packed`` does not hold all of; None for
-            that of the core.
+            that of the core. Where it has ``run_batch``, batches of such gears go by that.
     """
 
     parameters: Parameters

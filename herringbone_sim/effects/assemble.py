@@ -11,6 +11,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import laws
+from herringbone_sim.effects.lanes.batch import LaneStepper
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.slots import Slots
 
@@ -39,7 +40,10 @@ def assemble(model: Model, actives: Sequence[Active]) -> Model:
 
 
 def by_laws(model: Model, actives: Sequence[Active]) -> Model:
-    """The gear of a model with effects, run by their own laws; ParameterError as ``assemble``."""
+    """The gear of a model with effects, run by their own laws; ParameterError as ``assemble``.
+
+    A batch of such gears goes in lanes where one of the laws is written for them.
+    """
     chosen = acting(actives)
     filled = _in_slots(model, [one for one in chosen if one.effect.fill is not None])
     sizes = np.diff(laws(model, chosen).first)[: len(chosen)]
@@ -47,7 +51,7 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
         filled,
         effects=chosen,
         own=tuple(zip(_keys(chosen), map(int, sizes), strict=True)),
-        integrator=LawStepper,
+        integrator=LaneStepper if any(one.effect.lanes for one in chosen) else LawStepper,
     )
 
 

@@ -119,7 +119,7 @@ class Effect:
         place: rows ``site`` (rows, n_mesh) from the model, the mask of the locus and the options.
         excite, react, drive: compiled, see ``effects.law``.
         states: (model) -> number of states of its own.
-        acts: names of the laws it has among excite, react, drive.
+        lanes: whether these are written for lanes, too, see ``effects.law``.
         distort: of a sensor effect: (theta, series, channels) -> series.
         reach: of a sensor effect: (theta) -> time [s] before or after a sample that it looks at.
     """
@@ -135,6 +135,7 @@ class Effect:
     excite: Any = no_excite
     react: Any = no_react
     drive: Any = no_drive
+    lanes: bool = False
     states: Callable[[Model], int] = field(default=lambda model: 0)
     distort: Distort | None = None
     reach: Callable[[tuple[float, ...]], float] = field(default=lambda theta: 0.0)

@@ -24,6 +24,11 @@ _HEAD = (_ROW, _ROWS, _ROWS, _ROW, _ROW)
 EXCITE = void(*_HEAD, _ROWS)
 REACT = void(*_HEAD, _ROW, _ROW, _ROWS, _ROW, _ROW)
 DRIVE = void(*_HEAD, _ROW, _ROW)
+_LANE_ROW, _LANE_ROWS = _ROWS, float64[:, :, ::1]
+_LANE_HEAD = (_LANE_ROW, _LANE_ROWS, _LANE_ROWS, _LANE_ROW, _LANE_ROW)
+LANE_EXCITE = void(*_LANE_HEAD, _LANE_ROWS)
+LANE_REACT = void(*_LANE_HEAD, _LANE_ROW, _LANE_ROW, _LANE_ROWS, _LANE_ROW, _LANE_ROW)
+LANE_DRIVE = void(*_LANE_HEAD, _LANE_ROW, _LANE_ROW)
 SLOTS = 4
 _NOTHING = Active(Effect("nothing", "fills a slot", "mesh", ()), ())
 
@@ -82,14 +87,14 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
     Raises:
         ParameterError: a locus that the gear or the effect doesn't have.
     """
-    chosen = [one for one in actives if one.effect.level != "sensor"]
-    used = len(chosen)
-    chosen += [_NOTHING] * (-used % SLOTS or (0 if used else SLOTS))
+    mine = [one for one in actives if one.effect.level != "sensor"]
+    used, chosen = len(mine), _padded(mine)
     own = [one.effect.states(model) for one in chosen]
+    excite, react, drive = pointers(mine, (EXCITE, REACT, DRIVE))
     return Laws(
-        excite=tuple(_pointer(one.effect.excite, EXCITE) for one in chosen),
-        react=tuple(_pointer(one.effect.react, REACT) for one in chosen),
-        drive=tuple(_pointer(one.effect.drive, DRIVE) for one in chosen),
+        excite=excite,
+        react=react,
+        drive=drive,
         theta=tuple(np.array(one.theta, dtype=float) for one in chosen),
         site=tuple(_site(model, one) for one in chosen),
         first=np.cumsum([0, *own]),
@@ -101,6 +106,27 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
             ]
         ),
     )
+
+
+def _padded(actives: Sequence[Active]) -> list[Active]:
+    return [*actives, *[_NOTHING] * (-len(actives) % SLOTS or (0 if actives else SLOTS))]
+
+
+def pointers(
+    actives: Sequence[Active], signatures: tuple[Any, Any, Any], lanes: bool = False
+) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+    """The laws excite, react and drive of effects, padded as ``Laws``.
+
+    With ``lanes`` those of effects that are written for lanes, and others that do nothing.
+    """
+    chosen = [one.effect if one.effect.lanes or not lanes else _NOTHING.effect for one in actives]
+    every = [*chosen, *(one.effect for one in _padded(actives)[len(actives) :])]
+    kinds = ([getattr(one, name) for one in every] for name in ("excite", "react", "drive"))
+    excite, react, drive = (
+        tuple(_pointer(function, signature) for function in functions)
+        for functions, signature in zip(kinds, signatures, strict=True)
+    )
+    return excite, react, drive
 
 
 def _site(model: Model, one: Active) -> Array:

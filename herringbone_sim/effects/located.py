@@ -129,21 +129,21 @@ def root(a, b, slope_a, slope_b):
 
 
 @law
-def passed(m):
+def passed(gap):
     """Whether any margin is past its border at the end of the step that was tried last."""
-    gap, found = m.r.gap, False
+    found = False
     for i in range(gap.shape[1]):
         found = found or (gap[END, i] < 0.0 and gap[END, i] < gap[START, i])
     return found
 
 
 @law
-def dip(m, h):
+def dip(gap, pace, h):
     """Part of a step at which a margin open at both ends is least, if below zero; else 1."""
-    r, first = m.r, 1.0
-    for j in range(m.w.side.size):
-        a, b = r.gap[START, j], r.gap[END, j]
-        p, q = h * r.pace[START, j], h * r.pace[END, j]
+    first = 1.0
+    for j in range(pace.shape[1]):
+        a, b = gap[START, j], gap[END, j]
+        p, q = h * pace[START, j], h * pace[END, j]
         if p < 0.0 < q and a >= 0.0 and b >= 0.0:
             c2, c3 = 3.0 * (b - a) - 2.0 * p - q, 2.0 * (a - b) + p + q
             square = c2 * c2 - 3.0 * c3 * p
@@ -156,26 +156,26 @@ def dip(m, h):
 
 
 @inlined
-def keep(r, of, into):
+def keep(gap, pace, of, into):
     """Margins and paces as those of another place in the step."""
-    for i in range(r.gap.shape[1]):
-        r.gap[into, i] = r.gap[of, i]
-    for j in range(r.pace.shape[1]):
-        r.pace[into, j] = r.pace[of, j]
+    for i in range(gap.shape[1]):
+        gap[into, i] = gap[of, i]
+    for j in range(pace.shape[1]):
+        pace[into, j] = pace[of, j]
 
 
 @law
-def guess(r, width):
+def guess(gap, pace, width):
     """Part of the bracket at which the first border is passed, and how far past its end is."""
-    n, part, worst = r.pace.shape[1], 1.0, 0.0
+    n, part, worst = pace.shape[1], 1.0, 0.0
     for i in range(2 * n):
-        if r.gap[HIGH, i] < 0.0 and r.gap[HIGH, i] < r.gap[START, i]:
+        if gap[HIGH, i] < 0.0 and gap[HIGH, i] < gap[START, i]:
             on = ON_BORDER if i < n else ON_ZERO
-            worst = max(worst, -r.gap[HIGH, i] / on)
-            a, b = max(r.gap[LOW, i], 0.0) + on, min(r.gap[HIGH, i] + on, -1e-3 * on)
+            worst = max(worst, -gap[HIGH, i] / on)
+            a, b = max(gap[LOW, i], 0.0) + on, min(gap[HIGH, i] + on, -1e-3 * on)
             at = a / (a - b)
             if i < n:
-                at = root(a, b, width * r.pace[LOW, i], width * r.pace[HIGH, i])
+                at = root(a, b, width * pace[LOW, i], width * pace[HIGH, i])
             part = min(part, at)
     return part, worst
 
@@ -185,10 +185,10 @@ def locate(m, cycle, phase, h):
     """Shorten a step that passes a border to one that ends just past the first; its length."""
     r = m.r
     low, high, last = 0.0, h, h
-    keep(r, START, LOW)
-    keep(r, END, HIGH)
+    keep(r.gap, r.pace, START, LOW)
+    keep(r.gap, r.pace, END, HIGH)
     for count in range(TRIALS):
-        part, worst = guess(r, high - low)
+        part, worst = guess(r.gap, r.pace, high - low)
         if worst <= 2.0:
             break
         if count % 4 == 3:
@@ -196,12 +196,12 @@ def locate(m, cycle, phase, h):
         last = low + min(max(part, 1e-12), 1.0 - 1e-12) * (high - low)
         attempt(m, cycle, phase, last)
         margins(m, END)
-        if passed(m):
+        if passed(m.r.gap):
             high = last
-            keep(r, END, HIGH)
+            keep(r.gap, r.pace, END, HIGH)
         else:
             low = last
-            keep(r, END, LOW)
+            keep(r.gap, r.pace, END, LOW)
     if last != high:
         attempt(m, cycle, phase, high)
         margins(m, END)
@@ -211,13 +211,13 @@ def locate(m, cycle, phase, h):
 @law
 def cut(m, cycle, phase, h):
     """Length of a step that was tried: h, or up to where it first passes a border."""
-    if passed(m):
+    if passed(m.r.gap):
         return locate(m, cycle, phase, h)
-    part = dip(m, h)
+    part = dip(m.r.gap, m.r.pace, h)
     if part < 1.0:
         attempt(m, cycle, phase, part * h)
         margins(m, END)
-        if passed(m):
+        if passed(m.r.gap):
             return locate(m, cycle, phase, part * h)
         attempt(m, cycle, phase, h)
         margins(m, END)
@@ -257,23 +257,23 @@ def piece(m, cycle, phase, reach, tangents):
             r.y[0, k], r.rate[0, k] = r.y[6, k], r.rate[6, k]
         done += taken
         want = h * min(5.0, 0.9 * max(error, 1e-9) ** -0.2)
-        if taken < h or passed(m):
+        if taken < h or passed(m.r.gap):
             switches += begin(m, cycle, phase + done * Omega, tangents)
         else:
-            keep(r, END, START)
+            keep(r.gap, r.pace, END, START)
             for j in range(n):
                 r.hold[0, j] = r.hold[6, j]
     return switches
 
 
 @law
-def to_edge(p, cycle, phase):
+def to_edge(windows, Omega, cycle, phase):
     """Dimensionless time to the next edge of an event of a slot or half mesh cycle."""
     turn = phase / TWO_PI
     least = 0.5 * (math.floor(2.0 * (turn + ON_EDGE)) + 1.0) - turn
-    for i in range(p.windows.shape[0]):
-        least = min(least, cycles_to_edge(p.windows[i], phase, cycle))
-    return least * TWO_PI / p.Omega
+    for i in range(windows.shape[0]):
+        least = min(least, cycles_to_edge(windows[i], phase, cycle))
+    return least * TWO_PI / Omega
 
 
 @law
@@ -287,7 +287,7 @@ def grid_step(m, cycle, phase, h, y, tangents):
         r.y[0, k] = y[k]
     while h - done > RESIDUE:
         at = phase + done * m.p.Omega
-        reach = to_edge(m.p, cycle, at)
+        reach = to_edge(m.p.windows, m.p.Omega, cycle, at)
         if done + reach > h - RESIDUE:
             reach = h - done
         found = piece(m, cycle, at, reach, tangents)

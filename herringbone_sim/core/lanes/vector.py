@@ -7,8 +7,9 @@ mix: what a lane gives does not depend on its neighbours. Products that are adde
 kernel is compiled for a single orbit, ``(.., .., 16)`` one in each lane.
 
 Within compiled code: ``load(a, i, j)`` takes the lanes of an entry of a C-ordered float64 array,
-``store(a, i, j, x)`` puts them back, ``get`` and ``put`` do so in one lane, a number by itself
-stands in all lanes, ``+ - * /`` and the comparisons work lane by lane, ``choose(mask, x, y)``
+``store(a, i, j, x)`` puts them back, ``take(a, i)`` and ``give(a, i, x)`` are the same for arrays
+``(..,)`` and ``(.., 16)``, ``get`` and ``put`` do so in one lane, a number by itself stands in all
+lanes, ``+ - * /`` and the comparisons work lane by lane, ``choose(mask, x, y)``
 selects, ``bits`` gives a mask as an integer.
 """
 
@@ -97,6 +98,15 @@ def _pointer(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any) 
     return builder.bitcast(place, _DOUBLES.as_pointer())
 
 
+def _entry(context: Any, builder: Any, kind: Any, array: Any, i: Any) -> Any:
+    struct = make_array(kind)(context, builder, array)
+    if kind.ndim == 1:
+        return cgutils.get_item_pointer(context, builder, kind, struct, [i])
+    zero = context.get_constant(types.intp, 0)
+    place = cgutils.get_item_pointer(context, builder, kind, struct, [i, zero])
+    return builder.bitcast(place, _DOUBLES.as_pointer())
+
+
 @intrinsic
 def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
     """Lanes ``array[i, j, :]``, or the number ``array[i, j]``."""
@@ -118,6 +128,28 @@ def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
 
     kind = types.float64 if array.ndim == 2 else lanes
     return types.void(array, types.intp, types.intp, kind), code
+
+
+@intrinsic
+def take(typing: Any, array: Any, i: Any) -> Any:
+    """Lanes ``array[i, :]``, or the number ``array[i]``."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.load(_entry(context, builder, array, *args), align=8)
+
+    return (types.float64 if array.ndim == 1 else lanes)(array, types.intp), code
+
+
+@intrinsic
+def give(typing: Any, array: Any, i: Any, value: Any) -> Any:
+    """Put lanes into ``array[i, :]``, or a number into ``array[i]``."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.store(args[2], _entry(context, builder, array, *args[:2]), align=8)
+        return context.get_dummy_value()
+
+    kind = types.float64 if array.ndim == 1 else lanes
+    return types.void(array, types.intp, kind), code
 
 
 def _element(context: Any, builder: Any, kind: Any, array: Any, *place: Any) -> Any:
@@ -191,6 +223,12 @@ def absolute(typing: Any, a: Any) -> Any:
 def root(typing: Any, a: Any) -> Any:
     """Square roots."""
     return _function("sqrt", (a,))
+
+
+@intrinsic
+def power(typing: Any, a: Any, b: Any) -> Any:
+    """a to the power of b; each lane takes its time."""
+    return _function("pow", (a, b))
 
 
 @intrinsic

@@ -1,0 +1,1 @@
+"""Gears by the laws of their effects, sixteen values side by side."""

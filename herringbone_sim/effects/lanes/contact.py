@@ -1,0 +1,152 @@
+"""Contact of sixteen lanes: found where a piece begins, and changed where a step has ended so."""
+
+from __future__ import annotations
+
+from herringbone_sim.core.lanes.vector import LANES, choose, fma, give, load, root, store, take
+from herringbone_sim.core.packed import inlined
+from herringbone_sim.effects.dormand_prince import APART
+from herringbone_sim.effects.lanes.places import JUMPS, NOW, PACE, STALE, SWITCHED
+from herringbone_sim.effects.lanes.slope import slope
+from herringbone_sim.effects.lanes.step import begin_phase, hold_of, margins
+from herringbone_sim.effects.law import PLAY, SHIFT, law
+from herringbone_sim.effects.located import JUMP, ON_BORDER, START
+
+SPARE = 4  # row of ``gap`` and ``pace``
+
+
+@law
+def find_contact(m):
+    """Contact of all meshes from their deflections, in lanes that begin a piece."""
+    w, anew = m.w, take(m.r.lane, STALE) == 2.0
+    slope(m, m.r.y[0], m.r.along[5], False)
+    for j in range(w.x.shape[0]):
+        x, b = take(w.plain, j) + load(w.law, SHIFT, j), load(w.law, PLAY, j)
+        zero = b * 0.0
+        side = choose(x > b, zero + 1.0, choose(x < zero - b, zero - 1.0, zero))
+        give(w.side, j, choose(anew, side, take(w.side, j)))
+
+
+@law
+def refresh(m):
+    """Stage 0 of lanes where it is stale, and margins there in ``SPARE``."""
+    r, stale = m.r, take(m.r.lane, STALE) > 0.0
+    slope(m, r.y[0], r.along[5], False)
+    for k in range(r.z.shape[0]):
+        store(r.slope, 0, k, choose(stale, load(r.along, 5, k), load(r.slope, 0, k)))
+    for j in range(m.w.x.shape[0]):
+        store(r.hold, 0, j, choose(stale, hold_of(m, j), load(r.hold, 0, j)))
+    margins(m, SPARE)
+
+
+@inlined
+def leaving(r, n, lane):
+    """Mesh of a lane that is to switch, or -1."""
+    for j in range(n):
+        gap = r.gap[SPARE, j, lane]
+        if (gap <= 0.0 and r.pace[SPARE, j, lane] < 0.0) or gap < -10.0 * ON_BORDER:
+            return j
+    return -1
+
+
+@law
+def switch(m):
+    """Switch the first mesh that is to, in every stale lane; returns whether any has."""
+    r, w, any_has = m.r, m.w, False
+    for lane in range(LANES):
+        r.place[SWITCHED, lane] = -1
+        if r.lane[STALE, lane] == 0.0:
+            continue
+        j = leaving(r, w.x.shape[0], lane)
+        if j >= 0:
+            r.place[SWITCHED, lane] = j
+            r.lane[PACE, lane] = r.pace[SPARE, j, lane]
+            x, v = w.plain[j, lane] + w.law[SHIFT, j, lane], w.v[j, lane]
+            up = x > 0.0 or (x == 0.0 and v > 0.0)
+            w.side[j, lane] = 0.0 if w.side[j, lane] != 0.0 else (1.0 if up else -1.0)
+            any_has = True
+    return any_has
+
+
+@law
+def see_jumps(m):
+    """Find lanes whose slope has jumped from ``direction``, and bring back their contact."""
+    r, w, any_has = m.r, m.w, False
+    for lane in range(LANES):
+        j, largest = r.place[SWITCHED, lane], 0.0
+        for k in range(r.z.shape[0]):
+            largest = max(largest, abs(r.slope[0, k, lane] - r.direction[k, lane]))
+        jumps = j >= 0 and largest > JUMP and r.lane[PACE, lane] < 0.0
+        r.lane[JUMPS, lane] = 0.0
+        if jumps:
+            was = w.side[j, lane]
+            up = w.plain[j, lane] + w.law[SHIFT, j, lane] > 0.0
+            r.lane[JUMPS, lane] = was if was != 0.0 else 2.0
+            w.side[j, lane] = 0.0 if was != 0.0 else (1.0 if up else -1.0)
+            any_has = True
+    return any_has
+
+
+@law
+def jump(m):
+    """Tangents of lanes whose slope has jumped from ``direction`` (saltation)."""
+    r, w = m.r, m.w
+    if not see_jumps(m):
+        return
+    square = take(m.r.lane, NOW) * 0.0
+    for k in range(r.z.shape[0]):
+        square = fma(load(r.tangent, 0, k), load(r.tangent, 0, k), square)
+    size, found = root(square), square * 0.0
+    small = APART / size
+    for sign in (1.0, -1.0):
+        for k in range(r.z.shape[0]):
+            give(r.was, k, fma(small * sign, load(r.tangent, 0, k), load(r.y, 0, k)))
+        slope(m, r.was, r.along[6], False)
+        margins(m, SPARE)
+        for lane in range(LANES):
+            j = max(r.place[SWITCHED, lane], 0)
+            r.gap[SPARE, 0, lane] = r.gap[SPARE, j, lane]
+        found = fma(load(r.gap, SPARE, 0), sign, found)
+    jumps = take(r.lane, JUMPS) != 0.0
+    share = found * size / (2.0 * APART) / take(r.lane, PACE)
+    for k in range(r.z.shape[0]):
+        old, leap = load(r.tangent, 0, k), load(r.slope, 0, k) - take(r.direction, k)
+        store(r.tangent, 0, k, choose(jumps, fma(share, leap, old), old))
+    for lane in range(LANES):
+        if r.lane[JUMPS, lane] != 0.0:
+            side = r.lane[JUMPS, lane]
+            w.side[r.place[SWITCHED, lane], lane] = side if side != 2.0 else 0.0
+    refresh(m)
+
+
+@law
+def begin(m, anew):
+    """Make stage 0 of stale lanes ready, with every mesh in the contact that it goes to.
+
+    ``anew``: whether any lane begins a piece.
+    """
+    r, w = m.r, m.w
+    n = w.x.shape[0]
+    give(r.lane, NOW, begin_phase(m))
+    if anew:
+        find_contact(m)
+    refresh(m)
+    for _ in range(3 * n):
+        if not switch(m):
+            break
+        for k in range(r.z.shape[0]):
+            give(r.direction, k, load(r.slope, 0, k))
+        refresh(m)
+        if r.tangent.shape[0] > 0:
+            jump(m)
+    stale = take(r.lane, STALE) > 0.0
+    for j in range(n):
+        force = take(w.force, j)
+        zero = force * 0.0
+        sign = choose(force < zero, zero - 1.0, zero + 1.0)
+        give(r.sign, j, choose(stale, sign, take(r.sign, j)))
+    margins(m, SPARE)
+    for j in range(2 * n):
+        store(r.gap, START, j, choose(stale, load(r.gap, SPARE, j), load(r.gap, START, j)))
+    for j in range(n):
+        store(r.pace, START, j, choose(stale, load(r.pace, SPARE, j), load(r.pace, START, j)))
+    give(r.lane, STALE, take(r.lane, STALE) * 0.0)

@@ -1,0 +1,195 @@
+"""Sixteen values of a gear by its laws, laid out for the compiled code.
+
+What a law reads that is not written for lanes is kept with the lane first, so that it sees each
+lane as an array of its own; all else has the lane last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.lanes.vector import LANES
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.dormand_prince import Gear
+from herringbone_sim.effects.gear import LANE_DRIVE, LANE_EXCITE, LANE_REACT, pointers
+from herringbone_sim.effects.lanes.places import ROWS
+
+Array = NDArray[np.float64]
+
+# Rows of ``LaneGear.one``, as fields of ``core.packed.Packed`` and of ``dormand_prince.Gear``.
+INV_SUN, LOAD_Q, CONTROL_Q, CONTROL_R = 0, 2, 4, 6
+INV_CARRIER, LOAD_R, CONTROL_ORDER, CONTROL_PHASE = 8, 9, 10, 11
+CONTROL, OMEGA, MULTIPLICITY, PROJECTION, SI = 12, 13, 14, 15, 16
+INV_PLANET = SI + 5
+
+
+class Own(NamedTuple):
+    """What each of some values, or of the lanes, has for itself; v values first."""
+
+    theta: tuple[Array, ...]  # (v, p) of each effect
+    site: tuple[Array, ...]  # (v, rows, n)
+    gear: Array  # (v, rows, n)
+    now: Array  # (v, 5)
+    windows: Array  # (v, w, 3)
+    flat: Array  # (v, all) constants that all code in lanes reads, in one row
+
+
+class LaneGear(NamedTuple):
+    """Lanes of a gear; n meshes, b bodies, s numbers of a state, l LANES."""
+
+    e: Any  # ``gear.Kernel``
+    vector: tuple[Any, Any, Any]  # laws that are written for lanes, as those of ``e``
+    written: NDArray[np.bool_]  # (effects,) which these are
+    flat: Array  # (all, l); the next four are parts of it
+    theta: tuple[Array, ...]  # (p, l) of each effect
+    site: tuple[Array, ...]  # (rows, n, l)
+    gear: Array  # (rows, n, l)
+    one: Array  # (rows, l)
+    now: Array  # (5, l)
+    unit: Array  # (s, l)
+    own: Own  # of the lanes
+    single: Single
+    w: LaneScratch
+    r: LaneTrial
+    n_state: int
+    reacts: bool
+    controlled: bool
+    singly: bool  # whether some law is not written for lanes
+
+
+class Single(NamedTuple):
+    """What a law that is not written for lanes reads and edits, lane first."""
+
+    own: Array  # (l, own states)
+    slope: Array  # (l, own states)
+    law: Array  # (l, 5, n)
+    x: Array  # (l, n)
+    v: Array  # (l, n)
+    force: Array  # (l, n)
+    torque: Array  # (l, b)
+
+
+class LaneScratch(NamedTuple):
+    """As ``effects.gear.Scratch``, and the deflection without the effects' displacements."""
+
+    side: Array  # (n, l)
+    law: Array  # (5, n, l)
+    x: Array  # (n, l)
+    v: Array  # (n, l)
+    force: Array  # (n, l)
+    torque: Array  # (b, l)
+    hold: Array  # (n, l)
+    plain: Array  # (n, l) deflection with the nominal error [m]
+    rate: Array  # (n, l)
+
+
+class LaneTrial(NamedTuple):
+    """As ``dormand_prince.Trial``, and where in its run each lane is."""
+
+    place: NDArray[np.int64]  # (4, l) see ``places``
+    y: Array  # (7, s, l)
+    slope: Array  # (7, s, l)
+    hold: Array  # (7, n, l)
+    gap: Array  # (5, 2 n, l), the last row to look at
+    pace: Array  # (5, n, l)
+    sign: Array  # (n, l)
+    along: Array  # (7, s, l)
+    direction: Array  # (s, l)
+    was: Array  # (s, l)
+    z: Array  # (s, l)
+    tangent: Array  # (k, s, l), one or none
+    spent: Array  # (l, n, 3)
+    lane: Array  # (rows, l) see ``places``
+
+
+def lane_gear(
+    models: Sequence[Model], gears: Sequence[Gear], tangents: int
+) -> tuple[LaneGear, Own]:
+    """Lanes for gears of one layout with the same effects, and what each has for itself."""
+    every = _own_of(models, gears)
+    mine = Own(*(_lanes_of(part) for part in every))
+    flat = np.zeros((every.flat.shape[1], LANES))
+    views, first = [], 0
+    for shape in (
+        *(part.shape[1:] for part in (*every.theta, *every.site, every.gear, every.now)),
+        (INV_PLANET + 2 * models[0].layout.n_classes,),
+        gears[0].unit.shape,
+    ):
+        size = int(np.prod(shape))
+        views.append(flat[first : first + size].reshape(*shape, LANES))
+        first += size
+    k, one = len(every.theta), gears[0]
+    n, s, own = one.w.force.size, one.unit.size, one.unit.size - one.n_state
+    effects = models[0].effects
+    return LaneGear(
+        e=one.e,
+        vector=pointers(effects, (LANE_EXCITE, LANE_REACT, LANE_DRIVE), lanes=True),
+        written=np.array([*(a.effect.lanes for a in effects), *[False] * (k - len(effects))]),
+        flat=flat,
+        theta=tuple(views[:k]),
+        site=tuple(views[k : 2 * k]),
+        gear=views[2 * k],
+        now=views[2 * k + 1],
+        one=views[2 * k + 2],
+        unit=views[2 * k + 3],
+        own=mine,
+        single=_single(n, own, one.w.torque.size),
+        w=_scratch(n, one.w.torque.size),
+        r=_trial(n, s, tangents),
+        n_state=one.n_state,
+        reacts=one.reacts,
+        controlled=any(model.packed.K != 0.0 for model in models),
+        singly=not all(a.effect.lanes for a in effects),
+    ), every
+
+
+def _own_of(models: Sequence[Model], gears: Sequence[Gear]) -> Own:
+    def stacked(parts: Sequence[Array]) -> Array:
+        return np.array(parts)
+
+    theta = tuple(map(stacked, zip(*(gear.theta for gear in gears), strict=True)))
+    site = tuple(map(stacked, zip(*(gear.site for gear in gears), strict=True)))
+    gear, now = stacked([one.gear for one in gears]), stacked([one.now for one in gears])
+    rows = stacked([_constants(*pair) for pair in zip(models, gears, strict=True)])
+    parts = [part.reshape(len(gears), -1) for part in (*theta, *site, gear, now, rows)]
+    windows = stacked([one.p.windows for one in gears])
+    return Own(theta, site, gear, now, windows, np.concatenate(parts, axis=1))
+
+
+def _lanes_of(part: Any) -> Any:
+    if isinstance(part, tuple):
+        return tuple(_lanes_of(one) for one in part)
+    return np.zeros((LANES, *part.shape[1:]))
+
+
+def _constants(model: Model, gear: Gear) -> Array:
+    p = model.packed
+    rows = [*p.inv_M_s, *p.load_q, *p.control_q, *p.control_r, p.inv_M_c, p.load_r]
+    rows += [p.control_order, p.control_phase, p.K, p.Omega, p.multiplicity]
+    rows += [gear.g.projection, *gear.si, *p.inv_M_p.ravel(), *gear.unit]
+    return np.array(rows)
+
+
+def _zeros(*sizes: Any) -> list[Array]:
+    return [np.zeros(size) for size in sizes]
+
+
+def _single(n: int, own: int, bodies: int) -> Single:
+    sizes = own, own, (5, n), n, n, n, bodies
+    return Single(*(np.zeros((LANES, *np.atleast_1d(size))) for size in sizes))
+
+
+def _scratch(n: int, bodies: int) -> LaneScratch:
+    shapes = [(n,), (5, n), (n,), (n,), (n,), (bodies,), (n,), (n,), (n,)]
+    return LaneScratch(*_zeros(*((*shape, LANES) for shape in shapes)))
+
+
+def _trial(n: int, s: int, tangents: int) -> LaneTrial:
+    shapes = [(7, s), (7, s), (7, n), (5, 2 * n), (5, n), (n,), (7, s)]
+    shapes += [(s,), (s,), (s,), (tangents, s)]
+    rest = _zeros(*((*shape, LANES) for shape in shapes), (LANES, n, 3), (ROWS, LANES))
+    return LaneTrial(np.zeros((4, LANES), dtype=np.int64), *rest)

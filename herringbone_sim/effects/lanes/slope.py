@@ -1,0 +1,277 @@
+"""Slope of a gear by its laws in sixteen lanes, as ``effects.instant`` and ``effects.run``."""
+
+from __future__ import annotations
+
+from herringbone_sim.core.lanes.any_series import most
+from herringbone_sim.core.lanes.run import least
+from herringbone_sim.core.lanes.series import sine_cosine
+from herringbone_sim.core.lanes.vector import LANES, choose, fma, give, load, store, take
+from herringbone_sim.core.packed import TWO_PI, inlined
+from herringbone_sim.effects.instant import BEYOND
+from herringbone_sim.effects.lanes.gear import (
+    CONTROL,
+    CONTROL_ORDER,
+    CONTROL_Q,
+    CONTROL_R,
+    INV_CARRIER,
+    INV_PLANET,
+    INV_SUN,
+    LOAD_Q,
+    LOAD_R,
+    MULTIPLICITY,
+    OMEGA,
+    PROJECTION,
+    SI,
+)
+from herringbone_sim.effects.lanes.places import ANGLE, BOUND_HIGH, BOUND_LOW, CYCLE, NOW
+from herringbone_sim.effects.law import (
+    DAMPING,
+    HARMONICS,
+    MEAN_E,
+    MEAN_K,
+    OWN_B,
+    OWN_C,
+    PHASE,
+    PLAY,
+    SHIFT,
+    SHIFT_RATE,
+    STIFFNESS,
+    law,
+)
+from herringbone_sim.effects.run import FORCE, FREQUENCY_N, LENGTH, RATE, TILT
+
+
+@inlined
+def inside(x, b, side, margin):
+    """As ``instant.inside``, lane by lane."""
+    edge = most(b - margin, b * 0.0)
+    within = least(most(x, 0.0 - edge), edge)
+    closed = choose(side > 0.0, most(x, b + margin), least(x, 0.0 - b - margin))
+    return choose(side == 0.0, within, closed)
+
+
+@inlined
+def nominal(m, phase):
+    """Deflections and rates with the nominal error, and the nominal law, at a phase."""
+    w, one, gear = m.w, m.one, m.gear
+    n = w.x.shape[0]
+    half, length, rate = n // 2, take(one, SI + LENGTH), take(one, SI + RATE)
+    size = 2 + half
+    for j in range(n):
+        ring = 2 + j - (half if j >= half else 0)
+        x, v = take(m.r.z, ring), take(m.r.z, size + ring)
+        if j < half:
+            side = j // (half // 2)
+            x, v = take(m.r.z, side) - x, take(m.r.z, size + side) - v
+        give(w.plain, j, x * length - load(gear, MEAN_E, j))
+        give(w.rate, j, v * rate)
+        store(w.law, STIFFNESS, j, load(gear, MEAN_K, j))
+        store(w.law, DAMPING, j, load(gear, OWN_C, j))
+        store(w.law, PLAY, j, load(gear, OWN_B, j))
+        store(w.law, SHIFT, j, length * 0.0)
+        store(w.law, SHIFT_RATE, j, length * 0.0)
+    omega = take(one, OMEGA) * take(one, SI + FREQUENCY_N)
+    for i in range((gear.shape[0] - HARMONICS) // 4):
+        order = i + 1.0
+        sin, cos = sine_cosine(phase * order)
+        row = HARMONICS + 4 * i
+        for j in range(n):
+            k = fma(load(gear, row, j), cos, load(w.law, STIFFNESS, j))
+            store(w.law, STIFFNESS, j, fma(load(gear, row + 1, j), sin, k))
+            a, b = load(gear, row + 2, j), load(gear, row + 3, j)
+            give(w.plain, j, take(w.plain, j) - (a * cos + b * sin))
+            give(w.rate, j, take(w.rate, j) - omega * order * (b * cos - a * sin))
+
+
+@law
+def excite_singly(m, i, first, last):
+    """A law that is not written for lanes, one lane after another."""
+    single, w, own = m.single, m.w, m.own
+    for lane in range(LANES):
+        for row in range(5):
+            for j in range(w.x.shape[0]):
+                single.law[lane, row, j] = w.law[row, j, lane]
+        m.e.excite[i](
+            own.theta[i][lane],
+            own.site[i][lane],
+            own.gear[lane],
+            own.now[lane],
+            single.own[lane, first:last],
+            single.law[lane],
+        )
+    for row in range(5):
+        for j in range(w.x.shape[0]):
+            for lane in range(LANES):
+                w.law[row, j, lane] = single.law[lane, row, j]
+
+
+@law
+def react_singly(m, i, first, last):
+    """As ``excite_singly``."""
+    single, w, own = m.single, m.w, m.own
+    n, bodies = w.x.shape[0], w.torque.shape[0]
+    for lane in range(LANES):
+        for j in range(n):
+            for row in range(5):
+                single.law[lane, row, j] = w.law[row, j, lane]
+            single.x[lane, j], single.v[lane, j] = w.x[j, lane], w.v[j, lane]
+            single.force[lane, j] = w.force[j, lane]
+        for k in range(bodies):
+            single.torque[lane, k] = w.torque[k, lane]
+        m.e.react[i](
+            own.theta[i][lane],
+            own.site[i][lane],
+            own.gear[lane],
+            own.now[lane],
+            single.own[lane, first:last],
+            single.x[lane],
+            single.v[lane],
+            single.law[lane],
+            single.force[lane],
+            single.torque[lane],
+        )
+        for j in range(n):
+            w.force[j, lane] = single.force[lane, j]
+        for k in range(bodies):
+            w.torque[k, lane] = single.torque[lane, k]
+
+
+@law
+def drive_singly(m, i, first, last, dy):
+    """As ``excite_singly``; ``dy`` (own states, lanes)."""
+    single, own = m.single, m.own
+    for lane in range(LANES):
+        for j in range(m.w.x.shape[0]):
+            single.force[lane, j] = m.w.force[j, lane]
+        m.e.drive[i](
+            own.theta[i][lane],
+            own.site[i][lane],
+            own.gear[lane],
+            own.now[lane],
+            single.own[lane, first:last],
+            single.force[lane],
+            single.slope[lane, first:last],
+        )
+        for k in range(first, last):
+            dy[k, lane] = single.slope[lane, k]
+
+
+@law
+def tell_singly(m):
+    """Phase and own states to laws that are not written for lanes."""
+    for lane in range(LANES):
+        m.own.now[lane, PHASE] = m.now[PHASE, lane]
+        for k in range(m.single.own.shape[1]):
+            m.single.own[lane, k] = m.r.z[m.n_state + k, lane]
+
+
+@inlined
+def forces(m, free):
+    """Mesh forces and torques; ``free``: contact as deflections have it, moved by ``hold``."""
+    e, w, own = m.e, m.w, m.r.z[m.n_state :]
+    for i in range(e.n_active):
+        first, last = e.first[i], e.first[i + 1]
+        if e.acts[i, 0] and m.written[i]:
+            m.vector[0][i](m.theta[i], m.site[i], m.gear, m.now, own[first:last], w.law)
+        elif e.acts[i, 0]:
+            excite_singly(m, i, first, last)
+    zero = take(m.one, OMEGA) * 0.0
+    for j in range(w.x.shape[0]):
+        shown, b = take(w.plain, j) + load(w.law, SHIFT, j), load(w.law, PLAY, j)
+        v = take(w.rate, j) + load(w.law, SHIFT_RATE, j)
+        if free:
+            x = shown + take(w.hold, j)
+            f = choose(x > b, x - b, choose(x < zero - b, x + b, zero))
+        else:
+            side = take(w.side, j)
+            x = inside(shown, b, side, BEYOND)
+            f = choose(side == zero, zero, shown - side * b)
+        give(w.x, j, x)
+        give(w.v, j, v)
+        give(w.force, j, fma(load(w.law, DAMPING, j), v, load(w.law, STIFFNESS, j) * f))
+    for k in range(w.torque.shape[0]):
+        give(w.torque, k, zero)
+    for i in range(e.n_active):
+        first, last = e.first[i], e.first[i + 1]
+        if e.acts[i, 1] and m.written[i]:
+            head = m.theta[i], m.site[i], m.gear, m.now, own[first:last]
+            m.vector[1][i](*head, w.x, w.v, w.law, w.force, w.torque)
+        elif e.acts[i, 1]:
+            react_singly(m, i, first, last)
+
+
+@inlined
+def accelerate(m, phase, dy):
+    """Rates of the coordinates (s, lanes) from the forces and torques, Eqs. (18), (22)."""
+    one, w = m.one, m.w
+    n = w.x.shape[0]
+    half, c = n // 2, n // 4
+    size, share = 2 + half, take(one, MULTIPLICITY)
+    newton = 1.0 / take(one, SI + FORCE)
+    unit = take(one, SI + LENGTH) / (take(one, SI + TILT) * take(one, PROJECTION)) * newton
+    control = newton * 0.0
+    if m.controlled:
+        angle = fma(take(one, CONTROL_ORDER), phase, take(m.r.lane, ANGLE))
+        control = take(one, CONTROL) * sine_cosine(angle)[1]
+    carrier, total = take(w.torque, 2) * take(one, INV_CARRIER), newton * 0.0
+    for j in range(n):
+        total = total + take(w.force, j)
+    common = share * total * newton * take(one, INV_CARRIER)
+    for side in range(2):
+        inv, sun = take(one, INV_SUN + side), newton * 0.0
+        for i in range(c):
+            sun = sun + take(w.force, side * c + i)
+        push = take(w.torque, side) * inv - 2.0 * carrier
+        rest = take(one, LOAD_Q + side) - control * take(one, CONTROL_Q + side)
+        mesh = share * sun * newton * inv + 2.0 * common
+        give(dy, size + side, fma(unit, push, rest) - mesh)
+        for i in range(c):
+            k = side * c + i
+            inv = take(one, INV_PLANET + k)
+            push = take(w.torque, 3 + k) * inv - carrier
+            rest = take(one, LOAD_R) - control * take(one, CONTROL_R + side)
+            mesh = common - (take(w.force, k) - take(w.force, half + k)) * newton * inv
+            give(dy, size + 2 + k, fma(unit, push, rest) - mesh)
+    for k in range(size):
+        give(dy, k, take(m.r.z, size + k))
+
+
+@inlined
+def drive(m, dy):
+    """Rates of the effects' own states (own states, lanes), in SI units."""
+    e, own = m.e, m.r.z[m.n_state :]
+    for i in range(e.n_active):
+        first, last = e.first[i], e.first[i + 1]
+        if last > first and m.written[i]:
+            head = m.theta[i], m.site[i], m.gear, m.now, own[first:last]
+            m.vector[2][i](*head, m.w.force, dy[first:last])
+        elif last > first:
+            drive_singly(m, i, first, last, dy)
+
+
+@inlined
+def slope_of(m, y, dy, free):
+    """dy/dtau (s, lanes) at each lane's present phase, kept between the bounds of its step.
+
+    Leaves all that it is made of in ``m.w``.
+    """
+    bound = take(m.r.lane, BOUND_LOW), take(m.r.lane, BOUND_HIGH)
+    at = least(most(take(m.r.lane, NOW), bound[0]), bound[1])
+    for k in range(y.shape[0]):
+        give(m.r.z, k, take(y, k) * take(m.unit, k))
+    give(m.now, PHASE, take(m.r.lane, CYCLE) * TWO_PI + at)
+    if m.singly:
+        tell_singly(m)
+    nominal(m, at)
+    forces(m, free)
+    accelerate(m, at, dy)
+    drive(m, dy[m.n_state :])
+    per_second = take(m.one, SI + FREQUENCY_N)
+    for k in range(m.n_state, y.shape[0]):
+        give(dy, k, take(dy, k) / (per_second * take(m.unit, k)))
+
+
+@law
+def slope(m, y, dy, free):
+    """``slope_of``, compiled once for all that is not in haste."""
+    slope_of(m, y, dy, free)

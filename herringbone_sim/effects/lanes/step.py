@@ -1,0 +1,131 @@
+"""A step of Dormand and Prince in sixteen lanes, each of its own length, and tangents along it."""
+
+from __future__ import annotations
+
+from herringbone_sim.core.lanes.any_series import most
+from herringbone_sim.core.lanes.vector import (
+    absolute,
+    choose,
+    fma,
+    give,
+    load,
+    root,
+    store,
+    take,
+    without,
+)
+from herringbone_sim.core.packed import inlined
+from herringbone_sim.effects.dormand_prince import APART, NODE, TOLERANCE, A
+from herringbone_sim.effects.dormand_prince import ERROR as SHARES
+from herringbone_sim.effects.lanes.gear import OMEGA, SI
+from herringbone_sim.effects.lanes.places import DONE, ERROR, NOW, PIECE, TAKEN, TRIED
+from herringbone_sim.effects.lanes.slope import inside, slope, slope_of
+from herringbone_sim.effects.law import PLAY, SHIFT, law
+from herringbone_sim.effects.located import END
+from herringbone_sim.effects.run import FORCE, LENGTH, RATE
+
+
+@inlined
+def begin_phase(m):
+    """Phase [rad] at the start of each lane's step."""
+    return fma(take(m.r.lane, DONE), take(m.one, OMEGA), take(m.r.lane, PIECE))
+
+
+@inlined
+def hold_of(m, j):
+    """What moves deflection j well inside its contact, for differences around a stage [m]."""
+    w = m.w
+    x = take(w.plain, j) + load(w.law, SHIFT, j)
+    margin = take(m.one, SI + LENGTH) * (4.0 * APART)
+    return inside(x, load(w.law, PLAY, j), take(w.side, j), margin) - x
+
+
+@law
+def attempt(m):
+    """The step that each lane tries, from stage 0 on, which is ready; the end is stage 6."""
+    r = m.r
+    h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.one, OMEGA)
+    for i in range(1, 7):
+        for k in range(r.z.shape[0]):
+            moved = load(r.slope, 0, k) * A[i, 0]
+            for j in range(1, i):
+                moved = fma(load(r.slope, j, k), A[i, j], moved)
+            store(r.y, i, k, fma(h, moved, load(r.y, 0, k)))
+        give(r.lane, NOW, fma(h * Omega, NODE[i], begin))
+        slope_of(m, r.y[i], r.slope[i], False)
+        for j in range(m.w.x.shape[0]):
+            store(r.hold, i, j, hold_of(m, j))
+    worst = h * 0.0
+    for k in range(r.z.shape[0]):
+        off = load(r.slope, 0, k) * SHARES[0]
+        for j in range(1, 7):
+            off = fma(load(r.slope, j, k), SHARES[j], off)
+        size = most(absolute(load(r.y, 0, k)), absolute(load(r.y, 6, k)))
+        off = absolute(h * off) / (size + 1.0)
+        worst = choose((off > worst) | without(off == off), off, worst)
+    give(r.lane, ERROR, worst / TOLERANCE)
+    margins(m, END)
+
+
+@law
+def margins(m, row):
+    """As ``located.margins``, in all lanes, of what the last slope has left."""
+    r, w, n = m.r, m.w, m.w.x.shape[0]
+    length = 1.0 / take(m.one, SI + LENGTH)
+    rate, newton = 1.0 / take(m.one, SI + RATE), 1.0 / take(m.one, SI + FORCE)
+    zero, one = length * 0.0, length * 0.0 + 1.0
+    for j in range(n):
+        x, b = take(w.plain, j) + load(w.law, SHIFT, j), load(w.law, PLAY, j)
+        v, side = take(w.v, j), take(w.side, j)
+        up = (x > zero) | ((x == zero) & (v > zero))
+        outward = choose(up, one, zero - one)
+        is_open = side == zero
+        gap = choose(is_open, b - absolute(x), side * x - b)
+        pace = choose(is_open, zero - outward * v, side * v)
+        store(r.gap, row, j, gap * length)
+        store(r.pace, row, j, pace * rate)
+        sign = take(r.sign, j) * take(w.force, j) * newton if m.reacts else one
+        store(r.gap, row, n + j, sign)
+
+
+@law
+def difference(m, y, v, dv):
+    """Derivative of the slope at y along v (s, lanes) into dv; deflections moved by ``hold``."""
+    r = m.r
+    square = take(m.one, OMEGA) * 0.0
+    for k in range(v.shape[0]):
+        square = fma(take(v, k), take(v, k), square)
+    size = root(square)
+    small = choose(size == 0.0, size, APART / size)
+    for k in range(v.shape[0]):
+        give(r.was, k, fma(small, take(v, k), take(y, k)))
+    slope(m, r.was, dv, True)
+    for k in range(v.shape[0]):
+        give(r.was, k, take(y, k) - small * take(v, k))
+    slope(m, r.was, r.along[6], True)
+    for k in range(v.shape[0]):
+        give(dv, k, (take(dv, k) - load(r.along, 6, k)) * (size / (2.0 * APART)))
+
+
+@law
+def carry(m):
+    """The tangent of every lane that has taken the step it tried, in place."""
+    r, w = m.r, m.w
+    h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.one, OMEGA)
+    taken = take(r.lane, TAKEN) == 1.0
+    for i in range(6):
+        for k in range(r.z.shape[0]):
+            moved = h * 0.0
+            for j in range(i):
+                moved = fma(load(r.along, j, k), A[i, j], moved)
+            give(r.direction, k, fma(h, moved, load(r.tangent, 0, k)))
+        for j in range(w.x.shape[0]):
+            give(w.hold, j, load(r.hold, i, j))
+        give(r.lane, NOW, fma(h * Omega, NODE[i], begin))
+        difference(m, r.y[i], r.direction, r.along[i])
+    for k in range(r.z.shape[0]):
+        moved = h * 0.0
+        for j in range(6):
+            moved = fma(load(r.along, j, k), A[6, j], moved)
+        old = load(r.tangent, 0, k)
+        store(r.tangent, 0, k, choose(taken, fma(h, moved, old), old))
