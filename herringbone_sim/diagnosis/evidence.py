@@ -50,6 +50,7 @@ class Evidence:
             regression predicts of what they leave, out of sample.
         screened: least squares of each effect by the linear screen.
         told: whether the noise was told, so that what is left above it counts in full.
+        uneven: largest noise that was found of a row, over the median of its observation's rows.
     """
 
     count: float
@@ -57,6 +58,7 @@ class Evidence:
     remains: Mapping[str, float]
     screened: Mapping[str, float]
     told: bool = True
+    uneven: float = 1.0
 
     def written(self) -> dict[str, Any]:
         """As plain data."""
@@ -70,23 +72,18 @@ class Evidence:
             for c in data["candidates"]
         )
         remains, screened = dict(data["remains"]), dict(data["screened"])
-        return cls(float(data["count"]), candidates, remains, screened, bool(data["told"]))
+        told, uneven = bool(data["told"]), float(data["uneven"])
+        return cls(float(data["count"]), candidates, remains, screened, told, uneven)
 
 
 def evidence_of(found: Examined, told: bool = True) -> Evidence:
     """The numbers of an examination; ``told``: whether the noise was."""
     every = (found.none, *found.singles, *found.pairs)
-    remains = {
-        name: sum(
-            max(0.0, float((p.energy - p.left)[p.count > 0.0].sum()))
-            * found.counts[o]
-            / max(float(p.count.sum()), 1.0)
-            for o, p in of.items()
-        )
-        for name, of in found.flexible.items()
-    }
+    remains = {name: sum(p.predicted for p in of.values()) for name, of in found.flexible.items()}
     candidates = tuple(_candidate(f, found.counts) for f in every)
-    return Evidence(found.count, candidates, remains, dict(found.screened), told)
+    rows = [np.mean(n**2, axis=0) for n in found.noise.values()]
+    uneven = max((float(n.max() / np.median(n)) for n in rows), default=1.0)
+    return Evidence(found.count, candidates, remains, dict(found.screened), told, uneven)
 
 
 def _candidate(found: Found, counts: Mapping[str, float]) -> Candidate:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import copy
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,9 @@ REFINED = 6  # hypotheses that are fitted exactly
 PLACES = 2  # of them with the same effect
 PAIRED = 3  # second effects that are fitted exactly
 SAME = 0.01  # of a gap: less between two explanations is no reason for the larger one
-CHANCE = 0.003  # predictable share of pure noise, of a hundred features and ten thousand values
+FEW = 2  # where nothing is worth explaining
+WORTH = 0.02  # squares a value: an effect of a detectability of one on two rows in a hundred
+ALIKE = 0.25  # of the rows of an observation have no more than their noise, at the least
 BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
 
 
@@ -53,6 +56,7 @@ class Examined:
         screened: least linear squares of each effect, those never fitted too.
         flexible: what a flexible regression explains of what is left, by observation, under none,
             the best single and the best pair.
+        noise: (runs, R) by observation, over what it was taken for.
     """
 
     count: float
@@ -62,37 +66,69 @@ class Examined:
     pairs: tuple[Found, ...]
     screened: dict[str, float]
     flexible: dict[str, dict[str, Predictable]]
+    noise: Mapping[str, Array]
 
 
-def examine(machine: Machine, say: Callable[[str], None] = lambda text: None) -> Examined:
-    """Score every hypothesis on the runs of a machine."""
+def examine(
+    machine: Machine, say: Callable[[str], None] = lambda text: None, told: bool = True
+) -> Examined:
+    """Score every hypothesis on the runs of a machine.
+
+    Args:
+        told: whether the noise is what the machine takes it for; otherwise what nothing measured
+            predicts of the calibrated machine's residual is noise too.
+    """
     say("calibration")
     search = Search(machine)
     none = Found((), search.settled(search.null))
+    left = _left(search, none)
+    if not told:
+        noise = {o: _noise(p) for o, p in left.items()}
+        left = {o: p.beside(noise[o]) for o, p in left.items()}
+        search = Search(machine, noise, none.score.mean)
+        none = Found((), search.settled(search.null))
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
     search, ranked = _ranked(search, catalogue, None)
-    say("fits")
-    singles = _fits(search, ranked, REFINED, PLACES)
-    say("what is left")
-    flexible = {"none": _left(search, none)}
-    pairs: tuple[Found, ...] = ()
-    if singles:
-        first = _simplest(none, singles)
-        flexible["single"] = _left(search, singles[0])
-        if _predicted(flexible["single"]) > CHANCE:
-            say("pairs")
-            pairs = _pairs(search, catalogue, first)
-            if pairs:
-                flexible["pair"] = _left(search, pairs[0])
     counts = {
         o: float(sum(r[o].count[_alive(r[o].energy)].sum() for r in search.campaign.runs))
         for o in search.campaign.observations
     }
+    count = sum(counts.values())
+    say("fits")
+    gain = none.energy - min((r[0] for r in ranked), default=none.energy)
+    idle = max(gain, _total(left)) < WORTH * count
+    singles = _fits(search, ranked, FEW if idle else REFINED, PLACES)
+    say("what is left")
+    flexible = {"none": left}
+    pairs: tuple[Found, ...] = ()
+    if singles:
+        first = _simplest(none, singles)
+        flexible["single"] = _left(search, singles[0])
+        rest = _total(flexible["single"])
+        if rest > max(WORTH * count, SAME * (none.energy - singles[0].energy + rest)):
+            say("pairs")
+            pairs = _pairs(search, catalogue, first)
+            if pairs:
+                flexible["pair"] = _left(search, pairs[0])
     screened: dict[str, float] = {}
     for value, one, _ in ranked:
         screened.setdefault(one.effect, value)
-    return Examined(sum(counts.values()), counts, none, singles, pairs, screened, flexible)
+    return Examined(count, counts, none, singles, pairs, screened, flexible, search.noise)
+
+
+def _noise(found: Predictable) -> Array:
+    """(runs, R) noise over what it was taken for: what can't be predicted, less what can.
+
+    Where half can be, the rest need not be noise. Sensors of a kind are alike: what stands out in
+    a few rows alone is no noise.
+    """
+    known = found.count[0] > 0.0
+    share = (2.0 * found.left - found.energy) / np.maximum(found.count, 1.0)
+    most = np.ones((len(share), 1))
+    if known.any():
+        most = np.quantile(share[:, known], ALIKE, axis=1)[:, None]
+    return np.asarray(np.sqrt(np.clip(share, 1.0, np.maximum(most, 1.0))))
 
 
 def _alive(energy: Array) -> NDArray[np.bool_]:
@@ -110,14 +146,9 @@ def _simplest(none: Found, singles: Sequence[Found]) -> Found:
     return min(near, key=lambda f: len(f.score.coefficients), default=singles[0])
 
 
-def _predicted(left: dict[str, Predictable]) -> float:
-    """Largest share of what is left of an observation that a flexible regression predicts."""
-    shares = [
-        1.0 - float(p.left.sum()) / float(p.energy.sum())
-        for p in left.values()
-        if p.energy.sum() > 0.0
-    ]
-    return max(shares, default=0.0)
+def _total(left: Mapping[str, Predictable]) -> float:
+    """Whitened squares that a flexible regression predicts of what is left."""
+    return sum(p.predicted for p in left.values())
 
 
 def _ranked(
@@ -171,20 +202,21 @@ def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tup
 def _left(search: Search, found: Found) -> dict[str, Predictable]:
     """What a flexible regression explains of what a hypothesis leaves."""
     machine = search.machine.finely()
+    fine = copy.copy(search)
+    fine.machine = machine
     every = found.score.coefficients
     made = amplitudes(every, found.score.mean, search.runs, search.rows)
     result = {}
     for o in machine.functions:
-        blocks = machine.blocks(made, {}, (o,))
+        blocks = fine.blocks(made, {}, (o,))
         if not all(o in b for b in blocks):
             continue
         own = [b[o] for b in blocks]
-        residuals, inputs, numbers = [], [], []
+        residuals, around, numbers = [], [], []
         for r, b in enumerate(own):
             at = b.at if b.at is not None else np.arange(len(b.residual))
             residuals.append(cleared(b))
-            inputs.append(machine.inputs(o, r)[at])
+            around.append(machine.surroundings(o, r, b))
             numbers.append((machine.cycles(o, r)[at] // BLOCK_CYCLES).astype(int))
-        if inputs[0].shape[1] == residuals[0].shape[1]:
-            result[o] = predictable(residuals, inputs, numbers)
+        result[o] = predictable(residuals, around, numbers, own[0].independent)
     return result

@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,7 @@ NAMES = (
     "log strain",
     "unknown, noise told",
     "noise told: log excess left",
+    "unknown: log unevenness",
 )
 LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
 
@@ -89,7 +91,7 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
         rows.append(row)
     row = np.zeros(len(NAMES))
     row[3:5] = 1.0, share(least[best].energy)
-    row[6], row[10] = np.log(gap), evidence.told
+    row[6], row[10], row[12] = np.log(gap), evidence.told, np.log(evidence.uneven)
     return [*every, None], np.array([*rows, row])
 
 
@@ -147,7 +149,16 @@ def _matches(c: Candidate | None, truth: tuple[str, ...]) -> bool:
 
 
 @cache
+def _frozen() -> Mapping[str, Any]:
+    data: Mapping[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
+    return data
+
+
 def frozen_weights() -> Array:
     """Those of the package."""
-    data: Mapping[str, Mapping[str, float]] = json.loads(FILE.read_text(encoding="utf-8"))
-    return np.array([data["weights"][name] for name in NAMES])
+    return np.array([_frozen()["weights"][name] for name in NAMES])
+
+
+def relative_error() -> float:
+    """What models miss of a size, as a share of it: by the same practice campaigns."""
+    return float(_frozen()["relative error of a size"])

@@ -173,6 +173,8 @@ class Coefficient:
         bound: largest magnitude.
         parts: by observation.
         center: of the prior; 1 for an exchange, which is there or not.
+        departs: of how many coefficients, those before the first departure from it, it lets the
+            curve depart; its prior goes with their size. 0 for an effect's own and tolerances.
     """
 
     name: str
@@ -180,6 +182,7 @@ class Coefficient:
     bound: float
     parts: dict[str, Part]
     center: float = 0.0
+    departs: int = 0
 
 
 class Campaign:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import (
     Block,
     Campaign,
@@ -24,6 +25,8 @@ from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out
 
 Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]
+FARTHEST = 3.0  # standard deviations of its prior that a departure may reach
+BENDINGS = 2  # rounds in which departures of a curve and its size settle
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # of an effect over its moderate one, half a decade apart
 
 
@@ -47,8 +50,8 @@ class Machine(Protocol):
     def finely(self) -> Machine:
         """The same, all its observations formed about the amplitudes themselves."""
 
-    def inputs(self, observation: str, r: int) -> Array:
-        """(n, R, D) all that is measured at each row of run r, of order one."""
+    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
+        """What is measured about the rows of a block of run r."""
 
     def cycles(self, observation: str, r: int) -> Array:
         """(n,) cycles since the start of run r, of the same samples."""
@@ -83,6 +86,10 @@ class Hypothesis:
     coefficients: tuple[Coefficient, ...]
     mains: int
     maker: Any = None
+
+    def __post_init__(self) -> None:
+        bent = [replace(c, departs=self.mains) for c in self.coefficients[self.mains :]]
+        object.__setattr__(self, "coefficients", (*self.coefficients[: self.mains], *bent))
 
 
 @dataclass(frozen=True)
@@ -142,15 +149,20 @@ def scored(
     energy = campaign.energy - _fall(A, b, off)
     b = b - A @ off
     prior, bound = np.array([c.sd for c in every]), np.array([c.bound for c in every])
-    best: tuple[float, LeftOut, float] | None = None
+    best: tuple[float, LeftOut, float, Array] | None = None
     for size in sizes if coefficients else (1.0,):
         sd = prior * np.where(np.arange(len(every)) < n, 1.0, size)
         found = leave_one_out(Normal(A, b, sd, bound))
         density = float(found.log_density.sum())
         if best is None or density > best[0]:
-            best = density, found, size
+            best = density, found, size, sd
     assert best is not None
-    density, found, size = best
+    density, found, size, sd = best
+    bent = np.array([c.departs > 0 for c in every])
+    for _ in range(BENDINGS if bent[n:].any() else 0):
+        sd = np.where(bent, prior * _own_size(every, center + found.whole.mean), sd)
+        found = leave_one_out(Normal(A, b, sd, np.where(bent, FARTHEST * sd, bound)))
+        density = float(found.log_density.sum())
     whole = found.whole
     return Score(
         every,
@@ -163,6 +175,18 @@ def scored(
         size,
         {},
     )
+
+
+def _own_size(coefficients: Sequence[Coefficient], mean: Array) -> Array:
+    """(p,) size of the effect that each coefficient belongs to, over its moderate one."""
+    found, size = np.ones(len(mean)), 1.0
+    for i, c in enumerate(coefficients):
+        if c.departs and not coefficients[i - 1].departs:
+            own = range(i - c.departs, i)
+            size = max(abs(mean[j]) / coefficients[j].sd for j in own)
+        if c.departs:
+            found[i] = size
+    return np.maximum(found, SIZES[0] ** 2)
 
 
 def _fall(A: Array, b: Array, step: Array) -> Array:
@@ -202,13 +226,22 @@ class Search:
 
     Args:
         machine: with its runs.
+        noise: (runs, R) by observation: noise over what the machine takes it for; 1 where it is
+            left out.
+        start: (p,) tolerances to start from.
     """
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        noise: Mapping[str, Array] | None = None,
+        start: Array | None = None,
+    ) -> None:
         self.machine, self.base = machine, machine.base
         self.rows, self.runs = machine.rows, machine.runs
+        self.noise = noise or {}
         self._linear: dict[str, list[Products]] = {}
-        start = np.zeros(len(self.base))
+        start = np.zeros(len(self.base)) if start is None else start
         self.null = self.refined((), start)
         self.campaign: Campaign
 
@@ -224,15 +257,31 @@ class Search:
         fixed = machine.linear(made)
         for o in fixed:
             if o not in self._linear:
-                blocks = machine.blocks({}, None, (o,))
+                blocks = self.blocks({}, None, (o,))
                 self._linear[o] = [products(b[o]) for b in blocks if o in b]
         others = tuple(o for o in machine.functions if o not in fixed)
-        blocks = machine.blocks(made, wanted, others)
+        blocks = self.blocks(made, wanted, others)
         found = [{o: products(b) for o, b in of_run.items()} for of_run in blocks]
         for o in fixed:
             for r, p in enumerate(self._linear[o]):
                 found[r][o] = moved(p, _matrix(made.get(o, {}), p, r))
         return Campaign(found, self.base)
+
+    def blocks(
+        self,
+        amplitudes: Amplitudes,
+        wanted: Mapping[str, Sequence[str]] | None,
+        observations: Sequence[str],
+    ) -> list[dict[str, Block]]:
+        """Those of the machine with noise as it was found."""
+        made = self.machine.blocks(amplitudes, wanted, observations)
+        return [
+            {
+                o: replace(b, sigma=b.sigma * self.noise[o][r]) if o in self.noise else b
+                for o, b in of_run.items()
+            }
+            for r, of_run in enumerate(made)
+        ]
 
     def refined(
         self, coefficients: Sequence[Coefficient], start: Array, rounds: int = ROUNDS

@@ -23,11 +23,11 @@ from herringbone_sim.gap.measured import gap_of, metric_of
 from herringbone_sim.gap.named import named
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
+from herringbone_sim.gap.observations.late import undelayed
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.shown import noise_shown
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
-from herringbone_sim.gap.sensors.late import put_right
 from herringbone_sim.gap.sensors.noise import quieter
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import Option, Verdict, decide, option_of
@@ -39,6 +39,7 @@ from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
+GAUGE = 0.05  # gain of a strain gauge where nothing is told, data sheet
 STRIDE = 2  # samples between comparisons of the force law while hypotheses are sought
 
 
@@ -86,16 +87,13 @@ def diagnose(
         AnalysisError: no run of role ``fit``.
     """
     campaign, findings = check(campaign)
-    if not campaign.noise_known:
-        campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
-    campaign = replace(campaign, runs=tuple(independent(run) for run in put_right(campaign.runs)))
     for finding in findings:
         say(finding.text)
-    fit = to_leave_out(_fit_runs(campaign, findings))
-    machine = GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=campaign.gain_tolerance))
+    campaign = calibrated_sensors(campaign)
+    machine = machine_of(campaign, findings)
     if mismatched(findings) or not machine.formed:
         return _nothing(campaign, findings, machine, senses)
-    found = examine(machine, say)
+    found = examine(machine, say, campaign.noise_known)
     evidence = evidence_of(found, campaign.noise_known)
     told = chances(evidence)
     options = {
@@ -118,6 +116,32 @@ def diagnose(
         rival = None if other is None else augmented(other, verdict.runner_up)
         measured = measure_senses(campaign.runs, made.mend, gap, model, rival, say)
     return _reported(made, campaign, machine, measured, senses)
+
+
+def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
+    """The campaign with noise as it was recorded, copies counted once and a common delay undone."""
+    if not campaign.noise_known:
+        campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
+    runs = tuple(independent(run) for run in campaign.runs)
+    return replace(campaign, runs=undelayed(runs, _gauges(campaign)))
+
+
+def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearMachine:
+    """What is diagnosed: the fit runs of a campaign.
+
+    Raises:
+        AnalysisError: no run of role ``fit``.
+    """
+    fit = to_leave_out(_fit_runs(campaign, findings))
+    return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=_gauges(campaign)))
+
+
+def _gauges(campaign: PreparedCampaign) -> tuple[float, ...]:
+    """Tolerance of the gain of each force sensor: as told, or that of the data sheet."""
+    told = campaign.gain_tolerance
+    if campaign.noise_known or any(told):
+        return told
+    return (GAUGE,) * len(told)
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
+from herringbone_sim.diagnosis.judge import relative_error
 from herringbone_sim.diagnosis.search import Hypothesis, Score
-from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.effect import Active, Effect, Locus, Parameter
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import LOADS_M
@@ -18,6 +19,7 @@ from herringbone_sim.gap.observations.events import BUMP, KNOTS, Event
 
 Array = NDArray[np.float64]
 DRAWS = 400
+HALF_90 = 1.645  # standard deviations
 SEED = 13
 
 
@@ -92,11 +94,21 @@ def _named(h: Hypothesis, mean: Array, spread: Array, model: Model) -> Named:
         off = every[:, i] - theta[i]
         if p.unit == "rad":
             off = np.angle(np.exp(1j * off))
-        a, b = np.quantile(off, [0.05, 0.95]) + inside[i]
+        a, b = np.quantile(off, [0.05, 0.95])
+        missed = HALF_90 * relative_error() * _size(effect, p, inside)
+        a, b = inside[i] - np.hypot(a, missed), inside[i] + np.hypot(b, missed)
         spans.append((float(min(a, inside[i])), float(max(b, inside[i]))))
     locus = h.locus if isinstance(h.locus, Locus) else Locus()
     active = Active(effect, tuple(inside.tolist()), locus, options)
     return Named(active, tuple(spans), _law(h, mean, draws))
+
+
+def _size(effect: Effect, p: Parameter, theta: Array) -> float:
+    """Size of the effect in the unit of a parameter."""
+    if p.neutral is None:
+        return 0.0
+    same = [i for i, q in enumerate(effect.parameters) if q.unit == p.unit]
+    return float(np.linalg.norm((theta - effect.neutral)[same]))
 
 
 Told = tuple[Array, tuple[tuple[str, object], ...]]

@@ -8,23 +8,26 @@ left out, in five folds.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from herringbone_sim.diagnosis import judge
 from herringbone_sim.diagnosis.evidence import Evidence
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.intervals import calibration_error
+from herringbone_sim.practice.outcome import NINETY, size_errors
 from herringbone_sim.practice.stored import stored_evidence
 
 Array = NDArray[np.float64]
 
 FOLDS = 5
+HELD = 0.9  # of the sizes in their intervals
 PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 
@@ -37,12 +40,14 @@ class Practised:
         truth: effects; empty for none, ``("unknown",)`` for a cause outside the catalogue.
         stratum: noise, law, channels and d.
         evidence: numbers.
+        sizes: error, standard deviation and true size of each parameter of the right effects.
     """
 
     seed: int
     truth: tuple[str, ...]
     stratum: tuple[str, str, str, float]
     evidence: Evidence
+    sizes: tuple[tuple[float, float, float], ...] = ()
 
     def written(self) -> dict[str, Any]:
         return {
@@ -50,26 +55,34 @@ class Practised:
             "truth": list(self.truth),
             "stratum": list(self.stratum),
             "evidence": self.evidence.written(),
+            "sizes": [list(one) for one in self.sizes],
         }
 
 
 def practised(folder: Path) -> list[Practised]:
     """Every finished campaign of a bench; see ``stored.stored_evidence`` for what it raises."""
-    found = []
-    for name, label, evidence in stored_evidence(folder):
-        truth = tuple(sorted(label["truth"]))
-        noise = label.get("noise", {})
-        kind = noise.get("kind", "white") if isinstance(noise, dict) else str(noise)
-        stratum = (
-            kind,
-            str(label.get("law")),
-            str(label["channels"]),
-            float(label["d_requested"]),
-        )
-        truth = () if truth == ("none",) else truth
-        found.append(Practised(int(label["seed"]), truth, stratum, evidence))
-        del name
-    return found
+    return [
+        practised_of(label, report, evidence)
+        for label, report, evidence in stored_evidence(folder)
+    ]
+
+
+def practised_of(
+    label: Mapping[str, Any], report: Mapping[str, Any], evidence: Evidence
+) -> Practised:
+    """A campaign by its label, its report and its evidence."""
+    truth = tuple(sorted(label["truth"]))
+    noise = label.get("noise", {})
+    kind = noise.get("kind", "white") if isinstance(noise, dict) else str(noise)
+    stratum = (
+        kind,
+        str(label.get("law")),
+        str(label["channels"]),
+        float(label["d_requested"]),
+    )
+    truth = () if truth == ("none",) else truth
+    sizes = tuple(size_errors(label, report))
+    return Practised(int(label["seed"]), truth, stratum, evidence, sizes)
 
 
 def write_evidence(path: Path, campaigns: Iterable[Practised]) -> None:
@@ -91,6 +104,7 @@ def read_evidence(path: Path) -> list[Practised]:
                     tuple(data["truth"]),
                     (noise, law, channels, float(d)),
                     Evidence.read(data["evidence"]),
+                    tuple((float(e), float(sd), float(size)) for e, sd, size in data["sizes"]),
                 )
             )
         except (KeyError, TypeError, ValueError) as error:
@@ -103,11 +117,18 @@ def read_evidence(path: Path) -> list[Practised]:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Fitted weights, the penalty, and figures of campaigns that were left out of the fit."""
+    """Fitted weights, the penalty, and figures of campaigns that were left out of the fit.
+
+    Attributes:
+        relative: standard deviation of what models miss of a size, as a share of it.
+        covered: share of the true sizes in 90 % intervals of campaigns left out of its fit.
+    """
 
     weights: Array
     penalty: float
     figures: dict[str, dict[str, float]]
+    relative: float
+    covered: float
 
 
 def calibrate(campaigns: Sequence[Practised]) -> Calibrated:
@@ -124,7 +145,46 @@ def calibrate(campaigns: Sequence[Practised]) -> Calibrated:
     loss = {p: -float(np.mean(np.log(np.maximum(c[:, 0], 1e-6)))) for p, c in chances.items()}
     penalty = min(loss, key=lambda p: loss[p])
     weights = judge.fit([c.evidence for c in campaigns], [c.truth for c in campaigns], penalty)
-    return Calibrated(weights, penalty, by_stratum(campaigns, chances[penalty]))
+    sizes = [np.array(c.sizes).reshape(-1, 3) for c in campaigns]
+    fold = np.arange(len(campaigns)) % FOLDS
+    held = []
+    for f in range(FOLDS):
+        others, own = (
+            np.concatenate([z for z, k in zip(sizes, fold, strict=True) if (k == f) is mine])
+            for mine in (False, True)
+        )
+        held.append(_misses(own, missed(others)) <= 1.0)
+    covered = float(np.mean(np.concatenate(held))) if any(map(len, held)) else float("nan")
+    return Calibrated(
+        weights,
+        penalty,
+        by_stratum(campaigns, chances[penalty]),
+        missed(np.concatenate(sizes)),
+        covered,
+    )
+
+
+def missed(sizes: Array) -> float:
+    """What models miss of a size, as a share of it, so that nine in ten intervals hold it.
+
+    Args:
+        sizes: (n, 3) error, standard deviation and size.
+    """
+
+    def uncovered(relative: float) -> float:
+        return float(np.mean(_misses(sizes, relative) <= 1.0)) - HELD
+
+    if not len(sizes) or uncovered(0.0) >= 0.0:
+        return 0.0
+    if uncovered(1.0) <= 0.0:
+        return 1.0
+    return float(brentq(uncovered, 0.0, 1.0, xtol=1e-5))
+
+
+def _misses(sizes: Array, relative: float) -> Array:
+    """Errors over half of the 90 % interval."""
+    error, sd, size = sizes.T
+    return np.asarray(np.abs(error) / (NINETY * np.hypot(sd, relative * size) + 1e-300))
 
 
 def by_stratum(campaigns: Sequence[Practised], chances: Array) -> dict[str, dict[str, float]]:
@@ -189,6 +249,8 @@ def write_weights(
     seeds = sorted({c.seed for c in campaigns})
     content = {
         "weights": dict(zip(judge.NAMES, map(float, found.weights), strict=True)),
+        "relative error of a size": found.relative,
+        "coverage of 90 % intervals, left out": found.covered,
         "penalty": found.penalty,
         "seeds": [[seeds[0], seeds[-1] + 1]],
         "sources": sources,

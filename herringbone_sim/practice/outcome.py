@@ -261,6 +261,31 @@ def _covered(told: Json, cause: Json) -> tuple[bool, ...]:
     return tuple(held)
 
 
+def size_errors(label: Json, report: Json) -> list[tuple[float, float, float]]:
+    """Error, standard deviation told and true size of each parameter of the right effects."""
+    found = []
+    for told in label["effects"]:
+        same = [c for c in report["causes"] if c["effect"] == told["effect"]]
+        if not same or told["effect"] not in SIZES:
+            continue
+        cause = max(same, key=lambda c: float(c["probability"]))
+        names, neutral = SIZES[told["effect"]]
+        true = [_value(told, name) for name in names]
+        if not _same_place(told, cause) or not all(_number(v) for v in true):
+            continue
+        size = float(np.hypot.reduce(np.subtract(true, neutral)))
+        for name, value in zip(names, true, strict=True):
+            entry = (cause.get("parameters") or {}).get(name) or {}
+            interval, estimate = entry.get("ci90"), entry.get("value")
+            if interval is not None and _number(estimate):
+                sd = 0.5 * (interval[1] - interval[0]) / NINETY
+                found.append((float(estimate - value), float(sd), size))
+    return found
+
+
+NINETY = 1.645  # standard deviations of half a 90 % interval
+
+
 def _closure(report: Json) -> float | None:
     value: Any = (report.get("gap") or {}).get("closure")
     return float(value) if _number(value) else None

@@ -72,8 +72,8 @@ def read_bench(folder: Path) -> Bench:
     )
 
 
-def stored_evidence(folder: Path) -> Iterator[tuple[str, dict[str, Any], Evidence]]:
-    """Name, label and evidence of each finished campaign: what weights are fitted on.
+def stored_evidence(folder: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any], Evidence]]:
+    """Label, report and evidence of each finished campaign: what weights are fitted on.
 
     Raises:
         RecordingError: a label that was changed.
@@ -83,4 +83,5 @@ def stored_evidence(folder: Path) -> Iterator[tuple[str, dict[str, Any], Evidenc
         record = read_json(folder / "reports" / name / "evidence.json")
         if record:
             label = read_label(folder / "labels" / f"{name}.json", sealed)
-            yield name, label, Evidence.read(record)
+            report = read_json(folder / "reports" / name / "report.json")
+            yield label, report, Evidence.read(record)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Amplitudes, Hypothesis
 from herringbone_sim.examples.damper import effects
@@ -70,11 +71,12 @@ class Damper:
         """Itself: what it calls linear is so exactly."""
         return self
 
-    def inputs(self, observation: str, r: int) -> Array:
+    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
         run = self.recorded[r]
-        found = [run.x / np.std(run.x), run.v / np.std(run.v), np.cos(run.phase)]
-        found += [np.sin(run.phase), np.full(len(run.x), run.P / 50.0)]
-        return np.stack(found, axis=1)[:, None, :]
+        values = np.stack([run.x, run.v, np.full(len(run.x), run.P / 50.0)], axis=1)[:, None, :]
+        at = slice(None) if block.at is None else block.at
+        factors = np.ones((len(block.residual), 1, 1))
+        return Surroundings(values[at], run.phase[at, None], factors)
 
     def cycles(self, observation: str, r: int) -> Array:
         phase = self.recorded[r].phase

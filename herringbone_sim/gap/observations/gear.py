@@ -9,8 +9,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.signal import lfilter, savgol_coeffs, savgol_filter
 
+from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.parts import part_of
@@ -348,27 +349,58 @@ class Gear:
             found.__dict__.pop(name, None)
         return found
 
-    def inputs(self, observation: str, r: int) -> Array:
-        """(n, R, D) all that is measured at each row, of order one, for a flexible regression."""
+    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
+        """What is measured about the rows of a block of a run."""
         g = self.runs[r]
-        m = g.some if observation == force_law.NAME else g.motion
-        x, v = np.nan_to_num(m.x) / m.b, np.nan_to_num(m.v) / (m.b * m.omega)
-        lag = max(1, round(0.25 * 2.0 * np.pi / m.omega / (m.times[1] - m.times[0])))
-        late = [np.concatenate([np.repeat(q[:1], lag, axis=0), q[:-lag]]) for q in (x, v)]
-        angles = [m.phase, *(m.phase / c for c in force_law.members(self.model).values())]
-        turns = [trig(a) for a in angles for trig in (np.cos, np.sin)]
-        held = [m.point["delta_T"] / 50.0, m.point["T_1"] / 1000.0, 2.0 * m.times / m.times[-1]]
+        of_force = observation == force_law.NAME
+        m = g.some if of_force else g.motion
         if observation == consistency.NAME:
-            return np.zeros((len(m.phase), 0, 1))
-        if observation == force_law.NAME:
-            own = [x, v, *late]
+            own = self._signals(r)
+            factors = np.ones((*own[0].shape, 1))
+        elif of_force:
+            now = law(m)
+            sigma = block.sigma
+            own = [m.x, m.v]
+            acts = [np.ones_like(m.x), now.k * now.f, now.damper, now.k * (now.drive + now.back)]
+            factors = np.stack([np.nan_to_num(a) / sigma for a in acts], axis=2)
         else:
-            z, rate = np.nan_to_num(g.fused.z), np.nan_to_num(g.fused.z_rate)
-            own = [z / m.b[0], rate / (m.b[0] * m.omega)]
-        n, R = own[0].shape
-        common = np.stack([np.broadcast_to(h, n) for h in (*turns, *held)], axis=1)
-        spread = np.broadcast_to(common[:, None, :], (n, R, common.shape[1]))
-        return np.concatenate([np.stack(own, axis=2), spread], axis=2)
+            own = [g.fused.z, g.fused.z_rate]
+            factors = np.ones((len(block.residual), block.residual.shape[1], 1))
+        step = float(m.times[1] - m.times[0])
+        late = [
+            _low_passed(np.nan_to_num(q), c * 2.0 * np.pi / m.omega / step)
+            for q in own
+            for c in MEMORIES
+        ]
+        held = (m.point["delta_T"] / 50.0, m.point["T_1"] / 1000.0, 2.0 * m.times / m.times[-1])
+        known = [np.nan_to_num(q) for q in own]
+        known += [np.broadcast_to(np.reshape(h, (-1, 1)), own[0].shape) for h in held]
+        at = slice(None) if block.at is None else block.at
+        values = np.stack([*known, *late], axis=2)[at]
+        cycles = (1.0, *force_law.members(self.model).values())
+        angles = np.stack([m.phase / c for c in cycles], axis=1)[at]
+        return Surroundings(values, angles, factors)
+
+    def _signals(self, r: int) -> list[Array]:
+        """What the channel that enters each row of the consistency most shows, and its rate."""
+        block = self._consistency[r]
+        assert block is not None
+        of_gain, of_delay = (
+            [i for i, f in enumerate(block.functions) if f.startswith(f"{kind} of")]
+            for kind in ("gain", "delay")
+        )
+        most = np.argmax(np.mean(block.columns[:, :, of_gain] ** 2, axis=0), axis=1)
+        rows = np.arange(len(most))
+        return [block.columns[:, rows, np.array(of)[most]] for of in (of_gain, of_delay)]
+
+
+MEMORIES = (0.3, 3.0)  # mesh cycles that a state of a cause's own may remember
+
+
+def _low_passed(values: Array, samples: float) -> Array:
+    """Values (n, k) behind a low-pass of first order with a time constant in samples."""
+    a = np.exp(-1.0 / samples)
+    return np.asarray(lfilter([1.0 - a], [1.0, -a], values, axis=0, zi=a * values[:1])[0])
 
 
 STAGES: tuple[Callable[[Function], bool], ...] = (

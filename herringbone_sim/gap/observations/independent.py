@@ -20,20 +20,39 @@ HALF = 0.5  # of the disagreement that independent noise would give
 def independent(run: PreparedRun) -> PreparedRun:
     """The run without copies."""
     layout = run.model.layout
+    by_mesh, by_body = (
+        tuple(f"{q}_{name}" for name in names)
+        for q, names in (("x", layout.meshes), ("u", layout.bodies))
+    )
     left = geometry(run)[0][0]
     if run.u.complete and left.size and _rms(left) < HALF:
-        run = drop(run, tuple(f"x_{m}" for m in layout.meshes))
+        run = drop(run, by_mesh)
+    # Rates may be worked out of displacements, of rotations, or of both.
+    if min(_apart(one) for one in (run, drop(run, by_mesh), drop(run, by_body))) < HALF:
+        run = drop(run, tuple(f"v_{m}" for m in layout.meshes))
+    return run
+
+
+def _apart(run: PreparedRun) -> float:
+    """Disagreement of rates with displacements, by their integral or by central differences, over
+    that of independent noise; infinite where there is nothing to compare."""
     z, P = displacement(run)
     rate, V = velocity(run)
     known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
-    if known.any():
-        h = run.step_s
-        off = (np.diff(z, axis=0) - increments(rate, h))[2:-2, known]
-        expected = (2.0 * P + h**2 * float(np.sum(QUADRATURE**2)) * V)[np.ix_(known, known)]
-        share = np.sqrt(np.mean(off**2, axis=0) / np.diag(expected))
-        if float(np.median(share)) < HALF:
-            run = drop(run, tuple(f"v_{m}" for m in layout.meshes))
-    return run
+    if not known.any():
+        return np.inf
+    h = run.step_s
+    integral = (np.diff(z, axis=0) - increments(rate, h))[2:-2, known]
+    slope = (np.gradient(z, h, axis=0) - rate)[1:-1, known]
+    P, V = np.diag(P)[known], np.diag(V)[known]
+    return min(
+        _median_share(integral, 2.0 * P + h**2 * float(np.sum(QUADRATURE**2)) * V),
+        _median_share(slope, 0.5 * P / h**2 + V),
+    )
+
+
+def _median_share(off: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
+    return float(np.median(np.sqrt(np.mean(off**2, axis=0) / expected)))
 
 
 def _rms(values: NDArray[np.float64]) -> float:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -107,8 +108,8 @@ class GearMachine:
     ) -> list[dict[str, Block]]:
         return self.gear.blocks(amplitudes, wanted, observations)
 
-    def inputs(self, observation: str, r: int) -> Array:
-        return self.gear.inputs(observation, r)
+    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
+        return self.gear.surroundings(observation, r, block)
 
     def cycles(self, observation: str, r: int) -> Array:
         g = self.gear.runs[r]

@@ -28,7 +28,7 @@ def put_right(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     delay = common_delay(runs)
     if delay is None:
         return tuple(runs)
-    late = tuple(_later(run, delay) for run in runs)
+    late = tuple(later(run, delay) for run in runs)
     before, after = (sum(_left(run) for run in some) for some in (runs, late))
     return late if after < HALF * before else tuple(runs)
 
@@ -52,12 +52,16 @@ def common_delay(runs: Sequence[PreparedRun]) -> float | None:
     if not turns:
         return None
     delay = float(np.dot(turns, weights) / np.dot(weights, weights))
-    # A filter of second order is late by up to two over its corner, beside its own delay.
-    longest = LONGEST_S + 2.0 / (CORNER * runs[0].model.scales.omega_n)
-    return delay if 0.0 < delay <= longest else None
+    return delay if 0.0 < delay <= longest_delay(runs[0]) else None
 
 
-def _later(run: PreparedRun, delay: float) -> PreparedRun:
+def longest_delay(run: PreparedRun) -> float:
+    """Of all channels [s]: a filter of second order is late by up to two over its corner."""
+    return float(LONGEST_S + 2.0 / (CORNER * run.model.scales.omega_n))
+
+
+def later(run: PreparedRun, delay: float) -> PreparedRun:
+    """A run with k(t) and e(t) late [s]."""
     late = run.omega_rad_per_s * delay
     moved = waves(run.model, run.phase - late, run.omega_rad_per_s)
     return replace(run, waves=moved, late_rad=late)

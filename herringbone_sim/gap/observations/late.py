@@ -1,0 +1,52 @@
+"""The common delay of all channels where rotations don't tell it: by what the gear's laws say.
+
+The delay of e(t) and k(t) that lets the calibrated gear leave least of short stretches of the runs
+is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from herringbone_sim.diagnosis.search import Search
+from herringbone_sim.gap.data.parts import part_of
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.sensors.late import later, longest_delay, put_right
+
+CYCLES = 30  # of a stretch: a hundred times what the balance averages over
+STRETCHES = 3  # of the fastest runs, where a delay shows most
+TENTH_S = 1e-7  # precision of a delay: a fiftieth of the longest of the data sheet
+HALF = 0.5  # of what the gear leaves: less is not what a delay explains
+
+
+def undelayed(
+    runs: Sequence[PreparedRun], gain_tolerance: Sequence[float]
+) -> tuple[PreparedRun, ...]:
+    """The runs with k(t) and e(t) late as all channels are; as they were where none is found."""
+    if all(run.u.complete and run.x.there.any() for run in runs):
+        return put_right(runs)
+    fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:STRETCHES]
+    some = [_stretch(run) for run in fastest]
+
+    def left(delay: float) -> float:
+        gear = Gear([later(run, delay) for run in some], gain_tolerance=gain_tolerance)
+        machine = GearMachine(gear)
+        return float(Search(machine).null.in_sample)
+
+    if not GearMachine(Gear(some)).formed:
+        return tuple(runs)
+    longest = longest_delay(runs[0])
+    found = minimize_scalar(left, bounds=(0.0, longest), options={"xatol": TENTH_S})
+    if found.fun < HALF * left(0.0):
+        return tuple(later(run, float(found.x)) for run in runs)
+    return tuple(runs)
+
+
+def _stretch(run: PreparedRun) -> PreparedRun:
+    samples = CYCLES * 2.0 * np.pi / (run.omega_rad_per_s * run.step_s)
+    return part_of(run, slice(0, int(samples)), run.name)
