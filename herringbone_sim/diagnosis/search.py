@@ -106,6 +106,7 @@ class Score:
         log_density: log predictive density of runs left out.
         size: of the prior.
         rows: left in sample by observation: (runs, R).
+        count: whitened values of the rows that are there.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -117,6 +118,7 @@ class Score:
     log_density: float
     size: float
     rows: Mapping[str, Array]
+    count: float = 0.0
 
     def spread(self) -> Array:
         """(p, p) covariance with what differs from run to run: the jackknife over runs.
@@ -308,7 +310,8 @@ class Search:
         assert best is not None
         mean, campaign = best
         found = scored(campaign, coefficients, mean)
-        return replace(found, coefficients=every, rows=_rows_left(campaign))
+        rows, count = _rows_left(campaign)
+        return replace(found, coefficients=every, rows=rows, count=count)
 
     def settled(self, found: Score) -> Score:
         """A score with every observation formed about the solution itself, none linear."""
@@ -358,5 +361,8 @@ def _matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
     return a
 
 
-def _rows_left(campaign: Campaign) -> dict[str, Array]:
-    return {o: np.stack([r[o].energy for r in campaign.runs]) for o in campaign.observations}
+def _rows_left(campaign: Campaign) -> tuple[dict[str, Array], float]:
+    """Squares left by observation (runs, R), and the values of rows that are there."""
+    every = [p for of_run in campaign.runs for p in of_run.values()]
+    left = {o: np.stack([r[o].energy for r in campaign.runs]) for o in campaign.observations}
+    return left, float(sum(p.count[p.energy != 0.0].sum() for p in every))

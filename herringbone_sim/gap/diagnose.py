@@ -119,7 +119,7 @@ def diagnose(
 
 
 def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
-    """The campaign with noise as it was recorded, copies counted once and a common delay undone."""
+    """A campaign with noise as recorded, copies counted once, a common delay undone."""
     if not campaign.noise_known:
         campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
     runs = tuple(independent(run) for run in campaign.runs)

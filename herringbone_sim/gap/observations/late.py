@@ -33,16 +33,21 @@ def undelayed(
     fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:STRETCHES]
     some = [_stretch(run) for run in fastest]
 
-    def left(delay: float) -> float:
-        gear = Gear([later(run, delay) for run in some], gain_tolerance=gain_tolerance)
-        machine = GearMachine(gear)
-        return float(Search(machine).null.in_sample)
-
     if not GearMachine(Gear(some)).formed:
+        return tuple(runs)
+
+    def left(delay: float) -> float:
+        """Whitened squares a value."""
+        gear = Gear([later(run, delay) for run in some], gain_tolerance=gain_tolerance)
+        null = Search(GearMachine(gear)).null
+        return null.in_sample / null.count
+
+    before = left(0.0)
+    if HALF * before < 1.0:
         return tuple(runs)
     longest = longest_delay(runs[0])
     found = minimize_scalar(left, bounds=(0.0, longest), options={"xatol": TENTH_S})
-    if found.fun < HALF * left(0.0):
+    if found.fun < HALF * before:
         return tuple(later(run, float(found.x)) for run in runs)
     return tuple(runs)
 
