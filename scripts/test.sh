@@ -21,7 +21,10 @@ stage() {
   summary+=("$(printf '%-20s %-7s %5d s' "$name" "$result" $((SECONDS - began)))")
 }
 
-tests() { python -m pytest --cov=herringbone_sim --cov-report= | tee "$work/pytest.txt"; }
+# A file of tests stays with one of two processes, as its tests share what is slow to make.
+tests() {
+  python -m pytest -n 2 --dist loadfile --cov=herringbone_sim --cov-report= | tee "$work/pytest.txt"
+}
 
 # At least 95 % of the lines of one folder of the package.
 covered() { python -m coverage report --include="herringbone_sim/$1/*" --fail-under=95 --skip-covered; }

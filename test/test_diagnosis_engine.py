@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.diagnosis.flexible import predictable
+from herringbone_sim.diagnosis.flexible import Surroundings, predictable
 from herringbone_sim.diagnosis.judge import NAMES, chances, fit, numbers
 from herringbone_sim.diagnosis.products import (
     Block,
@@ -23,6 +23,7 @@ from herringbone_sim.diagnosis.products import (
     products,
 )
 from herringbone_sim.diagnosis.regression import Normal, leave_one_out, solve
+from herringbone_sim.diagnosis.search import FARTHEST, Hypothesis, scored
 
 
 def density(y, Phi, sd, mean=0.0):
@@ -201,26 +202,84 @@ def test_moved_products_are_those_of_the_block_about_the_amplitudes():
 
 @pytest.fixture(scope="module")
 def measured():
-    """Three runs of four measured inputs, and six blocks each."""
+    """Three runs of four measured values, an angle and a spring's force, and six blocks each."""
     rng = np.random.default_rng(2)
-    inputs = [rng.normal(size=(1500, 1, 4)) for _ in range(3)]
-    return rng, inputs, [np.repeat(np.arange(6), 250)] * 3
+    around = [
+        Surroundings(
+            rng.normal(size=(1500, 1, 4)),
+            np.linspace(0.0, 200.0, 1500)[:, None],
+            np.stack([np.ones((1500, 1)), rng.normal(size=(1500, 1))], axis=2),
+        )
+        for _ in range(3)
+    ]
+    return rng, around, [np.repeat(np.arange(6), 250)] * 3
 
 
 def test_noise_is_not_predictable(measured):
-    rng, inputs, blocks = measured
-    found = predictable([rng.normal(size=(1500, 1)) for _ in inputs], inputs, blocks)
-    assert found.left[0] > 0.999 * found.energy[0]
-    assert found.count[0] == 4500
+    rng, around, blocks = measured
+    found = predictable([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
+    assert np.all(found.left > 0.99 * found.energy)
+    assert found.count.sum() == 4500
 
 
-def test_most_of_a_smooth_function_of_what_is_measured_is_predictable(measured):
-    rng, inputs, blocks = measured
-    smooth = [np.sin(x[:, :, 0]) * x[:, :, 1] + 0.5 * np.cos(2.0 * x[:, :, 2]) for x in inputs]
-    noisy = [3.0 * s + rng.normal(size=s.shape) for s in smooth]
-    found = predictable(noisy, inputs, blocks)
-    noise = found.count[0]
-    assert found.left[0] - noise < 0.25 * (found.energy[0] - noise)
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda s: np.sin(s.values[:, :, 0]) + 0.5 * np.cos(2.0 * s.values[:, :, 2]),
+        lambda s: np.cos(2.0 * s.angles + 1.0) * s.factors[:, :, 1],
+        lambda s: np.tanh(s.values[:, :, 1]) * s.factors[:, :, 1],
+    ],
+    ids=["force", "stiffness by angle", "stiffness by a value"],
+)
+def test_most_of_a_smooth_factor_of_what_is_measured_is_predictable(measured, law):
+    rng, around, blocks = measured
+    noisy = [3.0 * law(s) + rng.normal(size=(1500, 1)) for s in around]
+    found = predictable(noisy, around, blocks)
+    noise = found.count.sum()
+    assert found.left.sum() - noise < 0.25 * (found.energy.sum() - noise)
+
+
+def test_larger_noise_makes_less_of_the_same_squares(measured):
+    rng, around, blocks = measured
+    found = predictable([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
+    beside = found.beside(np.full((3, 1), 2.0))
+    np.testing.assert_allclose(beside.left, 0.25 * found.left)
+    np.testing.assert_allclose(beside.count, found.count)
+
+
+def test_a_departure_stays_near_the_curve_it_departs_from():
+    """A rival whose own parameter explains nothing can't close by its departure alone."""
+    rng = np.random.default_rng(5)
+    own, other = rng.normal(size=(2, 400))
+    columns = np.stack([own, other], axis=1)[:, None, :]
+    blocks = [
+        Block(
+            "law",
+            f"{r}",
+            ("row",),
+            10.0 * other[:, None] + rng.normal(size=(400, 1)),
+            np.ones((400, 1)),
+            ("own", "other"),
+            columns,
+            np.zeros((400, 1, 0)),
+            np.zeros((1, 0)),
+            np.zeros((0, 1, 2)),
+            np.zeros(0),
+        )
+        for r in range(3)
+    ]
+    campaign = Campaign([{"law": products(b)} for b in blocks], ())
+    part = {name: {"law": Part((0,), (name,), np.ones((3, 1)))} for name in ("own", "other")}
+    hypothesis = Hypothesis(
+        "rival", (), "mass",
+        (Coefficient("own", 1.0, np.inf, part["own"]),
+         Coefficient("other", 0.25, np.inf, part["other"])), 1,
+    )  # fmt: skip
+    found = scored(campaign, hypothesis.coefficients)
+    size = abs(found.mean[0])
+    # Rounds in which both settle: within a third.
+    assert abs(found.mean[1]) <= 1.33 * FARTHEST * 0.25 * size
+    assert found.in_sample > 0.9 * campaign.energy.sum()
 
 
 def some_evidence(rng):

@@ -40,9 +40,7 @@ def test_nothing_is_named_where_nothing_is() -> None:
     assert gap["recalibrated"] == pytest.approx(gap["noise_floor"], rel=0.02)
 
 
-@pytest.mark.parametrize(
-    "truth", ["mean_stiffness", "pin_position", "tooth_spall", "tooth_friction", "sensor_gain"]
-)
+@pytest.mark.parametrize("truth", ["pin_position", "tooth_spall", "tooth_friction"])
 def test_an_effect_is_named_with_its_place_and_size(truth: str) -> None:
     report, found = diagnosed(truth)
     assert report["verdict"] == truth
@@ -58,8 +56,10 @@ def test_an_effect_is_named_with_its_place_and_size(truth: str) -> None:
     ("truth", "channels", "noise"),
     [
         ("none", "full", "encoders"),
+        ("none", "full", "gains"),
+        ("none", "x_and_F", "filtered"),
         ("runout", "full", "encoders_two"),
-        ("pin_position", "x_and_F", "quantised"),
+        ("sensor_gain", "x_and_F", "filtered"),
         ("mean_stiffness", "half_forces", "coloured"),
         ("stagger", "no_force", "white"),
     ],

@@ -108,7 +108,8 @@ def diagnose(
     other = _taken(found, evidence, told, options, verdict.runner_up)
     say("held-out runs")
     model = augmented(found.none if taken is None else taken, verdict.chosen)
-    gap = gap_of(machine, campaign.runs, verdict.metric, found.none, taken, other)
+    noise = found.noise.get(verdict.metric, 1.0)
+    gap = gap_of(machine, campaign.runs, verdict.metric, found.none, taken, other, noise)
     calibrated = _calibrated(machine, found)
     made = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings)
     measured = None

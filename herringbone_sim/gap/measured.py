@@ -37,6 +37,7 @@ def gap_of(
     none: Found,
     best: Found | None,
     other: Found | None = None,
+    noise: Array | float = 1.0,
 ) -> Gap:
     """The gap of all runs in an observation.
 
@@ -45,11 +46,13 @@ def gap_of(
         runs: all of the campaign, at every sample.
         metric: name of the observation.
         none, best, other: calibrated machine, the verdict's and the runner-up's explanation.
+        noise: (fit runs, R) of the observation, over what it was taken for.
     """
     whole = machine.of_runs(runs)
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
-    left = {name: _left(whole, metric, f) for name, f in after.items() if f is not None}
-    before = _left(whole, metric, None)
+    rows = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
+    left = {name: _left(whole, metric, f, rows) for name, f in after.items() if f is not None}
+    before = _left(whole, metric, None, rows)
     nan = [(float("nan"),) * 2] * len(runs)
     return Gap(
         metric,
@@ -67,8 +70,10 @@ def gap_of(
     )
 
 
-def _left(machine: GearMachine, metric: str, found: Found | None) -> list[tuple[float, float]]:
-    """RMS of what an explanation leaves of each run, and of the noise."""
+def _left(
+    machine: GearMachine, metric: str, found: Found | None, noise: Array
+) -> list[tuple[float, float]]:
+    """RMS of what an explanation leaves of each run, and of the noise, rows of it as given."""
     there, same = machine.same(() if found is None else found.hypotheses)
     made: Mapping[str, Mapping[str, Array]] = {}
     if found is not None:
@@ -81,7 +86,7 @@ def _left(machine: GearMachine, metric: str, found: Found | None) -> list[tuple[
             continue
         b = block[metric]
         known = np.any(b.residual != 0.0, axis=0)
-        result.append((_rms(b.residual[:, known]), _rms(b.sigma[:, known])))
+        result.append((_rms(b.residual[:, known]), _rms((b.sigma * noise)[:, known])))
     return result
 
 

@@ -13,7 +13,11 @@ from support import Bench
 from herringbone_sim.core.parameters import ParameterWarning
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-DOMAINS = itertools.cycle(range(1 + os.getpid() % 50, 100))
+WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+# Fifty a worker, so that two never meet; a process starts anywhere among its own.
+DOMAINS = itertools.chain.from_iterable(
+    itertools.repeat(range(1 + 50 * (WORKER % 2), 50 + 50 * (WORKER % 2)))
+)
 
 
 @pytest.fixture

@@ -15,7 +15,6 @@ from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.motion import SEED, WIDTH, fused_noise, motion_balance
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.sensors.clock import lateness
 from herringbone_sim.gap.sensors.consistency import consistency
 from herringbone_sim.gap.sensors.corrected import motion_sensor
 from herringbone_sim.gap.verdict.augmented import Augmented
@@ -166,8 +165,6 @@ def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
 def _consistent(run: PreparedRun, mend: Mend) -> RunGap:
     better = mend(run)
     before, after = (consistency([r]).chi2 for r in (run, better))
-    if not np.array_equal(better.times, run.times):  # a clock was put right
-        before, after = before + lateness([run]), after + lateness([better])
     return RunGap(run.name, run.role, float(np.sqrt(before)), float(np.sqrt(after)), 1.0)
 
 
