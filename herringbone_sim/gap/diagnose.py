@@ -178,7 +178,8 @@ def augmented(found: Found, option: Option | None) -> Augmented:
         [1.0 + values[f"{q}_{kind}"] for q in "kce" for kind in ("sp", "rp")], dtype=float
     )
     inverse = np.array([1.0 + values[f"M_{body}"] for body in "spc"], dtype=float)
-    return Augmented(factors, inverse, () if option is None else option.actives)
+    actives = () if option is None else (*option.actives, *option.harmonics)
+    return Augmented(factors, inverse, actives)
 
 
 def _calibrated(machine: GearMachine, found: Examined) -> Calibrated:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,11 +60,19 @@ class LearnedLaw:
 
 @dataclass(frozen=True)
 class Named:
-    """An effect of the catalogue, 90 % intervals of its parameters, and its law if it has one."""
+    """An effect of the catalogue.
+
+    Attributes:
+        active: with its parameters.
+        intervals: 90 % interval of each.
+        law: as learned, if it has a shape.
+        harmonics: the learned law's other orders, as effects of the catalogue.
+    """
 
     active: Active
     intervals: tuple[tuple[float, float], ...]
     law: LearnedLaw | None
+    harmonics: tuple[Active, ...] = ()
 
 
 def named(hypotheses: tuple[Hypothesis, ...], score: Score, model: Model) -> tuple[Named, ...]:
@@ -100,7 +108,28 @@ def _named(h: Hypothesis, mean: Array, spread: Array, model: Model) -> Named:
         spans.append((float(min(a, inside[i])), float(max(b, inside[i]))))
     locus = h.locus if isinstance(h.locus, Locus) else Locus()
     active = Active(effect, tuple(inside.tolist()), locus, options)
-    return Named(active, tuple(spans), _law(h, mean, draws))
+    return Named(active, tuple(spans), _law(h, mean, draws), _harmonics(active, h, mean))
+
+
+def _harmonics(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...]:
+    """Orders that ride along with a wave of the mesh or of the input shaft."""
+    own = dict(active.options).get("order")
+    if h.effect not in WAVES or own is None:
+        return ()
+    of: dict[int, Array] = {}
+    for c, value in zip(h.coefficients[h.mains :], mean[h.mains :], strict=True):
+        order, _, trig = c.name.partition(" ")
+        at = int(order) * (int(own) if h.effect == "torque_ripple" else 1)
+        of.setdefault(at, np.zeros(2))[trig == "sin"] = value
+    make = THETA[h.effect]
+    return tuple(
+        replace(active, theta=tuple(make(c)), options=(("order", order),))
+        for order, c in of.items()
+        if np.any(c)
+    )
+
+
+WAVES = ("stiffness_harmonic", "profile_error", "torque_ripple")
 
 
 def _size(effect: Effect, p: Parameter, theta: Array) -> float:

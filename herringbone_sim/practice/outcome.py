@@ -277,7 +277,7 @@ def size_errors(label: Json, report: Json) -> list[tuple[float, float, float]]:
         for name, value in zip(names, true, strict=True):
             entry = (cause.get("parameters") or {}).get(name) or {}
             interval, estimate = entry.get("ci90"), entry.get("value")
-            if interval is not None and _number(estimate):
+            if interval is not None and all(map(_number, (*interval, estimate))):
                 sd = 0.5 * (interval[1] - interval[0]) / NINETY
                 found.append((float(estimate - value), float(sd), size))
     return found

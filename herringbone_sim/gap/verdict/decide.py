@@ -23,11 +23,13 @@ class Option:
         actives: one or two effects with parameters.
         intervals: 90 % interval of each parameter of each effect.
         laws: learned curves of those that have a shape.
+        harmonics: other orders of learned waves, which go into the augmented model too.
     """
 
     actives: tuple[Active, ...]
     intervals: tuple[tuple[tuple[float, float], ...], ...] = ()
     laws: tuple[LearnedLaw, ...] = ()
+    harmonics: tuple[Active, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ def option_of(found: Sequence[Named]) -> Option:
         tuple(n.active for n in found),
         tuple(n.intervals for n in found),
         tuple(n.law for n in found if n.law is not None),
+        tuple(one for n in found for one in n.harmonics),
     )
 
 
