@@ -104,13 +104,13 @@ def examine(
     pairs: tuple[Found, ...] = ()
     if singles:
         first = _simplest(none, singles)
-        flexible["single"] = _left(search, singles[0])
+        flexible["single"] = _left(search, singles[0], left)
         rest = _total(flexible["single"])
         if rest > max(WORTH * count, SAME * (none.energy - singles[0].energy + rest)):
             say("pairs")
             pairs = _pairs(search, catalogue, first)
             if pairs:
-                flexible["pair"] = _left(search, pairs[0])
+                flexible["pair"] = _left(search, pairs[0], left)
     screened: dict[str, float] = {}
     for value, one, _ in ranked:
         screened.setdefault(one.effect, value)
@@ -199,8 +199,14 @@ def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tup
     return tuple(Found((own, *f.hypotheses), f.score) for f in fits)
 
 
-def _left(search: Search, found: Found) -> dict[str, Predictable]:
-    """What a flexible regression explains of what a hypothesis leaves."""
+def _left(
+    search: Search, found: Found, of_none: Mapping[str, Predictable] | None = None
+) -> dict[str, Predictable]:
+    """What a flexible regression explains of what a hypothesis leaves.
+
+    Args:
+        of_none: of the calibrated machine, which holds where the hypothesis changes nothing.
+    """
     machine = search.machine.finely()
     fine = copy.copy(search)
     fine.machine = machine
@@ -208,6 +214,9 @@ def _left(search: Search, found: Found) -> dict[str, Predictable]:
     made = amplitudes(every, found.score.mean, search.runs, search.rows)
     result = {}
     for o in machine.functions:
+        if of_none is not None and o in of_none and o not in made:
+            result[o] = of_none[o]
+            continue
         blocks = fine.blocks(made, {}, (o,))
         if not all(o in b for b in blocks):
             continue

@@ -294,6 +294,7 @@ class Search:
         mean, least = start.copy(), np.inf
         step = np.zeros_like(mean)
         best: tuple[Array, Campaign] | None = None
+        sizes: Sequence[float] = SIZES
         for _ in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
@@ -305,8 +306,8 @@ class Search:
             least, best = now, (mean, campaign)
             if settled:
                 break
-            target = scored(campaign, coefficients, mean).mean
-            step, mean = target - mean, target
+            target = scored(campaign, coefficients, mean, sizes)
+            step, mean, sizes = target.mean - mean, target.mean, (target.size,)
         assert best is not None
         mean, campaign = best
         found = scored(campaign, coefficients, mean)
@@ -337,7 +338,9 @@ class Search:
     def onwards(self, machine: Machine, taken: Score | None = None) -> Search:
         """The same with further functions of the machine, on top of what was found before."""
         found = copy.copy(self)
-        found.machine, found._linear = machine, {}
+        found.machine = machine
+        before, after = self.machine.functions, machine.functions
+        found._linear = {o: p for o, p in self._linear.items() if before[o] == after[o]}
         if taken is not None:
             known = tuple(
                 c if i < len(self.base) else replace(c, sd=c.sd * taken.size)

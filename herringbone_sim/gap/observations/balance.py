@@ -207,4 +207,5 @@ def _columns(
         masses[n] if n in masses else np.broadcast_to(next(averaged)[:, None], (k, rows))
         for n in names
     ]
-    return names, np.stack(columns, axis=2) if columns else np.zeros((k, rows, 0))
+    whole = np.moveaxis(np.stack(columns), 0, 2) if columns else np.zeros((k, rows, 0))
+    return names, whole

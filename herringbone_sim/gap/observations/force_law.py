@@ -156,8 +156,10 @@ def block(
     residual = np.where(known, m.F - law.force, 0.0)
     sigma = np.where(known, law.sigma, 1.0)
     names = tuple(f.name for f in chosen)
-    columns = np.stack([np.nan_to_num(column(f, m, law)) for f in chosen], axis=2)
-    columns[:, ~known] = 0.0
+    # One function after the other in memory: written in one piece each.
+    flat = np.stack([column(f, m, law) for f in chosen])
+    flat[:, :, ~known] = 0.0
+    columns = np.moveaxis(np.nan_to_num(flat, copy=False), 0, 2)
     slow = slow_waves(m.times)
     stiff = np.nan_to_num(law.k * (law.drive + law.back))
     nuisance = np.concatenate(

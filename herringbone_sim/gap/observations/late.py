@@ -18,8 +18,8 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensors.late import later, longest_delay, put_right
 
-CYCLES = 30  # of a stretch: a hundred times what the balance averages over
-STRETCHES = 3  # of the fastest runs, where a delay shows most
+CYCLES = 20  # of a stretch: a hundred times what the balance averages over
+STRETCHES = 2  # of the fastest runs, where a delay shows most
 TENTH_S = 1e-7  # precision of a delay: a fiftieth of the longest of the data sheet
 HALF = 0.5  # of what the gear leaves: less is not what a delay explains
 

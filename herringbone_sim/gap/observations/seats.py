@@ -215,17 +215,19 @@ class Trial:
     def __init__(self, gear: Gear, amplitudes: Amplitudes) -> None:
         self.gear = gear
         self._changes, self._forces = [], []
+        self._without: dict[Locus, float] = {}
         for r, g in enumerate(gear.runs):
             of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
             change = gear.change_of(g.some, of_law)
             self._changes.append(change)
             self._forces.append(measured(g.some, law(g.some, change)))
 
-    def left(self, seat: Seat | None, locus: Locus) -> float:
-        """Squares left on the meshes of a locus."""
+    def left(self, seat: Seat | None, locus: Locus, every: int = 1) -> float:
+        """Squares left on the meshes of a locus, of every so-manieth run."""
         at = np.flatnonzero((locus.mask(self.gear.model.layout) > 0.0) & ~self.gear.modelled)
         left = 0.0
-        for g, F, whole in zip(self.gear.runs, self._forces, self._changes, strict=True):
+        runs = list(zip(self.gear.runs, self._forces, self._changes, strict=True))
+        for g, F, whole in runs[::every]:
             m, change = on_meshes(g.some, whole, at)
             if seat is not None:
                 way, rate = self._way(seat, g.some, F, at)
@@ -235,7 +237,10 @@ class Trial:
         return left
 
     def fall(self, seat: Seat) -> float:
-        return self.left(None, seat.locus) - self.left(seat, seat.locus)
+        """Squares that a seat takes off, of every other run."""
+        if seat.locus not in self._without:
+            self._without[seat.locus] = self.left(None, seat.locus, 2)
+        return self._without[seat.locus] - self.left(seat, seat.locus, 2)
 
     def _way(self, seat: Seat, m: Motion, F: Array, at: NDArray[np.int64]) -> tuple[Array, Array]:
         """Displacement and rate on some meshes."""
