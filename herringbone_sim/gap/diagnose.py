@@ -21,6 +21,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.measured import gap_of, metric_of
 from herringbone_sim.gap.named import named
+from herringbone_sim.gap.observations import trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.late import undelayed
@@ -113,7 +114,7 @@ def diagnose(
     calibrated = _calibrated(machine, found)
     made = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings)
     measured = None
-    if senses:
+    if senses and verdict.metric != trajectory.NAME:
         rival = None if other is None else augmented(other, verdict.runner_up)
         measured = measure_senses(campaign.runs, made.mend, gap, model, rival, say)
     return _reported(made, campaign, machine, measured, senses)

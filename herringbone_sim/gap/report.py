@@ -26,7 +26,7 @@ from herringbone_sim.gap.verification.written import (
 
 SCHEMA = "herringbone_sim/gap-report/1"
 OWN_UNIT = "unit of the channel"
-METRICS = ("force_law", "torque_balance", "consistency")
+METRICS = ("force_law", "torque_balance", "consistency", "trajectory")
 KEYS = (
     "schema",
     "campaign",

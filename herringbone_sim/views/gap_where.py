@@ -31,7 +31,7 @@ def _remarks(report: Part, shares: dict[str, tuple[float | None, bool]]) -> list
     if any(share is not None and not own for share, own in shares.values()):
         told.append("Where the report gives one share for several meshes it is spread evenly.")
     metric = words.word(mapping(report.get("gap")).get("metric"))
-    if metric in ("torque_balance", "consistency"):
+    if metric in ("torque_balance", "consistency", "trajectory"):
         told.append(f"What counts here is not the meshes but the {words.METRICS[metric]}.")
     return told
 

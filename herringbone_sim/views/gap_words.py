@@ -42,9 +42,10 @@ PHRASES = {
 METRICS = {
     "force_law": "residual of the force law in the meshes",
     "torque_balance": "residual of the bodies' torque balance",
+    "trajectory": "what windows of the motion leave of the rotations",
     "consistency": "contradiction of the channels with each other",
 }
-UNITS = {"force_law": "N", "torque_balance": "m/s²", "consistency": "σ"}
+UNITS = {"force_law": "N", "torque_balance": "m/s²", "consistency": "σ", "trajectory": "σ"}
 STEPS = {
     "none": "recalibrating within the tolerance",
     "unknown": "what can be explained",

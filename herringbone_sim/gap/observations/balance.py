@@ -140,6 +140,21 @@ def corrected(
     return replace(block, residual=block.residual - ((after_n - before_n) @ whole.T)[rows])
 
 
+def friction_shapes(phase: Array) -> dict[str, Array]:
+    """(n,) how friction may go over a mesh cycle, by name; the pitch point is at phase 0."""
+    s = phase / (2.0 * np.pi)
+    s = s - np.floor(s + 0.5)
+    return {
+        "sign": np.sign(s),
+        "lever": np.abs(s),
+        "sin 1": np.sin(phase),
+        "sin 2": np.sin(2 * phase),
+        "sin 3": np.sin(3 * phase),
+        "cos 1": np.cos(phase),
+        "cos 2": np.cos(2 * phase),
+    }
+
+
 def _columns(
     run: PreparedRun,
     m: Motion,
@@ -157,17 +172,7 @@ def _columns(
     n_mesh = m.x.shape[1]
     slope = np.gradient(force, m.times, axis=0)
     late = m.times[:, None] * slope
-    s = m.phase / (2.0 * np.pi)
-    s = s - np.floor(s + 0.5)
-    shapes = {
-        "sign": np.sign(s),
-        "lever": np.abs(s),
-        "sin 1": np.sin(m.phase),
-        "sin 2": np.sin(2 * m.phase),
-        "sin 3": np.sin(3 * m.phase),
-        "cos 1": np.cos(m.phase),
-        "cos 2": np.cos(2 * m.phase),
-    }
+    shapes = friction_shapes(m.phase)
     p = run.model.parameters
     turn = p.z_s * p.z_r / (p.z_s + p.z_r)
     made: dict[str, Callable[[], Array]] = {"one": partial(np.ones, len(m.phase))}

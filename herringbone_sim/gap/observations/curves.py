@@ -21,7 +21,7 @@ from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.effects.effect import Effect, Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
-from herringbone_sim.gap.observations import balance, consistency, force_law
+from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import LOADS_M, ORDERS, TURNS
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.residuals.balance import inertia_parts
@@ -56,6 +56,11 @@ class Places:
         self.runs = len(gear.runs)
         self._reach = inertia_parts(gear.model).sum(0)
 
+    @property
+    def of_windows(self) -> tuple[str, ...]:
+        """The observation of trajectories, where it is formed."""
+        return (trajectory.NAME,) if self.gear.shot else ()
+
     def coefficient(
         self, name: str, weights: Weights, sd: float, bound: float = np.inf, center: float = 0.0
     ) -> Coefficient:
@@ -81,6 +86,9 @@ class Places:
         w = np.broadcast_to(weight, (self.runs, rows))
         for row in np.flatnonzero(np.any(w != 0.0, axis=0)):
             placed.setdefault(o, []).append((int(row), function, w[:, row]))
+            if o == force_law.NAME and self.gear.shot:
+                at = f"{function} of {row}"
+                placed.setdefault(trajectory.NAME, []).append((0, at, w[:, row]))
             if o == force_law.NAME and self.gear.modelled[row]:
                 at = f"{function} of {row}"
                 for z in np.flatnonzero(self._reach[:, row]):
@@ -91,6 +99,8 @@ class Places:
         """Number of rows of an observation; those of consistency share their columns' weights."""
         if o == force_law.NAME:
             return self.gear.model.layout.n_mesh
+        if o == trajectory.NAME:
+            return 1
         return self.gear.model.layout.n_coordinate if o == balance.NAME else self.gear.relations
 
 
@@ -117,7 +127,8 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     between: Weights = {(balance.NAME, "between"): 1.0}
     found.append(places.coefficient("between", between, 0.3, 1.0))
     for mass in balance.MASSES:
-        found.append(places.coefficient(mass, {(balance.NAME, mass): 1.0}, 0.02 / 3**0.5, 0.0205))
+        of_mass: Weights = {(o, mass): 1.0 for o in (balance.NAME, *places.of_windows)}
+        found.append(places.coefficient(mass, of_mass, 0.02 / 3**0.5, 0.0205))
     for j, tolerance in enumerate(gear.gain_tolerance):
         if tolerance > 0.0 and not gear.modelled[j]:
             weights = _gain_of(places, j)
@@ -326,6 +337,9 @@ def friction(places: Places) -> Iterator[Hypothesis]:
             for g in ("sign", "lever")
             if np.any(of[g][j])
         }
+        at = np.flatnonzero(locus.mask(layout))
+        for o in places.of_windows:
+            weights |= {(o, f"friction {g} of {j}"): 1.0 for j in at for g in ("sign", "lever")}
         terms = [places.coefficient("mu", weights, 0.05)]
         for g in balance.FRICTION[2:]:
             bend: Weights = {
@@ -333,6 +347,8 @@ def friction(places: Places) -> Iterator[Hypothesis]:
                 for j in range(layout.n_mesh)
                 if np.any(of["sign"][j])
             }
+            for o in places.of_windows:
+                bend |= {(o, f"friction {g} of {j}"): 1.0 for j in at}
             terms.append(places.coefficient(g, bend, 0.05 * SHAPE))
         yield Hypothesis("tooth_friction", (), locus, tuple(terms), 1)
 
@@ -349,6 +365,8 @@ def ripple(places: Places) -> Iterator[Hypothesis]:
             if times * order in balance.RIPPLES:
                 for trig in ("cos", "sin"):
                     of: Weights = {(balance.NAME, f"ripple {times * order} {trig}"): rows}
+                    for o in places.of_windows:
+                        of[o, f"ripple {times * order} {trig}"] = gear.T_1[:, None]
                     terms.append(places.coefficient(f"{times} {trig}", of, 0.2 * sd))
         yield Hypothesis("torque_ripple", (("order", order),), Locus(), tuple(terms), 2)
 

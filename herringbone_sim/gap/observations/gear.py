@@ -16,9 +16,10 @@ from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations import balance, consistency, force_law
+from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.law import Change, Law, Motion, law, motion_of
+from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.residuals.balance import FINE, between, window_of
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.sensors.corrected import undone
@@ -147,7 +148,18 @@ class Gear:
                 self.model, self.modelled, laws, [f.name for f in self.body_functions]
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
+            trajectory.NAME: trajectory.function_names(self.model, laws) if self.shot else (),
         }
+
+    @cached_property
+    def shot(self) -> bool:
+        """Whether states are estimated over windows: where neither law nor balance is formed."""
+        few = bool(self.modelled.all()) and not self.balanced
+        return few and all(trajectory.can_be_shot(g.run) for g in self.runs)
+
+    @cached_property
+    def trajectories(self) -> tuple[Trajectory, ...]:
+        return tuple(Trajectory(g.run) for g in self.runs)
 
     @cached_property
     def omegas(self) -> Array:
@@ -307,6 +319,8 @@ class Gear:
             found[consistency.NAME] = _about(
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
+        if trajectory.NAME in observations and self.shot:
+            found[trajectory.NAME] = self._windows(r, amplitudes, wanted)
         if not {force_law.NAME, balance.NAME} & set(observations):
             return found
         g = self._put_right(r, amplitudes.get(consistency.NAME, {}))
@@ -338,6 +352,29 @@ class Gear:
             found[balance.NAME] = _about(full, of_balance, r, wanted)
         return found
 
+    def _windows(
+        self,
+        r: int,
+        amplitudes: Amplitudes,
+        wanted: Mapping[str, Sequence[str]] | None,
+    ) -> Block:
+        """Windows of a run about a change, at the states that fit it."""
+        given = {f: a[r] for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r])}
+        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+        names = {f.name for f in self.law_functions}
+        of_bodies = {
+            f: float(a[0]) for f, a in given.items() if f.rpartition(" of ")[0] not in names
+        }
+        names_of = self.functions if wanted is None else wanted
+        every = names_of.get(trajectory.NAME, ())
+        one = self.trajectories[r]
+
+        def change_of(m: Motion) -> Change:
+            return self.change_of(m, of_law)
+
+        shot = one.solved(tuple(sorted(given)), change_of, of_bodies)
+        return one.block(shot, change_of, self.law_functions, tuple(every))
+
     def with_functions(
         self, extra: Sequence[Function], on_bodies: Sequence[Function] = ()
     ) -> Gear:
@@ -351,6 +388,8 @@ class Gear:
 
     def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
         """What is measured about the rows of a block of a run."""
+        if observation == trajectory.NAME:
+            return self.trajectories[r].surroundings()
         g = self.runs[r]
         of_force = observation == force_law.NAME
         m = g.some if of_force else g.motion

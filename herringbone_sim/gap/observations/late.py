@@ -33,7 +33,8 @@ def undelayed(
     fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:STRETCHES]
     some = [_stretch(run) for run in fastest]
 
-    if not GearMachine(Gear(some)).formed:
+    gear = Gear(some)
+    if gear.shot or not GearMachine(gear).formed:
         return tuple(runs)
 
     def left(delay: float) -> float:

@@ -79,11 +79,16 @@ def motion_of(run: PreparedRun, fused: Fused, stride: int = 1) -> Motion:
         k=run.waves.k[at],
         e=run.waves.e[at],
         e_rate=run.waves.e_rate[at],
-        waves_at=partial(_waves, run.model, run.omega_rad_per_s, run.late_rad),
+        waves_at=waves_of(run.model, run.omega_rad_per_s, run.late_rad),
         k_m=mean_stiffness(run.model.parameters),
         c=run.model.damping_n_s_per_m,
         b=run.model.half_backlash_m,
     )
+
+
+def waves_of(model: Model, omega: float, late: float) -> Callable[[Array], Waves]:
+    """Nominal waves at any phases, late by an angle [rad]."""
+    return partial(_waves, model, omega, late)
 
 
 def _waves(model: Model, omega: float, late: float, phase: Array) -> Waves:

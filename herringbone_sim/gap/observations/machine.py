@@ -12,7 +12,15 @@ from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations import balance, consistency, curves, events, force_law, seats
+from herringbone_sim.gap.observations import (
+    balance,
+    consistency,
+    curves,
+    events,
+    force_law,
+    seats,
+    trajectory,
+)
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.seats import Seat
@@ -37,6 +45,7 @@ class GearMachine:
             force_law.NAME: not self.gear.modelled.all(),
             balance.NAME: self.gear.balanced,
             consistency.NAME: self.gear.relations > 0,
+            trajectory.NAME: self.gear.shot,
         }
         return tuple(name for name, known in there.items() if known)
 
@@ -112,6 +121,8 @@ class GearMachine:
         return self.gear.surroundings(observation, r, block)
 
     def cycles(self, observation: str, r: int) -> Array:
+        if observation == trajectory.NAME:
+            return self.gear.trajectories[r].cycles()
         g = self.gear.runs[r]
         phase = (g.some if observation == force_law.NAME else g.motion).phase
         return np.asarray((phase - phase[0]) / (2.0 * np.pi))

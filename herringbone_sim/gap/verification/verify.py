@@ -26,6 +26,7 @@ UNITS = {
     "force_law": "N",
     "torque_balance": "m/s^2",
     "consistency": "sigma",
+    "trajectory": "sigma",
     "prediction": "m",
     "attractor": "sigma",
 }

@@ -1,0 +1,333 @@
+"""Trajectories of few channels as an observation: what windows of the motion leave of rotations.
+
+Where neither a force law nor a balance can be formed, the states of short windows are estimated
+from the rotations of some bodies (``shooting``); what is left of the measured rotations, and the
+jumps from window to window, is the residual. A function of the force law acts through the motion:
+its column is the linear response of the windows to the force that it adds to a mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model, mean_stiffness
+from herringbone_sim.diagnosis.flexible import Surroundings
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.observations import balance
+from herringbone_sim.gap.observations.basis import Function, column
+from herringbone_sim.gap.observations.law import Change, Law, Motion, law, waves_of
+from herringbone_sim.gap.observations.rollout import STATES, Drive
+from herringbone_sim.gap.observations.shooting import (
+    JUMPS,
+    Shot,
+    Stretch,
+    fitted,
+    jacobian,
+    loads,
+    residual,
+    stretch,
+    symmetric,
+    tied,
+    transitions,
+)
+from herringbone_sim.gap.residuals.balance import between
+
+Array = NDArray[np.float64]
+
+NAME = "trajectory"
+ROUNDS = 6  # of a search that starts from the states of a smaller explanation
+LOOSE = 1e3  # prior of a state, in units of the motion: none
+NEEDED = ("s_L", "s_R", "c")
+
+
+def can_be_shot(run: PreparedRun) -> bool:
+    """Whether the rotations of suns and carrier are measured."""
+    bodies = run.model.layout.bodies
+    return all(run.u.there[bodies.index(name)] for name in NEEDED)
+
+
+def function_names(model: Model, law_names: Sequence[str]) -> tuple[str, ...]:
+    """Columns: masses, friction by mesh, ripple, every law on every mesh."""
+    meshes = range(model.layout.n_mesh)
+    names = [*balance.MASSES]
+    names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
+    names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
+    names += [f"{f} of {j}" for j in meshes for f in law_names]
+    return tuple(names)
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force on bodies: ``direction`` (9,) times ``size`` (n,) [N]."""
+
+    name: str
+    direction: Array
+    size: Array
+
+
+class Trajectory:
+    """The windows of a run, their states under any change of the law.
+
+    Args:
+        run: with rotations of suns and carrier.
+    """
+
+    def __init__(self, run: PreparedRun) -> None:
+        self.stretch: Stretch = stretch(run)
+        self.model = run.model
+        self._found: dict[tuple[str, ...], Array] = {}
+
+    @cached_property
+    def _nominal(self) -> tuple[Array, Array, Array]:
+        """k, e and its rate at every half step."""
+        s = self.stretch
+        w = waves(s.run.model, s.phase - s.run.late_rad, s.run.omega_rad_per_s)
+        return w.k, w.e, w.e_rate
+
+    def drive(self, change: Change, masses: Array, pushes: Sequence[tuple[Push, float]]) -> Drive:
+        """What drives the motion under a change (at every half step)."""
+        s = self.stretch
+        k, e, rate = self._nominal
+        m = self.model
+        one = np.ones_like(k)
+        tau = loads(s)
+        for push, a in pushes:
+            tau = tau + a * push.size[:, None] * push.direction
+        return Drive(
+            s.G,
+            s.inverse * masses,
+            tau,
+            k * (1.0 + change.kappa) + mean_stiffness(m.parameters) * change.mean_kappa,
+            m.damping_n_s_per_m * (1.0 + change.gamma) * one,
+            change.d - e,
+            change.d_rate - rate,
+            np.maximum(m.half_backlash_m + change.b_plus, 0.0) * one,
+            np.maximum(m.half_backlash_m + change.b_minus, 0.0) * one,
+            change.more * one,
+        )
+
+    def motion(self, states: Array, phase: Array) -> Motion:
+        """Meshes of some states (n, 18) at phases (n,), as the force law needs them."""
+        s, m = self.stretch, self.model
+        w = waves(m, phase - s.run.late_rad, s.run.omega_rad_per_s)
+        half = STATES // 2
+        n, meshes = len(states), m.layout.n_mesh
+        nothing = np.zeros(meshes)
+        return Motion(
+            s.run.name,
+            phase,
+            (phase - s.run.phase[0]) / s.run.omega_rad_per_s,
+            s.run.omega_rad_per_s,
+            dict(s.run.point),
+            states[:, :half] @ s.G.T - w.e,
+            states[:, half:] @ s.G.T - w.e_rate,
+            np.full((n, meshes), np.nan),
+            nothing,
+            nothing,
+            nothing,
+            w.k,
+            w.e,
+            w.e_rate,
+            waves_of(m, s.run.omega_rad_per_s, s.run.late_rad),
+            mean_stiffness(m.parameters),
+            m.damping_n_s_per_m,
+            m.half_backlash_m,
+        )
+
+    def _half_steps(self, shot: Shot) -> Motion:
+        """The motion at every half step, windows one after the other."""
+        half, steps = STATES // 2, _in_line(shot)
+        u, rate = between(steps[:, :half], steps[:, half:], self.stretch.h, 2)
+        return self.motion(np.hstack([u, rate]), self.stretch.phase)
+
+    def solved(
+        self,
+        key: tuple[str, ...],
+        change_of: Callable[[Motion], Change],
+        of_bodies: Mapping[str, float],
+    ) -> Shot:
+        """States under a change.
+
+        Args:
+            key: names of what is changed; the states are kept by it.
+            change_of: what a motion makes of the law.
+            of_bodies: amplitudes of masses, friction and ripple.
+        """
+        s = self.stretch
+        masses = self._masses(of_bodies)
+        start = self._found.get(key, self._found.get(()))
+        if start is None:
+            start = tied(s, symmetric(s), self.drive(Change(), np.ones_like(masses), ())).starts
+            self._found[()] = start
+        # What depends on the motion follows from that of the round before.
+        shot = fitted(s, start, self.drive(Change(), masses, ()), JUMPS[-1], 0)
+        for _ in range(2):
+            m = self._half_steps(shot)
+            change = change_of(m)
+            pushes = [(p, of_bodies[p.name]) for p in self._pushes(m, law(m, change), of_bodies)]
+            drive = self.drive(change, masses, pushes)
+            shot = fitted(s, shot.starts, drive, JUMPS[-1], ROUNDS)
+        self._found[key] = shot.starts
+        return shot
+
+    def _masses(self, of_bodies: Mapping[str, float]) -> Array:
+        """(9,) factors on 1/M."""
+        s, c, p = (1.0 + of_bodies.get(f"M_{body}", 0.0) for body in "scp")
+        return np.array([s, s, c, *[p] * (STATES // 2 - 3)])
+
+    def _pushes(
+        self, m: Motion, now: Law, wanted: Mapping[str, object] | set[str]
+    ) -> Iterator[Push]:
+        """Forces on bodies of the functions wanted, at unit amplitude."""
+        model = self.model
+        arms: dict[str, Array] = {}
+        shapes = balance.friction_shapes(m.phase)
+        p = model.parameters
+        turn = p.z_s * p.z_r / (p.z_s + p.z_r)
+        drive = np.zeros(STATES // 2)
+        drive[:2] = 0.5 / model.scales.r_bs
+        for name in wanted:
+            kind, *rest = name.split(" ")
+            if kind == "friction":
+                j, g = int(rest[-1]), " ".join(rest[:-2])
+                if not arms:
+                    arms["sign"], arms["lever"] = friction_arms(model, np.ones(m.x.shape[1]))
+                of = arms["lever" if g == "lever" else "sign"]
+                yield Push(name, of[j], np.abs(now.force[:, j]) * shapes[g])
+            elif kind == "ripple":
+                trig = np.cos if rest[1] == "cos" else np.sin
+                yield Push(name, drive, trig(int(rest[0]) * m.phase / turn))
+
+    def block(
+        self,
+        shot: Shot,
+        change_of: Callable[[Motion], Change],
+        functions: Sequence[Function],
+        wanted: Sequence[str],
+    ) -> Block:
+        """Residual of the windows at some states, with columns of the functions wanted."""
+        s = self.stretch
+        m = self.motion(_in_line(shot), s.phase[::2])
+        now = law(m, change_of(m))
+        columns = self._columns(shot, m, now, functions, wanted)
+        jump = JUMPS[-1]
+        J = jacobian(s, transitions(s, shot), jump)
+        left = residual(shot, jump)
+        n, unknown = J.shape
+        share = max(n - unknown, 1) / n
+        return Block(
+            NAME,
+            s.run.name,
+            ("windows",),
+            left[:, None],
+            np.full((n, 1), np.sqrt(share)),
+            tuple(wanted),
+            columns[:, None, :],
+            J[:, None, :],
+            np.full((1, unknown), LOOSE),
+            np.zeros((0, 1, len(wanted))),
+            np.zeros(0),
+            independent=share,
+        )
+
+    def _columns(
+        self, shot: Shot, m: Motion, now: Law, functions: Sequence[Function], wanted: Sequence[str]
+    ) -> Array:
+        """(rows, Q) responses, over noise and jump."""
+        s = self.stretch
+        inverse = s.inverse
+        directions: list[Array] = []
+        sizes: list[Array] = []
+        at: list[int] = []
+
+        def add(i: int, direction: Array, size: Array) -> None:
+            directions.append(direction)
+            sizes.append(size)
+            at.append(i)
+
+        place = {name: i for i, name in enumerate(wanted)}
+        for push in self._pushes(m, now, set(wanted)):
+            add(place[push.name], inverse * push.direction, push.size)
+        for f in functions:
+            of = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]
+            if of:
+                g = np.nan_to_num(column(f, m, now))
+                for j in of:
+                    add(place[f"{f.name} of {j}"], -inverse * s.G[j], g[:, j])
+        total = self._forces(m, now)
+        for mass, bodies in (("M_s", (0, 1)), ("M_c", (2,)), ("M_p", range(3, len(inverse)))):
+            if mass in place:
+                for b in bodies:
+                    add(place[mass], np.eye(len(inverse))[b] * inverse[b], total[:, b])
+        Q = len(wanted)
+        rows = shot.off.size + shot.jumps.size
+        found = np.zeros((rows, Q))
+        if at:
+            size = np.stack(sizes)[:, s.first[:, None] // 2 + np.arange(s.steps + 1)]
+            np.add.at(found.T, np.array(at), self._responses(shot, np.stack(directions), size).T)
+        return found
+
+    def _forces(self, m: Motion, now: Law) -> Array:
+        """(n, 9) forces on the bodies [N]."""
+        s = self.stretch
+        return np.asarray(loads(s)[::2] - now.force @ s.G)
+
+    def _responses(self, shot: Shot, direction: Array, size: Array) -> Array:
+        """(rows, P) response to ``direction`` (P, 9) times ``size`` (P, W, steps + 1)."""
+        s = self.stretch
+        each, half = s.steps // s.samples, STATES // 2
+        col = np.zeros((s.windows, STATES, len(direction)))
+        data = np.zeros((s.windows, s.samples, len(s.channels), len(direction)))
+        way = 0.5 * s.h * direction.T
+        pushed = size.transpose(2, 1, 0)[:, :, None, :]
+        for q in range(s.steps):
+            col[:, half:] += way * pushed[q]
+            col = shot.tangents[:, q] @ col
+            col[:, half:] += way * pushed[q + 1]
+            if (q + 1) % each == 0 and (q + 1) // each < s.samples:
+                data[:, (q + 1) // each] = col[:, s.channels]
+        data /= s.sigma[:, None]
+        ties = col[:-1] / (s.scale[:, None] * JUMPS[-1])
+        P = len(direction)
+        return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
+
+    def surroundings(self) -> Surroundings:
+        """What is measured about each row; nothing about jumps."""
+        s = self.stretch
+        W, samples, k = s.measured.shape
+        seen = s.measured.reshape(-1, k)
+        rate = np.gradient(seen, axis=0)
+        held = np.array([s.run.point["delta_T"] / 50.0, s.run.point["T_1"] / 1000.0])
+        own = np.hstack([seen, rate, np.broadcast_to(held, (len(seen), 2))])
+        values = np.repeat(own, k, axis=0)
+        ties = (W - 1) * STATES
+        p = self.model.parameters
+        phase = np.repeat(s.phase[:: 2 * s.steps // samples][: W * samples], k)
+        angles = np.stack([phase, phase / p.z_s, phase / p.z_p, phase / p.z_r], axis=1)
+        factors = np.tile(np.eye(k), (W * samples, 1)) / np.tile(s.sigma, W * samples)[:, None]
+        return Surroundings(
+            np.pad(values, ((0, ties), (0, 0)))[:, None, :],
+            np.pad(angles, ((0, ties), (0, 0))),
+            np.pad(factors, ((0, ties), (0, 0)))[:, None, :],
+        )
+
+    def cycles(self) -> Array:
+        """(rows,) mesh cycles since the start; jumps at that of their window."""
+        s = self.stretch
+        W, samples, k = s.measured.shape
+        phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
+        data = np.repeat(phase[:: 2 * s.steps // samples][: W * samples], k)
+        return np.concatenate([data, np.repeat(phase[s.first[1:]], STATES)])
+
+
+def _in_line(shot: Shot) -> Array:
+    """States (n, 18) at every step, of the window that begins where two meet."""
+    return np.vstack([shot.states[:, :-1].reshape(-1, STATES), shot.states[-1, -1:]])
