@@ -116,6 +116,8 @@ class Gear:
         stride: samples from one comparison of the force law to the next.
         swap: motion channels that may have been exchanged; None: sought.
         gain_tolerance: (n_mesh,) of force sensors, as the campaign tells.
+        windows: whether states are estimated over windows where neither a force law nor a
+            balance can be formed.
     """
 
     def __init__(
@@ -125,7 +127,9 @@ class Gear:
         stride: int = 1,
         swap: tuple[str, str] | None = None,
         gain_tolerance: Sequence[float] = (),
+        windows: bool = False,
     ) -> None:
+        self.windows = windows
         self.model = runs[0].model
         self.drift, self.stride = drift, stride
         self.gain_tolerance = tuple(gain_tolerance) or (0.0,) * self.model.layout.n_mesh
@@ -155,7 +159,7 @@ class Gear:
     def shot(self) -> bool:
         """Whether states are estimated over windows: where neither law nor balance is formed."""
         few = bool(self.modelled.all()) and not self.balanced
-        return few and all(trajectory.can_be_shot(g.run) for g in self.runs)
+        return self.windows and few and all(trajectory.can_be_shot(g.run) for g in self.runs)
 
     @cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:

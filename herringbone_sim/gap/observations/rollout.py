@@ -69,10 +69,10 @@ def roll(
 def _roll(starts, first, h, G, inverse, tau, k, c, offset, rate, plus, minus, more, states, tangents):  # type: ignore[no-untyped-def]  # fmt: skip  # noqa: E501
     """Window by window, step by step; the tangent is that of the step itself."""
     meshes, bodies = G.shape
-    A, C = np.zeros((bodies, bodies)), np.zeros((bodies, bodies))
-    slopes, K = np.empty((4, 2 * bodies)), np.empty((4, 2 * bodies, 2 * bodies))
-    y, z = np.empty(2 * bodies), np.empty(2 * bodies)
-    one = np.eye(2 * bodies)
+    size = 2 * bodies
+    slopes, K = np.empty((4, size)), np.empty((4, size, size))
+    y, z, T = np.empty(size), np.empty(size), np.empty((size, size))
+    pull = np.empty(size)
     for w in range(len(starts)):
         y[:] = starts[w]
         states[w, 0] = y
@@ -80,14 +80,18 @@ def _roll(starts, first, h, G, inverse, tau, k, c, offset, rate, plus, minus, mo
             for s in range(4):
                 j = first[w] + 2 * q + (0 if s == 0 else (2 if s == 3 else 1))
                 way = 0.0 if s == 0 else (h if s == 3 else 0.5 * h)
-                z[:] = y
-                if s > 0:
-                    z += way * slopes[s - 1]
+                for i in range(size):
+                    z[i] = y[i] + (way * slopes[s - 1, i] if s > 0 else 0.0)
+                    for n in range(size):
+                        T[i, n] = (1.0 if i == n else 0.0) + (
+                            way * K[s - 1, i, n] if s > 0 else 0.0
+                        )
                 for i in range(bodies):
                     slopes[s, i] = z[bodies + i]
                     slopes[s, bodies + i] = inverse[i] * tau[j, i]
-                A[:] = 0.0
-                C[:] = 0.0
+                    for n in range(size):
+                        K[s, i, n] = T[bodies + i, n]
+                        K[s, bodies + i, n] = 0.0
                 for m in range(meshes):
                     x, v = offset[j, m], rate[j, m]
                     for i in range(bodies):
@@ -100,16 +104,24 @@ def _roll(starts, first, h, G, inverse, tau, k, c, offset, rate, plus, minus, mo
                     elif x < -minus[j, m]:
                         on = k[j, m]
                         force += on * (x + minus[j, m])
+                    pull[:] = 0.0
+                    for i in range(bodies):
+                        g = G[m, i]
+                        if g != 0.0:
+                            for n in range(size):
+                                pull[n] += g * (on * T[i, n] + c[j, m] * T[bodies + i, n])
                     for i in range(bodies):
                         if G[m, i] != 0.0:
                             share = inverse[i] * G[m, i]
                             slopes[s, bodies + i] -= share * force
-                            for n in range(bodies):
-                                A[i, n] -= share * on * G[m, n]
-                                C[i, n] -= share * c[j, m] * G[m, n]
-                T = one if s == 0 else one + way * K[s - 1]
-                K[s, :bodies] = T[bodies:]
-                K[s, bodies:] = A @ T[:bodies] + C @ T[bodies:]
-            y += h / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
-            tangents[w, q] = one + h / 6.0 * (K[0] + 2.0 * K[1] + 2.0 * K[2] + K[3])
-            states[w, q + 1] = y
+                            for n in range(size):
+                                K[s, bodies + i, n] -= share * pull[n]
+            for i in range(size):
+                y[i] += (
+                    h / 6.0 * (slopes[0, i] + 2.0 * (slopes[1, i] + slopes[2, i]) + slopes[3, i])
+                )
+                states[w, q + 1, i] = y[i]
+                for n in range(size):
+                    tangents[w, q, i, n] = (1.0 if i == n else 0.0) + h / 6.0 * (
+                        K[0, i, n] + 2.0 * (K[1, i, n] + K[2, i, n]) + K[3, i, n]
+                    )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import solveh_banded
 from scipy.signal import savgol_filter
 
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
@@ -193,15 +193,15 @@ def residual(shot: Shot, jump: float) -> Array:
 
 
 def fitted(s: Stretch, starts: Array, drive: Drive, jump: float, rounds: int = ROUNDS) -> Shot:
-    """States that fit best, by Levenberg and Marquardt."""
+    """States that fit best, by Levenberg and Marquardt; a window meets its neighbours alone."""
     shot, damping = shoot(s, starts, drive), 1e-2
     cost = shot.cost(jump)
     for _ in range(rounds):
-        J = jacobian(s, transitions(s, shot), jump)
-        H, right = J.T @ J, J.T @ residual(shot, jump)
+        band, right = _normal(s, shot, jump)
         while damping < 1e6:
-            whole = H + np.diag(damping * (np.diag(H) + 1e-6))
-            step = cho_solve(cho_factor(whole), right).reshape(starts.shape) * s.scale
+            whole = band.copy()
+            whole[0] += damping * (band[0] + 1e-6)
+            step = solveh_banded(whole, right, lower=True).reshape(starts.shape) * s.scale
             tried = shoot(s, shot.starts + step, drive)
             now = tried.cost(jump)
             if np.isfinite(now) and now < cost:
@@ -213,6 +213,28 @@ def fitted(s: Stretch, starts: Array, drive: Drive, jump: float, rounds: int = R
         if gained < SETTLED * cost:
             break
     return shot
+
+
+def _normal(s: Stretch, shot: Shot, jump: float) -> tuple[Array, Array]:
+    """Lower bands (36, 18 W) of the normal matrix of all starts, and its right side (18 W,)."""
+    T, W = transitions(s, shot), s.windows
+    seen = (T[:, :-1][:, :, s.channels] / s.sigma[:, None]).reshape(W, -1, STATES)
+    right = np.einsum("wrs,wr->ws", seen, shot.off.reshape(W, -1))
+    own = seen.transpose(0, 2, 1) @ seen
+    end = T[:-1, -1] / (s.scale * jump)[:, None]
+    own[:-1] += end.transpose(0, 2, 1) @ end
+    own[1:] += np.eye(STATES) / jump**2
+    right[:-1] -= np.einsum("wrs,wr->ws", end, shot.jumps / jump)
+    right[1:] += shot.jumps / jump**2
+    below = -end / jump
+    band = np.zeros((2 * STATES, W * STATES))
+    columns = np.arange(W) * STATES
+    for j in range(STATES):
+        for i in range(j, STATES):
+            band[i - j, columns + j] = own[:, i, j]
+        for i in range(STATES):
+            band[STATES + i - j, columns[:-1] + j] = below[:, i, j]
+    return band, right.ravel()
 
 
 def tied(s: Stretch, starts: Array, drive: Drive) -> Shot:

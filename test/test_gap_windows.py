@@ -1,0 +1,130 @@
+"""States of short windows that fit three rotations, and what a change of the law does to them."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.law import Change, law
+from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.rollout import STATES, Drive
+from herringbone_sim.gap.observations.shooting import (
+    JUMPS,
+    Shot,
+    _normal,
+    jacobian,
+    residual,
+    shoot,
+    symmetric,
+    transitions,
+)
+from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.plan import draw_plan
+
+JUMP = JUMPS[-1]
+
+
+@pytest.fixture(scope="module")
+def gear() -> Gear:
+    """A healthy practice rig of which three rotations are recorded, at a hundredth of noise."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
+        return Gear(made.of_role("fit"), windows=True)
+
+
+@pytest.fixture(scope="module")
+def one(gear: Gear) -> tuple[Trajectory, Shot]:
+    """A run whose planets move in step, at the states that fit it."""
+    trajectory = gear.trajectories[1]
+    return trajectory, trajectory.solved((), lambda m: Change(), {})
+
+
+def rows(shot: Shot) -> np.ndarray:
+    return residual(shot, JUMP)
+
+
+def test_windows_are_formed_where_nothing_else_is(gear: Gear) -> None:
+    assert GearMachine(gear).formed == ("trajectory",)
+    assert not Gear([g.run for g in gear.runs]).shot
+
+
+def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, Shot]) -> None:
+    """72 numbers of a window for 18 states: a fourth of the noise is taken up by the states."""
+    _, shot = one
+    assert 0.6 < np.mean(shot.off**2) < 1.1
+    assert np.sqrt(np.mean(shot.jumps**2)) < JUMP
+
+
+def test_bands_are_the_normal_matrix_of_the_jacobian(one: tuple[Trajectory, Shot]) -> None:
+    s = one[0].stretch
+    shot = shoot(s, symmetric(s), one[0].drive(Change(), np.ones(9), ()))
+    J = jacobian(s, transitions(s, shot), JUMP)
+    band, right = _normal(s, shot, JUMP)
+    np.testing.assert_allclose(right, J.T @ rows(shot), rtol=1e-9, atol=1e-9 * abs(right).max())
+    H = J.T @ J
+    for below in range(2 * STATES):
+        diagonal = np.diagonal(H, -below)
+        np.testing.assert_allclose(band[below, : len(diagonal)], diagonal, atol=1e-9 * H.max())
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "within"),
+    [
+        ("kappa", 1e-3, 0.01),
+        ("gamma", 1e-3, 0.01),
+        ("k 2 sin", 1e-3, 0.03),
+        # Contact is met within a step, and these act while it lasts alone.
+        ("b_plus", 1e-8, 0.15),
+        ("e 3 cos", 1e-9, 0.15),
+    ],
+)
+def test_columns_of_the_law_are_differences(
+    gear: Gear, one: tuple[Trajectory, Shot], name: str, step: float, within: float
+) -> None:
+    trajectory, shot = one
+    amplitudes = np.zeros(12)
+    amplitudes[7] = step
+    change = gear.change_of(trajectory._half_steps(shot), {name: amplitudes})
+    drive = trajectory.drive(change, np.ones(9), ())
+    check(trajectory, gear, shot, f"{name} of 7", step, within, drive)
+
+
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [("friction sin 1 of 2", 1e-4), ("friction lever of 8", 1e-4), ("ripple 3 cos", 0.1)]
+    + [(f"M_{body}", 1e-4) for body in "spc"],
+)
+def test_columns_of_bodies_are_differences(
+    gear: Gear, one: tuple[Trajectory, Shot], name: str, step: float
+) -> None:
+    trajectory, shot = one
+    m = trajectory._half_steps(shot)
+    pushes = [(push, step) for push in trajectory._pushes(m, law(m), {name})]
+    drive = trajectory.drive(Change(), trajectory._masses({name: step}), pushes)
+    check(trajectory, gear, shot, name, step, 0.01, drive)
+
+
+def check(
+    trajectory: Trajectory,
+    gear: Gear,
+    shot: Shot,
+    name: str,
+    step: float,
+    within: float,
+    drive: Drive,
+) -> None:
+    """A column against the motion from the same states under a small change."""
+    s = trajectory.stretch
+    base = shoot(s, shot.starts, trajectory.drive(Change(), np.ones(9), ()))
+    moved = shoot(s, shot.starts, drive)
+    difference = (rows(base) - rows(moved)) / step
+    block = trajectory.block(base, lambda m: Change(), gear.law_functions, (name,))
+    off = np.linalg.norm(difference - block.columns[:, 0, 0])
+    assert off < within * np.linalg.norm(difference)
