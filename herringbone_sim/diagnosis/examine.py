@@ -105,8 +105,7 @@ def examine(
     if singles:
         first = _simplest(none, singles)
         flexible["single"] = _left(search, singles[0], left)
-        rest = _total(flexible["single"])
-        if rest > max(WORTH * count, SAME * (none.energy - singles[0].energy + rest)):
+        if _total(flexible["single"]) > WORTH * count:
             say("pairs")
             pairs = _pairs(search, catalogue, first)
             if pairs:

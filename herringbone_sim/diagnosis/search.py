@@ -161,7 +161,7 @@ def scored(
     assert best is not None
     density, found, size, sd = best
     bent = np.array([c.departs > 0 for c in every])
-    for _ in range(BENDINGS if bent[n:].any() else 0):
+    for _ in range(BENDINGS if bent.any() else 0):
         sd = np.where(bent, prior * _own_size(every, center + found.whole.mean), sd)
         found = leave_one_out(Normal(A, b, sd, np.where(bent, FARTHEST * sd, bound)))
         density = float(found.log_density.sum())

@@ -150,7 +150,7 @@ def calibrate(campaigns: Sequence[Practised]) -> Calibrated:
     held = []
     for f in range(FOLDS):
         others, own = (
-            np.concatenate([z for z, k in zip(sizes, fold, strict=True) if (k == f) is mine])
+            np.concatenate([z for z, k in zip(sizes, fold, strict=True) if bool(k == f) == mine])
             for mine in (False, True)
         )
         held.append(_misses(own, missed(others)) <= 1.0)

@@ -295,7 +295,8 @@ def _hertz(gear: Gear) -> Iterator[Variant]:
 
 
 def _damping(gear: Gear) -> Iterator[Variant]:
-    bend = [Term(f"load {i}", {f"gamma load {i}": 1.0}, SHAPE) for i in range(len(LOADS_M))]
+    # Damping may go with the load in any way from none to all of it.
+    bend = [Term(f"load {i}", {f"gamma load {i}": 1.0}, 0.5) for i in range(len(LOADS_M))]
     yield (("law", "contact"),), 0.3, [Term("share", {"gamma out": -1.0}, 1.0), *bend], 1
     by_load: Weights = {f"gamma load {i}": float(f / 1e-5) - 1.0 for i, f in enumerate(LOADS_M)}
     yield (

@@ -191,7 +191,8 @@ class Event:
             bend: Weights = {f"{label} {i}": sign * mask}
             terms.append(places.coefficient(f"window {i}", bend, unit * 2 * SHAPE))
         options = (("member", self.member),)
-        return Hypothesis(self.effect, options, self.locus, tuple(terms), 1, self)
+        # A window of its own time and place is no rival's way out: its form is free.
+        return Hypothesis(self.effect, options, self.locus, tuple(terms), len(terms), self)
 
 
 BUMP = np.where(np.abs(KNOTS) < 0.75, 0.5 + 0.5 * np.cos(np.pi * KNOTS / 0.75), 0.0)
