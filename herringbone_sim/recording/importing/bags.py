@@ -69,7 +69,7 @@ def _fields(message: Any, prefix: str) -> Iterator[tuple[str, Values]]:
     for name, value in vars(message).items():
         if isinstance(value, _Number):
             yield f"{prefix}{name}", np.array([value])
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        elif isinstance(value, np.ndarray) and value.dtype.itemsize > 1:  # no picture's bytes
             for i, one in enumerate(value):
                 yield f"{prefix}{name}[{i}]", np.array([one])
         elif hasattr(value, "__dataclass_fields__") and name not in ("header", "layout"):

@@ -211,9 +211,11 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
     channels = entry.need("channels", "a mapping of channels to columns")
     if not isinstance(channels, dict) or not channels:
         raise entry.wrong("channels", "a mapping of channels to columns", channels)
+    place = f"{entry.where}.channels"
     taken = tuple(
-        _channel(str(name), one, f"{entry.where}.channels", names)
-        for name, one in channels.items()
+        _channel(name, one, place, names)
+        for many, value in channels.items()
+        for name, one in _each(str(many), value, names)
     )
     resample = entry.choice("resample", (False, True), False)
     time = _time(entry.take("time"), f"{entry.where}.time", kind)
@@ -233,6 +235,25 @@ def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
             rule = "one character" if isinstance(default, str) else "a count of lines"
             raise given.wrong(name, rule, found[name])
     return found
+
+
+def _each(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
+    """Channels that a name with a star stands for; the star in the column is what it stands for.
+
+    ``F_*: {column: force *, unit: kN}`` is the force of every mesh; pins are ``F_pin*``.
+    """
+    head, star, tail = name.partition("*")
+    column = value.get("column") if isinstance(value, dict) else None
+    if not star or not isinstance(column, str):
+        return [(name, value)]
+    long = len(head) + len(tail)
+    some = [n for n in names if n.startswith("F_pin") == head.startswith("F_pin")]
+    fit = [n for n in some if n.startswith(head) and n.endswith(tail) and len(n) > long]
+    stood = [n[len(head) : len(n) - len(tail)] for n in fit]
+    found = [
+        (n, value | {"column": column.replace("*", s)}) for n, s in zip(fit, stood, strict=True)
+    ]
+    return found or [(name, value)]
 
 
 def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> ChannelSpec:
