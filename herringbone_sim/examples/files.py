@@ -31,7 +31,8 @@ Columns = dict[str, Array]
 # How the files write a quantity: unit, and how many of it are one in SI.
 UNITS = {"x": ("um", 1e6), "v": ("mm/s", 1e3), "F": ("kN", 1e-3), "u": ("um", 1e6)}
 DEGREES = 180.0 / np.pi
-TORQUE_HZ, TRIGGER_S = 4e3, 5e-4  # the torque meter: slower, and started later
+# The torque meter: slower, started earlier, and with noise.
+TORQUE_HZ, TRIGGER_S, NOISE_NM = 4e3, 5e-4, 0.5
 HEADER_BYTES = 512  # that MATLAB puts before the HDF5 of a v7.3 file
 
 
@@ -67,7 +68,8 @@ def write_csv(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     _table(path, columns, ["ms", "deg", *(UNITS[n.split()[0]][0] for n in list(columns)[2:])])
     meter = path.with_name(f"{path.stem}_torque.csv")
     times = np.arange(-TRIGGER_S, series.times[-1] + 1.0 / TORQUE_HZ, 1.0 / TORQUE_HZ)
-    torque = np.interp(times, series.times, series["T_1"])
+    noise = np.random.default_rng(0).normal(size=len(times))
+    torque = np.interp(times, series.times, series["T_1"]) + NOISE_NM * noise
     _table(meter, {"torque": -torque}, ["N m"])
     options = {"delimiter": ";", "decimal": ",", "skip_after_names": 1}
     return [

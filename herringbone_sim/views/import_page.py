@@ -18,7 +18,7 @@ from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views.compare_page import table
-from herringbone_sim.views.figures import DENSE, GREY, STYLE, save
+from herringbone_sim.views.figures import DPI, GREY, STYLE
 from herringbone_sim.views.report import CSS, Picture, number, picture_html
 
 SHOWN_CYCLES = 4  # mesh cycles that are seen in full, beside the whole run
@@ -47,8 +47,8 @@ def write_import_page(folder: Path, rig: str, runs: Sequence[ImportedRun]) -> Pa
     make_folder(folder / "figures")
     parts = []
     for run in runs:
-        figure = run_figure(read_recording(folder / run.name).samples)
-        path, _ = save(figure, folder / "figures", run.name)
+        path = folder / "figures" / f"{run.name}.png"
+        run_figure(read_recording(folder / run.name).samples).savefig(path)
         parts.append(_run(run, Picture(path, f"{run.name}: the whole run, and its first cycles")))
     title = f"Import of {escape(rig)}"
     lead = f'<p class="lead">{len(runs)} runs, in SI, each on one clock.</p>'
@@ -104,34 +104,20 @@ def run_figure(series: TimeSeries) -> Figure:
     turned = (series["phase"] - series["phase"][0]) / (2.0 * np.pi)
     first = max(int(np.searchsorted(turned, SHOWN_CYCLES)), 2)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.6, 0.9 + 1.15 * len(every)))
+        figure = Figure(figsize=(9.6, 1.3 * len(every)), dpi=DPI)
+        figure.set_layout_engine("none")
+        figure.subplots_adjust(0.09, 0.6 / (1.3 * len(every)), 0.99, 0.98, 0.16, 0.3)
         panels = figure.subplots(len(every), 2, squeeze=False, sharex="col")
-        figure.set_layout_engine("constrained")
         for row, kind in zip(panels, every, strict=True):
             for panel, rows in zip(row, (slice(None), slice(first)), strict=True):
                 for name in kind.names:
-                    panel.plot(
-                        1e3 * series.times[rows],
-                        series[name][rows],
-                        lw=0.6,
-                        rasterized=len(series) > DENSE,
-                    )
+                    panel.plot(1e3 * series.times[rows], series[name][rows], lw=0.6)
             row[0].set_ylabel(f"{kind.title} [{si_unit(kind.names[0])}]")
-            row[1].text(
-                *(1.0, 1.0, _shown(kind)),
-                color=GREY,
-                fontsize=7,
-                ha="right",
-                va="bottom",
-                transform=row[1].transAxes,
-            )
+            many = f"{len(kind.names)} channels" if len(kind.names) > 1 else ""
+            row[1].set_title(many, color=GREY, fontsize=7, loc="right", pad=1)
         for panel in panels[-1]:
             panel.set_xlabel("time [ms]")
     return figure
-
-
-def _shown(kind: Kind) -> str:
-    return kind.names[0] if len(kind.names) == 1 else f"{len(kind.names)} channels"
 
 
 def by_kind(run: ImportedRun) -> Mapping[str, tuple[str, float, float]]:
