@@ -15,10 +15,11 @@ from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.rig import RigPlan, make_campaign
 from herringbone_sim.recording.writer import RunWriter
 
+PREFIXES = ("x_", "v_", "F_", "u_")
 ALL = {"force_law", "torque_balance", "consistency"}
 SETS: dict[str, tuple[Callable[[str], bool], set[str]]] = {
     "full": (lambda n: True, ALL),
-    "x_and_F": (lambda n: n[0] in "xF", {"force_law", "torque_balance"}),
+    "x_and_F": (lambda n: n[0] in "xF", ALL),  # twelve displacements of eight coordinates
     "no_force": (lambda n: n[0] in "xvu", {"torque_balance", "consistency"}),
     "nothing": (lambda n: False, set()),
 }
@@ -37,8 +38,9 @@ def part(rig: Path, folder: Path, keep: Callable[[str], bool]) -> Path:
     runs = read_campaign(rig).runs
     for run in runs:
         series = read_recording(run.path).samples
-        there = tuple(n for n in series.names if n in ("t", "phase") or (n[1] == "_" and keep(n)))
-        there = tuple(n for n in there if n != "T_1")
+        there = tuple(
+            n for n in series.names if n in ("t", "phase") or (n[:2] in PREFIXES and keep(n))
+        )
         writer = RunWriter.create(folder, run.path.name, "/rig", {}, there, 0)
         writer.write_samples(series.columns(there))
         writer.close()

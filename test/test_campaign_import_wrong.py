@@ -94,7 +94,7 @@ WRONG: dict[str, tuple[Callable[[Spec], None], tuple[str, ...]]] = {
     "an option": (change(*FILE, "options", to={"decimal": ",,"}), ("options.decimal", "',,'")),
     "a channel twice": (
         lambda s: s["files"].append(copy.deepcopy(s["files"][0])),
-        ("runs[0].files", "each channel once", "'phase'"),
+        ("runs[0].files", "each channel once", "'F_sp1_L'"),
     ),
     "a share of noise": (change("noise", to={"rms_share": 2.0}), ("noise.rms_share", "2.0")),
     "a sensor": (change("sensors", to={"F_sp1_L": "good"}), ("sensors", "good")),

@@ -23,7 +23,7 @@ EPILOG = "example: python -m herringbone_sim campaign check rigs/bench"
 NEEDS = {
     "force_law": "forces F with the displacements x of their meshes, or what gives these",
     "torque_balance": "displacements of all meshes, or rotations u of all bodies",
-    "consistency": "two of x, v and u that were measured on their own",
+    "consistency": "more of x, v and u than the coordinates of the gear",
 }
 
 
