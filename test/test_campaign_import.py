@@ -142,13 +142,19 @@ def test_a_matrix_by_columns_as_matlab_and_python_count(tmp_path: Path) -> None:
 
 
 def test_topics_of_a_bag_with_stamps_of_their_own(tmp_path: Path) -> None:
-    """Two topics of the same stamps are one clock, a slower one is left; pictures do no harm."""
+    """Two topics of the same stamps are one clock, a slower one is left."""
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    joints, number = (
-        store.types[f"{n}"] for n in ("sensor_msgs/msg/JointState", "std_msgs/msg/Float64")
+    joints, number, vector, xyz = (
+        store.types[f"{package}/msg/{kind}"]
+        for package, kind in (
+            ("sensor_msgs", "JointState"),
+            ("std_msgs", "Float64"),
+            ("geometry_msgs", "Vector3Stamped"),
+            ("geometry_msgs", "Vector3"),
+        )
     )
     header, stamp = (
         store.types[n] for n in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
@@ -159,22 +165,24 @@ def test_topics_of_a_bag_with_stamps_of_their_own(tmp_path: Path) -> None:
     with Writer(tmp_path / "bag", version=9) as writer:
         topics = [
             writer.add_connection(name, kind.__msgtype__, typestore=store)
-            for name, kind in (("/joints", joints), ("/phase", number), ("/slow", number))
+            for name, kind in (("/joints", joints), ("/phase", number), ("/slow", vector))
         ]
         for i, (ns, t) in enumerate(zip(stamps.tolist(), TIMES, strict=True)):
             head = header(stamp(ns // 10**9, ns % 10**9), "")
             said = joints(head, ["a", "b"], none, none, np.array([1.0, force(t)]))
             late = ns + 7_000_000  # recorded later than it was measured
             writer.write(topics[0], late, store.serialize_cdr(said, joints.__msgtype__))
-            for topic in topics[1:] if i % 8 == 0 else topics[1:2]:
-                text = store.serialize_cdr(number(OMEGA * t), number.__msgtype__)
-                writer.write(topic, ns, text)
+            text = store.serialize_cdr(number(OMEGA * t), number.__msgtype__)
+            writer.write(topics[1], ns, text)
+            if i % 8 == 0:
+                torque = store.serialize_cdr(vector(head, xyz(0.0, 0.0, t)), vector.__msgtype__)
+                writer.write(topics[2], ns, torque)
     file = {
         "path": "bag",
         "channels": {
             "phase": {"column": "/phase.data", "unit": "rad"},
             "F_rp2_R": {"column": "/joints.effort[1]", "unit": "N"},
-            "T_in": {"column": "/slow.data", "unit": "N m"},
+            "T_in": {"column": "/slow.vector.z", "unit": "N m"},
         },
     }
     run, series = imported(write_spec(tmp_path, file))
@@ -184,6 +192,31 @@ def test_topics_of_a_bag_with_stamps_of_their_own(tmp_path: Path) -> None:
     assert "clock of its own" in left["T_in"]
     assert "resample" in left["T_in"]
     assert left["bag: /joints.effort[0]"] == "the spec does not name it"
+
+
+def test_a_run_of_this_project_comes_in_again(example: Path, tmp_path: Path) -> None:
+    path = example / "simulated" / "run_00"
+    file = entry(
+        str(path),
+        time={"column": "/bench/samples.t"},
+        phase={"column": "/bench/samples.phase", "unit": "rad"},
+    )
+    file["channels"]["F_*"] = {"column": "/bench/samples.F_*", "unit": "N"}
+    _, series = imported(write_spec(tmp_path, file))
+    was = read_recording(path).samples
+    assert len(series.names) == 14
+    assert all(np.array_equal(series[name], was[name]) for name in series.names)
+
+
+def test_a_table_with_words_of_another_code_page(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv", t=TIMES, phase=OMEGA * TIMES, force=force(TIMES))
+    text = (tmp_path / "a.csv").read_text(encoding="utf-8")
+    named = "Prüfstand 3\n" + text.replace("force", "Stoß", 1)
+    (tmp_path / "a.csv").write_bytes(named.encode("cp1252"))
+    file = entry("a.csv", phase=PHASE, F_sp1_L={"column": "Stoß", "unit": "N"})
+    options = {"encoding": "cp1252", "skip": 1}
+    _, series = imported(write_spec(tmp_path, file | {"options": options}))
+    assert np.array_equal(series["F_sp1_L"], force(TIMES))
 
 
 def test_raw_angles_become_rotations_and_the_phase(tmp_path: Path) -> None:

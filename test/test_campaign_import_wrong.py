@@ -94,9 +94,27 @@ WRONG: dict[str, tuple[Callable[[Spec], None], tuple[str, ...]]] = {
     "an option": (change(*FILE, "options", to={"decimal": ",,"}), ("options.decimal", "',,'")),
     "a channel twice": (
         lambda s: s["files"].append(copy.deepcopy(s["files"][0])),
-        ("runs[0].files", "each channel once", "'F_sp1_L'"),
+        ("run_00", "each channel once", "F_sp1_L twice"),
     ),
-    "a share of noise": (change("noise", to={"rms_share": 2.0}), ("noise.rms_share", "2.0")),
+    "an angle beside its rotation": (
+        lambda s: s["files"][0]["channels"].update(
+            {n: {"column": "phase", "unit": u} for n, u in (("angle_c", "rad"), ("u_c", "m"))}
+        ),
+        ("run_00", "each channel once", "u_c twice"),
+    ),
+    "a phase beside a shaft": (
+        lambda s: (
+            change("phase", to={"angle": "angle_c"})(s),
+            change(*FILE, "channels", "angle_c", to={"column": "phase", "unit": "rad"})(s),
+        ),
+        ("run_00", "each channel once", "phase twice"),
+    ),
+    "a count of lines": (change(*FILE, "options", to={"skip": -1}), ("options.skip", "-1")),
+    "an encoding": (change(*FILE, "options", to={"encoding": "none"}), ("run_00.csv", "none")),
+    "a share of noise": (
+        change("noise", to={"rms_share": 2.0}),
+        ("noise.rms_share of the spec", "2.0"),
+    ),
     "a sensor": (change("sensors", to={"F_sp1_L": "good"}), ("sensors", "good")),
     "no data sheet": (change("nominal", to="no.yaml"), ("no.yaml",)),
     "a column": (change(*FORCE, "column", to="kraft"), ("'kraft'", "t, phase, force, word")),
@@ -105,6 +123,9 @@ WRONG: dict[str, tuple[Callable[[Spec], None], tuple[str, ...]]] = {
     "another kind of bag": (change(*FILE, "kind", to="rosbag2"), ("run_00.csv", "as rosbag2")),
     "a clock that stands": (change(*FILE, "time", "column", to="still"), ("increase strictly",)),
 }
+
+
+FILES = ["run_00.csv", "run_01.csv", "spec.yaml"]
 
 
 def fill(folder: Path) -> None:
@@ -139,7 +160,7 @@ def test_a_wrong_spec_is_one_error_and_leaves_nothing(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
     assert all(word in line for word in words), line
-    assert not [*(tmp_path / "new").glob("*")]
+    assert sorted(path.name for path in tmp_path.iterdir()) == FILES
 
 
 def test_the_second_of_two_runs_that_is_wrong_takes_the_first_along(
@@ -149,7 +170,7 @@ def test_the_second_of_two_runs_that_is_wrong_takes_the_first_along(
     (tmp_path / "run_01.csv").write_text("t,phase\n0.0,1.0\n", encoding="utf-8")
     assert command(tmp_path, SPEC) == 2
     assert "run_01: " in capsys.readouterr().err
-    assert not [*(tmp_path / "new").glob("*")]
+    assert sorted(path.name for path in tmp_path.iterdir()) == FILES
 
 
 def test_files_that_never_overlap_are_refused(

@@ -45,7 +45,7 @@ def bag_columns(
                 parts[f"{topic}.{field}"].append(values)
     there = {name: np.concatenate(parts[name]) for name in wanted if name in parts}
     clocks = {topic: np.array(ns, "int64").view("datetime64[ns]") for topic, ns in stamps.items()}
-    of_column = {name: clocks[name.rpartition(".")[0]] for name in there if "." in name}
+    of_column = {name: clocks[name.partition(".")[0]] for name in there}
     known = {n: c for n, c in of_column.items() if len(c) == len(there[n])}
     return there, known, tuple(names)
 

@@ -18,7 +18,13 @@ from herringbone_sim.recording.campaign import read_campaign, write_campaign
 from herringbone_sim.recording.importing.clock import Stream, first_date, merged, streams
 from herringbone_sim.recording.importing.columns import Columns, read_columns
 from herringbone_sim.recording.importing.ranges import remarks
-from herringbone_sim.recording.importing.spec import ChannelSpec, FileSpec, ImportSpec, RunSpec
+from herringbone_sim.recording.importing.spec import (
+    ChannelSpec,
+    FileSpec,
+    ImportSpec,
+    RunSpec,
+    made_of,
+)
 from herringbone_sim.recording.importing.turns import unwrapped, with_turns
 from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.parameter_file import save_parameters
@@ -95,23 +101,35 @@ def import_campaign(
                 raise RecordingError(f"{run.name}: {error}") from None
         entries = [{"path": r.name, **r.point, "role": r.role} for r in spec.runs]
         write_campaign(part, spec.rig, entries, spec.noise, spec.sensors)
-        read_campaign(part)  # noise and sensors are checked where they are read
+        _check_told(part)
         save_parameters(part / NOMINAL, spec.nominal, f"The nominal gear of {spec.rig}.")
     return tuple(told)
 
 
+def _check_told(folder: Path) -> None:
+    """Noise and sensors are held against the rules of those who read them."""
+    try:
+        read_campaign(folder)
+    except RecordingError as error:
+        told = str(error).replace(str(folder / "campaign.yaml"), "the spec")
+        raise RecordingError(told) from None
+
+
 @contextmanager
 def _whole(out: Path) -> Iterator[Path]:
-    """A folder beside ``out`` to write to; it takes that name when all is written, or never."""
-    part = out.with_name(f".{out.name}.part")
+    """A folder to write to; it takes the name ``out`` when all is written, or never."""
+    out = out.resolve()
+    there = next(folder for folder in out.parents if folder.exists())
+    part = there / f".{out.name}.part"
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise RecordingError(
                 f"--out must be a new folder, got {out}: an import never overwrites; name another"
             )
         shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(parents=True)
+        part.mkdir()
         yield part
+        out.parent.mkdir(parents=True, exist_ok=True)
         part.replace(out)
     except RecordingError:
         raise
@@ -185,10 +203,10 @@ def _taken(
     spec: ImportSpec, run: RunSpec, values: Mapping[str, Array], rates: Mapping[str, float]
 ) -> tuple[Taken, ...]:
     sources: dict[str, tuple[FileSpec, ChannelSpec]] = {
-        _made(one.name): (file, one) for file in run.files for one in file.channels
+        made_of(one.name): (file, one) for file in run.files for one in file.channels
     }
     if spec.shaft:
-        sources["phase"] = sources[_made(spec.shaft)]
+        sources["phase"] = sources[made_of(spec.shaft)]
     found = []
     for channel, one in values.items():
         file, source = sources[channel]
@@ -198,10 +216,6 @@ def _taken(
         rate = rates[source.name]
         found.append(Taken(channel, si_unit(channel), told, rate, low, high))
     return tuple(found)
-
-
-def _made(channel: str) -> str:
-    return channel.replace("angle_", "u_", 1) if channel.startswith("angle_") else channel
 
 
 def _write(folder: Path, name: str, rig: str, columns: Mapping[str, Array]) -> None:

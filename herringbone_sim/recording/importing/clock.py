@@ -155,9 +155,10 @@ def merged(parts: Sequence[Stream]) -> Merged:
         same = _same(main.times, one.times)
         values |= {n: _at(times, one.times, v, same) for n, v in one.values.items()}
         if not same:
+            folds = ", and what is faster folds back" if one.rate_hz > main.rate_hz else ""
             notes.append(
                 f"{one.label}: {one.rate_hz:.6g} Hz brought to {main.rate_hz:.6g} Hz by straight "
-                "lines"
+                f"lines{folds}"
             )
     return Merged(times - times[0], values, left, tuple(notes))
 

@@ -92,7 +92,9 @@ def _csv(path: Path, options: Mapping[str, Any]) -> _Found:
     table = csv.read_csv(
         path,
         csv.ReadOptions(
-            skip_rows=options["skip"], skip_rows_after_names=options["skip_after_names"]
+            skip_rows=options["skip"],
+            skip_rows_after_names=options["skip_after_names"],
+            encoding=options["encoding"],
         ),
         csv.ParseOptions(delimiter=options["delimiter"]),
         csv.ConvertOptions(decimal_point=options["decimal"]),

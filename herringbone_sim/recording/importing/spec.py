@@ -28,7 +28,7 @@ KINDS = {
     "hdf5": (".h5", ".hdf5"),
     "rosbag2": ("", ".mcap", ".db3"),
 }
-OPTIONS = {"delimiter": ",", "decimal": ".", "skip": 0, "skip_after_names": 0}
+OPTIONS = {"delimiter": ",", "decimal": ".", "encoding": "utf8", "skip": 0, "skip_after_names": 0}
 SHAFTS = ("angle_c", "angle_s_L", "angle_s_R")
 UNITS_OF_POINT = {"delta_T": "K", "K": "-", "T_1": "N m", "Omega": "-"}
 
@@ -158,7 +158,7 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
     if twice:
         raise top.wrong("runs", "runs with names of their own", sorted(twice)[0])
     for run in runs:
-        _check_phase(run, shaft)
+        _check_filled(run, shaft)
     return ImportSpec(
         top.text("rig"), nominal, shaft, offset, runs, top.take("noise"), top.take("sensors")
     )
@@ -171,14 +171,27 @@ def _phase(value: Any) -> tuple[str, float]:
     return entry.choice("angle", SHAFTS), entry.quantity("offset", "rad", 0.0)
 
 
-def _check_phase(run: RunSpec, shaft: str) -> None:
-    there = {channel.name for file in run.files for channel in file.channels}
-    if (shaft or "phase") not in there:
+def _check_filled(run: RunSpec, shaft: str) -> None:
+    """The mesh phase is there, and no channel is filled twice."""
+    named = [channel.name for file in run.files for channel in file.channels]
+    if (shaft or "phase") not in named:
         raise RecordingError(
-            f"{run.name} must have a channel {shaft or 'phase'}, got {listed(sorted(there))}: "
+            f"{run.name} must have a channel {shaft or 'phase'}, got {listed(sorted(named))}: "
             "name the column of the mesh phase, or in `phase: {angle: ...}` a shaft of which it "
             f"is made ({listed(SHAFTS)})"
         )
+    filled = [made_of(name) for name in named] + (["phase"] if shaft else [])
+    twice = [name for name in filled if filled.count(name) > 1]
+    if twice:
+        raise RecordingError(
+            f"the files of {run.name} must fill each channel once, got {twice[0]} twice (an angle "
+            "becomes a rotation u): leave one out"
+        )
+
+
+def made_of(channel: str) -> str:
+    """Name that a channel of a spec has in the recording."""
+    return channel.replace("angle_", "u_", 1) if channel.startswith("angle_") else channel
 
 
 def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str]) -> RunSpec:
@@ -192,10 +205,6 @@ def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str])
         _file(folder, Entry(one, f"{place}[{i}]", FILE), name, names)
         for i, one in enumerate(files.entries("files"))
     )
-    filled = [channel.name for file in found for channel in file.channels]
-    twice = [one for one in filled if filled.count(one) > 1]
-    if twice:
-        raise entry.wrong("files", "files that fill each channel once", twice[0])
     return RunSpec(name, entry.choice("role", ROLES), point, found)
 
 
@@ -228,12 +237,12 @@ def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
         raise entry.wrong("options", "left out, as only csv has options", kind)
     found = {name: given.take(name, default) for name, default in OPTIONS.items()}
     for name, default in OPTIONS.items():
-        right = type(found[name]) is type(default) and (
-            len(found[name]) == 1 if isinstance(default, str) else found[name] >= 0
-        )
-        if not right:
-            rule = "one character" if isinstance(default, str) else "a count of lines"
-            raise given.wrong(name, rule, found[name])
+        one = found[name]
+        if isinstance(default, int) and not (type(one) is int and one >= 0):
+            raise given.wrong(name, "a count of lines", one)
+        if name in ("delimiter", "decimal") and not (isinstance(one, str) and len(one) == 1):
+            raise given.wrong(name, "one character", one)
+    given.text("encoding", "utf8")
     return found
 
 
@@ -276,9 +285,8 @@ def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> Channel
 def _time(value: Any, where: str, kind: str) -> TimeSpec:
     own = kind in ("tdms", "rosbag2")
     entry = Entry(value or {}, where, ("column", "unit", "rate", "start", "trigger_offset"))
-    if ("column" in entry) + ("rate" in entry) != 1 and not (
-        own and not ("column" in entry or "rate" in entry)
-    ):
+    named = ("column" in entry) + ("rate" in entry)
+    if named > 1 or (named == 0 and not own):
         raise entry.wrong("", "a column or a rate, one of them", value)
     trigger = entry.quantity("trigger_offset", "s", 0.0)
     if "rate" in entry:
