@@ -219,6 +219,35 @@ def test_a_table_with_words_of_another_code_page(tmp_path: Path) -> None:
     assert np.array_equal(series["F_sp1_L"], force(TIMES))
 
 
+def test_the_spec_of_the_docs_is_one(tmp_path: Path) -> None:
+    """Its files for each run, made as it says: titles, units, decimal commas, a torque meter."""
+    tdms = pytest.importorskip("nptdms")
+    root = Path(__file__).resolve().parents[1]
+    text = (root / "docs" / "importing.md").read_text(encoding="utf-8")
+    spec = tmp_path / "spec.yaml"
+    spec.write_text(text.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
+    (tmp_path / "rig.yaml").write_bytes((root / "config" / "rig.yaml").read_bytes())
+    columns = {
+        "Zeit": 1e3 * TIMES,
+        "mesh phase": np.degrees(OMEGA * TIMES),
+        "gauge 4": 0.1 + TIMES,
+    }
+    columns |= {f"x {mesh}": 35.0 * np.sin(OMEGA * TIMES) for mesh in MODEL.layout.meshes}
+    rows = [";".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist()]
+    lines = ["DAQ", "today", ";".join(columns), ";".join("-" * len(columns)), *rows]
+    torque = tdms.ChannelObject("meter", "torque", np.full(60, 218.0))
+    for name in ("run_00", "run_05"):
+        table = "\n".join(lines).replace(".", ",")
+        (tmp_path / f"{name}_daq.csv").write_text(table, encoding="utf-8")
+        with tdms.TdmsWriter(tmp_path / f"{name}_torque.tdms") as writer:
+            writer.write_segment([torque])
+    import_campaign(read_spec(spec), tmp_path / "out")
+    series = read_recording(tmp_path / "out" / "run_00").samples
+    assert series["F_rp1_L"] == pytest.approx(12.0 - 1.02 * 1e3 * (0.1 + TIMES), rel=1e-12)
+    assert series["x_rp3_R"] == pytest.approx(35e-6 * np.sin(OMEGA * TIMES), rel=1e-12)
+    assert series["T_in"] == pytest.approx(np.full(len(series), 218.0))
+
+
 def test_raw_angles_become_rotations_and_the_phase(tmp_path: Path) -> None:
     """A carrier that vibrates about a steady rotation, its encoder starting anew each turn."""
     p, s = MODEL.parameters, MODEL.scales

@@ -62,7 +62,7 @@ WRONG: dict[str, tuple[Callable[[Spec], None], tuple[str, ...]]] = {
     "a run is a text": (change("runs", 0, to="run_00"), ("runs[0]", "'run_00'")),
     "no role": (without("runs", 0, "role"), ("runs[0].role", "fit, held_out")),
     "a role": (change("runs", 1, "role", to="test"), ("runs[1].role", "'test'")),
-    "a name that leads out": (change("runs", 0, "name", to="../a"), ("'../a'",)),
+    "a name that leads out": (change("runs", 0, "name", to="../a"), ("runs[0].name", "'../a'")),
     "a name twice": (change("runs", 1, "name", to="run_00"), ("names of their own", "run_00")),
     "a torque in watts": (change("runs", 0, "T_1", to="3 W"), ("runs[0].T_1", "N m", "3 W")),
     "a temperature": (change("runs", 0, "delta_T", to="20 degC"), ("delta_degC",)),
@@ -121,7 +121,10 @@ WRONG: dict[str, tuple[Callable[[Spec], None], tuple[str, ...]]] = {
     "a column of words": (change(*FORCE, "column", to="word"), ("'word'", "numbers")),
     "another kind": (change(*FILE, "kind", to="tdms"), ("run_00.csv", "as tdms")),
     "another kind of bag": (change(*FILE, "kind", to="rosbag2"), ("run_00.csv", "as rosbag2")),
-    "a clock that stands": (change(*FILE, "time", "column", to="still"), ("increase strictly",)),
+    "a clock that stands": (
+        change(*FILE, "time", "column", to="still"),
+        ("increase strictly", "1 s, 1 s at row 1"),
+    ),
 }
 
 

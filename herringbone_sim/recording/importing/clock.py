@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.errors import RecordingError
+from herringbone_sim.errors import RecordingError, listed
 from herringbone_sim.recording.importing.columns import Columns
 from herringbone_sim.recording.importing.spec import ChannelSpec, FileSpec
 
@@ -120,7 +120,8 @@ def _check(file: FileSpec, times: Array) -> None:
     steps = np.diff(times)
     if len(times) < 2 or not np.isfinite(times).all() or not (steps > 0.0).all():
         at = int(np.argmax(~(steps > 0.0))) if steps.size else 0
-        got = f"{times[at]!r} s, {times[at + 1]!r} s at row {at + 2}" if steps.size else len(times)
+        pair = [f"{one:.12g} s" for one in times[at : at + 2]]
+        got = f"{listed(pair)} at row {at + 1}"
         raise RecordingError(
             f"time in {file.path} must increase strictly over two samples or more, got {got}: "
             "mend the file, or name the column of its clock"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from herringbone_sim.errors import RecordingError, listed, shown
-from herringbone_sim.recording.importing.units import factor, quantity
+from herringbone_sim.recording.importing.units import factor, number_of, quantity
 
 
 class Entry:
@@ -30,15 +30,17 @@ class Entry:
     def wrong(
         self, key: str, rule: str, value: object, do: str = "mend the spec"
     ) -> RecordingError:
-        place = ".".join(part for part in (self.where, key) if part) or "the spec"
-        return RecordingError(f"{place} must be {rule}, got {shown(value)}: {do}")
+        return RecordingError(f"{self._place(key)} must be {rule}, got {shown(value)}: {do}")
+
+    def _place(self, key: str) -> str:
+        return ".".join(part for part in (self.where, key) if part) or "the spec"
 
     def take(self, key: str, default: Any = None) -> Any:
         return self._values.get(key, default)
 
     def need(self, key: str, rule: str) -> Any:
         if key not in self._values:
-            raise self.wrong(key, rule, None, "it is missing")
+            raise RecordingError(f"{self._place(key)} is missing: it must be {rule}, write it")
         return self._values[key]
 
     def text(self, key: str, default: str | None = None) -> str:
@@ -56,7 +58,7 @@ class Entry:
         return value
 
     def quantity(self, key: str, si: str, default: float | None = None) -> float:
-        value = self.need(key, f"a number in {si}") if default is None else self.take(key, default)
+        value = self.need(key, number_of(si)) if default is None else self.take(key, default)
         return self._told(key, lambda: quantity(value, si))
 
     def factor(self, key: str, si: str) -> float:
@@ -67,7 +69,7 @@ class Entry:
         try:
             return read()
         except ValueError as error:
-            raise RecordingError(f"{self.where}.{key} must be {error}") from None
+            raise RecordingError(f"{self._place(key)} must be {error}") from None
 
     def entries(self, key: str) -> list[Any]:
         value = self.need(key, "a list")

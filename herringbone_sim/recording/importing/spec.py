@@ -185,7 +185,7 @@ def _check_filled(run: RunSpec, shaft: str) -> None:
     if twice:
         raise RecordingError(
             f"the files of {run.name} must fill each channel once, got {twice[0]} twice (an angle "
-            "becomes a rotation u): leave one out"
+            "becomes a rotation u, that of `phase` the phase too): leave one out"
         )
 
 
@@ -197,7 +197,10 @@ def made_of(channel: str) -> str:
 def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str]) -> RunSpec:
     entry = Entry(value, where, ("name", "role", *POINT, "files"))
     name = entry.text("name")
-    check_name(name)
+    try:
+        check_name(name)
+    except RecordingError:
+        raise entry.wrong("name", "the name of one folder", name) from None
     files = entry if "files" in entry else top
     place = f"{where}.files" if "files" in entry else "files"
     point = {one: entry.quantity(one, UNITS_OF_POINT[one]) for one in POINT}

@@ -58,12 +58,19 @@ def factor(unit: str, si: str) -> float:
 
 def quantity(value: object, si: str) -> float:
     """A number in SI, or a text such as ``220 N m``; ValueError for anything else."""
-    rule = f"a number in {si}, or a text with a unit that pint knows"
+    rule = number_of(si)
     if isinstance(value, str):
         return _converted(rule, value, si, lambda r: r.Quantity(1.0) * r.parse_expression(value))
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{rule}, got {shown(value)}: mend it")
     return float(value)
+
+
+def number_of(si: str) -> str:
+    """Rule for a quantity, in words."""
+    if si == "-":
+        return "a number without a unit"
+    return f"a number in {si}, or a text with a unit that pint knows"
 
 
 def _bare(unit: str) -> str:
