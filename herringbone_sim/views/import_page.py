@@ -22,6 +22,8 @@ from herringbone_sim.views.figures import DPI, GREY, STYLE
 from herringbone_sim.views.report import CSS, Picture, number, picture_html
 
 SHOWN_CYCLES = 4  # mesh cycles that are seen in full, beside the whole run
+# Constrained layout takes seconds here; Agg draws lines of a million samples in parts alone.
+PLAIN = {"figure.constrained_layout.use": False, "agg.path.chunksize": 10_000}
 HEAD = ["channel", "made of", "rate [Hz]", "least", "largest", "unit"]
 
 
@@ -103,10 +105,10 @@ def run_figure(series: TimeSeries) -> Figure:
     every = kinds(series.names)
     turned = (series["phase"] - series["phase"][0]) / (2.0 * np.pi)
     first = max(int(np.searchsorted(turned, SHOWN_CYCLES)), 2)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.6, 1.3 * len(every)), dpi=DPI)
-        figure.set_layout_engine("none")
-        figure.subplots_adjust(0.09, 0.6 / (1.3 * len(every)), 0.99, 0.98, 0.16, 0.3)
+    with matplotlib.rc_context(STYLE | PLAIN):
+        height = 0.6 + 1.2 * len(every)
+        figure = Figure(figsize=(9.6, height), dpi=DPI)
+        figure.subplots_adjust(0.09, 0.5 / height, 0.99, 1.0 - 0.25 / height, 0.16, 0.3)
         panels = figure.subplots(len(every), 2, squeeze=False, sharex="col")
         for row, kind in zip(panels, every, strict=True):
             for panel, rows in zip(row, (slice(None), slice(first)), strict=True):
