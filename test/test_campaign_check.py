@@ -90,6 +90,14 @@ def test_the_nominal_gear_of_the_folder_is_taken(
     assert "12/16" in capsys.readouterr().out
 
 
+def test_channels_beside_those_of_meshes_and_bodies_are_named(
+    rig: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["campaign", "check", str(rig)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [one for one in lines if one.startswith("run_01") and one.endswith("K, delta_T, T_1")]
+
+
 def test_no_campaign_is_one_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["campaign", "check", str(tmp_path)]) == 2
     assert "campaign.yaml" in capsys.readouterr().err

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import listed
 from herringbone_sim.gap.allowed import Allowed, allowed
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, prepare
+from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import NOMINAL
+from herringbone_sim.recording.load import iter_sample_blocks
 from herringbone_sim.recording.parameter_file import load_parameters
 
 DESCRIPTION = """\
@@ -51,24 +54,30 @@ def campaign_check(args: argparse.Namespace) -> int:
     beside = args.campaign / NOMINAL
     file = args.nominal or (beside if beside.is_file() else None)
     campaign = prepare(args.campaign, load_parameters(file) if file else Parameters())
-    print(table(campaign))
+    print(table(args.campaign, campaign))
     print(verdict(allowed(campaign)))
     return 0
 
 
-def table(campaign: PreparedCampaign) -> str:
-    """A line a run: its role, length and how many channels of each quantity are there."""
+def table(folder: Path, campaign: PreparedCampaign) -> str:
+    """A line a run: role, length, how many channels of each quantity can be used, all others."""
     titles = f"{'run':12s} {'role':9s} {'cycles':>8s} {'a cycle':>8s}"
-    head = titles + "".join(f" {q:>6s}" for q in "xvFu")
-    return "\n".join([head, *(_line(run) for run in campaign.runs)])
+    head = titles + "".join(f" {q:>6s}" for q in "xvFu") + "  others"
+    paths = {run.path.name: run.path for run in read_campaign(folder).runs}
+    return "\n".join([head, *(_line(run, paths[run.name]) for run in campaign.runs)])
 
 
-def _line(run: PreparedRun) -> str:
+def _line(run: PreparedRun, path: Path) -> str:
     cycles = float(run.phase[-1] - run.phase[0]) / (2.0 * np.pi)
     counts = (f"{int(one.there.sum())}/{len(one.there)}" for one in (run.x, run.v, run.F, run.u))
-    return f"{run.name:12s} {run.role:9s} {cycles:8.1f} {(len(run) - 1) / cycles:8.1f}" + "".join(
-        f" {count:>6s}" for count in counts
-    )
+    layout = run.model.layout
+    known = {"t", "phase", *layout.channels, *(f"u_{body}" for body in layout.bodies)}
+    recorded, _ = next(iter_sample_blocks(path))
+    return (
+        f"{run.name:12s} {run.role:9s} {cycles:8.1f} {(len(run) - 1) / cycles:8.1f}"
+        + "".join(f" {count:>6s}" for count in counts)
+        + f"  {listed([n for n in recorded if n not in known or n in run.recorded_point])}"
+    ).rstrip()
 
 
 def verdict(told: Allowed) -> str:

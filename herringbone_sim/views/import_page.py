@@ -23,7 +23,11 @@ from herringbone_sim.views.report import CSS, Picture, number, picture_html
 
 SHOWN_CYCLES = 4  # mesh cycles that are seen in full, beside the whole run
 # Constrained layout takes seconds here; Agg draws lines of a million samples in parts alone.
-PLAIN = {"figure.constrained_layout.use": False, "agg.path.chunksize": 10_000}
+PLAIN = {
+    "figure.constrained_layout.use": False,
+    "agg.path.chunksize": 10_000,
+    "axes.formatter.limits": (-2, 3),
+}
 HEAD = ["channel", "made of", "rate [Hz]", "least", "largest", "unit"]
 
 
