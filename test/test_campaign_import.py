@@ -125,10 +125,15 @@ def test_a_matrix_by_columns_as_matlab_and_python_count(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"daq": {"data": data}})
     with h5py.File(tmp_path / "b.h5", "w") as file:
         file["daq/data"] = data
+    with h5py.File(tmp_path / "c.mat", "w", userblock_size=512) as file:
+        file["daq/data"] = data.T
+    with (tmp_path / "c.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file")
     clock = {"rate": float(1.0 / TIMES[1])}
-    for number, (path, phase, one) in enumerate(
-        [("a.mat", "daq.data(:,1)", "daq.data(:,2)"), ("b.h5", "daq/data[:,0]", "daq/data[:,1]")]
+    for number, (path, form) in enumerate(
+        [("a.mat", "daq.data(:,{})"), ("c.mat", "daq.data(:,{})"), ("b.h5", "daq/data[:,{}]")]
     ):
+        phase, one = (form.format(i) for i in ((0, 1) if "[" in form else (1, 2)))
         folder = tmp_path / str(number)
         folder.mkdir()
         file = entry(

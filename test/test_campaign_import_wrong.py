@@ -166,6 +166,13 @@ def test_a_wrong_spec_is_one_error_and_leaves_nothing(
     assert sorted(path.name for path in tmp_path.iterdir()) == FILES
 
 
+def test_an_import_that_was_killed_does_not_stand_in_the_way(tmp_path: Path) -> None:
+    fill(tmp_path)
+    (tmp_path / ".out.part" / "run_00").mkdir(parents=True)
+    assert command(tmp_path, SPEC) == 0
+    assert not (tmp_path / ".out.part").exists()
+
+
 def test_the_second_of_two_runs_that_is_wrong_takes_the_first_along(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
