@@ -22,7 +22,7 @@ from herringbone_sim.errors import RecordingError
 from herringbone_sim.examples.files import WRITERS, write_example
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import ImportedRun, import_campaign
-from herringbone_sim.recording.importing.spec import read_spec
+from herringbone_sim.recording.importing.parse import read_spec
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording
 

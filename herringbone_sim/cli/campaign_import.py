@@ -8,7 +8,7 @@ from pathlib import Path
 
 from herringbone_sim.cli.gap import progress
 from herringbone_sim.recording.importing.campaign import NOMINAL, ImportedRun, import_campaign
-from herringbone_sim.recording.importing.spec import read_spec
+from herringbone_sim.recording.importing.parse import read_spec
 from herringbone_sim.views.import_page import by_kind, left_words, write_import_page
 
 DESCRIPTION = """\

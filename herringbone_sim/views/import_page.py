@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
@@ -29,14 +28,6 @@ PLAIN = {
     "axes.formatter.limits": (-2, 3),
 }
 HEAD = ["channel", "made of", "rate [Hz]", "least", "largest", "unit"]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """Channels of one quantity in a run."""
-
-    title: str
-    names: tuple[str, ...]
 
 
 def write_import_page(folder: Path, rig: str, runs: Sequence[ImportedRun]) -> Path:
@@ -93,7 +84,7 @@ def left_words(left: Sequence[tuple[str, str]]) -> Iterator[str]:
         yield f"{listed([what for what, why in left if why == reason])}: {reason}"
 
 
-def kinds(names: Sequence[str]) -> tuple[Kind, ...]:
+def kinds(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Channels by quantity: those of meshes and bodies together, each of the others alone."""
     found: dict[str, list[str]] = {}
     for name in names:
@@ -101,7 +92,7 @@ def kinds(names: Sequence[str]) -> tuple[Kind, ...]:
         many = rest and len(first) == 1 and first != "T"
         found.setdefault(first if many else name, []).append(name)
     found.pop("t", None)
-    return tuple(Kind(title, tuple(channels)) for title, channels in found.items())
+    return {title: tuple(channels) for title, channels in found.items()}
 
 
 def run_figure(series: TimeSeries) -> Figure:
@@ -114,12 +105,12 @@ def run_figure(series: TimeSeries) -> Figure:
         figure = Figure(figsize=(9.6, height), dpi=DPI)
         figure.subplots_adjust(0.09, 0.5 / height, 0.99, 1.0 - 0.25 / height, 0.16, 0.3)
         panels = figure.subplots(len(every), 2, squeeze=False, sharex="col")
-        for row, kind in zip(panels, every, strict=True):
+        for row, (title, names) in zip(panels, every.items(), strict=True):
             for panel, rows in zip(row, (slice(None), slice(first)), strict=True):
-                for name in kind.names:
+                for name in names:
                     panel.plot(1e3 * series.times[rows], series[name][rows], lw=0.6)
-            row[0].set_ylabel(f"{kind.title} [{si_unit(kind.names[0])}]")
-            many = f"{len(kind.names)} channels" if len(kind.names) > 1 else ""
+            row[0].set_ylabel(f"{title} [{si_unit(names[0])}]")
+            many = f"{len(names)} channels" if len(names) > 1 else ""
             row[1].set_title(many, color=GREY, fontsize=7, loc="right", pad=1)
         for panel in panels[-1]:
             panel.set_xlabel("time [ms]")
@@ -130,10 +121,10 @@ def by_kind(run: ImportedRun) -> Mapping[str, tuple[str, float, float]]:
     """Unit and range of each quantity of a run."""
     taken = {one.channel: one for one in run.taken}
     return {
-        kind.title: (
-            taken[kind.names[0]].unit,
-            min(taken[n].low for n in kind.names),
-            max(taken[n].high for n in kind.names),
+        title: (
+            taken[names[0]].unit,
+            min(taken[name].low for name in names),
+            max(taken[name].high for name in names),
         )
-        for kind in kinds(tuple(taken))
+        for title, names in kinds(tuple(taken)).items()
     }
