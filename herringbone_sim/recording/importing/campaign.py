@@ -230,4 +230,4 @@ def _write(folder: Path, name: str, rig: str, columns: Mapping[str, Array]) -> N
 def _described(channel: str) -> dict[str, str]:
     if channel in MEANINGS or channel.split("_")[0] in MEANINGS:
         return describe(channel)
-    return {"name": channel, "unit": si_unit(channel), "meaning": "as the contract has it"}
+    return {"name": channel, "unit": si_unit(channel), "meaning": "as docs/importing.md has it"}

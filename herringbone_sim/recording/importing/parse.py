@@ -1,4 +1,4 @@
-"""Read a spec: every wrong entry is one error, with its place, the rule, what was got, the remedy."""
+"""Read a spec: every wrong entry is one error: its place, the rule, what was got, the remedy."""
 
 from __future__ import annotations
 
