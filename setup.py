@@ -54,7 +54,11 @@ setup(
         shared("config", "*.yaml", "*.xml", "*.json"),
     ],
     install_requires=[line for line in everything if line not in ros],
-    extras_require={"ros": ros, "test": requirements("requirements-test.txt")},
+    extras_require={
+        "ros": ros,
+        "files": requirements("requirements-files.txt"),
+        "test": requirements("requirements-test.txt"),
+    },
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -33,6 +33,8 @@ VERBS = (
     "gap bench",
     "gap calibrate",
     "gap live",
+    "campaign import",
+    "campaign check",
     "rig",
     "sweep",
     "map",

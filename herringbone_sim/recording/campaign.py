@@ -8,6 +8,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from herringbone_sim.errors import RecordingError, shown
 from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
 
@@ -83,6 +85,27 @@ def read_campaign(folder: Path) -> Campaign:
         raise RecordingError(f"{file} lists no run of a campaign that can be used: {told}")
     sensors = _sensors(file, content.get("sensors") or {})
     return Campaign(rig, _noise_share(file, noise), tuple(runs), tuple(faults), sensors)
+
+
+def write_campaign(
+    folder: Path,
+    rig: str,
+    entries: Sequence[Mapping[str, Any]],
+    noise: Mapping[str, Any] | None = None,
+    sensors: Mapping[str, Any] | None = None,
+) -> None:
+    """Write ``campaign.yaml``; OSError.
+
+    Args:
+        folder: of the runs.
+        rig: name.
+        entries: path, operating point and role of each run.
+        noise, sensors: what is known of them; None where nothing is.
+    """
+    told = {"rig": rig, "noise": noise, "sensors": sensors, "runs": list(entries)}
+    content = {name: one for name, one in told.items() if one is not None}
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    (folder / "campaign.yaml").write_text(text, encoding="utf-8")
 
 
 def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list[tuple[str, str]]]:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -27,6 +26,7 @@ from herringbone_sim.effects.registry import effects
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.effects.written import parameter_values
 from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.campaign import write_campaign
 from herringbone_sim.recording.writer import RunWriter, split_rows
 
 Array = NDArray[np.float64]
@@ -142,9 +142,7 @@ def make_campaign(folder: Path, plan: RigPlan, name: str) -> dict[str, Any]:
         _write(folder, f"run_{i:02d}", series, name)
         entries.append({"path": f"run_{i:02d}", **point, "role": role})
     noise = {"kind": "white", "rms_share": plan.noise_share}
-    content = {"rig": name, "noise": noise, "runs": entries}
-    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
-    (folder / "campaign.yaml").write_text(text, encoding="utf-8")
+    write_campaign(folder, name, entries, noise)
     return _label(plan, factors, entries)
 
 

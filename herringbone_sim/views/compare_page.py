@@ -109,13 +109,13 @@ def _moves(name: str, way: str, moves: Sequence[Move]) -> str:
     rows = [[escape(cell) for cell in (one.boundary.kind, *cells(one))] for one in moves]
     moved = {i for i, one in enumerate(moves) if not abs(one.shift) <= one.error}
     head = ["", "boundary", f"nominal, {name}", f"augmented, {name}", "moves by"]
-    return title + _table(head, rows, (2, 3, 4), moved)
+    return title + table(head, rows, (2, 3, 4), moved)
 
 
 def _shares(shares: Mapping[str, tuple[float, float]], way: str) -> str:
     rows = [[escape(name), *(f"{share:.1%}" for share in pair)] for name, pair in shares.items()]
     head = [f"share of the values, {escape(way)}", "nominal", "augmented"]
-    return _table(head, rows, (1, 2))
+    return table(head, rows, (1, 2))
 
 
 def _coexisting(name: str, gear: str, found: Sequence[Stretch]) -> str:
@@ -126,10 +126,10 @@ def _coexisting(name: str, gear: str, found: Sequence[Stretch]) -> str:
         [number(one.low, 5), number(one.high, 5), escape(" and ".join(one.motions))]
         for one in found
     ]
-    return title + _table([f"{name} from", "to", "side by side"], rows, (0, 1))
+    return title + table([f"{name} from", "to", "side by side"], rows, (0, 1))
 
 
-def _table(
+def table(
     head: Sequence[str],
     rows: Iterable[Sequence[str]],
     numeric: Container[int],

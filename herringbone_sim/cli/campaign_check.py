@@ -1,0 +1,92 @@
+"""``campaign check``: what a campaign holds, and what a diagnosis could form of it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import listed
+from herringbone_sim.gap.allowed import Allowed, allowed
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, prepare
+from herringbone_sim.recording.campaign import read_campaign
+from herringbone_sim.recording.importing.campaign import NOMINAL
+from herringbone_sim.recording.load import iter_sample_blocks
+from herringbone_sim.recording.parameter_file import load_parameters
+
+DESCRIPTION = """\
+Say what a campaign (a folder of runs with campaign.yaml) holds, run by run, what is odd about it,
+and which observations a diagnosis could form of it: force_law (mesh by mesh, F against k(t) f(x) +
+c v), torque_balance (accelerations against forces and torques) and consistency (what sensors say
+of each other). Nothing is diagnosed.
+"""
+EPILOG = "example: python -m herringbone_sim campaign check rigs/bench"
+NEEDS = {
+    "force_law": "forces F with the displacements x of their meshes, or what gives these",
+    "torque_balance": "displacements of all meshes, or rotations u of all bodies",
+    "consistency": "more of x, v and u than the coordinates of the gear",
+}
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``campaign check``."""
+    parser = subparsers.add_parser(
+        "campaign check",
+        help="say what a campaign holds and what a diagnosis could form of it",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("campaign", type=Path, metavar="DIR", help="folder of runs")
+    parser.add_argument(
+        "--nominal",
+        type=Path,
+        metavar="FILE",
+        help=f"parameters of the rig (default: {NOMINAL} in the folder, else the nominal rig)",
+    )
+    parser.set_defaults(func=campaign_check)
+
+
+def campaign_check(args: argparse.Namespace) -> int:
+    """Print the channels of each run, what is odd, and what can be formed."""
+    beside = args.campaign / NOMINAL
+    file = args.nominal or (beside if beside.is_file() else None)
+    campaign = prepare(args.campaign, load_parameters(file) if file else Parameters())
+    print(table(args.campaign, campaign))
+    print(verdict(allowed(campaign)))
+    return 0
+
+
+def table(folder: Path, campaign: PreparedCampaign) -> str:
+    """A line a run: role, length, how many channels of each quantity can be used, all others."""
+    titles = f"{'run':12s} {'role':9s} {'cycles':>8s} {'a cycle':>8s}"
+    head = titles + "".join(f" {q:>6s}" for q in "xvFu") + "  others"
+    paths = {run.path.name: run.path for run in read_campaign(folder).runs}
+    return "\n".join([head, *(_line(run, paths[run.name]) for run in campaign.runs)])
+
+
+def _line(run: PreparedRun, path: Path) -> str:
+    cycles = float(run.phase[-1] - run.phase[0]) / (2.0 * np.pi)
+    counts = (f"{int(one.there.sum())}/{len(one.there)}" for one in (run.x, run.v, run.F, run.u))
+    layout = run.model.layout
+    known = {"t", "phase", *layout.channels, *(f"u_{body}" for body in layout.bodies)}
+    recorded, _ = next(iter_sample_blocks(path))
+    return (
+        f"{run.name:12s} {run.role:9s} {cycles:8.1f} {(len(run) - 1) / cycles:8.1f}"
+        + "".join(f" {count:>6s}" for count in counts)
+        + f"  {listed([n for n in recorded if n not in known or n in run.recorded_point])}"
+    ).rstrip()
+
+
+def verdict(told: Allowed) -> str:
+    """Observations that can be formed or not, and the findings, a line each."""
+    lines = [
+        f"{name}: {'can be formed' if name in told.formed else f'not formed, it needs {needs}'}"
+        for name, needs in NEEDS.items()
+    ]
+    if not told.formed:
+        lines.append("a diagnosis of this campaign would name nothing")
+    wrong = [f"to look at: {one.text}" for one in told.findings if not one.limit]
+    return "\n".join([*lines, *wrong, *(f"open: {f.text}" for f in told.findings if f.limit)])

@@ -1,0 +1,85 @@
+"""Columns of a rosbag2 of any program: every number of every topic, with the time it has.
+
+A column is ``TOPIC.FIELD``, as ``/sun.data``, ``/joints.effort[2]`` or, of blocks of samples with
+named channels, ``/rig/samples.F_sp1_L``.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.recording.importing.units import package
+
+Values = NDArray[Any]
+_Number = (bool, int, float, np.number)
+
+
+def bag_columns(
+    path: Path, wanted: Sequence[str]
+) -> tuple[dict[str, Values], dict[str, Values], tuple[str, ...]]:
+    """Columns asked for, their stamps (datetime64[ns]; none of blocks) and names of all columns.
+
+    The stamp is that of the header, where a message has one, else the time of recording.
+    """
+    rosbags = package("rosbags.highlevel", "rosbags", "rosbag2 files")
+    types = package("rosbags.typesys", "rosbags", "rosbag2 files")
+    typestore = types.get_typestore(types.Stores.ROS2_JAZZY)
+    parts: dict[str, list[Values]] = defaultdict(list)
+    stamps: dict[str, list[int]] = defaultdict(list)
+    names: dict[str, None] = {}
+    with rosbags.AnyReader([_folder(path)], default_typestore=typestore) as reader:
+        for connection, logged_ns, raw in reader.messages():
+            topic = connection.topic
+            if topic in stamps and not any(one.startswith(f"{topic}.") for one in wanted):
+                continue
+            message = reader.deserialize(raw, connection.msgtype)
+            stamps[topic].append(_stamp(message, logged_ns))
+            for field, values in _fields(message, ""):
+                names[f"{topic}.{field}"] = None
+                parts[f"{topic}.{field}"].append(values)
+    there = {name: np.concatenate(parts[name]) for name in wanted if name in parts}
+    clocks = {topic: np.array(ns, "int64").view("datetime64[ns]") for topic, ns in stamps.items()}
+    of_column = {name: clocks[name.partition(".")[0]] for name in there}
+    known = {n: c for n, c in of_column.items() if len(c) == len(there[n])}
+    return there, known, tuple(names)
+
+
+def _folder(path: Path) -> Path:
+    """A bag is a folder; one of its files stands for it, where metadata.yaml is beside it."""
+    beside = path.parent if path.is_file() else path
+    return beside if (beside / "metadata.yaml").is_file() else path
+
+
+def _stamp(message: Any, logged_ns: int) -> int:
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return logged_ns if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def _fields(message: Any, prefix: str) -> Iterator[tuple[str, Values]]:
+    block = _block(message)
+    if block is not None:
+        yield from block
+        return
+    for name, value in vars(message).items():
+        if isinstance(value, _Number):
+            yield f"{prefix}{name}", np.array([value])
+        elif isinstance(value, np.ndarray) and value.dtype.itemsize > 1:  # no picture's bytes
+            for i, one in enumerate(value):
+                yield f"{prefix}{name}[{i}]", np.array([one])
+        elif hasattr(value, "__dataclass_fields__") and name not in ("header", "layout"):
+            yield from _fields(value, f"{prefix}{name}.")
+
+
+def _block(message: Any) -> list[tuple[str, Values]] | None:
+    """Columns of a block of samples, None where the message is none."""
+    dimensions: Sequence[Any] = getattr(getattr(message, "layout", None), "dim", [])
+    names = dimensions[1].label.split(",") if len(dimensions) == 2 else []
+    if not names or len(message.data) != dimensions[0].size * len(names):
+        return None
+    return list(zip(names, message.data.reshape(-1, len(names)).T, strict=True))

@@ -1,0 +1,233 @@
+"""Import a campaign: read what a spec names, bring it to SI and one clock, write it as bags."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import MEANINGS, describe
+from herringbone_sim.core.model import build
+from herringbone_sim.errors import HerringboneError, RecordingError
+from herringbone_sim.recording.campaign import read_campaign, write_campaign
+from herringbone_sim.recording.importing.clock import Stream, first_date, merged, streams
+from herringbone_sim.recording.importing.columns import Columns, read_columns
+from herringbone_sim.recording.importing.ranges import remarks
+from herringbone_sim.recording.importing.spec import (
+    ChannelSpec,
+    FileSpec,
+    ImportSpec,
+    RunSpec,
+    made_of,
+)
+from herringbone_sim.recording.importing.turns import unwrapped, with_turns
+from herringbone_sim.recording.importing.units import si_unit
+from herringbone_sim.recording.parameter_file import save_parameters
+from herringbone_sim.recording.writer import RunWriter, split_rows
+
+Array = NDArray[np.float64]
+Say = Callable[[str], None]
+NOMINAL = "nominal.yaml"
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A channel that came in.
+
+    Attributes:
+        channel, unit: as recorded, SI.
+        source: file, column and unit that it was made of.
+        rate_hz: of the file.
+        low, high: range of the finite values [SI]; NaN if there are none.
+    """
+
+    channel: str
+    unit: str
+    source: str
+    rate_hz: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ImportedRun:
+    """What came in of a run.
+
+    Attributes:
+        name, role: of the run.
+        samples: number of them.
+        rate_hz, cycles: of the run's clock; mesh cycles recorded.
+        taken: one a channel.
+        left: (channel or column, why it was left).
+        remarks: a sentence on what was cut, and on what the data sheet does not expect.
+    """
+
+    name: str
+    role: str
+    samples: int
+    rate_hz: float
+    cycles: float
+    taken: tuple[Taken, ...]
+    left: tuple[tuple[str, str], ...]
+    remarks: tuple[str, ...]
+
+
+def import_campaign(
+    spec: ImportSpec, out: Path, say: Say = lambda text: None
+) -> tuple[ImportedRun, ...]:
+    """Write runs, ``campaign.yaml`` and the nominal file into a new folder, all or nothing.
+
+    Args:
+        spec: as read.
+        out: must be new, or empty.
+        say: told of each run.
+
+    Raises:
+        RecordingError: the folder is there, a file can't be read, or it holds something else than
+            the spec says; nothing is left behind.
+    """
+    with _whole(out) as part:
+        told = []
+        for run in spec.runs:
+            say(run.name)
+            try:
+                told.append(_import_run(spec, run, part))
+            except HerringboneError as error:
+                raise RecordingError(f"{run.name}: {error}") from None
+        entries = [{"path": r.name, **r.point, "role": r.role} for r in spec.runs]
+        write_campaign(part, spec.rig, entries, spec.noise, spec.sensors)
+        _check_told(part)
+        save_parameters(part / NOMINAL, spec.nominal, f"The nominal gear of {spec.rig}.")
+    return tuple(told)
+
+
+def _check_told(folder: Path) -> None:
+    """Noise and sensors are held against the rules of those who read them."""
+    try:
+        read_campaign(folder)
+    except RecordingError as error:
+        told = str(error).replace(str(folder / "campaign.yaml"), "the spec")
+        raise RecordingError(told) from None
+
+
+@contextmanager
+def _whole(out: Path) -> Iterator[Path]:
+    """A folder to write to; it takes the name ``out`` when all is written, or never."""
+    out = out.resolve()
+    there = next(folder for folder in out.parents if folder.exists())
+    part = there / f".{out.name}.part"
+    try:
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise RecordingError(
+                f"--out must be a new folder, got {out}: an import never overwrites; name another"
+            )
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir()
+        yield part
+        out.parent.mkdir(parents=True, exist_ok=True)
+        part.replace(out)
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise RecordingError(
+            f"can't write {out} ({error.strerror or error}): choose another --out"
+        ) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
+    read = [(file, _columns(file)) for file in run.files]
+    dates = [date for file, columns in read if (date := first_date(file, columns)) is not None]
+    zero = min(dates) if dates else None
+    parts = [_whole_turns(one) for file, columns in read for one in streams(file, columns, zero)]
+    on_one = merged(parts)
+    model = build(spec.nominal.changed(run.point))
+    values = with_turns(model, spec.shaft, spec.phase_offset, on_one.times, on_one.values)
+    if "phase" not in values:
+        raise RecordingError(
+            f"the mesh phase was left: {on_one.left.get(spec.shaft or 'phase')}, or put its file "
+            "first"
+        )
+    _write(folder, run.name, spec.rig, {"t": on_one.times, **values})
+    rates = {name: one.rate_hz for one in parts for name in one.values}
+    times = on_one.times
+    return ImportedRun(
+        run.name,
+        run.role,
+        len(times),
+        float((len(times) - 1) / times[-1]),
+        float(np.ptp(values["phase"]) / (2.0 * np.pi)),
+        _taken(spec, run, values, rates),
+        (*on_one.left.items(), *_unnamed(read)),
+        (*on_one.notes, *remarks(model, times, values)),
+    )
+
+
+def _columns(file: FileSpec) -> Columns:
+    wanted = [one.column for one in file.channels]
+    wanted += [file.time.column] if file.time.column else []
+    return read_columns(file.path, file.kind, list(dict.fromkeys(wanted)), file.options)
+
+
+def _whole_turns(stream: Stream) -> Stream:
+    """Wrapped angles made whole before anything is read between their samples."""
+    values = {
+        name: unwrapped(one) if name == "phase" or name.startswith("angle_") else one
+        for name, one in stream.values.items()
+    }
+    return Stream(stream.label, stream.times, values, stream.resample)
+
+
+def _unnamed(read: Sequence[tuple[FileSpec, Columns]]) -> list[tuple[str, str]]:
+    """Columns that no channel is made of, by file."""
+    named: dict[Path, set[str]] = {}
+    for file, _ in read:
+        used = {one.column for one in file.channels} | {file.time.column or ""}
+        named.setdefault(file.path, set()).update(used)
+    every = {file.path: columns.names for file, columns in read}
+    return [
+        (f"{path.name}: {name}", "the spec does not name it")
+        for path, names in every.items()
+        for name in names
+        if name not in named[path]
+    ]
+
+
+def _taken(
+    spec: ImportSpec, run: RunSpec, values: Mapping[str, Array], rates: Mapping[str, float]
+) -> tuple[Taken, ...]:
+    sources: dict[str, tuple[FileSpec, ChannelSpec]] = {
+        made_of(one.name): (file, one) for file in run.files for one in file.channels
+    }
+    if spec.shaft:
+        sources["phase"] = sources[made_of(spec.shaft)]
+    found = []
+    for channel, one in values.items():
+        file, source = sources[channel]
+        known = one[np.isfinite(one)]
+        low, high = (float(f(known)) if len(known) else float("nan") for f in (np.min, np.max))
+        told = f"{file.path.name}: {source.column} [{source.unit}]"
+        rate = rates[source.name]
+        found.append(Taken(channel, si_unit(channel), told, rate, low, high))
+    return tuple(found)
+
+
+def _write(folder: Path, name: str, rig: str, columns: Mapping[str, Array]) -> None:
+    names, data = tuple(columns), np.column_stack(list(columns.values()))
+    told = {"channels": [_described(one) for one in names], "source": rig}
+    writer = RunWriter.create(folder, name, "/rig", told, names, 0)
+    for rows in split_rows(len(data), len(names)):
+        writer.write_samples(data[rows])
+    writer.close()
+
+
+def _described(channel: str) -> dict[str, str]:
+    if channel in MEANINGS or channel.split("_")[0] in MEANINGS:
+        return describe(channel)
+    return {"name": channel, "unit": si_unit(channel), "meaning": "as docs/importing.md has it"}

@@ -1,0 +1,202 @@
+"""Files of one run on one clock: cut to the time that all have, and no sample made up unasked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.errors import RecordingError, listed
+from herringbone_sim.recording.importing.columns import Columns
+from herringbone_sim.recording.importing.spec import ChannelSpec, FileSpec
+
+Array = NDArray[np.float64]
+# Steps by which samples of two files may be apart and still be taken for one: at 16 samples a mesh
+# cycle it shifts a channel by 0.4 % of its amplitude, less than the noise of 40 dB.
+SAME = 0.01
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Channels of one file that share their times.
+
+    Attributes:
+        label: file, as it is told.
+        times: (n,) [s], strictly increasing.
+        values: (n,) by channel, SI.
+        resample: whether it may be brought to another clock.
+    """
+
+    label: str
+    times: Array
+    values: Mapping[str, Array]
+    resample: bool
+
+    @property
+    def rate_hz(self) -> float:
+        return float((len(self.times) - 1) / (self.times[-1] - self.times[0]))
+
+
+@dataclass(frozen=True)
+class Merged:
+    """Streams on the clock of the first one.
+
+    Attributes:
+        times: (n,) [s] from 0.
+        values: (n,) by channel, SI.
+        left: channel -> why it was left.
+        notes: a sentence on all that was cut or brought to another clock.
+    """
+
+    times: Array
+    values: dict[str, Array]
+    left: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def streams(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -> list[Stream]:
+    """Channels of a file by the clock they have.
+
+    Args:
+        zero: first date of the run, from which dates count.
+
+    Raises:
+        RecordingError: columns of another length than their clock, or a clock that does not go
+            forward.
+    """
+    groups: dict[bytes, tuple[Array, dict[str, Array]]] = {}
+    for channel in file.channels:
+        times = _times(file, columns, channel, zero)
+        group = groups.setdefault(times.tobytes(), (times, {}))
+        raw = columns.values[channel.column]
+        if len(raw) != len(times):
+            raise RecordingError(
+                f"column {channel.column!r} of {file.path} must have as many rows as its clock, "
+                f"got {len(raw)} and {len(times)}: give it an entry of files of its own"
+            )
+        group[1][channel.name] = channel.gain * raw + channel.offset
+    made = [Stream(file.path.name, *group, file.resample) for group in groups.values()]
+    for one in made:
+        _check(file, one.times)
+    return made
+
+
+def first_date(file: FileSpec, columns: Columns) -> np.datetime64 | None:
+    """First date of a file that dates its samples."""
+    found = [columns.values[file.time.column]] if file.time.column else []
+    found += columns.stamps.values() if file.time.own else []
+    dates = [one[0] for one in found if one.dtype.kind == "M" and len(one)]
+    return min(dates) if dates else None
+
+
+def _times(
+    file: FileSpec, columns: Columns, channel: ChannelSpec, zero: np.datetime64 | None
+) -> Array:
+    """Times (n,) [s] of a channel on the clock of the run."""
+    time = file.time
+    if time.rate_hz is not None:
+        own = time.start_s + np.arange(len(columns.values[channel.column])) / time.rate_hz
+    elif time.column is not None:
+        own = columns.values[time.column]
+    elif channel.column in columns.stamps:
+        own = columns.stamps[channel.column]
+    else:
+        raise RecordingError(
+            f"column {channel.column!r} of {file.path} has no clock of its own: give its file a "
+            "time, a column or a rate"
+        )
+    if own.dtype.kind == "M":
+        assert zero is not None  # one of the dates is the first
+        own = (own - zero) / np.timedelta64(1, "ns") * 1e-9
+    else:
+        own = own * time.unit_s
+    times: Array = own + time.trigger_offset_s
+    return times
+
+
+def _check(file: FileSpec, times: Array) -> None:
+    steps = np.diff(times)
+    if len(times) < 2 or not np.isfinite(times).all() or not (steps > 0.0).all():
+        at = int(np.argmax(~(steps > 0.0))) if steps.size else 0
+        pair = [f"{one:.12g} s" for one in times[at : at + 2]]
+        got = f"{listed(pair)} at row {at + 1}"
+        raise RecordingError(
+            f"time in {file.path} must increase strictly over two samples or more, got {got}: "
+            "mend the file, or name the column of its clock"
+        )
+
+
+def merged(parts: Sequence[Stream]) -> Merged:
+    """All streams on the clock of the first one.
+
+    Raises:
+        RecordingError: files that were not recorded at one time.
+    """
+    main, left, notes = parts[0], dict[str, str](), list[str]()
+    taken: list[Stream] = []
+    for one in parts[1:]:
+        fits = one.resample or _same(main.times, one.times)
+        if fits:
+            taken.append(one)
+            continue
+        reason = (
+            f"{one.label} has a clock of its own ({one.rate_hz:.6g} Hz), {main.label} "
+            f"{main.rate_hz:.6g} Hz: set resample: true to bring it there by straight lines"
+        )
+        left |= dict.fromkeys(one.values, reason)
+    rows = _common(main, taken)
+    times = main.times[rows]
+    if rows.stop - rows.start < len(main.times):
+        cut = len(main.times) - (rows.stop - rows.start)
+        notes.append(f"{cut} samples of {main.label} lie outside of the other files: cut off")
+    values = {name: one[rows] for name, one in main.values.items()}
+    for one in taken:
+        same = _same(main.times, one.times)
+        values |= {n: _at(times, one.times, v, same) for n, v in one.values.items()}
+        if not same:
+            folds = ", and what is faster folds back" if one.rate_hz > main.rate_hz else ""
+            notes.append(
+                f"{one.label}: {one.rate_hz:.6g} Hz brought to {main.rate_hz:.6g} Hz by straight "
+                f"lines{folds}"
+            )
+    return Merged(times - times[0], values, left, tuple(notes))
+
+
+def _nearest(times: Array, others: Array) -> NDArray[np.intp]:
+    """Index (n,) of the nearest of other times."""
+    after = np.clip(np.searchsorted(others, times), 1, len(others) - 1)
+    return after - (times - others[after - 1] < others[after] - times)
+
+
+def _same(times: Array, others: Array) -> bool:
+    """Whether both have the same samples where they overlap."""
+    reach = SAME * min(np.median(np.diff(times)), np.median(np.diff(others)))
+    low, high = max(times[0], others[0]) - reach, min(times[-1], others[-1]) + reach
+    both = times[(times >= low) & (times <= high)]
+    counted = np.count_nonzero((others >= low) & (others <= high))
+    if not len(both) or len(both) != counted:
+        return False
+    return bool((np.abs(others[_nearest(both, others)] - both) <= reach).all())
+
+
+def _common(main: Stream, others: Sequence[Stream]) -> slice:
+    reach = SAME * float(np.median(np.diff(main.times)))
+    low = max((one.times[0] for one in others), default=-np.inf) - reach
+    high = min((one.times[-1] for one in others), default=np.inf) + reach
+    rows = np.flatnonzero((main.times >= low) & (main.times <= high))
+    if len(rows) < 2:
+        spans = "; ".join(
+            f"{one.label} from {one.times[0]:.6g} s to {one.times[-1]:.6g} s"
+            for one in (main, *others)
+        )
+        raise RecordingError(
+            f"the files of a run must overlap in time, got {spans}: mend start or trigger_offset"
+        )
+    return slice(int(rows[0]), int(rows[-1]) + 1)
+
+
+def _at(times: Array, own: Array, values: Array, same: bool) -> Array:
+    found: Array = values[_nearest(times, own)] if same else np.interp(times, own, values)
+    return found

@@ -1,0 +1,206 @@
+"""Read a spec: every wrong entry is one error: its place, the rule, what was got, the remedy."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import HerringboneError, RecordingError, listed, shown
+from herringbone_sim.recording.campaign import POINT, ROLES
+from herringbone_sim.recording.importing.entry import Entry
+from herringbone_sim.recording.importing.spec import (
+    ChannelSpec,
+    FileSpec,
+    ImportSpec,
+    RunSpec,
+    TimeSpec,
+    made_of,
+)
+from herringbone_sim.recording.importing.units import channel_names, si_unit
+from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.recording.run_folder import check_name
+from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
+
+KINDS = {
+    "csv": (".csv", ".txt", ".tsv"),
+    "parquet": (".parquet",),
+    "mat": (".mat",),
+    "tdms": (".tdms",),
+    "hdf5": (".h5", ".hdf5"),
+    "rosbag2": ("", ".mcap", ".db3"),
+}
+OPTIONS = {"delimiter": ",", "decimal": ".", "encoding": "utf8", "skip": 0, "skip_after_names": 0}
+SHAFTS = ("angle_c", "angle_s_L", "angle_s_R")
+UNITS_OF_POINT = {"delta_T": "K", "K": "-", "T_1": "N m", "Omega": "-"}
+FILE = ("path", "kind", "time", "channels", "resample", "options")
+
+
+def read_spec(file: Path) -> ImportSpec:
+    """Read and check a spec; files are looked for, not opened.
+
+    Raises:
+        RecordingError: no such spec, or a wrong entry; it begins with the file.
+    """
+    try:
+        return _spec(file.parent, read_yaml(file))
+    except YamlError as error:
+        raise RecordingError(f"{file}: {error}: mend it") from None
+    except HerringboneError as error:
+        raise RecordingError(f"{file}: {error}") from None
+    except OSError as error:
+        raise RecordingError(f"can't read {file}: {error.strerror}: name a spec") from error
+
+
+def _spec(folder: Path, content: Any) -> ImportSpec:
+    known = ("rig", "nominal", "phase", "files", "runs", "noise", "sensors")
+    top = Entry(content, "", known)
+    nominal = load_parameters(folder / top.text("nominal")) if "nominal" in top else Parameters()
+    nominal = nominal.changed({"model": "full"})
+    shaft, offset = _phase(top.take("phase"))
+    names = channel_names(nominal.layout)
+    runs = tuple(
+        _run(folder, top, one, f"runs[{i}]", names) for i, one in enumerate(top.entries("runs"))
+    )
+    twice = {run.name for run in runs if sum(run.name == one.name for one in runs) > 1}
+    if twice:
+        raise top.wrong("runs", "runs with names of their own", sorted(twice)[0])
+    for run in runs:
+        _check_filled(run, shaft)
+    return ImportSpec(
+        top.text("rig"), nominal, shaft, offset, runs, top.take("noise"), top.take("sensors")
+    )
+
+
+def _phase(value: Any) -> tuple[str, float]:
+    if value is None:
+        return "", 0.0
+    entry = Entry(value, "phase", ("angle", "offset"))
+    return entry.choice("angle", SHAFTS), entry.quantity("offset", "rad", 0.0)
+
+
+def _check_filled(run: RunSpec, shaft: str) -> None:
+    """The mesh phase is there, and no channel is filled twice."""
+    named = [channel.name for file in run.files for channel in file.channels]
+    if (shaft or "phase") not in named:
+        raise RecordingError(
+            f"{run.name} must have a channel {shaft or 'phase'}, got {listed(sorted(named))}: "
+            "name the column of the mesh phase, or in `phase: {angle: ...}` a shaft of which it "
+            f"is made ({listed(SHAFTS)})"
+        )
+    filled = [made_of(name) for name in named] + (["phase"] if shaft else [])
+    twice = [name for name in filled if filled.count(name) > 1]
+    if twice:
+        raise RecordingError(
+            f"the files of {run.name} must fill each channel once, got {twice[0]} twice (an angle "
+            "becomes a rotation u, that of `phase` the phase too): leave one out"
+        )
+
+
+def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str]) -> RunSpec:
+    entry = Entry(value, where, ("name", "role", *POINT, "files"))
+    name = entry.text("name")
+    try:
+        check_name(name)
+    except RecordingError:
+        raise entry.wrong("name", "the name of one folder", name) from None
+    files = entry if "files" in entry else top
+    place = f"{where}.files" if "files" in entry else "files"
+    point = {one: entry.quantity(one, UNITS_OF_POINT[one]) for one in POINT}
+    found = tuple(
+        _file(folder, Entry(one, f"{place}[{i}]", FILE), name, names)
+        for i, one in enumerate(files.entries("files"))
+    )
+    return RunSpec(name, entry.choice("role", ROLES), point, found)
+
+
+def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpec:
+    path = folder / entry.text("path").replace("{run}", run)
+    if not path.exists():
+        raise entry.wrong("path", "a file beside the spec", str(path), "no such file")
+    by_suffix = next((k for k, ends in KINDS.items() if path.suffix.lower() in ends), None)
+    kind = entry.choice("kind", tuple(KINDS), by_suffix)
+    channels = entry.need("channels", "a mapping of channels to columns")
+    if not isinstance(channels, dict) or not channels:
+        raise entry.wrong("channels", "a mapping of channels to columns", channels)
+    place = f"{entry.where}.channels"
+    taken = tuple(
+        _channel(name, one, place, names)
+        for many, value in channels.items()
+        for name, one in _each(str(many), value, names)
+    )
+    resample = entry.choice("resample", (False, True), False)
+    time = _time(entry.take("time"), f"{entry.where}.time", kind)
+    return FileSpec(path, kind, time, taken, resample, _options(entry, kind))
+
+
+def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
+    given = Entry(entry.take("options", {}), f"{entry.where}.options", tuple(OPTIONS))
+    if kind != "csv" and "options" in entry:
+        raise entry.wrong("options", "left out, as only csv has options", kind)
+    found = {name: given.take(name, default) for name, default in OPTIONS.items()}
+    for name, default in OPTIONS.items():
+        one = found[name]
+        if isinstance(default, int) and not (type(one) is int and one >= 0):
+            raise given.wrong(name, "a count of lines", one)
+        if name in ("delimiter", "decimal") and not (isinstance(one, str) and len(one) == 1):
+            raise given.wrong(name, "one character", one)
+    given.text("encoding", "utf8")
+    return found
+
+
+def _each(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
+    """Channels that a name with a star stands for; the star in the column is what it stands for.
+
+    ``F_*: {column: force *, unit: kN}`` is the force of every mesh; pins are ``F_pin*``.
+    """
+    head, star, tail = name.partition("*")
+    column = value.get("column") if isinstance(value, dict) else None
+    if not star or not isinstance(column, str):
+        return [(name, value)]
+    long = len(head) + len(tail)
+    some = [n for n in names if n.startswith("F_pin") == head.startswith("F_pin")]
+    fit = [n for n in some if n.startswith(head) and n.endswith(tail) and len(n) > long]
+    stood = [n[len(head) : len(n) - len(tail)] for n in fit]
+    found = [
+        (n, value | {"column": column.replace("*", s)}) for n, s in zip(fit, stood, strict=True)
+    ]
+    return found or [(name, value)]
+
+
+def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> ChannelSpec:
+    if name not in names:
+        near = difflib.get_close_matches(name, names, 3) or names[:3]
+        raise RecordingError(
+            f"{where} must name channels of the rig, got {shown(name)}: did you mean "
+            f"{listed(near)}?"
+        )
+    entry = Entry(value, f"{where}.{name}", ("column", "unit", "scale", "sign", "offset"))
+    si = si_unit(name)
+    unit, size = entry.text("unit"), entry.factor("unit", si)
+    scale = entry.quantity("scale", "-", 1.0)
+    if scale == 0.0:
+        raise entry.wrong("scale", "a number that is not 0", scale)
+    gain = entry.choice("sign", (1, -1), 1) * scale * size
+    return ChannelSpec(name, entry.text("column"), unit, gain, entry.quantity("offset", si, 0.0))
+
+
+def _time(value: Any, where: str, kind: str) -> TimeSpec:
+    own = kind in ("tdms", "rosbag2")
+    entry = Entry(value or {}, where, ("column", "unit", "rate", "start", "trigger_offset"))
+    named = ("column" in entry) + ("rate" in entry)
+    if named > 1 or (named == 0 and not own):
+        raise entry.wrong("", "a column or a rate, one of them", value)
+    trigger = entry.quantity("trigger_offset", "s", 0.0)
+    if "rate" in entry:
+        rate = entry.quantity("rate", "Hz")
+        if not rate > 0.0:
+            raise entry.wrong("rate", "above 0 Hz", rate)
+        start = entry.quantity("start", "s", 0.0)
+        return TimeSpec(None, 1.0, rate, start, trigger)
+    if "column" not in entry:
+        return TimeSpec(trigger_offset_s=trigger)
+    size = entry.factor("unit", "s") if "unit" in entry else 1.0
+    return TimeSpec(entry.text("column"), size, trigger_offset_s=trigger)

@@ -1,0 +1,69 @@
+"""Channels held against the data sheet: what is far from what the rig can do is told, and taken.
+
+Displacements are of the size of the mesh error, rates and accelerations of that times the mesh
+frequency, forces carry the load in the mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.recording.importing.units import si_unit
+
+Array = NDArray[np.float64]
+# Nearer to the next prefix of a unit, a thousand away, than to the right one.
+FAR = 10.0**1.5
+SPEED = 0.05  # share by which no unit, but a wrong Omega, slip or another gear, changes the speed
+
+
+def remarks(model: Model, times: Array, values: Mapping[str, Array]) -> list[str]:
+    """A sentence on each kind of channel that is out of the range of the nominal rig, or empty."""
+    found = _speed(model, times, values["phase"])
+    far: dict[str, list[str]] = {}
+    for name, one in values.items():
+        known = one[np.isfinite(one)]
+        if len(known) < len(one):
+            found.append(f"{name} has no number in {1 - len(known) / len(one):.1%} of the samples")
+        expected, size = _sizes(model, name, known)
+        if len(known) and expected > 0.0 and not expected / FAR < size < expected * FAR:
+            told = f"about {expected:.3g} {si_unit(name)}, got {size:.3g}"
+            far.setdefault(told, []).append(name)
+    return found + [
+        f"{', '.join(names)} should be {told}: another unit, scale or sensor than the spec says?"
+        for told, names in far.items()
+    ]
+
+
+def _speed(model: Model, times: Array, phase: Array) -> list[str]:
+    p = model.parameters
+    told = p.Omega * (p.omega_n or model.scales.omega_n)
+    got = float((phase[-1] - phase[0]) / (times[-1] - times[0]))
+    if abs(got / told - 1.0) < SPEED:
+        return []
+    return [
+        f"the mesh turns at {got:.6g} rad/s by phase, at {told:.6g} rad/s by Omega = {p.Omega:g}: "
+        "mend Omega, the unit of phase or time, or the nominal file"
+    ]
+
+
+def _sizes(model: Model, name: str, values: Array) -> tuple[float, float]:
+    """What a channel should come to, and what it comes to; 0 where nothing is known."""
+    p, s = model.parameters, model.scales
+    omega, error = p.Omega * (p.omega_n or s.omega_n), p.e_m * s.b_c
+    load = abs(p.T_1) / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
+    kind = name.split("_")[0]
+    moved = {"x": error, "u": error, "v": error * omega, "a": error * omega**2}
+    if not len(values):
+        return 0.0, 0.0
+    if kind in moved:
+        return moved[kind], float(values.std())
+    mean = float(abs(values.mean()))
+    if name.startswith("F_pin"):
+        return 4.0 * load, mean  # sun and ring meshes of both sides
+    loads = {"F": load, "delta": abs(p.delta_T)}
+    torques = {"T_1": abs(p.T_1), "T_in": abs(p.T_1), "T_out": abs(s.T_2)}
+    return torques.get(name, loads.get(kind, 0.0)), mean

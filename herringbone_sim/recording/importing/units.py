@@ -1,0 +1,98 @@
+"""Units as people write them, turned into the SI unit of a channel by pint."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import math
+from collections.abc import Callable
+from tokenize import TokenError
+from typing import Any
+
+from herringbone_sim.core.layout import PREFIX_UNITS, UNITS, Layout
+from herringbone_sim.errors import RecordingError, shown
+
+# Beside the channels of ``core.layout``: what a rig's sensors give.
+_OF_RIGS = {"a": "m/s^2", "angle": "rad", "T_in": "N m", "T_out": "N m"}
+
+
+def package(name: str, pip_name: str, reads: str) -> Any:
+    """A package that is imported only where it is needed; RecordingError names it where it lacks.
+
+    Args:
+        name: of the module.
+        pip_name: as pip knows it.
+        reads: what it is for, as ``TDMS files``.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise RecordingError(
+            f"{reads} need the package {pip_name}, which is not there: pip install {pip_name}"
+        ) from None
+
+
+def channel_names(layout: Layout) -> tuple[str, ...]:
+    """Every channel that a spec may fill, but the time."""
+    of_bodies = (f"{kind}_{body}" for kind in ("angle", "a") for body in layout.bodies)
+    pins = (f"F_pin{planet}" for planet in layout.planets)
+    return (*layout.channels[1:], *of_bodies, *pins, "T_in", "T_out")
+
+
+def si_unit(channel: str) -> str:
+    """SI unit of a channel of ``channel_names``; ``-`` for a number."""
+    known = UNITS | PREFIX_UNITS | _OF_RIGS
+    return known[channel] if channel in known else known[channel.split("_")[0]]
+
+
+@functools.cache
+def _registry() -> Any:
+    return package("pint", "pint", "units").UnitRegistry()
+
+
+def factor(unit: str, si: str) -> float:
+    """SI units in one of ``unit``; ValueError says which unit is meant instead."""
+    rule = f"a unit of {si} that pint knows"
+    return _converted(rule, unit, si, lambda r: r.Quantity(1.0, _bare(unit)))
+
+
+def quantity(value: object, si: str) -> float:
+    """A number in SI, or a text such as ``220 N m``; ValueError for anything else."""
+    rule = number_of(si)
+    if isinstance(value, str):
+        return _converted(rule, value, si, lambda r: r.Quantity(1.0) * r.parse_expression(value))
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{rule}, got {shown(value)}: mend it")
+    return float(value)
+
+
+def number_of(si: str) -> str:
+    """Rule for a quantity, in words."""
+    if si == "-":
+        return "a number without a unit"
+    return f"a number in {si}, or a text with a unit that pint knows"
+
+
+def _bare(unit: str) -> str:
+    return "" if unit == "-" else unit
+
+
+def _converted(rule: str, text: str, si: str, read: Callable[[Any], Any]) -> float:
+    registry, errors = _registry(), package("pint.errors", "pint", "units")
+    try:
+        value = read(registry)
+        from_zero = not registry.Quantity(0.0, value.units).to_base_units().magnitude
+        size = float(value.to(_bare(si)).magnitude)
+    except errors.DimensionalityError as error:
+        raise ValueError(f"{rule}, got {shown(text)}: {error}; write the unit it has") from None
+    except errors.OffsetUnitCalculusError:
+        from_zero = False
+    except (AssertionError, ArithmeticError, AttributeError, ValueError, TokenError):
+        # AttributeError stands for a unit that there is not, the others for texts that are none.
+        raise ValueError(f"{rule}, got {shown(text)}: mend it") from None
+    if not from_zero:
+        raise ValueError(
+            f"{rule}, got {shown(text)}, a scale that does not begin at zero: write a difference, "
+            "as delta_degC"
+        )
+    return size
