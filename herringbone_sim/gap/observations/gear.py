@@ -156,6 +156,12 @@ class Gear:
         }
 
     @cached_property
+    def has_law(self) -> bool:
+        """Whether force and displacement are recorded of one mesh at least."""
+        known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
+        return bool((~self.modelled & np.logical_and.reduce(known)).any())
+
+    @cached_property
     def shot(self) -> bool:
         """Whether states are estimated over windows: where neither law nor balance is formed."""
         few = bool(self.modelled.all()) and not self.balanced
@@ -333,7 +339,7 @@ class Gear:
         if wanted is not None:
             used = {*wanted.get(force_law.NAME, ()), *SHAFT_NAMES}
             chosen = tuple(f for f in chosen if f.name in used)
-        if force_law.NAME in observations and not self.modelled.all():
+        if force_law.NAME in observations and self.has_law:
             now = self.law_of(g.some, of_law)
             found[force_law.NAME] = force_law.block(g.some, now, self.model, chosen, self.drift)
         if balance.NAME in observations and self.balanced:

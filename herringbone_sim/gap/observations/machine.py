@@ -42,7 +42,7 @@ class GearMachine:
     def formed(self) -> tuple[str, ...]:
         """Observations that can be formed."""
         there = {
-            force_law.NAME: not self.gear.modelled.all(),
+            force_law.NAME: self.gear.has_law,
             balance.NAME: self.gear.balanced,
             consistency.NAME: self.gear.relations > 0,
             trajectory.NAME: self.gear.shot,
