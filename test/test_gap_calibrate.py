@@ -35,13 +35,22 @@ def test_the_weights_of_the_package_come_out_of_the_evidence(campaigns: list[Pra
         assert found.figures[stratum] == pytest.approx(row, abs=0.01)
 
 
-def test_no_healthy_rig_with_told_noise_is_blamed(campaigns: list[Practised]) -> None:
-    told = [c for c in campaigns if c.evidence.told and not c.truth]
-    assert told
-    for one in told:
-        first = judge.chances(one.evidence)[0]
-        assert first.effects == ()
-        assert first.probability > 0.5
+def test_no_healthy_rig_is_blamed(campaigns: list[Practised]) -> None:
+    healthy = [c for c in campaigns if not c.truth]
+    assert len(healthy) > 20
+    for one in healthy:
+        assert judge.chances(one.evidence)[0].effects in ((), ("unknown",))
+
+
+def test_nine_in_ten_intervals_hold_the_truth(campaigns: list[Practised]) -> None:
+    """By the share that is fitted for it, and by a larger one more of them."""
+    error, sd, size = np.concatenate([np.array(c.sizes).reshape(-1, 3) for c in campaigns]).T
+    inside = [
+        np.mean(np.abs(error) <= 1.645 * np.hypot(sd, r * size))
+        for r in (judge.relative_error(), 3.0 * judge.relative_error())
+    ]
+    assert inside[0] == pytest.approx(0.9, abs=0.5 / len(error) + 1e-9)
+    assert inside[1] > inside[0]
 
 
 def test_judged_again_each_campaign_gets_what_its_evidence_says(
@@ -49,7 +58,7 @@ def test_judged_again_each_campaign_gets_what_its_evidence_says(
 ) -> None:
     right = np.array([judged(c, judge.frozen_weights()) for c in campaigns])
     assert np.all(right[:, 0] <= 1.0 + 1e-9)
-    assert right[:, 2].mean() > 0.6  # 0.05 by chance among some twenty effects
+    assert right[:, 2].mean() > 0.75  # 0.05 by chance among some twenty effects
 
 
 def test_evidence_goes_there_and_back(campaigns: list[Practised], tmp_path: Path) -> None:

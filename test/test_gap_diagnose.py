@@ -59,7 +59,7 @@ def test_an_effect_is_named_with_its_place_and_size(truth: str) -> None:
         ("none", "full", "gains"),
         ("none", "x_and_F", "filtered"),
         ("runout", "full", "encoders_two"),
-        ("sensor_gain", "x_and_F", "filtered"),
+        ("pin_position", "x_and_F", "filtered"),
         ("mean_stiffness", "half_forces", "coloured"),
         ("stagger", "no_force", "white"),
     ],
