@@ -275,8 +275,8 @@ def test_evidence_comes_back_from_plain_data(tmp_path):
     stored(tmp_path, [(a_label("stagger"), a_report("none", {"none": 1.0}))] * 2)
     text = json.dumps(GAP.written())
     (tmp_path / "reports" / name_of(1) / "evidence.json").write_text(text)
-    [(name, label, back)] = stored_evidence(tmp_path)
-    assert (name, label["truth"]) == (name_of(1), ["stagger"])
+    [(label, report, back)] = stored_evidence(tmp_path)
+    assert (label["truth"], report["verdict"]) == (["stagger"], "none")
     assert back == GAP
 
 

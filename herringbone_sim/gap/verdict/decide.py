@@ -12,6 +12,7 @@ from herringbone_sim.gap.named import LearnedLaw, Named
 
 MOST_NAMED = 4  # effects of an ambiguous class, contract of the report
 HALF = 0.5  # an explanation that is likelier than all others together
+SQUARES = 4.0  # two standard deviations
 SURE = 0.9  # what a class of effects must hold together, as an interval of 90 % does
 
 
@@ -90,7 +91,7 @@ def decide(chances: Sequence[Chance], options: Mapping[int, Option], metric: str
         chosen = next((options[i] for i in sorted(options)), None)
     named = () if chosen is None else tuple(a.effect.id for a in chosen.actives)
     effects = () if top in ("none", "unknown") else tuple(dict.fromkeys((top, *named)))[:2]
-    alike = _class(probabilities, top)
+    alike = _class(probabilities, top) or _same(chances, first)
     runner = next(
         (
             options[i]
@@ -110,6 +111,22 @@ def decide(chances: Sequence[Chance], options: Mapping[int, Option], metric: str
         runner if top not in ("none", "unknown") else None,
         tuple(chances),
     )
+
+
+def _same(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
+    """Single effects that leave what the first one leaves, to two standard deviations."""
+    best = chances[first].candidate
+    if best is None or len(best.effects) != 1:
+        return ()
+    alike = [
+        c.effects[0]
+        for c in chances
+        if c.candidate is not None
+        and len(c.effects) == 1
+        and abs(c.candidate.energy - best.energy) < SQUARES
+    ]
+    found = tuple(dict.fromkeys((*best.effects, *alike)))[:MOST_NAMED]
+    return found if len(found) > 1 else ()
 
 
 def _class(probabilities: Mapping[str, float], top: str) -> tuple[str, ...]:
