@@ -242,7 +242,7 @@ def test_most_of_a_smooth_factor_of_what_is_measured_is_predictable(measured, la
 def test_larger_noise_makes_less_of_the_same_squares(measured):
     rng, around, blocks = measured
     found = predictable([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
-    beside = found.beside(np.full((3, 1), 2.0))
+    beside = found.for_noise(np.full((3, 1), 2.0))
     np.testing.assert_allclose(beside.left, 0.25 * found.left)
     np.testing.assert_allclose(beside.count, found.count)
 

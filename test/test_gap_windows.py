@@ -52,7 +52,7 @@ def rows(shot: Shot) -> np.ndarray:
 
 def test_windows_are_formed_where_nothing_else_is(gear: Gear) -> None:
     assert GearMachine(gear).formed == ("trajectory",)
-    assert not Gear([g.run for g in gear.runs]).shot
+    assert not Gear([g.run for g in gear.runs]).by_windows
 
 
 def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, Shot]) -> None:

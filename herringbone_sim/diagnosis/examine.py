@@ -84,7 +84,7 @@ def examine(
     left = _left(search, none)
     if not told:
         noise = {o: _noise(p) for o, p in left.items()}
-        left = {o: p.beside(noise[o]) for o, p in left.items()}
+        left = {o: p.for_noise(noise[o]) for o, p in left.items()}
         search = Search(machine, noise, none.score.mean)
         none = Found((), search.settled(search.null))
     catalogue = machine.hypotheses()

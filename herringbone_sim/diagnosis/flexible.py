@@ -61,7 +61,7 @@ class Predictable:
         """Squares that the regression takes off all values of the rows."""
         return self.weight * max(0.0, float((self.energy - self.left).sum()))
 
-    def beside(self, noise: Array) -> Predictable:
+    def for_noise(self, noise: Array) -> Predictable:
         """The same for noise (runs, R) times as large."""
         return Predictable(self.energy / noise**2, self.left / noise**2, self.count, self.weight)
 

@@ -22,9 +22,9 @@ from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.measured import gap_of, metric_of
 from herringbone_sim.gap.named import named
 from herringbone_sim.gap.observations import trajectory
+from herringbone_sim.gap.observations.common_delay import undelayed
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
-from herringbone_sim.gap.observations.late import undelayed
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.shown import noise_shown
 from herringbone_sim.gap.report import report

@@ -13,11 +13,7 @@ from support import Bench
 from herringbone_sim.core.parameters import ParameterWarning
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
-# Fifty a worker, so that two never meet; a process starts anywhere among its own.
-DOMAINS = itertools.chain.from_iterable(
-    itertools.repeat(range(1 + 50 * (WORKER % 2), 50 + 50 * (WORKER % 2)))
-)
+DOMAINS = itertools.cycle(range(1 + os.getpid() % 50, 100))
 
 
 @pytest.fixture

@@ -59,7 +59,7 @@ class Places:
     @property
     def of_windows(self) -> tuple[str, ...]:
         """The observation of trajectories, where it is formed."""
-        return (trajectory.NAME,) if self.gear.shot else ()
+        return (trajectory.NAME,) if self.gear.by_windows else ()
 
     def coefficient(
         self, name: str, weights: Weights, sd: float, bound: float = np.inf, center: float = 0.0
@@ -86,7 +86,7 @@ class Places:
         w = np.broadcast_to(weight, (self.runs, rows))
         for row in np.flatnonzero(np.any(w != 0.0, axis=0)):
             placed.setdefault(o, []).append((int(row), function, w[:, row]))
-            if o == force_law.NAME and self.gear.shot:
+            if o == force_law.NAME and self.gear.by_windows:
                 at = f"{function} of {row}"
                 placed.setdefault(trajectory.NAME, []).append((0, at, w[:, row]))
             if o == force_law.NAME and self.gear.modelled[row]:

@@ -152,17 +152,19 @@ class Gear:
                 self.model, self.modelled, laws, [f.name for f in self.body_functions]
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
-            trajectory.NAME: trajectory.function_names(self.model, laws) if self.shot else (),
+            trajectory.NAME: trajectory.function_names(self.model, laws)
+            if self.by_windows
+            else (),
         }
 
     @cached_property
-    def has_law(self) -> bool:
+    def has_force_law(self) -> bool:
         """Whether force and displacement are recorded of one mesh at least."""
         known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
         return bool((~self.modelled & np.logical_and.reduce(known)).any())
 
     @cached_property
-    def shot(self) -> bool:
+    def by_windows(self) -> bool:
         """Whether states are estimated over windows: where neither law nor balance is formed."""
         few = bool(self.modelled.all()) and not self.balanced
         return self.windows and few and all(trajectory.can_be_shot(g.run) for g in self.runs)
@@ -329,7 +331,7 @@ class Gear:
             found[consistency.NAME] = _about(
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
-        if trajectory.NAME in observations and self.shot:
+        if trajectory.NAME in observations and self.by_windows:
             found[trajectory.NAME] = self._windows(r, amplitudes, wanted)
         if not {force_law.NAME, balance.NAME} & set(observations):
             return found
@@ -339,7 +341,7 @@ class Gear:
         if wanted is not None:
             used = {*wanted.get(force_law.NAME, ()), *SHAFT_NAMES}
             chosen = tuple(f for f in chosen if f.name in used)
-        if force_law.NAME in observations and self.has_law:
+        if force_law.NAME in observations and self.has_force_law:
             now = self.law_of(g.some, of_law)
             found[force_law.NAME] = force_law.block(g.some, now, self.model, chosen, self.drift)
         if balance.NAME in observations and self.balanced:

@@ -42,10 +42,10 @@ class GearMachine:
     def formed(self) -> tuple[str, ...]:
         """Observations that can be formed."""
         there = {
-            force_law.NAME: self.gear.has_law,
+            force_law.NAME: self.gear.has_force_law,
             balance.NAME: self.gear.balanced,
             consistency.NAME: self.gear.relations > 0,
-            trajectory.NAME: self.gear.shot,
+            trajectory.NAME: self.gear.by_windows,
         }
         return tuple(name for name, known in there.items() if known)
 

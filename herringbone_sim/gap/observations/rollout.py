@@ -7,7 +7,7 @@ located: with a tenth of a natural time a step, what is missed is far below any 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,8 +17,7 @@ Array = NDArray[np.float64]
 STATES = 18
 
 
-@dataclass(frozen=True)
-class Drive:
+class Drive(NamedTuple):
     """What drives a motion, at every half step: arrays (n, n_mesh) where nothing else is said.
 
     Attributes:
@@ -57,17 +56,15 @@ def roll(
     """
     W = len(starts)
     states, tangents = np.empty((W, steps + 1, STATES)), np.empty((W, steps, STATES, STATES))
-    d = drive
-    _roll(
-        starts, first, h, d.G, d.inverse, d.tau, d.k, d.c, d.offset, d.rate, d.plus, d.minus,
-        d.more, states, tangents,
-    )  # fmt: skip
+    whole = Drive(*(np.ascontiguousarray(one) for one in drive))
+    _roll(np.ascontiguousarray(starts), first, h, whole, states, tangents)
     return states, tangents
 
 
 @njit(cache=True)
-def _roll(starts, first, h, G, inverse, tau, k, c, offset, rate, plus, minus, more, states, tangents):  # type: ignore[no-untyped-def]  # fmt: skip  # noqa: E501
+def _roll(starts, first, h, drive, states, tangents):  # type: ignore[no-untyped-def]
     """Window by window, step by step; the tangent is that of the step itself."""
+    G, inverse, tau, k, c, offset, rate, plus, minus, more = drive
     meshes, bodies = G.shape
     size = 2 * bodies
     slopes, K = np.empty((4, size)), np.empty((4, size, size))

@@ -154,7 +154,7 @@ def symmetric(s: Stretch) -> Array:
 
 def shoot(s: Stretch, starts: Array, drive: Drive) -> Shot:
     """Windows from some starts."""
-    states, tangents = roll(np.ascontiguousarray(starts), s.first, s.steps, s.h, drive)
+    states, tangents = roll(starts, s.first, s.steps, s.h, drive)
     seen = states[:, : -1 : s.steps // s.samples][:, :, s.channels]
     off = (s.measured - seen) / s.sigma
     return Shot(starts, states, tangents, off, (states[:-1, -1] - starts[1:]) / s.scale)

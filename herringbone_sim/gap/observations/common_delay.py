@@ -34,7 +34,7 @@ def undelayed(
     some = [_stretch(run) for run in fastest]
 
     gear = Gear(some)
-    if gear.shot or not GearMachine(gear).formed:
+    if gear.by_windows or not GearMachine(gear).formed:
         return tuple(runs)
 
     def left(delay: float) -> float:
