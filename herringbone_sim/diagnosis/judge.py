@@ -30,6 +30,7 @@ from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 
 Array = NDArray[np.float64]
 
+HALF_90 = 1.645  # standard deviations of half a 90 % interval
 FILE = Path(__file__).with_name("calibration.json")
 NAMES = (
     "log share left",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
-from herringbone_sim.diagnosis.judge import relative_error
+from herringbone_sim.diagnosis.judge import HALF_90, relative_error
 from herringbone_sim.diagnosis.search import Hypothesis, Score
 from herringbone_sim.effects.effect import Active, Effect, Locus, Parameter
 from herringbone_sim.effects.registry import effects as known_effects
@@ -19,7 +19,6 @@ from herringbone_sim.gap.observations.events import BUMP, KNOTS, Event
 
 Array = NDArray[np.float64]
 DRAWS = 400
-HALF_90 = 1.645  # standard deviations
 SEED = 13
 
 

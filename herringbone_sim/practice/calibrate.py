@@ -21,7 +21,7 @@ from herringbone_sim.diagnosis import judge
 from herringbone_sim.diagnosis.evidence import Evidence
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.intervals import calibration_error
-from herringbone_sim.practice.outcome import NINETY, size_errors
+from herringbone_sim.practice.outcome import size_errors
 from herringbone_sim.practice.stored import stored_evidence
 
 Array = NDArray[np.float64]
@@ -184,7 +184,7 @@ def missed(sizes: Array) -> float:
 def _misses(sizes: Array, relative: float) -> Array:
     """Errors over half of the 90 % interval."""
     error, sd, size = sizes.T
-    return np.asarray(np.abs(error) / (NINETY * np.hypot(sd, relative * size) + 1e-300))
+    return np.asarray(np.abs(error) / (judge.HALF_90 * np.hypot(sd, relative * size) + 1e-300))
 
 
 def by_stratum(campaigns: Sequence[Practised], chances: Array) -> dict[str, dict[str, float]]:

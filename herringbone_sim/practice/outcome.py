@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.errors import AnalysisError, shown
 from herringbone_sim.practice.machine import MESHES
 
@@ -278,12 +279,9 @@ def size_errors(label: Json, report: Json) -> list[tuple[float, float, float]]:
             entry = (cause.get("parameters") or {}).get(name) or {}
             interval, estimate = entry.get("ci90"), entry.get("value")
             if interval is not None and all(map(_number, (*interval, estimate))):
-                sd = 0.5 * (interval[1] - interval[0]) / NINETY
+                sd = 0.5 * (interval[1] - interval[0]) / HALF_90
                 found.append((float(estimate - value), float(sd), size))
     return found
-
-
-NINETY = 1.645  # standard deviations of half a 90 % interval
 
 
 def _closure(report: Json) -> float | None:

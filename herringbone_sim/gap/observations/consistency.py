@@ -77,6 +77,17 @@ def block(
     )
 
 
+def shown(block: Block) -> tuple[Array, Array]:
+    """(n, R) what the channel that enters each row most shows, and its rate."""
+    of_gain, of_delay = (
+        np.array([i for i, f in enumerate(block.functions) if f.startswith(f"{kind} of")])
+        for kind in ("gain", "delay")
+    )
+    most = np.argmax(np.mean(block.columns[:, :, of_gain] ** 2, axis=0), axis=1)
+    rows = np.arange(len(most))
+    return block.columns[:, rows, of_gain[most]], block.columns[:, rows, of_delay[most]]
+
+
 def _rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
     """Residual (n, d), columns (n, d, Q) and how each channel enters (d, J); zeros at the end."""
     pad = n - len(one.left)

@@ -9,26 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.layout import Layout
-from herringbone_sim.diagnosis.products import Coefficient, Part
+from herringbone_sim.diagnosis.products import Coefficient
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.effects.effect import Effect, Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
-from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
+from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import LOADS_M, ORDERS, TURNS
 from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.places import Places, Weights
+from herringbone_sim.gap.observations.sensor_errors import force_sensors, motion_sensors
 from herringbone_sim.gap.residuals.balance import inertia_parts
-from herringbone_sim.gap.sensors.groups import groups_of
 
 Array = NDArray[np.float64]
-Weights = dict[str | tuple[str, str], float | Array]
 SHAPE = 0.25  # departure of a curve from the catalogue's, as a share of its size
 
 
@@ -46,62 +44,6 @@ class Term:
     name: str
     weights: Weights
     sd: float
-
-
-class Places:
-    """Turns terms into coefficients on the rows of a gear's observations."""
-
-    def __init__(self, gear: Gear) -> None:
-        self.gear = gear
-        self.runs = len(gear.runs)
-        self._reach = inertia_parts(gear.model).sum(0)
-
-    @property
-    def of_windows(self) -> tuple[str, ...]:
-        """The observation of trajectories, where it is formed."""
-        return (trajectory.NAME,) if self.gear.by_windows else ()
-
-    def coefficient(
-        self, name: str, weights: Weights, sd: float, bound: float = np.inf, center: float = 0.0
-    ) -> Coefficient:
-        """A coefficient that adds its functions to the rows with these weights."""
-        placed: dict[str, list[tuple[int, str, Array]]] = {}
-        for key, weight in weights.items():
-            o, function = (force_law.NAME, key) if isinstance(key, str) else key
-            self._place(placed, o, function, np.asarray(weight, dtype=float))
-        parts = {
-            o: Part(
-                tuple(row for row, _, _ in all_),
-                tuple(f for _, f, _ in all_),
-                np.array([w for _, _, w in all_]).T.reshape(self.runs, -1),
-            )
-            for o, all_ in placed.items()
-        }
-        return Coefficient(name, sd, bound, parts, center)
-
-    def _place(
-        self, placed: dict[str, list[tuple[int, str, Array]]], o: str, function: str, weight: Array
-    ) -> None:
-        rows = self.rows(o)
-        w = np.broadcast_to(weight, (self.runs, rows))
-        for row in np.flatnonzero(np.any(w != 0.0, axis=0)):
-            placed.setdefault(o, []).append((int(row), function, w[:, row]))
-            if o == force_law.NAME and self.gear.by_windows:
-                at = f"{function} of {row}"
-                placed.setdefault(trajectory.NAME, []).append((0, at, w[:, row]))
-            if o == force_law.NAME and self.gear.modelled[row]:
-                at = f"{function} of {row}"
-                for z in np.flatnonzero(self._reach[:, row]):
-                    one = (int(z), at, self._reach[z, row] * w[:, row])
-                    placed.setdefault(balance.NAME, []).append(one)
-
-    def rows(self, o: str) -> int:
-        """Number of rows of an observation; those of consistency share their columns' weights."""
-        if o == force_law.NAME:
-            return self.gear.model.layout.n_mesh
-        if o == trajectory.NAME:
-            return 1
-        return self.gear.model.layout.n_coordinate if o == balance.NAME else self.gear.relations
 
 
 def tolerances(places: Places) -> tuple[Coefficient, ...]:
@@ -370,78 +312,3 @@ def ripple(places: Places) -> Iterator[Hypothesis]:
                         of[o, f"ripple {times * order} {trig}"] = gear.T_1[:, None]
                     terms.append(places.coefficient(f"{times} {trig}", of, 0.2 * sd))
         yield Hypothesis("torque_ripple", (("order", order),), Locus(), tuple(terms), 2)
-
-
-def force_sensors(places: Places) -> Iterator[Hypothesis]:
-    """Errors of force sensors: in the force law, and with the other sign in the balance."""
-    gear = places.gear
-    layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
-    measured = np.flatnonzero(~gear.modelled)
-    for effect, function, of, sign, unit in (
-        ("sensor_gain", "F gain", "F", -1.0, 0.05),
-        ("sensor_bias", "F bias", "one", -1.0, 50.0),
-        ("sensor_delay", "F delay", "slope", 1.0, 2e-6),
-        ("clock_drift", "F clock", "late", 1.0, 1e-3),
-    ):
-        for locus in sensor_loci(layout):
-            mask = locus.mask(layout) * ~gear.modelled
-            if not mask.any():
-                continue
-            weights: Weights = {function: mask}
-            for j in np.flatnonzero(mask):
-                name = of if of == "one" else f"{of} of {j}"
-                key = (balance.NAME, name)
-                weights[key] = np.asarray(weights.get(key, 0.0)) + sign * reach[:, j]
-            one = places.coefficient(PARAMETER[effect], weights, unit)
-            yield Hypothesis(effect, (("channels", ("F",)),), locus, (one,), 1)
-    for i, j in combinations(measured, 2):
-        weights = {}
-        on_i, on_j = np.zeros(layout.n_mesh), np.zeros(layout.n_mesh)
-        on_i[i], on_j[j] = 1.0, 1.0
-        weights[f"F of {j}"] = on_i - on_j
-        weights[f"F of {i}"] = on_j - on_i
-        apart = -(reach[:, i] - reach[:, j])
-        weights[balance.NAME, f"F of {i}"] = apart
-        weights[balance.NAME, f"F of {j}"] = -apart
-        names = (f"F_{layout.meshes[i]}", f"F_{layout.meshes[j]}")
-        one = places.coefficient("swap", weights, 1e-3, center=1.0)
-        yield Hypothesis("channel_swap", (("channels", names),), Locus(), (one,), 1)
-
-
-def motion_sensors(places: Places) -> Iterator[Hypothesis]:
-    """Errors of x, v and u: by what the sensors say of each other."""
-    gear = places.gear
-    if not gear.relations:
-        return
-    for kind, effect in zip(consistency.KINDS, MOTION_EFFECTS, strict=True):
-        for group in groups_of(gear.model.layout):
-            if group.quantity == "xvu" or group.quantity not in gear.sizes:
-                continue
-            scale = {
-                "gain": 0.05,
-                "bias": gear.sizes[group.quantity] * 0.05,
-                "delay": 2e-6,
-                "clock": 1e-3,
-            }[kind]
-            weights: Weights = {(consistency.NAME, f"{kind} of {n}"): 1.0 for n in group.names}
-            one = places.coefficient(PARAMETER[effect], weights, scale)
-            locus = Locus(
-                group.mesh if group.mesh in ("sp", "rp") else "all", group.planet, group.side
-            )
-            yield Hypothesis(effect, (("channels", group.names),), locus, (one,), 1)
-    if gear.swap is not None:
-        one = places.coefficient("swap", {(consistency.NAME, "swap"): 1.0}, 1e-3, center=1.0)
-        yield Hypothesis("channel_swap", (("channels", gear.swap),), Locus(), (one,), 1)
-
-
-PARAMETER = {
-    "sensor_gain": "gain",
-    "sensor_bias": "bias",
-    "sensor_delay": "delay",
-    "clock_drift": "ppm",
-}
-MOTION_EFFECTS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
-
-
-def sensor_loci(layout: Layout) -> tuple[Locus, ...]:
-    return known_effects()["sensor_gain"].candidates(layout)

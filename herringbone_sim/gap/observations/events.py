@@ -19,9 +19,10 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
 from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.curves import SHAPE, Places, Weights
+from herringbone_sim.gap.observations.curves import SHAPE
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.law import Law, Motion
+from herringbone_sim.gap.observations.places import Places, Weights
 
 Array = NDArray[np.float64]
 

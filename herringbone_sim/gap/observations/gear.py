@@ -4,107 +4,30 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter, savgol_coeffs, savgol_filter
 
 from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.law import Change, Law, Motion, law, motion_of
+from herringbone_sim.gap.observations.law import Change, Law, Motion, law
+from herringbone_sim.gap.observations.runs import GearRun, dense_motion, gear_run
+from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
-from herringbone_sim.gap.residuals.balance import FINE, between, window_of
-from herringbone_sim.gap.residuals.fusion import Fused, fuse
+from herringbone_sim.gap.residuals.balance import FINE, window_of
+from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import undone
 from herringbone_sim.gap.sensors.swaps import find_swap
 
 Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
 WIDTH = 0.12  # of the balance's window, mesh cycles: order 1 passes with 0.75, order 3 with 0.08
-
-
-@dataclass(frozen=True)
-class GearRun:
-    """A run with its motion.
-
-    Attributes:
-        run, fused: measured, its best displacements.
-        motion, some: as the law needs it, at every sample; at those that the force law is
-            compared at.
-    """
-
-    run: PreparedRun
-    fused: Fused
-    motion: Motion
-    some: Motion
-
-
-def gear_run(run: PreparedRun, stride: int) -> GearRun:
-    """A run with its best displacements, rates from them where none are recorded."""
-    fused = with_rates(fuse(run), run)
-    return GearRun(run, fused, motion_of(run, fused), motion_of(run, fused, stride))
-
-
-def dense_motion(g: GearRun) -> Motion | None:
-    """A motion at ``FINE`` points a sample, by cubics through values and rates; None without."""
-    m, run = g.motion, g.run
-    if not (np.isfinite(g.fused.z).all() and np.isfinite(g.fused.z_rate).all()):
-        return None
-    z, rate = between(g.fused.z, g.fused.z_rate, run.step_s, FINE)
-    D = coordinates_to_meshes(run.model.layout)
-    index = np.arange(len(z)) / FINE
-    phase = np.interp(index, np.arange(len(run)), m.phase)
-    w = m.waves_at(phase)
-    n = np.full((len(z), m.F.shape[1]), np.nan)
-    return replace(
-        m,
-        phase=phase,
-        times=np.interp(index, np.arange(len(run)), m.times),
-        x=z @ D.T - w.e,
-        v=rate @ D.T - w.e_rate,
-        F=np.stack([np.interp(index, np.arange(len(run)), f) for f in m.F.T], axis=1)
-        if np.isfinite(m.F).all()
-        else n,
-        k=w.k,
-        e=w.e,
-        e_rate=w.e_rate,
-    )
-
-
-RATE_SAMPLES, RATE_ORDER = 7, 4  # of the polynomial that a missing rate is the slope of
-
-
-def with_rates(fused: Fused, run: PreparedRun) -> Fused:
-    """Rates as slopes of local polynomials through the displacements where they are missing."""
-    if len(run) < RATE_SAMPLES or np.isfinite(fused.v).all():
-        return fused
-    h = run.step_s
-    weights = savgol_coeffs(RATE_SAMPLES, RATE_ORDER, deriv=1, delta=h)
-    noise = float(np.sum(weights**2))
-
-    def slope(values: Array) -> Array:
-        known = np.isfinite(values).all(axis=0)
-        found = np.full_like(values, np.nan)
-        if not known.any():
-            return found
-        found[:, known] = savgol_filter(
-            values[:, known], RATE_SAMPLES, RATE_ORDER, deriv=1, delta=h, axis=0
-        )
-        return found
-
-    v = np.where(np.isfinite(fused.v), fused.v, slope(fused.x))
-    sigma_v = np.where(np.isfinite(fused.sigma_v), fused.sigma_v, fused.sigma_x * np.sqrt(noise))
-    z_rate, cov = fused.z_rate, fused.z_rate_cov
-    if np.isfinite(fused.z).all() and not np.isfinite(z_rate).all():
-        z_rate, cov = slope(fused.z), fused.z_cov * noise
-    return replace(fused, v=v, sigma_v=sigma_v, z_rate=z_rate, z_rate_cov=cov)
 
 
 class Gear:
@@ -403,55 +326,14 @@ class Gear:
         if observation == trajectory.NAME:
             return self.trajectories[r].surroundings()
         g = self.runs[r]
-        of_force = observation == force_law.NAME
-        m = g.some if of_force else g.motion
-        if observation == consistency.NAME:
-            own = self._signals(r)
-            factors = np.ones((*own[0].shape, 1))
-        elif of_force:
-            now = law(m)
-            sigma = block.sigma
-            own = [m.x, m.v]
-            acts = [np.ones_like(m.x), now.k * now.f, now.damper, now.k * (now.drive + now.back)]
-            factors = np.stack([np.nan_to_num(a) / sigma for a in acts], axis=2)
-        else:
-            own = [g.fused.z, g.fused.z_rate]
-            factors = np.ones((len(block.residual), block.residual.shape[1], 1))
-        step = float(m.times[1] - m.times[0])
-        late = [
-            _low_passed(np.nan_to_num(q), c * 2.0 * np.pi / m.omega / step)
-            for q in own
-            for c in MEMORIES
-        ]
-        held = (m.point["delta_T"] / 50.0, m.point["T_1"] / 1000.0, 2.0 * m.times / m.times[-1])
-        known = [np.nan_to_num(q) for q in own]
-        known += [np.broadcast_to(np.reshape(h, (-1, 1)), own[0].shape) for h in held]
-        at = slice(None) if block.at is None else block.at
-        values = np.stack([*known, *late], axis=2)[at]
         cycles = (1.0, *force_law.members(self.model).values())
-        angles = np.stack([m.phase / c for c in cycles], axis=1)[at]
-        return Surroundings(values, angles, factors)
-
-    def _signals(self, r: int) -> list[Array]:
-        """What the channel that enters each row of the consistency most shows, and its rate."""
-        block = self._consistency[r]
-        assert block is not None
-        of_gain, of_delay = (
-            [i for i, f in enumerate(block.functions) if f.startswith(f"{kind} of")]
-            for kind in ("gain", "delay")
-        )
-        most = np.argmax(np.mean(block.columns[:, :, of_gain] ** 2, axis=0), axis=1)
-        rows = np.arange(len(most))
-        return [block.columns[:, rows, np.array(of)[most]] for of in (of_gain, of_delay)]
-
-
-MEMORIES = (0.3, 3.0)  # mesh cycles that a state of a cause's own may remember
-
-
-def _low_passed(values: Array, samples: float) -> Array:
-    """Values (n, k) behind a low-pass of first order with a time constant in samples."""
-    a = np.exp(-1.0 / samples)
-    return np.asarray(lfilter([1.0 - a], [1.0, -a], values, axis=0, zi=a * values[:1])[0])
+        if observation == force_law.NAME:
+            return about_meshes(g.some, cycles, block)
+        own: Sequence[Array] = (g.fused.z, g.fused.z_rate)
+        relations = self._consistency[r]
+        if observation == consistency.NAME and relations is not None:
+            own = consistency.shown(relations)
+        return about_rows(g.motion, own, cycles, block)
 
 
 STAGES: tuple[Callable[[Function], bool], ...] = (

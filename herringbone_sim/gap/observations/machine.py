@@ -23,6 +23,7 @@ from herringbone_sim.gap.observations import (
 )
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.places import Places
 from herringbone_sim.gap.observations.seats import Seat
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ class GearMachine:
 
     def __init__(self, gear: Gear) -> None:
         self.gear = gear
-        self.places = curves.Places(gear)
+        self.places = Places(gear)
         self.base = curves.tolerances(self.places)
         self.rows: Mapping[str, int] = {o: self.places.rows(o) for o in gear.functions}
         self.runs = len(gear.runs)

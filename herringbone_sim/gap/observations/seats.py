@@ -20,9 +20,9 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, force_law
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.curves import Places, Weights
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.law import Law, Motion, law, on_meshes
+from herringbone_sim.gap.observations.places import Places, Weights
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.layout import PREFIX_UNITS
 from herringbone_sim.gap.data.prepared import PreparedRun, resolution
-from herringbone_sim.gap.observations.gear import GearRun
 from herringbone_sim.gap.observations.law import law
+from herringbone_sim.gap.observations.runs import GearRun
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,92 @@
+"""Errors of sensors as hypotheses: of forces in the law and the balance, of motion by geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.gap.observations import balance, consistency
+from herringbone_sim.gap.observations.places import Places, Weights
+from herringbone_sim.gap.residuals.balance import inertia_parts
+from herringbone_sim.gap.sensors.groups import groups_of
+
+
+def force_sensors(places: Places) -> Iterator[Hypothesis]:
+    """Errors of force sensors: in the force law, and with the other sign in the balance."""
+    gear = places.gear
+    layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
+    measured = np.flatnonzero(~gear.modelled)
+    for effect, function, of, sign, unit in (
+        ("sensor_gain", "F gain", "F", -1.0, 0.05),
+        ("sensor_bias", "F bias", "one", -1.0, 50.0),
+        ("sensor_delay", "F delay", "slope", 1.0, 2e-6),
+        ("clock_drift", "F clock", "late", 1.0, 1e-3),
+    ):
+        for locus in sensor_loci(layout):
+            mask = locus.mask(layout) * ~gear.modelled
+            if not mask.any():
+                continue
+            weights: Weights = {function: mask}
+            for j in np.flatnonzero(mask):
+                name = of if of == "one" else f"{of} of {j}"
+                key = (balance.NAME, name)
+                weights[key] = np.asarray(weights.get(key, 0.0)) + sign * reach[:, j]
+            one = places.coefficient(PARAMETER[effect], weights, unit)
+            yield Hypothesis(effect, (("channels", ("F",)),), locus, (one,), 1)
+    for i, j in combinations(measured, 2):
+        weights = {}
+        on_i, on_j = np.zeros(layout.n_mesh), np.zeros(layout.n_mesh)
+        on_i[i], on_j[j] = 1.0, 1.0
+        weights[f"F of {j}"] = on_i - on_j
+        weights[f"F of {i}"] = on_j - on_i
+        apart = -(reach[:, i] - reach[:, j])
+        weights[balance.NAME, f"F of {i}"] = apart
+        weights[balance.NAME, f"F of {j}"] = -apart
+        names = (f"F_{layout.meshes[i]}", f"F_{layout.meshes[j]}")
+        one = places.coefficient("swap", weights, 1e-3, center=1.0)
+        yield Hypothesis("channel_swap", (("channels", names),), Locus(), (one,), 1)
+
+
+def motion_sensors(places: Places) -> Iterator[Hypothesis]:
+    """Errors of x, v and u: by what the sensors say of each other."""
+    gear = places.gear
+    if not gear.relations:
+        return
+    for kind, effect in zip(consistency.KINDS, MOTION_EFFECTS, strict=True):
+        for group in groups_of(gear.model.layout):
+            if group.quantity == "xvu" or group.quantity not in gear.sizes:
+                continue
+            scale = {
+                "gain": 0.05,
+                "bias": gear.sizes[group.quantity] * 0.05,
+                "delay": 2e-6,
+                "clock": 1e-3,
+            }[kind]
+            weights: Weights = {(consistency.NAME, f"{kind} of {n}"): 1.0 for n in group.names}
+            one = places.coefficient(PARAMETER[effect], weights, scale)
+            locus = Locus(
+                group.mesh if group.mesh in ("sp", "rp") else "all", group.planet, group.side
+            )
+            yield Hypothesis(effect, (("channels", group.names),), locus, (one,), 1)
+    if gear.swap is not None:
+        one = places.coefficient("swap", {(consistency.NAME, "swap"): 1.0}, 1e-3, center=1.0)
+        yield Hypothesis("channel_swap", (("channels", gear.swap),), Locus(), (one,), 1)
+
+
+PARAMETER = {
+    "sensor_gain": "gain",
+    "sensor_bias": "bias",
+    "sensor_delay": "delay",
+    "clock_drift": "ppm",
+}
+MOTION_EFFECTS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
+
+
+def sensor_loci(layout: Layout) -> tuple[Locus, ...]:
+    return known_effects()["sensor_gain"].candidates(layout)
