@@ -11,7 +11,8 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.diagnosis.flexible import Surroundings, predictable
+from herringbone_sim.diagnosis.examine import _noise
+from herringbone_sim.diagnosis.flexible import Predictable, Surroundings, predictable
 from herringbone_sim.diagnosis.judge import NAMES, chances, fit, numbers
 from herringbone_sim.diagnosis.products import (
     Block,
@@ -245,6 +246,17 @@ def test_larger_noise_makes_less_of_the_same_squares(measured):
     beside = found.for_noise(np.full((3, 1), 2.0))
     np.testing.assert_allclose(beside.left, 0.25 * found.left)
     np.testing.assert_allclose(beside.count, found.count)
+
+
+def test_noise_is_what_is_not_predictable_of_most_rows():
+    """Eight rows: six at twice their noise, one that stands out, one of which half is foreseen."""
+    count, energy = np.full((1, 8), 100.0), np.array([[4.0] * 6 + [100.0, 4.0]]) * 100.0
+    left = energy.copy()
+    left[0, 7] = 0.5 * energy[0, 7]
+    found = _noise(Predictable(energy, left, count))
+    np.testing.assert_allclose(found[0, :6], 2.0)
+    assert found[0, 6] == pytest.approx(2.0)  # no more than rows of its kind
+    assert found[0, 7] == 1.0
 
 
 def test_a_departure_stays_near_the_curve_it_departs_from():

@@ -11,6 +11,8 @@ from gap_support import NOMINAL, POINTS, prepared, sampled
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.model import build
 from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.diagnosis.products import Coefficient
+from herringbone_sim.diagnosis.search import Hypothesis, Score
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.effects.registry import effect
@@ -18,6 +20,7 @@ from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.attribution.hypothesis import calibrated_gear, case
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.named import named
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import (
     Augmented,
@@ -107,3 +110,24 @@ def test_runs_from_any_phase_are_those_of_the_simulation() -> None:
     np.testing.assert_allclose(found.z[:, -1], z[start + ahead], atol=2e-8)
     forces = series.columns(tuple(f"F_{m}" for m in model.layout.meshes))
     np.testing.assert_allclose(found.force_n[:, 0], forces[start], rtol=1e-6, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "order", "own", "others", "expected"),
+    [
+        ("profile_error", 3, ("cos", "sin"), ("2 cos", "2 sin"), {2: [3e-6, 4e-6]}),
+        ("torque_ripple", 5, ("1 cos", "1 sin"), ("2 cos", "2 sin"), {10: [0.5, -0.927295218]}),
+    ],
+)
+def test_other_orders_of_a_learned_wave_are_effects_too(
+    name, order, own, others, expected
+) -> None:
+    """Cosine and sine of each order, and of a ripple amplitude 0.5 and phase -atan2(0.4, 0.3)."""
+    coefficients = tuple(Coefficient(c, 1.0, np.inf, {}) for c in (*own, *others))
+    h = Hypothesis(name, (("order", order),), Locus(), coefficients, 2)
+    mean = np.array([0.1, 0.2, 0.3, 0.4]) * (1e-5 if name == "profile_error" else 1.0)
+    score = Score(coefficients, mean, np.eye(4), mean[None], mean[:1], 0.0, 0.0, 1.0, {})
+    [found] = named((h,), score, build(NOMINAL))
+    assert {dict(a.options)["order"]: pytest.approx(list(a.theta)) for a in found.harmonics} == (
+        expected
+    )

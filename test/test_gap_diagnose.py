@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.report import check_report
+from herringbone_sim.gap.sensors.corrected import drop
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.outcome import Outcome, outcome
@@ -75,3 +77,16 @@ def test_what_three_rotations_leave_open_is_said() -> None:
     report, _ = diagnosed("none", "few")
     assert report["verdict"] in ("none", "unknown", "ambiguous")
     assert any("can't be told" in one or "can be held" in one for one in report["undecidable"])
+
+
+def test_forces_alone_say_nothing_and_end_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        campaign = as_prepared(make_campaign(draw_plan(1, "none")))
+        layout = campaign.nominal.layout
+        motion = (*(f"{q}_{m}" for q in "xv" for m in layout.meshes),)
+        rotations = tuple(f"u_{body}" for body in layout.bodies)
+        runs = tuple(drop(run, (*motion, *rotations)) for run in campaign.runs)
+        report = diagnose(replace(campaign, runs=runs), senses=False).report
+    assert report["observations"] == []
+    assert any("nothing can be said of the machine" in one for one in report["undecidable"])

@@ -119,10 +119,10 @@ def _harmonics(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...]
     for c, value in zip(h.coefficients[h.mains :], mean[h.mains :], strict=True):
         order, _, trig = c.name.partition(" ")
         at = int(order) * (int(own) if h.effect == "torque_ripple" else 1)
-        of.setdefault(at, np.zeros(2))[trig == "sin"] = value
-    make = THETA[h.effect]
+        of.setdefault(at, np.zeros(2))[int(trig == "sin")] = value
+    make, bounds = THETA[h.effect], active.effect.bounds
     return tuple(
-        replace(active, theta=tuple(make(c)), options=(("order", order),))
+        replace(active, options=(("order", order),)).with_theta(np.clip(make(c), *bounds))
         for order, c in of.items()
         if np.any(c)
     )
