@@ -173,6 +173,9 @@ def environment() -> dict[str, str]:
     }
 
 
+Shot = tuple[str, Callable[[Target], Any]]  # what is sent, and what sends it: a future or None
+
+
 @cache
 def target() -> Target:
     """The one that lives through all seeds."""
@@ -185,10 +188,9 @@ def messages(seed: int, folder: Path) -> Trial:
     node = target()
     shots = [plan(random.Random(f"{seed} {i}")) for i in range(SHOTS)]
     before = node.log.stat().st_size
+    lost = unanswered(node, shots)
     began = time.monotonic()
-    fired = [(text, fire(node)) for text, fire in shots]
-    asked = [(text, future) for text, future in fired if future is not None]
-    broken = [f"{asked[i][0]}: not answered" for i in unanswered(node, [f for _, f in asked])]
+    broken = [f"{text}: not answered" for text, _ in unanswered(node, lost)]
     broken += health(node)
     seconds = time.monotonic() - began
     said = node.log.read_bytes()[before:].decode(errors="replace")
@@ -206,13 +208,20 @@ def messages(seed: int, folder: Path) -> Trial:
     return trial
 
 
-def unanswered(node: Target, waiting: list[Any]) -> list[int]:
-    """Numbers of the requests that have no answer, though pauses end the steps among them."""
+def unanswered(node: Target, shots: Sequence[Shot]) -> list[Shot]:
+    """Send these; those without an answer, though pauses end the steps among them.
+
+    DDS sends a request of megabytes in pieces and, now and then, never delivers it: what is not
+    answered is sent again before the node is blamed.
+    """
+    fired = [(shot, shot[1](node)) for shot in shots]
+    waiting = [(shot, future) for shot, future in fired if future is not None]
+    futures = [future for _, future in waiting]
     end = time.monotonic() + HANG_S
-    while time.monotonic() < end and not all(future.done() for future in waiting):
+    while time.monotonic() < end and not all(future.done() for future in futures):
         pause = node.send(Trigger, "pause", Trigger.Request())
-        node.wait([*waiting, pause], PAUSE_S)
-    return [i for i, future in enumerate(waiting) if not future.done()]
+        node.wait([*futures, pause], PAUSE_S)
+    return [shot for shot, future in waiting if not future.done()]
 
 
 def health(node: Target) -> list[str]:
@@ -226,9 +235,6 @@ def health(node: Target) -> list[str]:
     if len(values) != len(live_names()) or not all(map(math.isfinite, values)):
         return [f"live parameters are {values}"]
     return []
-
-
-Shot = tuple[str, Callable[[Target], Any]]
 
 
 def plan(r: random.Random) -> Shot:

@@ -20,7 +20,10 @@ def test_a_slow_node_is_mirrored_from_its_first_sample_on(
         mirror="save", mirror_path=str(tmp_path / "run.rrd"), real_time_factor=factor
     )
     wait_until(lambda: node.loop.pace.samples > 80, 120.0)
-    wait_until(lambda: node.mirror.state != "running" or (tmp_path / "run.rrd").stat().st_size)
+    file = tmp_path / "run.rrd"
+    wait_until(
+        lambda: node.mirror.state != "running" or (file.exists() and file.stat().st_size), 120.0
+    )
     assert node.mirror.state == "running"
     assert node.mirror.dropped == 0
 
