@@ -57,7 +57,8 @@ def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active
     for one in actives:
         concerned = names_of(names, one)
         inside = bool(concerned) and set(concerned) <= set(names)
-        if one.effect.level == "sensor" and (inside or not one.effect.options):
+        every = not concerned and not one.effect.options
+        if one.effect.level == "sensor" and (inside or every):
             found.append(one)
     return tuple(found)
 

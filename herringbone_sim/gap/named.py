@@ -93,12 +93,12 @@ def _named(h: Hypothesis, mean: Array, spread: Array, model: Model) -> Named:
     root = np.linalg.svd(spread)
     draws = mean + rng.normal(size=(DRAWS, len(mean))) * np.sqrt(root[1]) @ root[2]
     theta, options = _theta(h, mean, model)
-    every = np.array([_theta(h, one, model)[0] for one in draws])
     low, high = effect.bounds
+    every = np.clip([_theta(h, one, model)[0] for one in draws], low, high)
     inside = np.clip(theta, low, high)
     spans = []
     for i, p in enumerate(effect.parameters):
-        off = every[:, i] - theta[i]
+        off = every[:, i] - inside[i]
         if p.unit == "rad":
             off = np.angle(np.exp(1j * off))
         a, b = np.quantile(off, [0.05, 0.95])
@@ -132,9 +132,11 @@ WAVES = ("stiffness_harmonic", "profile_error", "torque_ripple")
 
 
 def _size(effect: Effect, p: Parameter, theta: Array) -> float:
-    """Size of the effect in the unit of a parameter."""
+    """Size of the effect in the unit of a parameter; of a stiffness that is rigid else, itself."""
     if p.neutral is None:
         return 0.0
+    if np.isinf(p.neutral):
+        return float(abs(theta[effect.parameters.index(p)]))
     same = [i for i, q in enumerate(effect.parameters) if q.unit == p.unit]
     return float(np.linalg.norm((theta - effect.neutral)[same]))
 
@@ -152,9 +154,8 @@ def _theta(h: Hypothesis, c: Array, model: Model) -> Told:
         return _event(h, c), kept
     options = dict(h.options)
     if h.effect == "ring_flexibility":
-        return np.array(
-            [float(str(options["stiffness"])) / c[0], float(str(options["damping"]))]
-        ), ()
+        stiffness = float(str(options["stiffness"])) / c[0] if c[0] > 0.0 else np.inf
+        return np.array([stiffness, float(str(options["damping"]))]), ()
     if h.effect == "bearing_clearance":
         width = c[0] * float(str(options["clearance"]))
         return np.array(

@@ -21,7 +21,7 @@ from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, column
-from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, slow_waves
+from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, gratings, slow_waves
 from herringbone_sim.gap.observations.law import Law, Motion
 from herringbone_sim.gap.residuals.balance import _loads, inertia_parts, window_of
 from herringbone_sim.gap.residuals.fusion import Fused
@@ -122,11 +122,29 @@ def block(
         columns,
         np.repeat(slow[:, None, :], rows, axis=1),
         np.repeat(spread[:, None], slow.shape[1], axis=1),
-        np.zeros((0, rows, len(names))),
-        np.zeros(0),
+        *_gratings(run.model, modelled, names),
         independent=min(1.0, stride / overlap),
         at=at,
     )
+
+
+def _gratings(
+    model: Model, modelled: NDArray[np.bool_], names: Sequence[str]
+) -> tuple[Array, Array]:
+    """Encoders off centre (T, rows, Q), through the forces that come from the law, and their prior.
+
+    What they do to the accelerations themselves is some hundredth of it: they turn slowly.
+    """
+    reach = inertia_parts(model).sum(0)
+    shaft = tuple(n for n in names if n.startswith("shaft "))
+    kinds = sorted({n.rpartition(" of ")[0] for n in shaft})
+    by_mesh, sd = gratings(model, kinds) if shaft else (np.zeros((0, len(modelled), 0)), np.zeros(0))
+    found = np.zeros((len(sd), len(reach), len(names)))
+    for name in shaft:
+        kind, _, mesh = name.rpartition(" of ")
+        weight = by_mesh[:, int(mesh), kinds.index(kind)]
+        found[:, :, names.index(name)] = weight[:, None] * reach[:, int(mesh)]
+    return found, sd
 
 
 def corrected(

@@ -274,6 +274,8 @@ class Gear:
             given = amplitudes.get(balance.NAME, {})
             of_balance = {name: a for name, a in given.items() if name in own}
             names = None if wanted is None else [*wanted.get(balance.NAME, ()), *of_balance]
+            if names is not None:
+                names += [f"{f} of {j}" for f in SHAFT_NAMES for j in np.flatnonzero(self.modelled)]
             cached = g is self.runs[r] and not self.modelled.any()
             full = (
                 self._balances[r]
@@ -365,15 +367,18 @@ def _about(
     r: int,
     wanted: Mapping[str, Sequence[str]] | None,
 ) -> Block:
-    """A linear block with its residual at some amplitudes, and the columns wanted."""
+    """A linear block with its residual at some amplitudes, and the columns wanted.
+
+    Columns that shared nuisances are made of stay.
+    """
     residual = block.residual
     for name, a in amplitudes.items():
         residual = residual - block.columns[:, :, block.functions.index(name)] * a[r]
     if wanted is None:
         return replace(block, residual=residual)
-    keep = [
-        i for i, f in enumerate(block.functions) if f in set(wanted.get(block.observation, ()))
-    ]
+    names = set(wanted.get(block.observation, ()))
+    shared = np.any(block.shared != 0.0, axis=(0, 1))
+    keep = [i for i, f in enumerate(block.functions) if f in names or shared[i]]
     return replace(
         block,
         residual=residual,

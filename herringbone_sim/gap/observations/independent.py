@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, increments, velocity
@@ -34,8 +35,8 @@ def independent(run: PreparedRun) -> PreparedRun:
 
 
 def _apart(run: PreparedRun) -> float:
-    """Disagreement of rates with displacements, by their integral or by central differences, over
-    that of independent noise; infinite where there is nothing to compare."""
+    """Disagreement of rates with displacements, by their integral, central differences or a
+    spline, over that of independent noise; infinite where there is nothing to compare."""
     z, P = displacement(run)
     rate, V = velocity(run)
     known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
@@ -44,10 +45,14 @@ def _apart(run: PreparedRun) -> float:
     h = run.step_s
     integral = (np.diff(z, axis=0) - increments(rate, h))[2:-2, known]
     slope = (np.gradient(z, h, axis=0) - rate)[1:-1, known]
+    times = np.arange(len(z)) * h
+    spline = (CubicSpline(times, z[:, known]).derivative()(times) - rate[:, known])[8:-8]
+    impulse = CubicSpline(np.arange(33.0), np.eye(33)[16]).derivative()(np.arange(33.0))
     P, V = np.diag(P)[known], np.diag(V)[known]
     return min(
         _median_share(integral, 2.0 * P + h**2 * float(np.sum(QUADRATURE**2)) * V),
         _median_share(slope, 0.5 * P / h**2 + V),
+        _median_share(spline, float(np.sum(impulse**2)) * P / h**2 + V),
     )
 
 

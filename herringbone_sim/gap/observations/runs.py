@@ -65,30 +65,49 @@ def dense_motion(g: GearRun) -> Motion | None:
     )
 
 
-RATE_SAMPLES, RATE_ORDER = 7, 4  # of the polynomial that a missing rate is the slope of
+# Samples and order of the polynomials whose slopes may stand for a rate, the last least biased.
+SLOPES = ((7, 4), (9, 6), (9, 8))
+
+
+def slopes(values: Array, sigma: Array, step: float) -> tuple[Array, Array]:
+    """Rates (n, k) of values by local polynomials, and their noise over that of the values (k,).
+
+    Of some polynomials each column takes the one with the least error: noise of its weights, and
+    by how much more than noise it differs from the one that follows the values best.
+    """
+    every = [savgol_coeffs(n, order, deriv=1, delta=step) for n, order in SLOPES]
+    middle = max(n for n, _ in SLOPES) // 2
+    weights = np.array([np.pad(w, middle - len(w) // 2) for w in every])
+    best = savgol_filter(values, *SLOPES[-1], deriv=1, delta=step, axis=0)
+    found, least = best, np.sum(weights[-1] ** 2) * sigma**2
+    noise = np.full(values.shape[1], np.sum(weights[-1] ** 2))
+    for (n, order), w in zip(SLOPES[:-1], weights[:-1], strict=True):
+        other = savgol_filter(values, n, order, deriv=1, delta=step, axis=0)
+        apart = np.mean((other - best) ** 2, axis=0) - np.sum((w - weights[-1]) ** 2) * sigma**2
+        error = np.maximum(apart, 0.0) + np.sum(w**2) * sigma**2
+        better = error < least
+        found = np.where(better, other, found)
+        least, noise = np.where(better, error, least), np.where(better, np.sum(w**2), noise)
+    return found, np.sqrt(noise)
 
 
 def with_rates(fused: Fused, run: PreparedRun) -> Fused:
-    """Rates as slopes of local polynomials through the displacements where they are missing."""
-    if len(run) < RATE_SAMPLES or np.isfinite(fused.v).all():
+    """Rates as slopes of the displacements where they are missing."""
+    if len(run) < max(n for n, _ in SLOPES) or np.isfinite(fused.v).all():
         return fused
-    h = run.step_s
-    weights = savgol_coeffs(RATE_SAMPLES, RATE_ORDER, deriv=1, delta=h)
-    noise = float(np.sum(weights**2))
 
-    def slope(values: Array) -> Array:
+    def slope(values: Array, sigma: Array) -> tuple[Array, Array]:
         known = np.isfinite(values).all(axis=0)
-        found = np.full_like(values, np.nan)
-        if not known.any():
-            return found
-        found[:, known] = savgol_filter(
-            values[:, known], RATE_SAMPLES, RATE_ORDER, deriv=1, delta=h, axis=0
-        )
-        return found
+        found, noise = np.full_like(values, np.nan), np.full(values.shape[1], np.nan)
+        if known.any():
+            found[:, known], noise[known] = slopes(values[:, known], sigma[known], run.step_s)
+        return found, noise
 
-    v = np.where(np.isfinite(fused.v), fused.v, slope(fused.x))
-    sigma_v = np.where(np.isfinite(fused.sigma_v), fused.sigma_v, fused.sigma_x * np.sqrt(noise))
+    rate, noise = slope(fused.x, fused.sigma_x)
+    v = np.where(np.isfinite(fused.v), fused.v, rate)
+    sigma_v = np.where(np.isfinite(fused.sigma_v), fused.sigma_v, fused.sigma_x * noise)
     z_rate, cov = fused.z_rate, fused.z_rate_cov
     if np.isfinite(fused.z).all() and not np.isfinite(z_rate).all():
-        z_rate, cov = slope(fused.z), fused.z_cov * noise
+        z_rate, noise = slope(fused.z, np.sqrt(np.diag(fused.z_cov)))
+        cov = fused.z_cov * np.outer(noise, noise)
     return replace(fused, v=v, sigma_v=sigma_v, z_rate=z_rate, z_rate_cov=cov)
