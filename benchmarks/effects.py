@@ -56,10 +56,10 @@ EFFECTS = (
     "damping_law:share=0.4,power=0.5,depth=1e-5",
     "contact_nonlinearity:exponent=1.1",
     "ring_flexibility@rp:stiffness=3e9",
-    "bearing_clearance:clearance=1e-5",
+    "bearing_clearance:clearance=5e-6",
     "tooth_crack@sp:depth=0.3,member=sun; tooth_friction:mu=0.05",
     "ring_flexibility@rp:stiffness=3e9; tooth_friction:mu=0.08",
-    "ring_flexibility@rp:stiffness=3e9; bearing_clearance:clearance=1e-5",
+    "ring_flexibility@rp:stiffness=3e9; bearing_clearance:clearance=5e-6",
 )
 ORBIT = {"xi": 0.07, "delta_T": 90.0}
 CYCLES, VALUES, LENGTH = 20, 64, 100

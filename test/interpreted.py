@@ -51,11 +51,11 @@ EVENTS = (
 BENDS = (
     "tooth_friction:mu=0.08; contact_nonlinearity@sp:exponent=1.1; "
     "damping_law@rp:share=0.4,power=0.5,depth=1e-5; ring_flexibility@rp:stiffness=3e9; "
-    "bearing_clearance:clearance=1e-5"
+    "bearing_clearance:clearance=5e-6"
 )
-ROUND = "bearing_clearance:clearance=1e-5,softness=0.05"
+ROUND = "bearing_clearance:clearance=5e-6,softness=0.1"
 RUBS = "tooth_friction:mu=0.08; ring_flexibility@rp:stiffness=3e9; damping_law:share=1,power=0"
-JUMPS = "damping_law:share=0.4,power=0,depth=1e-5; bearing_clearance:clearance=1e-5"
+JUMPS = "damping_law:share=0.4,power=0,depth=1e-5; bearing_clearance:clearance=5e-6"
 HOT = {"xi": 0.07, "delta_T": 90.0, "K": 0.1}
 SLOW = {"method": "rk4", "steps_per_cycle": 32}
 EFFECT_CASES = {

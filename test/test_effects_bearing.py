@@ -20,7 +20,7 @@ from herringbone_sim.effects.registry import effect
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 Array = NDArray[np.float64]
-SEAT = {"clearance": 2e-5, "stiffness": 1e10, "damping": 0.1, "softness": 0.06}
+SEAT = {"clearance": 1e-5, "stiffness": 1e10, "damping": 0.1, "softness": 0.12}
 PINS = {"all": [1, 4], "L": [1], "R": [4]}  # halves p1_L, p2_L, .., p3_R that are free
 
 
@@ -36,7 +36,7 @@ def free(side: str, **values: float) -> Active:
 
 def seat(w: float) -> float:
     width = SEAT["softness"] * SEAT["clearance"]
-    ends = np.array([w, -w]) - 0.5 * SEAT["clearance"]
+    ends = np.array([w, -w]) - SEAT["clearance"]
     found = SEAT["stiffness"] * width * np.logaddexp(0.0, ends / width)
     return float(found[0] - found[1])
 
@@ -105,6 +105,6 @@ def test_recorded_motion_and_forces_tell_where_the_pin_is(rig: Model) -> None:
 
     right = missed(free("all"))
     assert right < 0.004
-    assert missed(free("all", clearance=2.1e-5)) > 2.0 * right
+    assert missed(free("all", clearance=1.05e-5)) > 2.0 * right
     assert missed(free("L")) > 50.0 * right
     assert missed() > 50.0 * right

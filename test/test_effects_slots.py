@@ -46,11 +46,11 @@ TEXTS = (
     "damping_law:share=0.4,power=0.5,depth=1e-5",
     "contact_nonlinearity:exponent=1.1",
     "ring_flexibility@rp:stiffness=3e9,damping=0.05",
-    "bearing_clearance:clearance=1e-5",
-    "bearing_clearance:clearance=1e-5,softness=0.05",
+    "bearing_clearance:clearance=5e-6",
+    "bearing_clearance:clearance=5e-6,softness=0.1",
     "damping_law:share=1,power=0,depth=1e-5; tooth_friction:mu=0.08",
-    "ring_flexibility@rp:stiffness=3e9; bearing_clearance:clearance=1e-5",
-    "contact_nonlinearity:exponent=1.1; bearing_clearance:clearance=4e-6",
+    "ring_flexibility@rp:stiffness=3e9; bearing_clearance:clearance=5e-6",
+    "contact_nonlinearity:exponent=1.1; bearing_clearance:clearance=2e-6",
     "tooth_crack@sp:depth=0.3,member=sun,position=3.2; tooth_friction:mu=0.05",
 )
 
@@ -150,8 +150,8 @@ def test_halves_that_an_effect_makes_unlike_are_integrated_both() -> None:
     assert alike_halves(gear("tooth_friction:mu=0.08"))
     assert alike_halves(gear("ring_flexibility@rp:stiffness=3e9"))
     assert not alike_halves(gear("ring_flexibility@rp/all/L:stiffness=3e9"))
-    assert alike_halves(gear("bearing_clearance:clearance=1e-5"))
-    assert not alike_halves(gear("bearing_clearance@all/all/L:clearance=1e-5"))
+    assert alike_halves(gear("bearing_clearance:clearance=5e-6"))
+    assert not alike_halves(gear("bearing_clearance@all/all/L:clearance=5e-6"))
     assert not alike_halves(gear("stagger@all/all/L:phase=0.2"))
     assert not alike_halves(
         gear("torque_ripple:amplitude=0.2; pin_position@all/all/R:offset=1e-6")
@@ -165,8 +165,8 @@ def test_halves_that_an_effect_makes_unlike_are_integrated_both() -> None:
         "tooth_friction:mu=0.08",
         "damping_law:share=0.4,power=0,depth=1e-5",
         "ring_flexibility@rp:stiffness=3e9",
-        "bearing_clearance:clearance=1e-5",
-        "bearing_clearance:clearance=1e-5; tooth_friction:mu=0.08; contact_nonlinearity",
+        "bearing_clearance:clearance=5e-6",
+        "bearing_clearance:clearance=5e-6; tooth_friction:mu=0.08; contact_nonlinearity",
     ],
 )
 def test_one_half_grows_as_the_whole_does(text: str) -> None:

@@ -64,11 +64,11 @@ KINDS = {  # gears with effects, and what is differentiated in each
         "ring_flexibility@rp:stiffness ring_flexibility@rp:damping b_c k_m_sp Omega",
     ),
     "bearing": (
-        "bearing_clearance:clearance=1e-5",
+        "bearing_clearance:clearance=5e-6",
         "bearing_clearance:clearance bearing_clearance:stiffness bearing_clearance:damping b_c",
     ),
     "rounded": (
-        "bearing_clearance:clearance=1e-5,softness=0.05",
+        "bearing_clearance:clearance=5e-6,softness=0.1",
         "bearing_clearance:clearance bearing_clearance:softness b_c",
     ),
 }
@@ -262,7 +262,7 @@ def test_what_has_no_derivative_is_refused_with_the_reason(name, reason):
 
 def test_a_corner_that_is_sharp_has_no_derivative_by_its_rounding():
     base, wanted = directions(
-        gear("bearing_clearance:clearance=1e-5"), ["bearing_clearance:softness"]
+        gear("bearing_clearance:clearance=5e-6"), ["bearing_clearance:softness"]
     )
     with pytest.raises(ParameterError, match="a rounded corner"):
         Stepper(base, wanted)

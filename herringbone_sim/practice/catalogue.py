@@ -199,12 +199,12 @@ CATALOGUE: dict[str, Kind] = {
     ),
     "bearing_clearance": Kind(
         "law",
-        2e-6,
-        5e-5,
+        1e-6,
+        2.5e-5,
         lambda rng, _: (_one_planet(rng), {}),
         equip.bearing_clearance,
         _told("clearance", "m"),
-        least=1e-6,
+        least=5e-7,
     ),
     "torque_ripple": Kind(
         "body",

@@ -176,7 +176,7 @@ def bearing_clearance(p: Machine, c: Cause, _: Point) -> Machine:
     damper = 2.0 * ratio * np.sqrt(stiffness * mass[pin])
     width = float(curve.get("softness", 0.0)) * c.size
     growth = float(curve.get("growth", 0.0)) / (RING_LOAD / stiffness) ** 2
-    support = np.array([c.size / 2.0, stiffness, damper, width, growth])
+    support = np.array([c.size, stiffness, damper, width, growth])
     return p._replace(free=free, mass=mass, support=support)
 
 

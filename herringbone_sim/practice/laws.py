@@ -190,7 +190,7 @@ def _ring(rng: Generator) -> Curve:
 def _bearing(rng: Generator) -> Curve:
     """Ends of the clearance over it, and hardening of the seat at the deflection by 100 kN."""
     return {
-        "softness": float(rng.choice([0.0, rng.uniform(0.05, 0.4)])),
+        "softness": float(rng.choice([0.0, rng.uniform(0.1, 0.8)])),
         "stiffness": float(10.0 ** rng.uniform(11.0, 11.7)),
         "ratio": float(rng.uniform(0.03, 0.25)),
         "growth": float(rng.uniform(0.0, 1.0)),

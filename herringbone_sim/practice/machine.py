@@ -111,7 +111,7 @@ class Machine(NamedTuple):
     pitch: float  # where the sliding turns [rad]
     rub: Array  # (2, N_TABLE) friction over a mesh cycle from there; (2, 0): the sign of sliding
     ring: Array  # (4,) spring [N/m], damper [N s/m], their growth [1/m^2], [s/m] of the ring
-    support: Array  # (5,) half clearance, spring, damper, width of its ends [m], growth [1/m^2]
+    support: Array  # (5,) clearance, spring, damper, width of its ends [m], growth [1/m^2]
     plate: Array  # (2,) spring and damper of the carrier's right plate
     output: Array  # (2,) stick force [N] and speed [m/s] of the output
     shock: Array  # (3,) force [N], cycles between, width [cycles] of a shock on the carrier

@@ -6,7 +6,7 @@ The pin sits w ahead of its place in the carrier, whose coordinate is y = r_bc t
     H = k g(w) + c w',      c = 2 damping sqrt(k m),
     (M_c - sum m) y'' = cos beta sum F over all other meshes + sum H - T_2 / r_bc + control.
 
-g is the backlash function of half-width clearance / 2, its corners sharp, or rounded by
+g is the backlash function whose half-width is the clearance, its corners sharp, or rounded by
 ln(1 + e^z) over softness times the clearance. What gives way is taken off the meshes,
 d = -w cos beta, and the carrier of Eq. (14), which takes P as if pins were rigid, is put right by
 -m w''. I_ce holds m_p once a planet: m = m_p for a pin with both halves, m_p / 2 for a half that
@@ -58,7 +58,7 @@ def rise(z):
 def hold(theta, mass, w, rate):
     """Force [N] of the seat on a pin of some mass [kg]."""
     width = theta[SOFTNESS] * theta[CLEARANCE]
-    b = 0.5 * theta[CLEARANCE]
+    b = theta[CLEARANCE]
     g = play(w, b)
     if width > 0.0:
         g = width * (rise((w - b) / width) - rise((-w - b) / width))
@@ -154,7 +154,7 @@ def fill(
     slots.add_coordinates(
         Coordinates(
             shift=-cos_beta * here,
-            seat=np.array([(*seat, 0.5 * theta[CLEARANCE], width) for seat in seats]),
+            seat=np.array([(*seat, theta[CLEARANCE], width) for seat in seats]),
             force=cos_beta * here / mass[:, None] - by_mesh,
             hold=-np.diag(1.0 / mass) - by_seat,
             load=np.full(len(pins), -by_load),
@@ -172,7 +172,7 @@ EFFECT = Effect(
     text="dead zone in a planet's support",
     level="mesh",
     parameters=(
-        Parameter("clearance", "m", "whole width of the dead zone", 0.0, 2e-4, 1e-5),
+        Parameter("clearance", "m", "way of the pin to either side", 0.0, 1e-4, 5e-6),
         Parameter("stiffness", "N/m", "of the seat", 1e8, 1e12, 3e10, neutral=None),
         Parameter("damping", "-", "ratio on the seat", 0.0, 1.0, 0.1, neutral=None),
         Parameter("softness", "-", "rounding over clearance", 0.0, 0.5, 0.0, neutral=None),

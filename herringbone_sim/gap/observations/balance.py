@@ -131,14 +131,16 @@ def block(
 def _gratings(
     model: Model, modelled: NDArray[np.bool_], names: Sequence[str]
 ) -> tuple[Array, Array]:
-    """Encoders off centre (T, rows, Q), through the forces that come from the law, and their prior.
+    """Encoders off centre through the forces that come from the law (T, rows, Q), and their prior.
 
-    What they do to the accelerations themselves is some hundredth of it: they turn slowly.
+    They turn slowly: what they do to the accelerations themselves is left out.
     """
     reach = inertia_parts(model).sum(0)
     shaft = tuple(n for n in names if n.startswith("shaft "))
     kinds = sorted({n.rpartition(" of ")[0] for n in shaft})
-    by_mesh, sd = gratings(model, kinds) if shaft else (np.zeros((0, len(modelled), 0)), np.zeros(0))
+    by_mesh, sd = (
+        gratings(model, kinds) if shaft else (np.zeros((0, len(modelled), 0)), np.zeros(0))
+    )
     found = np.zeros((len(sd), len(reach), len(names)))
     for name in shaft:
         kind, _, mesh = name.rpartition(" of ")

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
 RING_RATIO = 0.05
-CLEARANCES_M = np.geomspace(2e-6, 1e-4, 6)
+CLEARANCES_M = np.geomspace(1e-6, 5e-5, 6)
 SEAT_N_PER_M = 1e11
 SEAT_RATIO = 0.1
 
@@ -112,7 +112,7 @@ def bearing_motion(gear: Gear, locus: Locus, theta: Array, m: Motion, F: Array) 
     H = k g(w) + c w' of the seat.
 
     Args:
-        theta: whole clearance [m], stiffness [N/m] and damping ratio of the seat.
+        theta: clearance [m], stiffness [N/m] and damping ratio of the seat.
         F: (n, n_mesh) forces that drive it [N].
     """
     s = gear.model.scales
@@ -125,7 +125,7 @@ def bearing_motion(gear: Gear, locus: Locus, theta: Array, m: Motion, F: Array) 
     y = (s.cos_beta * F.sum(axis=1) - T_2 / s.r_bc) / s.M_c
     y += m.point["K"] * s.b_c * s.omega_n**2 * np.cos(m.phase) / s.cos_beta
     parts = max(4, int(np.ceil(h * np.sqrt(stiffness / mass) / 0.2)))
-    return np.asarray(_seat(P, y, mass, stiffness, damping, 0.5 * clearance, h, parts))
+    return np.asarray(_seat(P, y, mass, stiffness, damping, clearance, h, parts))
 
 
 def bearing_functions(
@@ -161,7 +161,7 @@ class Seat:
 
     Attributes:
         effect, locus: as in the catalogue.
-        theta: stiffness [N/m] and damping ratio; of a pin after its whole clearance [m].
+        theta: stiffness [N/m] and damping ratio; of a pin after its clearance [m].
     """
 
     effect: str
