@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from herringbone_sim.diagnosis import examine as examining
 from herringbone_sim.diagnosis.evidence import evidence_of
 from herringbone_sim.diagnosis.examine import Examined, examine
 from herringbone_sim.diagnosis.search import Search, amplitudes
@@ -200,3 +201,19 @@ def test_the_script_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None
     (script,) = re.findall(r"```python\n(from .*?)```", page, re.DOTALL)
     exec(script, {})
     assert capsys.readouterr().out.startswith("('play',)")
+
+
+def test_what_needs_no_first_effect_is_tried_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the wrong effect alone is fitted, the right one beside it explains all by itself."""
+    rank = examining._ranked
+
+    def wrong_first(search, catalogue, taken):
+        found, ranked = rank(search, catalogue, taken)
+        if taken is None:
+            ranked = [r for r in ranked if r[1].effect == "coulomb"]
+        return found, ranked
+
+    monkeypatch.setattr(examining, "_ranked", wrong_first)
+    found = examine(Damper(simulate("play", SEED)))
+    assert [f.hypotheses[0].effect for f in found.singles] == ["play", "coulomb"]
+    assert found.singles[0].energy == pytest.approx(examined("play").singles[0].energy, rel=1e-3)

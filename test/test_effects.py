@@ -14,7 +14,7 @@ from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.effects.channels import distort
+from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.evaluate import Motion, answer, forces, motion
 from herringbone_sim.effects.registry import VARIABLE, effect, effects
@@ -236,3 +236,12 @@ def test_the_interpreter_reads_what_is_compiled(
     code = "import interpreted_effects; interpreted_effects.main()"
     command = [sys.executable, "-W", "ignore", "-c", code, str(tmp_path / "in.npz")]
     subprocess.run(command, env=environment, check=True, timeout=100)
+
+
+def test_a_clock_of_other_channels_does_not_concern_the_forces() -> None:
+    """A diagnosis names channels of motion; forces alone are shown through the other errors."""
+    clock, gain = effect("clock_drift"), effect("sensor_gain")
+    of_motion = Active(clock, (5.0,), Locus(), (("channels", ("v_sp_L",)),))
+    of_all = Active(clock, (5.0,), Locus(), ())
+    of_force = Active(gain, (1.1,), Locus(), (("channels", ("F_sp_L",)),))
+    assert on_channels(("F_sp_L", "F_rp_L"), (of_motion, of_all, of_force)) == (of_all, of_force)

@@ -131,3 +131,16 @@ def test_other_orders_of_a_learned_wave_are_effects_too(
     assert {dict(a.options)["order"]: pytest.approx(list(a.theta)) for a in found.harmonics} == (
         expected
     )
+
+
+def test_a_compliance_that_may_be_none_has_a_stiffness_with_an_end() -> None:
+    """A ring without compliance is rigid: its stiffness is the highest that there may be."""
+    options = (("stiffness", 1e11), ("damping", 0.1))
+    one = Coefficient("amplitude", 0.1, np.inf, {}, 1.0)
+    h = Hypothesis("ring_flexibility", options, Locus("rp", "all", "all"), (one,), 1)
+    mean, spread = np.array([1.0]), np.array([[1.0]])
+    score = Score((one,), mean, spread, mean[None], mean[:1], 0.0, 0.0, 1.0, {})
+    [found] = named((h,), score, build(NOMINAL))
+    low, high = found.intervals[0]
+    assert 0.0 < low < 1e11 < high <= 1.1e12
+    assert found.active.theta[0] == pytest.approx(1e11)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, increments, velocity
+from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, increments
 from herringbone_sim.gap.sensors.consistency import geometry
 from herringbone_sim.gap.sensors.corrected import drop
 
@@ -28,36 +29,47 @@ def independent(run: PreparedRun) -> PreparedRun:
     left = geometry(run)[0][0]
     if run.u.complete and left.size and _rms(left) < HALF:
         run = drop(run, by_mesh)
-    # Rates may be worked out of displacements, of rotations, or of both.
-    if min(_apart(one) for one in (run, drop(run, by_mesh), drop(run, by_body))) < HALF:
-        run = drop(run, tuple(f"v_{m}" for m in layout.meshes))
+    # Rates may be worked out of displacements, mesh by mesh or all, of rotations, or of both.
+    D = coordinates_to_meshes(layout)
+    every = [displacement(one) for one in (run, drop(run, by_mesh), drop(run, by_body))]
+    found = [_apart(run, run.x.values + run.waves.e, run.x.sigma**2)]
+    found += [_apart(run, z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
+    share = min(found, key=lambda one: float(np.median(one)))
+    if np.median(share) < HALF:
+        # One that is off all the same has an error of its own.
+        own = zip(layout.meshes, share, strict=True)
+        run = drop(run, tuple(f"v_{mesh}" for mesh, off in own if off < HALF))
     return run
 
 
-def _apart(run: PreparedRun) -> float:
-    """Disagreement of rates with displacements, by their integral, central differences or a
-    spline, over that of independent noise; infinite where there is nothing to compare."""
-    z, P = displacement(run)
-    rate, V = velocity(run)
-    known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
-    if not known.any():
-        return np.inf
+def _apart(
+    run: PreparedRun, x: NDArray[np.float64], of_x: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n_mesh,) disagreement of rates with those of displacements x (n, n_mesh) [m] of variance
+    of_x, by their integral, central differences or a spline, over that of independent noise;
+    infinite where there is nothing to compare."""
     h = run.step_s
-    integral = (np.diff(z, axis=0) - increments(rate, h))[2:-2, known]
-    slope = (np.gradient(z, h, axis=0) - rate)[1:-1, known]
-    times = np.arange(len(z)) * h
-    spline = (CubicSpline(times, z[:, known]).derivative()(times) - rate[:, known])[8:-8]
+    known = run.v.there & np.isfinite(x).all(axis=0)
+    found = np.full(len(known), np.inf)
+    if not known.any():
+        return found
+    x, rate = x[:, known], (run.v.values + run.waves.e_rate)[:, known]
+    of_x, of_v = of_x[known], run.v.sigma[known] ** 2
+    integral = (np.diff(x, axis=0) - increments(rate, h))[2:-2]
+    slope = (np.gradient(x, h, axis=0) - rate)[1:-1]
+    times = np.arange(len(x)) * h
+    spline = (CubicSpline(times, x).derivative()(times) - rate)[8:-8]
     impulse = CubicSpline(np.arange(33.0), np.eye(33)[16]).derivative()(np.arange(33.0))
-    P, V = np.diag(P)[known], np.diag(V)[known]
-    return min(
-        _median_share(integral, 2.0 * P + h**2 * float(np.sum(QUADRATURE**2)) * V),
-        _median_share(slope, 0.5 * P / h**2 + V),
-        _median_share(spline, float(np.sum(impulse**2)) * P / h**2 + V),
-    )
-
-
-def _median_share(off: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
-    return float(np.median(np.sqrt(np.mean(off**2, axis=0) / expected)))
+    shares = [
+        np.mean(off**2, axis=0) / expected
+        for off, expected in (
+            (integral, 2.0 * of_x + h**2 * float(np.sum(QUADRATURE**2)) * of_v),
+            (slope, 0.5 * of_x / h**2 + of_v),
+            (spline, float(np.sum(impulse**2)) * of_x / h**2 + of_v),
+        )
+    ]
+    found[known] = np.sqrt(np.min(shares, axis=0))
+    return found
 
 
 def _rms(values: NDArray[np.float64]) -> float:
