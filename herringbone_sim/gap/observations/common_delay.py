@@ -1,7 +1,7 @@
 """The common delay of all channels where rotations don't tell it: by what the gear's laws say.
 
 The delay of e(t) and k(t) that lets the calibrated gear leave least of short stretches of the runs
-is taken.
+is taken, unless a shift in time of some meshes or sensors alone leaves less.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from herringbone_sim.gap.sensors.late import later, longest_delay, put_right
 CYCLES = 20  # of a stretch: a hundred times what the balance averages over
 STRETCHES = 2  # of the fastest runs, where a delay shows most
 TENTH_S = 1e-7  # precision of a delay: a fiftieth of the longest of the data sheet
-HALF = 0.5  # of what the gear leaves: less is not what a delay explains
+SHIFTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")  # in time, of some alone
 
 
 def undelayed(
@@ -37,18 +37,23 @@ def undelayed(
     if gear.by_windows or not GearMachine(gear).formed:
         return tuple(runs)
 
+    def null(delay: float) -> Search:
+        gear = Gear([later(run, delay) for run in some], gain_tolerance=gain_tolerance)
+        return Search(GearMachine(gear))
+
     def left(delay: float) -> float:
         """Whitened squares a value."""
-        gear = Gear([later(run, delay) for run in some], gain_tolerance=gain_tolerance)
-        null = Search(GearMachine(gear)).null
-        return null.in_sample / null.count
+        score = null(delay).null
+        return score.in_sample / score.count
 
-    before = left(0.0)
-    if HALF * before < 1.0:
+    search = null(0.0)
+    if search.null.in_sample < 2.0 * search.null.count:
         return tuple(runs)
-    longest = longest_delay(runs[0])
-    found = minimize_scalar(left, bounds=(0.0, longest), options={"xatol": TENTH_S})
-    if found.fun < HALF * before:
+    found = minimize_scalar(left, bounds=(0.0, longest_delay(runs[0])), options={"xatol": TENTH_S})
+    search = search.onwards(search.machine)
+    shifts = [h for h in search.machine.hypotheses() if h.effect in SHIFTS]
+    most = min((search.quick(h.coefficients) for h in shifts), default=0.0)
+    if found.fun * search.null.count < search.null.in_sample + min(most, 0.0):
         return tuple(later(run, float(found.x)) for run in runs)
     return tuple(runs)
 

@@ -66,7 +66,7 @@ def dense_motion(g: GearRun) -> Motion | None:
 
 
 # Samples and order of the polynomials whose slopes may stand for a rate, the last least biased.
-SLOPES = ((7, 4), (9, 6), (9, 8))
+SLOPES = ((7, 4), (9, 6), (11, 8), (9, 8))
 
 
 def slopes(values: Array, sigma: Array, step: float) -> tuple[Array, Array]:
