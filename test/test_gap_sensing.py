@@ -11,12 +11,13 @@ from scipy.interpolate import CubicSpline
 
 from herringbone_sim.diagnosis.products import cleared
 from herringbone_sim.diagnosis.search import Search, amplitudes
-from herringbone_sim.gap.observations import balance
+from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.runs import slopes
-from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.corrected import drop, undone
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.trial import Setting, plan_of
@@ -52,6 +53,19 @@ def test_rates_of_a_spline_through_rotations_are_no_second_measurement() -> None
     wrong = rate * np.where(np.arange(rate.shape[1]) == 4, 1.2, 1.0)
     off = replace(run, v=replace(run.v, values=wrong))
     assert np.flatnonzero(independent(off).v.there).tolist() == [4]
+
+
+def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements() -> None:
+    """One unit of the column of the exchange takes all off the residual that it has put there."""
+    right = rig({}, cycles=20).runs[0]
+    names = ("v_sp2_R", "v_rp2_R")
+    swapped = undone(right, "swap", names, 1.0)
+    clean, wrong = (consistency.block(run, fuse(run), 0.5, names) for run in (right, swapped))
+    assert clean is not None
+    assert wrong is not None
+    column = wrong.columns[:, :, wrong.functions.index("swap")]
+    np.testing.assert_allclose(wrong.residual - column, clean.residual, atol=1e-9)
+    assert np.mean(wrong.residual**2) > 100.0 * np.mean(clean.residual**2)
 
 
 def test_gratings_off_centre_are_no_finding_where_forces_come_from_the_law() -> None:

@@ -15,6 +15,7 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.force_law import GRATING_RAD, shafts, slow_waves
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.sensors.consistency import Relation, channel_signals, relations
+from herringbone_sim.gap.sensors.corrected import undone
 from herringbone_sim.gap.sensors.groups import sensor_names
 
 Array = NDArray[np.float64]
@@ -46,10 +47,9 @@ def block(
     residual, columns, weights = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
     names = function_names(run.model.layout, swap)
     if swap is not None:
-        i, j = (sensor_names(run.model.layout).index(name) for name in swap)
-        y = signals[:, :, 0]
-        apart = (y[:, j] - y[:, i])[:, None] * (weights[0][:, i] - weights[0][:, j])
-        columns = np.concatenate([columns, apart[:, :, None]], axis=2)
+        right = relations(undone(run, "swap", swap, 1.0), signals)
+        left = np.concatenate([_rows(one, len(run))[0] for one in right], axis=1)
+        columns = np.concatenate([columns, (residual - left)[:, :, None]], axis=2)
     slow = slow_waves(run.times - run.times[0])
     turns, size = _turns(run)
     R = residual.shape[1]
