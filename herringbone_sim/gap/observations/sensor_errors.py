@@ -58,8 +58,10 @@ def motion_sensors(places: Places) -> Iterator[Hypothesis]:
     gear = places.gear
     if not gear.relations:
         return
+    recorded = [np.concatenate([g.run.x.there, g.run.v.there, g.run.u.there]) for g in gear.runs]
+    groups = groups_of(gear.model.layout, np.logical_and.reduce(recorded))
     for kind, effect in zip(consistency.KINDS, MOTION_EFFECTS, strict=True):
-        for group in groups_of(gear.model.layout):
+        for group in groups:
             if group.quantity == "xvu" or group.quantity not in gear.sizes:
                 continue
             scale = {

@@ -38,10 +38,17 @@ class Group:
         return PREFIX_UNITS.get(self.quantity, "-")
 
 
-def groups_of(layout: Layout) -> list[Group]:
-    """All groups of x, v and u, each set of channels once."""
+def groups_of(layout: Layout, there: Mask | None = None) -> list[Group]:
+    """All groups of x, v and u, each set of channels once.
+
+    Args:
+        there: (J,) channels that are recorded; None for all. Of loci with the same channels the
+            smallest one is taken.
+    """
     names = sensor_names(layout)
+    there = np.ones(len(names), dtype=bool) if there is None else there
     found: dict[bytes, Group] = {}
+    sizes: dict[bytes, int] = {}
     for quantity, kind, planet, side in product(
         ("x", "v", "u", "xvu"),
         ("all", *KINDS, "s", "c", "p"),
@@ -50,11 +57,12 @@ def groups_of(layout: Layout) -> list[Group]:
     ):
         if quantity == "xvu" and (kind, planet, side) != ("all", "all", "all"):
             continue
-        members = np.array([_inside(n, quantity, kind, planet, side) for n in names])
-        if members.any():
+        inside = np.array([_inside(n, quantity, kind, planet, side) for n in names])
+        members, size = inside & there, int(inside.sum())
+        key = members.tobytes()
+        if members.any() and size < sizes.get(key, len(names) + 1):
             chosen = tuple(n for n, m in zip(names, members, strict=True) if m)
-            group = Group(quantity, kind, planet, side, chosen, members)
-            found.setdefault(members.tobytes(), group)
+            found[key], sizes[key] = Group(quantity, kind, planet, side, chosen, members), size
     return list(found.values())
 
 
