@@ -107,13 +107,14 @@ def examine(
         flexible["single"] = _left(search, singles[0], left)
         if _total(flexible["single"]) > WORTH * count:
             say("pairs")
-            pairs, alone = _pairs(search, catalogue, first)
-            if alone and alone[0].energy < singles[0].energy:
-                singles = (alone[0], *singles)
-                flexible["single"] = _left(search, alone[0], left)
+            pairs = _pairs(search, catalogue, first)
+            alone = _alone(search, singles, pairs)
+            if alone is not None:
+                singles = (alone, *singles)
+                flexible["single"] = _left(search, alone, left)
                 if _total(flexible["single"]) > WORTH * count:
-                    more, _ = _pairs(search, catalogue, alone[0])
-                    pairs = tuple(sorted((*pairs, *more), key=lambda f: f.energy))
+                    pairs = (*pairs, *_pairs(search, catalogue, alone))
+                    pairs = tuple(sorted(pairs, key=lambda f: f.energy))
             if pairs:
                 flexible["pair"] = _left(search, pairs[0], left)
     screened: dict[str, float] = {}
@@ -194,26 +195,32 @@ def _fits(search: Search, ranked: Ranked, most: int, places: int) -> tuple[Found
     return tuple(sorted(fits, key=lambda f: f.energy))
 
 
-def _pairs(
-    search: Search, catalogue: Sequence[Hypothesis], first: Found
-) -> tuple[tuple[Found, ...], tuple[Found, ...]]:
-    """The best single with the best second effects on what it leaves, and the best of these alone.
-
-    What leaves nothing beside the first may need no first. Events and parts that the residual
-    proposes are of what the first leaves: they aren't tried alone.
-    """
+def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tuple[Found, ...]:
+    """The best single with the best second effects on what it leaves."""
     own = first.hypotheses[0]
     others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
     then, ranked = _ranked(search, others, first.score)
     different = [r for r in ranked if r[1].effect != own.effect]
     fits = _fits(then, different, PAIRED, 1)
-    pairs = tuple(Found((own, *f.hypotheses), f.score) for f in fits)
-    if not fits or fits[0].hypotheses[0].maker is not None:
-        return pairs, ()
-    one = fits[0].hypotheses[0]
-    start = [search.null.mean, fits[0].score.mean[-len(one.coefficients) :]]
-    score = search.settled(search.refined(one.coefficients, np.concatenate(start)))
-    return pairs, (Found((one,), score),)
+    return tuple(Found((own, *f.hypotheses), f.score) for f in fits)
+
+
+def _alone(search: Search, singles: Sequence[Found], pairs: Sequence[Found]) -> Found | None:
+    """The second effect of the best pair by itself; None unless it leaves less than any single.
+
+    It need not have been among the few that were fitted. Events and parts that were proposed by
+    what the first effect left can't be formed without it.
+    """
+    if not pairs:
+        return None
+    one = pairs[0].hypotheses[1]
+    fitted = [f.hypotheses[0] for f in singles]
+    known = {(h.effect, h.options, h.locus) for h in fitted}
+    if one.maker is not None or (one.effect, one.options, one.locus) in known:
+        return None
+    start = np.concatenate([search.null.mean, pairs[0].score.mean[-len(one.coefficients) :]])
+    found = Found((one,), search.settled(search.refined(one.coefficients, start)))
+    return found if found.energy < singles[0].energy else None
 
 
 def _left(
