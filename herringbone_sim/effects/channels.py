@@ -56,9 +56,8 @@ def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active
     found = []
     for one in actives:
         concerned = names_of(names, one)
-        inside = bool(concerned) and set(concerned) <= set(names)
-        every = not concerned and not one.effect.options
-        if one.effect.level == "sensor" and (inside or every):
+        inside = set(concerned) <= set(names) if concerned else not one.effect.options
+        if one.effect.level == "sensor" and inside:
             found.append(one)
     return tuple(found)
 

@@ -175,7 +175,7 @@ EFFECT = Effect(
         Parameter("clearance", "m", "way of the pin to either side", 0.0, 1e-4, 5e-6),
         Parameter("stiffness", "N/m", "of the seat", 1e8, 1e12, 3e10, neutral=None),
         Parameter("damping", "-", "ratio on the seat", 0.0, 1.0, 0.1, neutral=None),
-        Parameter("softness", "-", "rounding over clearance", 0.0, 0.5, 0.0, neutral=None),
+        Parameter("softness", "-", "rounding over clearance", 0.0, 1.0, 0.0, neutral=None),
     ),
     loci=(("all", "*", "all"), ("all", "*", "*")),
     place=place,
