@@ -11,15 +11,19 @@ from scipy.interpolate import CubicSpline
 
 from herringbone_sim.diagnosis.products import cleared
 from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.observations import balance, consistency
+from herringbone_sim.gap.observations.common_delay import undelayed
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.runs import slopes
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import drop, undone
+from herringbone_sim.gap.sensors.late import longest_delay
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.plan import draw_plan
 from herringbone_sim.practice.trial import Setting, plan_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -85,3 +89,44 @@ def test_gratings_off_centre_are_no_finding_where_forces_come_from_the_law() -> 
     left, more = (np.array([np.mean(cleared(b) ** 2) for b in some]) for some in (blocks, bare))
     assert (left < 2.0).all()
     assert np.max(more / left) > 2.0
+
+
+@pytest.mark.parametrize(
+    ("truth", "noise", "channels"),
+    [
+        ("pin_position", "filtered", "x_and_F"),
+        ("none", "filtered", "no_force"),
+        ("stagger", "white", "x_and_F"),
+        ("planet_phase", "white", "x_and_F"),
+    ],
+)
+def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
+    truth: str, noise: str, channels: str
+) -> None:
+    """A filter delays all channels, beside a large effect too; a stagger only some."""
+    plan = draw_plan(3, truth, d=10.0, channels=channels, noise=noise, law="catalogue")
+    runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
+    found = undelayed([independent(run) for run in runs], ())
+    late = [
+        (b.late_rad - a.late_rad) / a.omega_rad_per_s for a, b in zip(runs, found, strict=True)
+    ]
+    if noise == "white":
+        assert late == [0.0] * len(runs)
+    else:  # the same in all runs, no less than the filter's own delay
+        assert late == pytest.approx([late[0]] * len(runs))
+        assert plan.noise.parts["filter"]["delay_s"] < late[0] <= longest_delay(runs[0])
+
+
+def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:
+    """Rates are slopes of a spline through rotations, but one has a gain of 1.2."""
+    plan = draw_plan(3, "sensor_gain", d=10.0, channels="full", noise="encoders", law="catalogue")
+    made = make_campaign(plan)
+    channels = made.label["effects"][0]["locus"]["channels"]
+    assert channels == ["v_rp1_L"]
+    [cause, *_] = diagnose(as_prepared(made), senses=False).report["causes"]
+    assert cause["effect"] == "sensor_gain"
+    assert cause["parameters"]["channels"]["value"] == channels
+    assert list(cause["locus"].values()) == ["rp", "1", "L"]
+    gain = made.label["effects"][0]["parameters"]["gain"]["value"]
+    # One rate beside displacements with other sensors' noise: a sixth of the size is missed.
+    assert cause["parameters"]["gain"]["value"] - 1.0 == pytest.approx(gain - 1.0, rel=0.2)

@@ -21,6 +21,7 @@ from herringbone_sim.gap.sensors.late import later, longest_delay, put_right
 CYCLES = 20  # of a stretch: a hundred times what the balance averages over
 STRETCHES = 2  # of the fastest runs, where a delay shows most
 TENTH_S = 1e-7  # precision of a delay: a fiftieth of the longest of the data sheet
+ENOUGH = 2.0  # squares a value: where the gear leaves no more than its noise again, no delay shows
 SHIFTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")  # in time, of some alone
 
 
@@ -47,7 +48,7 @@ def undelayed(
         return score.in_sample / score.count
 
     search = null(0.0)
-    if search.null.in_sample < 2.0 * search.null.count:
+    if search.null.in_sample < ENOUGH * search.null.count:
         return tuple(runs)
     found = minimize_scalar(left, bounds=(0.0, longest_delay(runs[0])), options={"xatol": TENTH_S})
     search = search.onwards(search.machine)

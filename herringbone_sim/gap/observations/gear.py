@@ -273,11 +273,10 @@ class Gear:
             own |= {f.name for f in self.body_functions}
             given = amplitudes.get(balance.NAME, {})
             of_balance = {name: a for name, a in given.items() if name in own}
-            names = None if wanted is None else [*wanted.get(balance.NAME, ()), *of_balance]
-            if names is not None:
-                names += [
-                    f"{f} of {j}" for f in SHAFT_NAMES for j in np.flatnonzero(self.modelled)
-                ]
+            gratings = [f"{f} of {j}" for f in SHAFT_NAMES for j in np.flatnonzero(self.modelled)]
+            names = None
+            if wanted is not None:
+                names = [*wanted.get(balance.NAME, ()), *of_balance, *gratings]
             cached = g is self.runs[r] and not self.modelled.any()
             full = (
                 self._balances[r]

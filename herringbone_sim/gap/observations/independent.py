@@ -17,6 +17,10 @@ from herringbone_sim.gap.sensors.consistency import geometry
 from herringbone_sim.gap.sensors.corrected import drop
 
 HALF = 0.5  # of the disagreement that independent noise would give
+# Of a spline through white noise, a sample apart: squares of its slope over those of the noise.
+OF_SPLINE = float(
+    np.sum(CubicSpline(np.arange(33.0), np.eye(33)[16]).derivative()(np.arange(33.0)) ** 2)
+)
 
 
 def independent(run: PreparedRun) -> PreparedRun:
@@ -59,13 +63,12 @@ def _apart(
     slope = (np.gradient(x, h, axis=0) - rate)[1:-1]
     times = np.arange(len(x)) * h
     spline = (CubicSpline(times, x).derivative()(times) - rate)[8:-8]
-    impulse = CubicSpline(np.arange(33.0), np.eye(33)[16]).derivative()(np.arange(33.0))
     shares = [
         np.mean(off**2, axis=0) / expected
         for off, expected in (
             (integral, 2.0 * of_x + h**2 * float(np.sum(QUADRATURE**2)) * of_v),
             (slope, 0.5 * of_x / h**2 + of_v),
-            (spline, float(np.sum(impulse**2)) * of_x / h**2 + of_v),
+            (spline, OF_SPLINE * of_x / h**2 + of_v),
         )
     ]
     found[known] = np.sqrt(np.min(shares, axis=0))
