@@ -131,7 +131,7 @@ class Bench:
         return got[:n]
 
 
-def wait_until(true: Callable[[], Any], timeout: float = 20.0) -> None:
+def wait_until(true: Callable[[], Any], timeout: float = 60.0) -> None:
     limit = time.monotonic() + timeout
     while not true():
         assert time.monotonic() < limit, "waited in vain"
