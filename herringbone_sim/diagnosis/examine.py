@@ -142,7 +142,7 @@ def _alive(energy: Array) -> NDArray[np.bool_]:
     return alive
 
 
-Ranked = list[tuple[float, Hypothesis, Score]]
+Ranked = list[tuple[float, Hypothesis, Array]]  # squares left, hypothesis, where a fit starts
 
 
 def _simplest(none: Found, singles: Sequence[Found]) -> Found:
@@ -163,7 +163,7 @@ def _ranked(
     """Linear scores on top of what was taken, best first, with what the residual proposes."""
     known = search.null if taken is None else taken
     made = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
-    machine, proposed = search.machine.proposals(made)
+    machine, proposed = search.machine.proposals(made, known.coefficients)
     search = search.onwards(machine, taken)
     quick = sorted(((search.quick(one.coefficients), i) for i, one in enumerate(catalogue)))
     chosen: list[Hypothesis] = []
@@ -176,7 +176,11 @@ def _ranked(
     found: Ranked = []
     for one in (*chosen, *proposed):
         score = search.screened(one.coefficients, 0.3)
-        found.append((float(score.energy.sum()), one, score))
+        left, start = float(score.energy.sum()), score.mean
+        if one.takes is not None:
+            left = float(search.null.energy.sum()) - one.takes
+            start = np.concatenate([search.null.mean, [c.center for c in one.coefficients]])
+        found.append((left, one, start))
     found.sort(key=lambda f: f[0])
     return search, found
 
@@ -184,14 +188,12 @@ def _ranked(
 def _fits(search: Search, ranked: Ranked, most: int, places: int) -> tuple[Found, ...]:
     fits: list[Found] = []
     per: dict[str, int] = {}
-    for _, one, linear in ranked:
+    for _, one, start in ranked:
         if len(fits) == most:
             break
         if per.get(one.effect, 0) < places:
             per[one.effect] = per.get(one.effect, 0) + 1
-            fits.append(
-                Found((one,), search.settled(search.refined(one.coefficients, linear.mean)))
-            )
+            fits.append(Found((one,), search.settled(search.refined(one.coefficients, start))))
     return tuple(sorted(fits, key=lambda f: f.energy))
 
 

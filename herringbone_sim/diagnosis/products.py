@@ -175,6 +175,7 @@ class Coefficient:
         center: of the prior; 1 for an exchange, which is there or not.
         departs: of how many coefficients, those before the first departure from it, it lets the
             curve depart; its prior goes with their size. 0 for an effect's own and tolerances.
+        sized: whether its prior goes with the size of the effect; a stiffness in series does not.
     """
 
     name: str
@@ -183,6 +184,7 @@ class Coefficient:
     parts: dict[str, Part]
     center: float = 0.0
     departs: int = 0
+    sized: bool = True
 
 
 class Campaign:

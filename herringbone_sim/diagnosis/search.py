@@ -44,8 +44,14 @@ class Machine(Protocol):
     def hypotheses(self) -> list[Hypothesis]:
         """Every effect at every place with every option that functions can carry."""
 
-    def proposals(self, amplitudes: Amplitudes) -> tuple[Machine, list[Hypothesis]]:
-        """Hypotheses found in the residual about a change, and a machine with their functions."""
+    def proposals(
+        self, amplitudes: Amplitudes, known: Sequence[Coefficient]
+    ) -> tuple[Machine, list[Hypothesis]]:
+        """Hypotheses found in the residual about a change, and a machine with their functions.
+
+        Args:
+            known: coefficients that the amplitudes come from.
+        """
 
     def finely(self) -> Machine:
         """The same, all its observations formed about the amplitudes themselves."""
@@ -78,6 +84,8 @@ class Hypothesis:
         coefficients: to fit.
         mains: how many of them, the first ones, are the effect's own parameters.
         maker: what a machine needs to make it again for other runs.
+        takes: squares that it takes off about its coefficients' centres, where it is so far from
+            linear that the machine has measured it; None: the linear screen tells.
     """
 
     effect: str
@@ -86,6 +94,7 @@ class Hypothesis:
     coefficients: tuple[Coefficient, ...]
     mains: int
     maker: Any = None
+    takes: float | None = None
 
     def __post_init__(self) -> None:
         bent = [replace(c, departs=self.mains) for c in self.coefficients[self.mains :]]
@@ -152,8 +161,9 @@ def scored(
     b = b - A @ off
     prior, bound = np.array([c.sd for c in every]), np.array([c.bound for c in every])
     best: tuple[float, LeftOut, float, Array] | None = None
-    for size in sizes if coefficients else (1.0,):
-        sd = prior * np.where(np.arange(len(every)) < n, 1.0, size)
+    sized = np.array([i >= n and c.sized for i, c in enumerate(every)])
+    for size in sizes if sized.any() else (1.0,):
+        sd = prior * np.where(sized, size, 1.0)
         found = leave_one_out(Normal(A, b, sd, bound))
         density = float(found.log_density.sum())
         if best is None or density > best[0]:
@@ -220,7 +230,8 @@ def wanted_of(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
     return {o: list(names) for o, names in found.items()}
 
 
-ROUNDS = 4
+ROUNDS = 20
+SETTLED = 1e-4  # of the squares left: less between two rounds is nothing
 
 
 class Search:
@@ -295,19 +306,25 @@ class Search:
         step = np.zeros_like(mean)
         best: tuple[Array, Campaign] | None = None
         sizes: Sequence[float] = SIZES
+        reach = np.array([np.inf if c.sized else c.sd for c in every])
         for _ in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
             if now >= least:
+                if now - least < SETTLED * now:
+                    break
                 step = 0.3 * step
                 mean = best[0] + step  # type: ignore[index]
                 continue
-            settled = least - now < 1e-4 * now
+            settled = least - now < SETTLED * now
             least, best = now, (mean, campaign)
             if settled:
                 break
             target = scored(campaign, coefficients, mean, sizes)
-            step, mean, sizes = target.mean - mean, target.mean, (target.size,)
+            sizes, step = (target.size,), target.mean - mean
+            # Where columns change with the amplitudes they hold as far as the prior reaches.
+            step = step / max(1.0, float(np.max(np.abs(step) / reach, initial=0.0)))
+            mean = mean + step
         assert best is not None
         mean, campaign = best
         found = scored(campaign, coefficients, mean)

@@ -16,6 +16,7 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import LOADS_M
 from herringbone_sim.gap.observations.events import BUMP, KNOTS, Event
+from herringbone_sim.gap.observations.seats import Seat
 
 Array = NDArray[np.float64]
 DRAWS = 400
@@ -153,14 +154,10 @@ def _theta(h: Hypothesis, c: Array, model: Model) -> Told:
     if h.effect in ("tooth_crack", "tooth_spall"):
         return _event(h, c), kept
     options = dict(h.options)
-    if h.effect == "ring_flexibility":
-        stiffness = float(str(options["stiffness"])) / c[0] if c[0] > 0.0 else np.inf
-        return np.array([stiffness, float(str(options["damping"]))]), ()
-    if h.effect == "bearing_clearance":
-        width = c[0] * float(str(options["clearance"]))
-        return np.array(
-            [width, float(str(options["stiffness"])), float(str(options["damping"])), 0.0]
-        ), ()
+    if isinstance(h.maker, Seat):
+        seat = h.maker.at(c[1:])
+        own = dict(zip(seat.names, seat.theta, strict=True))
+        return np.array([own[p.name] for p in known_effects()[h.effect].parameters]), ()
     if h.effect == "damping_law":
         power = 0.0 if options["law"] == "contact" else 1.0
         return np.array([c[0], power, 1e-5]), ()

@@ -14,7 +14,7 @@ from herringbone_sim.views.rerun_mirror import RerunMirror
 
 @pytest.mark.parametrize("factor", [0.001, 0.01])
 def test_a_slow_node_is_mirrored(bench: Bench, tmp_path: Path, factor: float) -> None:
-    """Blocks of few rows are drawn. How many wait while Rerun is imported depends on the machine."""
+    """Blocks of few rows are drawn; how many may be lost while Rerun is imported, is open."""
     file = tmp_path / "run.rrd"
     node = bench.simulator(mirror="save", mirror_path=str(file), real_time_factor=factor)
     wait_until(lambda: node.loop.pace.samples > 80, 120.0)

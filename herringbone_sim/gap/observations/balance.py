@@ -37,7 +37,7 @@ FRICTION = ("sign", "lever", "sin 1", "sin 2", "sin 3", "cos 1", "cos 2")
 def function_names(
     model: Model,
     modelled: NDArray[np.bool_],
-    law_names: Sequence[str],
+    of_law: Sequence[Function],
     on_bodies: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """Columns: masses, forces and their slopes by mesh, friction, ripple, laws of some meshes."""
@@ -47,7 +47,8 @@ def function_names(
     names += [f"friction {g} of {j}" for j in range(len(meshes)) for g in FRICTION]
     names += [f"ripple {q} {trig}" for q in RIPPLES for trig in ("cos", "sin")]
     names += on_bodies
-    names += [f"{f} of {j}" for j in np.flatnonzero(modelled) for f in law_names]
+    modelled_ones = np.flatnonzero(modelled).tolist()
+    names += [f"{f.name} of {j}" for j in modelled_ones for f in of_law if f.acts_on(j)]
     return tuple(names)
 
 
@@ -220,9 +221,7 @@ def _columns(
     for f in chosen if modelled.any() else ():
         for j in np.flatnonzero(modelled).tolist():
             made[f"{f.name} of {j}"] = partial(of_law, f, j)
-    every = function_names(
-        run.model, modelled, [f.name for f in chosen], [f.name for f in on_bodies]
-    )
+    every = function_names(run.model, modelled, chosen, [f.name for f in on_bodies])
     names = tuple(n for n in every if wanted is None or n in set(wanted))
     masses = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "between"))}
     flat = [made[n]() for n in names if n not in masses]

@@ -31,6 +31,7 @@ class Function:
         rate: the same of its time derivative, for displacements that move.
         bent: (motion, amplitudes (n_mesh,)) -> what they add to the slot and its rate, where that
             is not the amplitudes times ``values``; these are then the slope at zero.
+        meshes: numbers of the only ones it acts on; None for all.
     """
 
     name: str
@@ -38,6 +39,10 @@ class Function:
     values: Values
     rate: Values | None = None
     bent: Callable[[Motion, Array], tuple[Array, Array]] | None = None
+    meshes: tuple[int, ...] | None = None
+
+    def acts_on(self, mesh: int) -> bool:
+        return self.meshes is None or mesh in self.meshes
 
 
 def wave(name: str, slot: str, order: float, sine: bool) -> Function:

@@ -8,7 +8,7 @@ to half a mesh cycle.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,7 +180,9 @@ class Event:
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
         late = np.array(self.late)
-        return tuple(window(gear, label, self.effect, self.member, self.middle, late))
+        at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
+        every = window(gear, label, self.effect, self.member, self.middle, late)
+        return tuple(replace(f, meshes=at) for f in every)
 
     def place(self, places: Places, label: str) -> Hypothesis:
         """With its coefficients: a raised cosine and departures from it."""

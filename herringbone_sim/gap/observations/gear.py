@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.law import Change, Law, Motion, law
+from herringbone_sim.gap.observations.law import Change, Law, Motion, Ways, law
 from herringbone_sim.gap.observations.runs import GearRun, dense_motion, gear_run
 from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
@@ -28,6 +29,19 @@ from herringbone_sim.gap.sensors.swaps import find_swap
 Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
 WIDTH = 0.12  # of the balance's window, mesh cycles: order 1 passes with 0.75, order 3 with 0.08
+
+
+class Part(Protocol):
+    """A part that moves by itself, driven by the meshes."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its parameters."""
+
+    def ways(
+        self, gear: Gear, m: Motion, change: Change, label: str, offsets: Array, slopes: bool
+    ) -> Mapping[str, tuple[Array, Array]]:
+        """Displacement and rate (n, n_mesh) that each of its functions stands for, by name."""
 
 
 class Gear:
@@ -53,6 +67,7 @@ class Gear:
         windows: bool = False,
     ) -> None:
         self.windows = windows
+        self.width = WIDTH
         self.model = runs[0].model
         self.drift, self.stride = drift, stride
         self.gain_tolerance = tuple(gain_tolerance) or (0.0,) * self.model.layout.n_mesh
@@ -64,6 +79,10 @@ class Gear:
         self.fine = False
         self.body_functions: tuple[Function, ...] = ()
         self.law_functions: tuple[Function, ...] = tuple(force_law.functions(self.model))
+        self.parts: dict[str, Part] = {}
+        self._parts_about: Amplitudes = {}
+        self._last_ways: dict[int, tuple[object, set[str], Ways]] = {}
+        self._plain_balances: list[Block] = []  # made once for all copies
 
     @cached_property
     def functions(self) -> dict[str, tuple[str, ...]]:
@@ -72,7 +91,10 @@ class Gear:
         return {
             force_law.NAME: laws,
             balance.NAME: balance.function_names(
-                self.model, self.modelled, laws, [f.name for f in self.body_functions]
+                self.model,
+                self.modelled,
+                self.law_functions,
+                [f.name for f in self.body_functions],
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
             trajectory.NAME: trajectory.function_names(self.model, laws)
@@ -136,17 +158,17 @@ class Gear:
         return [self._between(r, {}) for r in range(len(self.runs))]
 
     @cached_property
-    def _dense(self) -> list[Motion | None]:
+    def dense(self) -> list[Motion | None]:
         """Motions between samples."""
         return [dense_motion(g) for g in self.runs]
 
     def _between(self, r: int, of_law: Mapping[str, Array]) -> Array | None:
         """Integral minus sum of the forces of a law over the balance's window (k, n_mesh) [N]."""
-        dense, g = self._dense[r], self.runs[r]
+        dense, g = self.dense[r], self.runs[r]
         if dense is None:
             return None
-        force = self.law_of(dense, of_law).force
-        look = window_of(g.run, WIDTH)
+        force = self.law_of(dense, of_law, ()).force
+        look = window_of(g.run, self.width)
         fine = look.finer(FINE)
         reach = len(look.mean) // 2
         first = reach * FINE - len(fine.mean) // 2
@@ -161,10 +183,29 @@ class Gear:
 
     @cached_property
     def _balances(self) -> list[Block]:
-        """Balances of the runs as measured, which no law enters."""
-        return [
-            self._balance(r, g, law(g.motion), self.law_functions) for r, g in enumerate(self.runs)
-        ]
+        """Balances of the runs as measured, which no law enters but for parts that move."""
+        if not self._plain_balances:
+            self._plain_balances += [
+                self._balance(r, g, law(g.motion), self.law_functions)
+                for r, g in enumerate(self.runs)
+            ]
+        if not self.body_functions:
+            return self._plain_balances
+        names = [f.name for f in self.body_functions]
+        found = []
+        for r, (g, plain) in enumerate(zip(self.runs, self._plain_balances, strict=True)):
+            of_law = {f: a[r] for f, a in self._parts_about.get(force_law.NAME, {}).items()}
+            now = self.law_of(g.motion, of_law)
+            more = self._balance(r, g, now, self.law_functions, names)
+            found.append(
+                replace(
+                    plain,
+                    functions=(*plain.functions, *more.functions),
+                    columns=np.concatenate([plain.columns, more.columns], axis=2),
+                    shared=np.concatenate([plain.shared, more.shared], axis=2),
+                )
+            )
+        return found
 
     def _balance(
         self,
@@ -182,7 +223,7 @@ class Gear:
             self.modelled,
             chosen,
             self._quadrature[r],
-            WIDTH,
+            self.width,
             self.body_functions,
             wanted,
             self.drift,
@@ -202,14 +243,36 @@ class Gear:
             return g
         return gear_run(run, self.stride)
 
-    def law_of(self, m: Motion, amplitudes: Mapping[str, Array]) -> Law:
-        """The law of a run with functions at amplitudes (n_mesh,)."""
-        return law(m, self.change_of(m, amplitudes))
+    def law_of(
+        self, m: Motion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = None
+    ) -> Law:
+        """The law of a run with functions at amplitudes (n_mesh,).
 
-    def change_of(self, m: Motion, amplitudes: Mapping[str, Array]) -> Change:
+        Args:
+            wanted: functions whose columns will be formed (None: all).
+        """
+        return law(m, self.change_of(m, amplitudes, wanted))
+
+    def change_of(
+        self, m: Motion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = ()
+    ) -> Change:
         """What functions at amplitudes (n_mesh,) do to the law of a run."""
-        on = [f for f in self.law_functions if f.name in amplitudes and np.any(amplitudes[f.name])]
-        change = Change()
+        change, ways = Change(), self._ways(m, amplitudes, wanted)
+        for label in self.parts:
+            a = amplitudes.get(label)
+            if a is not None and np.any(a):
+                change.d = change.d + ways[label][0] * a
+                change.d_rate = change.d_rate + ways[label][1] * a
+        self._add_stages(change, m, amplitudes)
+        change.ways = ways
+        return change
+
+    def _add_stages(self, change: Change, m: Motion, amplitudes: Mapping[str, Array]) -> None:
+        on = [
+            f
+            for f in self.law_functions
+            if f.name in amplitudes and np.any(amplitudes[f.name]) and not self._of_part(f.name)
+        ]
         # Displacements first: what depends on the load looks at the law that they leave.
         for stage in STAGES:
             chosen = [f for f in on if stage(f)]
@@ -217,7 +280,61 @@ class Gear:
                 now = law(m, change)
                 for f in chosen:
                     _add(change, f, m, now, amplitudes[f.name])
-        return change
+
+    def _of_part(self, name: str) -> bool:
+        return any(name == label or name.startswith(f"{label} ") for label in self.parts)
+
+    def _ways(
+        self, m: Motion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None
+    ) -> Ways:
+        """Ways of the parts that are there or wanted, at the samples of a motion."""
+        asked = self.parts if wanted is None else set(wanted)
+        on = [
+            label for label in self.parts if label in asked or np.any(amplitudes.get(label, 0.0))
+        ]
+        r = self._number.get(m.name)
+        dense = None if r is None or not on else self.dense[r]
+        if r is None or dense is None:
+            return {}
+        step = dense.times[1] - dense.times[0]
+        at = np.rint((m.times - dense.times[0]) / step).astype(int)
+        slopes = [label for label in on if label in asked]
+        ways = self._dense_ways(r, dense, amplitudes, on, slopes)
+        return {name: (way[at], rate[at]) for name, (way, rate) in ways.items()}
+
+    def _dense_ways(
+        self,
+        r: int,
+        dense: Motion,
+        amplitudes: Mapping[str, Array],
+        on: Sequence[str],
+        slopes: Sequence[str],
+    ) -> Ways:
+        """Ways of some parts of a run between samples, those asked for last kept."""
+        there = {name: a for name, a in amplitudes.items() if np.any(a)}
+        key = (tuple(on), tuple(sorted((name, a.tobytes()) for name, a in there.items())))
+        last = self._last_ways.get(r)
+        if last is not None and last[0] == key and set(slopes) <= last[1]:
+            return last[2]
+        found: dict[str, tuple[Array, Array]] = {}
+        between = Change()
+        self._add_stages(between, dense, amplitudes)
+        for label in on:
+            part = self.parts[label]
+            offsets = [amplitudes.get(f"{label} {name}", np.zeros(1)) for name in part.names]
+            sizes = np.array([float(a[np.argmax(np.abs(a))]) for a in offsets])
+            ways = part.ways(self, dense, between, label, sizes, label in slopes)
+            found |= ways
+            a = amplitudes.get(label)
+            if a is not None and np.any(a):
+                between.d = between.d + ways[label][0] * a
+                between.d_rate = between.d_rate + ways[label][1] * a
+        self._last_ways[r] = key, set(slopes), found
+        return found
+
+    @cached_property
+    def _number(self) -> dict[str, int]:
+        return {g.motion.name: r for r, g in enumerate(self.runs)}
 
     def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
         """The consistency always; the balance unless its forces or its motion change."""
@@ -264,8 +381,9 @@ class Gear:
         if wanted is not None:
             used = {*wanted.get(force_law.NAME, ()), *SHAFT_NAMES}
             chosen = tuple(f for f in chosen if f.name in used)
+        asked = [f.name for f in chosen]
         if force_law.NAME in observations and self.has_force_law:
-            now = self.law_of(g.some, of_law)
+            now = self.law_of(g.some, of_law, asked)
             found[force_law.NAME] = force_law.block(g.some, now, self.model, chosen, self.drift)
         if balance.NAME in observations and self.balanced:
             # Functions of laws stand in the forces already.
@@ -281,7 +399,7 @@ class Gear:
             full = (
                 self._balances[r]
                 if cached
-                else self._balance(r, g, self.law_of(g.motion, of_law), chosen, names)
+                else self._balance(r, g, self.law_of(g.motion, of_law, asked), chosen, names)
             )
             if self.fine and self._quadrature[r] is not None:
                 full = balance.corrected(
@@ -314,12 +432,24 @@ class Gear:
         return one.block(shot, change_of, self.law_functions, tuple(every))
 
     def with_functions(
-        self, extra: Sequence[Function], on_bodies: Sequence[Function] = ()
+        self,
+        extra: Sequence[Function],
+        on_bodies: Sequence[Function] = (),
+        parts: Mapping[str, Part] | None = None,
+        about: Amplitudes | None = None,
     ) -> Gear:
-        """The same with further functions of the force law and of the balance."""
+        """The same with further functions of the force law and of the balance.
+
+        Args:
+            parts: that move by themselves, by the label that their functions begin with.
+            about: amplitudes of all else, by which parts move that push a body as well.
+        """
         found = copy.copy(self)
         found.law_functions = (*self.law_functions, *extra)
         found.body_functions = (*self.body_functions, *on_bodies)
+        found.parts = {**self.parts, **(parts or {})}
+        found._last_ways = {}
+        found._parts_about = self._parts_about if about is None else about
         for name in ("functions", "_balances"):
             found.__dict__.pop(name, None)
         return found

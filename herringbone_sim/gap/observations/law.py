@@ -7,7 +7,7 @@ the backlash function smoothed over the noise of x, Eqs. (1) to (4), (12).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -21,6 +21,7 @@ from herringbone_sim.gap.data.waves import Waves, waves
 from herringbone_sim.gap.residuals.fusion import Fused
 
 Array = NDArray[np.float64]
+Ways = Mapping[str, tuple[Array, Array]]
 SLOTS = ("kappa", "mean_kappa", "d", "b_plus", "b_minus", "gamma", "more")
 
 
@@ -97,7 +98,10 @@ def _waves(model: Model, omega: float, late: float, phase: Array) -> Waves:
 
 @dataclass
 class Change:
-    """What effects do to the law at every sample: arrays (n, n_mesh) or numbers."""
+    """What effects do to the law at every sample: arrays (n, n_mesh) or numbers.
+
+    ``ways`` are those of ``Law``; what of them acts stands in ``d`` and ``d_rate`` already.
+    """
 
     kappa: Array | float = 0.0
     mean_kappa: Array | float = 0.0
@@ -107,6 +111,7 @@ class Change:
     b_minus: Array | float = 0.0
     gamma: Array | float = 0.0
     more: Array | float = 0.0
+    ways: Ways = field(default_factory=dict)
 
 
 def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion, Change]:
@@ -115,11 +120,12 @@ def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion,
     narrow = ("sigma_x", "sigma_v", "sigma_F", "k_m", "c", "b")
     some = {name: getattr(m, name)[:, at] for name in wide}
     some |= {name: getattr(m, name)[at] for name in narrow}
-    parts = {
+    parts: dict[str, Array | float] = {
         name: value[:, at] if isinstance(value, np.ndarray) and value.ndim == 2 else value
         for name, value in vars(change).items()
+        if name != "ways"
     }
-    return replace(m, **some), Change(**parts)
+    return replace(m, **some), Change(**parts)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,7 @@ class Law:
         drive, back: odds of contact on the two flanks.
         damper: c (v + d') [N].
         c: damping with all changes [N s/m].
+        ways: displacement [m] and rate [m/s] of parts that move by themselves, by function.
     """
 
     force: Array
@@ -144,6 +151,7 @@ class Law:
     back: Array
     damper: Array
     c: Array = field(repr=False)
+    ways: Ways = field(default_factory=dict, repr=False)
 
 
 def law(m: Motion, change: Change | None = None) -> Law:
@@ -161,7 +169,7 @@ def law(m: Motion, change: Change | None = None) -> Law:
     damper = m.c * (m.v + ch.d_rate)
     force = k * f + damper * (1.0 + ch.gamma) + ch.more
     sigma = np.sqrt(np.nan_to_num(m.sigma_F) ** 2 + k**2 * variance + (c * m.sigma_v) ** 2)
-    return Law(force, sigma, k, f, on, off, damper, c)
+    return Law(force, sigma, k, f, on, off, damper, c, ch.ways)
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.flexible import Surroundings
-from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.products import Block, Coefficient
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import (
@@ -18,7 +18,7 @@ from herringbone_sim.gap.observations import (
     curves,
     events,
     force_law,
-    seats,
+    seat_grid,
     trajectory,
 )
 from herringbone_sim.gap.observations.events import Event
@@ -57,15 +57,19 @@ class GearMachine:
     def hypotheses(self) -> list[Hypothesis]:
         return list(curves.hypotheses(self.places))
 
-    def proposals(self, amplitudes: Amplitudes) -> tuple[GearMachine, list[Hypothesis]]:
+    def proposals(
+        self, amplitudes: Amplitudes, known: Sequence[Coefficient]
+    ) -> tuple[GearMachine, list[Hypothesis]]:
         """Events of teeth, rings and pins."""
-        if self.gear.modelled.all():
+        if not (self.gear.has_force_law or self.gear.balanced):
             return self, []
         found: list[Event | Seat] = [*events.proposals(self.gear, amplitudes)]
-        found += seats.proposals(self.gear, amplitudes)
-        return self.with_parts(found)
+        found += seat_grid.proposals(self.gear, amplitudes, known)
+        return self.with_parts(found, amplitudes)
 
-    def with_parts(self, parts: Sequence[Event | Seat]) -> tuple[GearMachine, list[Hypothesis]]:
+    def with_parts(
+        self, parts: Sequence[Event | Seat], about: Amplitudes | None = None
+    ) -> tuple[GearMachine, list[Hypothesis]]:
         """A machine with the functions of some events and parts, and their hypotheses."""
         first = len(self.gear.law_functions)
         labels = [f"part {first + i}" for i in range(len(parts))]
@@ -76,7 +80,10 @@ class GearMachine:
         ]
         machine = GearMachine(
             self.gear.with_functions(
-                [f for f in every if f.slot != "body"], [f for f in every if f.slot == "body"]
+                [f for f in every if f.slot != "body"],
+                [f for f in every if f.slot == "body"],
+                {x: p for p, x in zip(parts, labels, strict=True) if isinstance(p, Seat)},
+                about,
             )
         )
         made = [p.place(machine.places, label) for p, label in zip(parts, labels, strict=True)]

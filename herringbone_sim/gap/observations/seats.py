@@ -1,102 +1,127 @@
-"""Parts that move by themselves, driven by the mesh forces: a ring on its spring, a loose pin.
+"""Parts that move by themselves, driven by the meshes: a ring on its spring, a loose pin.
 
-Their displacement follows from the recorded forces by their own equation of motion; a free
-amplitude near one allows for what the equation leaves out.
+Their displacement follows from the recorded motion by their own equation, see ``seat_motion``; its
+parameters are coefficients like any other, about those of the best point of a grid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
-from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.gap.observations import balance, force_law
+from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.gear import Amplitudes, Gear
-from herringbone_sim.gap.observations.law import Law, Motion, law, on_meshes
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.law import Change, Law, Motion, law, on_meshes
 from herringbone_sim.gap.observations.places import Places, Weights
+from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, moved
 
 Array = NDArray[np.float64]
 
-RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
-RING_RATIO = 0.05
-CLEARANCES_M = np.geomspace(1e-6, 5e-5, 6)
-SEAT_N_PER_M = 1e11
-SEAT_RATIO = 0.1
+REACH = np.log(30.0)  # a parameter is sought within one and a half decades of the grid
+FAR = 1.0  # prior of the logarithm of a parameter about that of the grid
+PRESENT = 1e-9  # prior of the amplitude of what is there or not: no data outweigh it
+STEP = 1e-3  # of a parameter, for derivatives
+PARAMETERS: Mapping[str, tuple[str, ...]] = {
+    "ring_flexibility": ("stiffness", "damping", "growth", "drag"),
+    "bearing_clearance": ("clearance", "stiffness", "damping", "softness", "growth"),
+}
 
 
-def measured(m: Motion, law: Law) -> Array:
-    """Forces that drive: as recorded, else by the law."""
-    return np.where(np.isfinite(m.F), m.F, law.force)
+@dataclass(frozen=True)
+class Seat:
+    """A part that moves by itself.
 
-
-def ring_motion(gear: Gear, theta: Array, m: Motion, F: Array) -> Array:
-    """(n, 2, 2) turn [m] of both sides of the ring, and its rate.
-
-    M_r u'' = cos beta F - k u - c u'.
-
-    Args:
-        theta: stiffness [N/m] and damping ratio.
-        F: (n, n_mesh) forces that drive it [N].
+    Attributes:
+        effect, locus: as in the catalogue.
+        theta: parameters as in ``PARAMETERS``: stiffness [N/m], damping ratio, clearance [m],
+            growth of the stiffness at the deflection by the load, drag at its rate, softness over
+            the clearance.
+        load: largest force on it as if it were rigid [N].
+        takes: squares that it takes off.
     """
-    s = gear.model.scales
-    stiffness, ratio = theta
-    damping = 2.0 * ratio * np.sqrt(stiffness * s.M_r)
-    h = float(m.times[1] - m.times[0])
-    system = (
-        np.array([[0.0, 1.0], [-stiffness / s.M_r, -damping / s.M_r]]),
-        np.array([[0.0], [1.0 / s.M_r]]),
-        np.eye(2),
-        np.zeros((2, 1)),
-    )
-    b, a = ss2tf(*cont2discrete(system, h, "foh")[:4])
-    n = F.shape[1]
-    load = s.cos_beta * F[:, n // 2 :].reshape(len(F), 2, -1).sum(axis=2)
-    found = np.stack([lfilter(row, a, load - load[0], axis=0) for row in b], axis=2)
-    found[:, :, 0] += load[0] / stiffness
-    return found
+
+    effect: str
+    locus: Locus
+    theta: tuple[float, ...]
+    load: float = 1e5
+    takes: float = 0.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its parameters."""
+        return PARAMETERS[self.effect]
+
+    def at(self, offsets: Array) -> Seat:
+        """The same with parameters times e^offset, as far as they reach."""
+        factors = np.exp(np.clip(offsets, -REACH - STEP, REACH + STEP))
+        return replace(self, theta=tuple((np.array(self.theta) * factors).tolist()))
+
+    def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
+        """What it does to its meshes, per unit of its amplitude and of each parameter."""
+        at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
+        names = (label, *(f"{label} {name}" for name in self.names))
+        found = [replace(_way(name), meshes=at) for name in names]
+        if self.effect == "bearing_clearance":
+            found.append(_on_carrier(gear, self, label))
+        return tuple(found)
+
+    def place(self, places: Places, label: str) -> Hypothesis:
+        """With its coefficients."""
+        model = places.gear.model
+        mask = self.locus.mask(model.layout)
+        weights: Weights = {label: mask}
+        if self.effect == "bearing_clearance":
+            push = np.zeros(len(model.layout.bodies))
+            push[2] = 1.0
+            weights[balance.NAME, f"{label} carrier"] = balance.accelerations(model) @ push
+        every = [places.coefficient("present", weights, PRESENT, center=1.0)]
+        every += [places.coefficient(n, {f"{label} {n}": mask}, FAR, REACH) for n in self.names]
+        every = [replace(c, sized=False) for c in every]
+        options = tuple(zip(self.names, self.theta, strict=True))
+        return Hypothesis(
+            self.effect, options, self.locus, tuple(every), len(every), self, self.takes
+        )
+
+    def ways(
+        self, gear: Gear, m: Motion, change: Change, label: str, offsets: Array, slopes: bool
+    ) -> dict[str, tuple[Array, Array]]:
+        """Displacement and rate (n, n_mesh) that each of its functions stands for, by name.
+
+        Args:
+            m: between samples, at equal steps.
+            change: of the law by all else.
+            offsets: of its parameters.
+            slopes: whether those by its parameters are wanted.
+        """
+        driven = Driven(gear, self, m, change)
+        now = driven.way(self.at(offsets))
+        found = {label: now}
+        for i, name in enumerate(self.names if slopes else ()):
+            more = offsets + STEP * (np.arange(len(offsets)) == i)
+            found[f"{label} {name}"] = (driven.way(self.at(more)) - now) / STEP
+        reach = -gear.model.scales.cos_beta * driven.share
+        return {name: (way[:, :, 0] @ reach, way[:, :, 1] @ reach) for name, way in found.items()}
 
 
-def ring_function(gear: Gear, theta: Array, label: str) -> Function:
-    """d = -u cos beta of the ring on the meshes of its side."""
-
-    def motion(m: Motion, law: Law, rate: int) -> Array:
-        u = ring_motion(gear, theta, m, measured(m, law))[:, :, rate]
-        out = np.zeros_like(m.x)
-        half = out.shape[1] // 2
-        out[:, half:] = -gear.model.scales.cos_beta * np.repeat(u, half // 2, axis=1)
-        return out
-
-    return Function(label, "d", lambda m, law: motion(m, law, 0), lambda m, law: motion(m, law, 1))
+def _way(name: str) -> Function:
+    return Function(name, "d", lambda _, law: law.ways[name][0], lambda _, law: law.ways[name][1])
 
 
-@njit(cache=True)
-def _seat(P, y, mass, k, c, half, h, parts):  # type: ignore[no-untyped-def]
-    """w and its rate (n, 2) of a pin with play, semi-implicit Euler in parts of a sample."""
-    n = P.size
-    out = np.zeros((n, 2))
-    w, v = 0.0, 0.0
-    dt = h / parts
-    for i in range(n):
-        out[i, 0], out[i, 1] = w, v
-        if i + 1 == n:
-            break
-        for q in range(parts):
-            s = (q + 0.5) / parts
-            load = P[i] + s * (P[i + 1] - P[i])
-            yy = y[i] + s * (y[i + 1] - y[i])
-            g = w - half if w > half else (w + half if w < -half else 0.0)
-            v += dt * ((load - k * g - c * v) / mass - yy)
-            w += dt * v
-    return out
+def _on_carrier(gear: Gear, seat: Seat, label: str) -> Function:
+    """-m w'' on the carrier [N]."""
+    at, mass = pin_meshes(gear, seat.locus)
+
+    def values(m: Motion, law: Law) -> Array:
+        rate = law.ways[label][1][:, at[0]] / -gear.model.scales.cos_beta
+        return np.asarray(-mass * np.gradient(rate, m.times))
+
+    return Function(f"{label} carrier", "body", values)
 
 
 def pin_meshes(gear: Gear, locus: Locus) -> tuple[list[int], float]:
@@ -105,192 +130,72 @@ def pin_meshes(gear: Gear, locus: Locus) -> tuple[list[int], float]:
     return at, gear.model.parameters.m_p * len(at) / 4.0
 
 
-def bearing_motion(gear: Gear, locus: Locus, theta: Array, m: Motion, F: Array) -> Array:
-    """(n, 2) way [m] of a pin in the carrier and its rate.
-
-    m (w'' + y'') = P - H with P = cos beta sum F of its meshes, y'' the carrier's acceleration,
-    H = k g(w) + c w' of the seat.
-
-    Args:
-        theta: clearance [m], stiffness [N/m] and damping ratio of the seat.
-        F: (n, n_mesh) forces that drive it [N].
-    """
-    s = gear.model.scales
-    clearance, stiffness, ratio = theta
-    at, mass = pin_meshes(gear, locus)
-    damping = 2.0 * ratio * np.sqrt(stiffness * mass)
-    h = float(m.times[1] - m.times[0])
-    P = s.cos_beta * F[:, at].sum(axis=1)
-    T_2 = 2.0 * m.point["T_1"] * s.r_bc / s.r_bs
-    y = (s.cos_beta * F.sum(axis=1) - T_2 / s.r_bc) / s.M_c
-    y += m.point["K"] * s.b_c * s.omega_n**2 * np.cos(m.phase) / s.cos_beta
-    parts = max(4, int(np.ceil(h * np.sqrt(stiffness / mass) / 0.2)))
-    return np.asarray(_seat(P, y, mass, stiffness, damping, clearance, h, parts))
-
-
-def bearing_functions(
-    gear: Gear, locus: Locus, theta: Array, label: str
-) -> tuple[Function, Function]:
-    """d = -w cos beta on the meshes of a loose pin, and -m w'' on the carrier [N]."""
-    s = gear.model.scales
-    at, mass = pin_meshes(gear, locus)
-
-    def spread(values: Array, shape: tuple[int, ...]) -> Array:
-        out = np.zeros(shape)
-        out[:, at] = -s.cos_beta * values[:, None]
-        return out
-
-    def motion(m: Motion, law: Law) -> Array:
-        return bearing_motion(gear, locus, theta, m, measured(m, law))
-
-    def on_carrier(m: Motion, law: Law) -> Array:
-        return -mass * np.gradient(motion(m, law)[:, 1], m.times)
-
-    shift = Function(
-        label,
-        "d",
-        lambda m, law: spread(motion(m, law)[:, 0], m.x.shape),
-        lambda m, law: spread(motion(m, law)[:, 1], m.x.shape),
-    )
-    return shift, Function(f"{label} carrier", "body", on_carrier)
-
-
-@dataclass(frozen=True)
-class Seat:
-    """A part that moves by itself, with its parameters.
+class Driven:
+    """What drives a part on one run.
 
     Attributes:
-        effect, locus: as in the catalogue.
-        theta: stiffness [N/m] and damping ratio; of a pin after its clearance [m].
+        share: (k, n_mesh) meshes of each of its k coordinates: sides of a ring, or one pin.
+        load: largest force on it as if it were rigid [N].
     """
 
-    effect: str
-    locus: Locus
-    theta: tuple[float, ...]
-
-    def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
-        if self.effect == "ring_flexibility":
-            return (ring_function(gear, np.array(self.theta), label),)
-        return bearing_functions(gear, self.locus, np.array(self.theta), label)
-
-    def place(self, places: Places, label: str) -> Hypothesis:
-        """With its amplitude as coefficient."""
-        return _placed(places, self, label)
-
-
-def _placed(places: Places, seat: Seat, label: str) -> Hypothesis:
-    """A part with its amplitude, which is one but for what the equation leaves out."""
-    gear = places.gear
-    weights: Weights = {label: seat.locus.mask(gear.model.layout)}
-    names: tuple[str, ...] = ("stiffness", "damping")
-    if seat.effect == "bearing_clearance":
-        names = ("clearance", *names)
-        push = np.zeros(len(gear.model.layout.bodies))
-        push[2] = 1.0
-        weights[balance.NAME, f"{label} carrier"] = balance.accelerations(gear.model) @ push
-    main = places.coefficient("amplitude", weights, 0.1, center=1.0)
-    options = tuple(zip(names, seat.theta, strict=True))
-    return Hypothesis(seat.effect, options, seat.locus, (main,), 1, seat)
-
-
-def candidates(gear: Gear) -> Iterator[Seat]:
-    """Rings and pins over a grid of their main parameter."""
-    effects = known_effects()
-    for locus in effects["ring_flexibility"].candidates(gear.model.layout):
-        for stiffness in RING_N_PER_M:
-            yield Seat("ring_flexibility", locus, (float(stiffness), RING_RATIO))
-    for locus in effects["bearing_clearance"].candidates(gear.model.layout):
-        for clearance in CLEARANCES_M:
-            yield Seat("bearing_clearance", locus, (float(clearance), SEAT_N_PER_M, SEAT_RATIO))
-
-
-class Trial:
-    """Squares that the force law leaves with a seat, calibration held.
-
-    Args:
-        gear: with its runs.
-        amplitudes: of the calibration.
-    """
-
-    def __init__(self, gear: Gear, amplitudes: Amplitudes) -> None:
-        self.gear = gear
-        self._changes, self._forces = [], []
-        self._without: dict[Locus, float] = {}
-        for r, g in enumerate(gear.runs):
-            of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
-            change = gear.change_of(g.some, of_law)
-            self._changes.append(change)
-            self._forces.append(measured(g.some, law(g.some, change)))
-
-    def left(self, seat: Seat | None, locus: Locus, every: int = 1) -> float:
-        """Squares left on the meshes of a locus, of every so-manieth run."""
-        at = np.flatnonzero((locus.mask(self.gear.model.layout) > 0.0) & ~self.gear.modelled)
-        left = 0.0
-        runs = list(zip(self.gear.runs, self._forces, self._changes, strict=True))
-        for g, F, whole in runs[::every]:
-            m, change = on_meshes(g.some, whole, at)
-            if seat is not None:
-                way, rate = self._way(seat, g.some, F, at)
-                change.d, change.d_rate = change.d + way, change.d_rate + rate
-            now = law(m, change)
-            left += float(np.sum(((m.F - now.force) / now.sigma) ** 2))
-        return left
-
-    def fall(self, seat: Seat) -> float:
-        """Squares that a seat takes off, of every other run."""
-        if seat.locus not in self._without:
-            self._without[seat.locus] = self.left(None, seat.locus, 2)
-        return self._without[seat.locus] - self.left(seat, seat.locus, 2)
-
-    def _way(self, seat: Seat, m: Motion, F: Array, at: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Displacement and rate on some meshes."""
-        theta = np.array(seat.theta)
-        cos_beta = self.gear.model.scales.cos_beta
+    def __init__(self, gear: Gear, seat: Seat, m: Motion, change: Change) -> None:
+        self._model = gear.model
+        s, n = gear.model.scales, gear.model.layout.n_mesh
+        mask = seat.locus.mask(gear.model.layout) > 0.0
+        force = law(m, change).force
+        rest = np.zeros(len(m.times))
         if seat.effect == "ring_flexibility":
-            side = (at % (F.shape[1] // 2)) // (F.shape[1] // 4)
-            u = -cos_beta * ring_motion(self.gear, theta, m, F)[:, side]
-            return u[:, :, 0], u[:, :, 1]
-        w = -cos_beta * bearing_motion(self.gear, seat.locus, theta, m, F)
-        return w[:, :1], w[:, 1:]
+            side = np.arange(n) % (n // 2) // (n // 4)
+            every = [mask & (np.arange(n) >= n // 2) & (side == one) for one in range(2)]
+            self.share = np.array([one for one in every if one.any()], dtype=float)
+            self._mass, self._under = s.M_r, np.inf
+        else:
+            self.share = mask[None].astype(float)
+            _, self._mass = pin_meshes(gear, seat.locus)
+            self._under = s.M_c - self._mass
+            control = m.point["K"] * s.b_c * s.omega_n**2 * np.cos(m.phase) / s.cos_beta
+            rest = s.cos_beta * force[:, ~mask].sum(axis=1) + s.M_c * control
+            rest -= 2.0 * m.point["T_1"] / s.r_bs
+        self.load = float(s.cos_beta * np.max(np.abs(force) @ self.share.T))
+        self._meshes = [_those(m, change, np.flatnonzero(one), rest) for one in self.share]
 
-    def fitted(self, seat: Seat, tries: int = 50) -> Seat:
-        """Parameters that leave least, by Nelder and Mead over their logarithms."""
-        start = np.log(seat.theta)
-
-        def cost(log: Array) -> float:
-            inside = np.clip(log, start - REACH, start + REACH)
-            return self.left(replace(seat, theta=tuple(np.exp(inside).tolist())), seat.locus)
-
-        found = minimize(
-            cost,
-            start,
-            method="Nelder-Mead",
-            options={
-                "maxfev": tries,
-                "xatol": 1e-3,
-                "fatol": 1.0,
-                "initial_simplex": _simplex(start),
-            },
+    def way(self, seat: Seat) -> Array:
+        """(n, k, 2) displacement [m] and rate [m/s] of its coordinates."""
+        theta = dict(zip(seat.names, seat.theta, strict=True))
+        stiffness, clearance = theta["stiffness"], theta.get("clearance", 0.0)
+        s = self._model.scales
+        way = seat.load / stiffness
+        spring = Spring(
+            self._mass,
+            self._under,
+            stiffness,
+            2.0 * theta["damping"] * np.sqrt(stiffness * self._mass),
+            clearance,
+            theta.get("softness", 0.0) * clearance,
+            theta["growth"] / way**2,
+            theta.get("drag", 0.0) / (way * s.omega_n),
+            way,
+            2.0 * way * s.omega_n,
         )
-        inside = np.clip(found.x, start - REACH, start + REACH)
-        return replace(seat, theta=tuple(np.exp(inside).tolist()))
+        return np.stack([moved(one, spring, s.cos_beta) for one in self._meshes], axis=1)
 
 
-REACH = np.log(30.0)  # a parameter is sought within one and a half decades of the grid
+def _those(m: Motion, change: Change, at: NDArray[np.int64], rest: Array) -> Meshes:
+    """Some meshes with all that changes them."""
+    own, ch = on_meshes(m, change, at)
 
+    def wide(value: Array | float) -> Array:
+        return np.broadcast_to(value, own.x.shape)
 
-def _simplex(start: Array) -> Array:
-    """Corners half an order of magnitude apart."""
-    return np.vstack([start, start + 0.6 * np.eye(len(start))])
-
-
-def proposals(gear: Gear, amplitudes: Amplitudes, per_effect: int = 1) -> list[Seat]:
-    """The most promising rings and pins, fitted."""
-    trial = Trial(gear, amplitudes)
-    ranked = sorted(candidates(gear), key=trial.fall, reverse=True)
-    found: dict[str, list[Seat]] = {}
-    for seat in ranked:
-        of = found.setdefault(seat.effect, [])
-        if len(of) < per_effect and all(seat.locus != other.locus for other in of):
-            of.append(seat)
-    return [trial.fitted(seat) for of in found.values() for seat in of]
+    return Meshes(
+        x=own.x + ch.d,
+        v=own.v + ch.d_rate,
+        k=own.k * (1.0 + wide(ch.kappa)) + own.k_m * wide(ch.mean_kappa),
+        c=own.c * (1.0 + wide(ch.gamma)),
+        plus=np.maximum(wide(own.b + ch.b_plus), 0.0),
+        minus=np.maximum(wide(own.b + ch.b_minus), 0.0),
+        more=wide(ch.more),
+        noise=np.maximum(np.nan_to_num(own.sigma_x), 1e-15),
+        rest=rest,
+        step=float(m.times[1] - m.times[0]),
+    )

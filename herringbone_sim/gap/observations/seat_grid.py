@@ -1,0 +1,207 @@
+"""Rings and pins over a grid: how many squares each would take off, and the best of each kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from herringbone_sim.diagnosis.products import Block, Campaign, Coefficient, products
+from herringbone_sim.diagnosis.search import wanted_of
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.gap.observations import balance, consistency, force_law
+from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.law import Change, Motion, law, on_meshes
+from herringbone_sim.gap.observations.seats import Driven, Seat
+from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
+
+Array = NDArray[np.float64]
+
+RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
+RING_RATIO = 0.05
+CLEARANCES_M = np.geomspace(5e-7, 5e-5, 7)
+SEATS_N_PER_M = (1e11, 4e11)
+SOFT_N_PER_M = (3e10, 1e11, 3e11)
+SEAT_RATIO = 0.1
+SHARP, SOFT = 0.05, 0.6  # softness over the clearance; a soft seat is a spring at any clearance
+SLIGHT = 0.3  # growth and drag
+FOLLOWED = 0.9  # of what coefficients would take off were all as linear as at zero
+
+Grid = list[tuple[float, ...]]
+GRIDS: tuple[tuple[str, Grid], ...] = (
+    ("ring_flexibility", [(k, RING_RATIO, SLIGHT, SLIGHT) for k in RING_N_PER_M.tolist()]),
+    (
+        "bearing_clearance",
+        [(b, k, SEAT_RATIO, SHARP, SLIGHT) for b in CLEARANCES_M.tolist() for k in SEATS_N_PER_M],
+    ),
+    ("bearing_clearance", [(1e-5, k, SEAT_RATIO, SOFT, SLIGHT) for k in SOFT_N_PER_M]),
+)
+
+
+def proposals(gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient]) -> list[Seat]:
+    """The most promising part of each grid; none where motion between samples is unknown.
+
+    Both sides alike first, then each side of the best.
+
+    Args:
+        amplitudes: of what is known.
+        known: coefficients that they come from.
+    """
+    if any(m is None for m in gear.dense):
+        return []
+    trial = Trial(gear, amplitudes, known)
+    layout = gear.model.layout
+    found = []
+    for effect, grid in GRIDS:
+        places = list(known_effects()[effect].candidates(layout))
+        size = {place: float(place.mask(layout).sum()) for place in places}
+        whole = [place for place in places if size[place] == max(size.values())]
+        every = [Seat(effect, place, theta) for place in whole for theta in grid]
+        best = max(every, key=trial.fall)
+        inside = best.locus.mask(layout) > 0.0
+        parts = [p for p in places if np.all(inside[p.mask(layout) > 0.0])]
+        best = max((replace(best, locus=p) for p in parts), key=trial.fall)
+        found.append(trial.loaded(best))
+    return found
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run with what all but the part does to it.
+
+    Attributes:
+        number: of the run.
+        some, dense: at the samples of the force law, between samples.
+        change, between: of the law at both.
+        at: where the former stand in the latter.
+        blocks: by observation, with the columns of all that is known.
+    """
+
+    number: int
+    some: Motion
+    change: Change
+    dense: Motion
+    between: Change
+    at: NDArray[np.int64]
+    blocks: Mapping[str, Block]
+
+
+class Trial:
+    """Squares that a part takes off force law and balance, all coefficients free to follow.
+
+    Args:
+        gear: with its runs.
+        amplitudes: of what is known.
+        known: coefficients that the amplitudes come from, about their best values.
+        every: run that is looked at.
+    """
+
+    def __init__(
+        self, gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient], every: int = 2
+    ) -> None:
+        self.gear = gear
+        looked = range(0, len(gear.runs), every)
+        formed = {
+            force_law.NAME: gear.has_force_law,
+            balance.NAME: gear.balanced,
+            consistency.NAME: gear.relations > 0,
+        }
+        names = [name for name, there in formed.items() if there]
+        blocks = gear.blocks(amplitudes, wanted_of(known), names)
+        campaign = Campaign([{o: products(b) for o, b in one.items()} for one in blocks], known)
+        prior = np.array([c.sd for c in known]) ** -2.0 * len(looked) / len(gear.runs)
+        self._root = cho_factor(campaign.base_A[list(looked)].sum(axis=0) + np.diag(prior))
+        self._known = known
+        self._runs: list[_Run] = []
+        for r in looked:
+            some, dense = gear.runs[r].some, gear.dense[r]
+            assert dense is not None
+            of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+            at = np.rint((some.times - dense.times[0]) / (dense.times[1] - dense.times[0]))
+            changes = gear.change_of(some, of_law), gear.change_of(dense, of_law)
+            own = _Run(r, some, changes[0], dense, changes[1], at.astype(int), blocks[r])
+            self._runs.append(own)
+        self._driven: dict[tuple[Locus, int], Driven] = {}
+        self._columns: dict[tuple[int, str, int], Array] = {}
+
+    def fall(self, seat: Seat) -> float:
+        """Squares that a part takes off."""
+        fall, most, b = 0.0, 0.0, np.zeros(len(self._known))
+        for run in self._runs:
+            for o, row, before, after in self._rows(run, seat):
+                fall += float(before @ before - after @ after)
+                most += float(before @ before)
+                b += self._columns_of(run, o, row).T @ (after - before)
+        return min(fall + FOLLOWED * float(b @ cho_solve(self._root, b)), most)
+
+    def loaded(self, seat: Seat) -> Seat:
+        """With the largest load of the runs that are looked at, and what it takes off."""
+        load = max(self._drives(run, seat).load for run in self._runs)
+        return replace(seat, load=load, takes=self.fall(seat))
+
+    def _drives(self, run: _Run, seat: Seat) -> Driven:
+        key = seat.locus, run.number
+        if key not in self._driven:
+            self._driven[key] = Driven(self.gear, seat, run.dense, run.between)
+        return self._driven[key]
+
+    def _rows(self, run: _Run, seat: Seat) -> Iterator[tuple[str, int, Array, Array]]:
+        """Observation, row and residuals over their noise, without and with a part."""
+        gear = self.gear
+        at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
+        m, change = on_meshes(run.some, run.change, at)
+        before = law(m, change)
+        driven = self._drives(run, seat)
+        reach = -gear.model.scales.cos_beta * driven.share[:, at]
+        way = driven.way(seat)[run.at]
+        ch = replace(change)
+        ch.d, ch.d_rate = ch.d + way[:, :, 0] @ reach, ch.d_rate + way[:, :, 1] @ reach
+        now = law(m, ch)
+        for i in np.flatnonzero(~gear.modelled[at]).tolist():
+            yield (
+                force_law.NAME,
+                int(at[i]),
+                (m.F[:, i] - before.force[:, i]) / before.sigma[:, i],
+                (m.F[:, i] - now.force[:, i]) / now.sigma[:, i],
+            )
+        block = run.blocks.get(balance.NAME)
+        if block is None or not gear.modelled[at].any():
+            return
+        more = np.where(gear.modelled[at], now.force - before.force, 0.0)
+        yield from self._pushed(run, block, more, at)
+
+    def _pushed(
+        self, run: _Run, block: Block, more: Array, at: NDArray[np.int64]
+    ) -> Iterator[tuple[str, int, Array, Array]]:
+        """Rows of the balance without and with more force (n, k) on some meshes."""
+        g = self.gear.runs[run.number]
+        look = window_of(g.run, self.gear.width)
+        whole = np.arange(len(g.motion.times))
+        steps = np.arange(len(more)) * self.gear.stride
+        each = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)
+        reach = inertia_parts(self.gear.model).sum(0)[:, at]
+        pushed = look.average(each)[:: max(1, round(look.deviation))] @ reach.T
+        weight = np.sqrt(block.independent) / block.sigma
+        for row in np.flatnonzero(np.any(reach != 0.0, axis=1)).tolist():
+            without = block.residual[:, row] * weight[:, row]
+            yield balance.NAME, row, without, without - pushed[:, row] * weight[:, row]
+
+    def _columns_of(self, run: _Run, o: str, row: int) -> Array:
+        """(n, p) what each coefficient adds to a row, over the noise."""
+        key = run.number, o, row
+        if key not in self._columns:
+            block = run.blocks[o]
+            at = {f: i for i, f in enumerate(block.functions)}
+            found = np.zeros((len(block.residual), len(self._known)))
+            for i, c in enumerate(self._known):
+                part = c.parts.get(o)
+                for own, f, w in part.entries if part is not None else ():
+                    if own == row:
+                        found[:, i] += w[run.number] * block.columns[:, row, at[f]]
+            weight = np.sqrt(block.independent) / block.sigma[:, row]
+            self._columns[key] = found * weight[:, None]
+        return self._columns[key]

@@ -1,0 +1,88 @@
+"""Parts on their own seats: their motion by another integrator, and rigs whose spring hardens."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from herringbone_sim.gap.diagnose import diagnose
+from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, moved
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.trial import Setting, plan_of
+
+COS_BETA = 0.96
+OMEGA = 6000.0  # [rad/s] of the motion that drives
+
+
+@pytest.mark.parametrize(
+    "spring",
+    [
+        Spring(20.0, np.inf, 1e10, 2e4, growth=4e9, drag=3.0, farthest=1e-5, fastest=0.1),
+        Spring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6),
+    ],
+    ids=["ring", "pin"],
+)
+def test_a_part_moves_as_its_equation_says(spring: Spring) -> None:
+    """DOP853 on the same equation, meshes that lose contact: equal to a part in a hundred."""
+    n, step = 1500, 2.0 * np.pi / OMEGA / 128.0
+    t = np.arange(n) * step
+    b, k, c, rest = 4e-5, np.array([1.5e9, 1.2e9]), np.array([2e3, 2e3]), -3e4
+    x = 6e-5 + 4e-5 * np.cos(OMEGA * t)[:, None] * np.array([1.0, 0.8])
+    v = -4e-5 * OMEGA * np.sin(OMEGA * t)[:, None] * np.array([1.0, 0.8])
+    one = np.ones((n, 2))
+    meshes = Meshes(
+        x,
+        v,
+        k * one,
+        c * one,
+        b * one,
+        b * one,
+        0.0 * one,
+        np.full(2, 1e-12),
+        rest + 0.0 * t,
+        step,
+    )
+    found = moved(meshes, spring, COS_BETA)
+
+    def seat(q: float, rate: float) -> float:
+        if spring.width:
+            ends = np.logaddexp(0.0, (np.array([q, -q]) - spring.play) / spring.width)
+            g = spring.width * float(ends[0] - ends[1])
+        else:
+            g = max(q - spring.play, 0.0) - max(-q - spring.play, 0.0)
+        hold = spring.stiffness * g * (1.0 + spring.growth * g * g)
+        return hold + spring.damping * rate * (1.0 + spring.drag * abs(rate))
+
+    def slope(time: float, y: np.ndarray) -> list[float]:
+        q, rate = y
+        at = 4e-5 * np.array([1.0, 0.8])
+        depth = 6e-5 + at * np.cos(OMEGA * time) - COS_BETA * q
+        f = np.maximum(depth - b, 0.0) - np.maximum(-depth - b, 0.0)
+        w = -at * OMEGA * np.sin(OMEGA * time) - COS_BETA * rate
+        hold = seat(q, rate)
+        push = (COS_BETA * float(k @ f + c @ w) - hold) / spring.mass
+        return [rate, push - (rest + hold) / spring.under]
+
+    true = solve_ivp(slope, (0.0, t[-1]), found[0], "DOP853", t, rtol=1e-9, atol=1e-14).y.T
+    size = np.sqrt(np.mean(true**2, axis=0))
+    off = np.sqrt(np.mean((found - true) ** 2, axis=0))
+    assert (off < 0.01 * size).all()
+
+
+@pytest.fixture(scope="module")
+def ring_campaign():  # type: ignore[no-untyped-def]
+    """A rig whose ring's spring hardens by 10 to 100 % at 100 kN, and its damper as well."""
+    setting = Setting(truth="ring_flexibility", law="other", d=(10.0,))
+    return make_campaign(plan_of(setting, 1))
+
+
+def test_a_ring_on_a_hardening_spring_is_named_sized_and_closed(ring_campaign) -> None:  # type: ignore[no-untyped-def]
+    """The catalogue's spring is linear; the rig's own growth is not in it."""
+    found = diagnose(as_prepared(ring_campaign), senses=False).report
+    assert found["effects"] == ["ring_flexibility"]
+    assert found["gap"]["closure"] > 0.95
+    true = ring_campaign.label["effects"][0]["parameters"]["stiffness"]["value"]
+    size = next(p for p in found["causes"][0]["parameters"] if p["name"] == "stiffness")["value"]
+    assert size == pytest.approx(true, rel=0.15)
