@@ -21,6 +21,7 @@ from herringbone_sim.gap.attribution.hypothesis import calibrated_gear, case
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.named import named
+from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import (
     Augmented,
@@ -133,13 +134,14 @@ def test_other_orders_of_a_learned_wave_are_effects_too(
     )
 
 
-def test_a_compliance_that_may_be_none_has_a_stiffness_with_an_end() -> None:
-    """A ring without compliance is rigid: its stiffness is the highest that there may be."""
-    options = (("stiffness", 1e11), ("damping", 0.1))
-    one = Coefficient("amplitude", 0.1, np.inf, {}, 1.0)
-    h = Hypothesis("ring_flexibility", options, Locus("rp", "all", "all"), (one,), 1)
-    mean, spread = np.array([1.0]), np.array([[1.0]])
-    score = Score((one,), mean, spread, mean[None], mean[:1], 0.0, 0.0, 1.0, {})
+def test_a_ring_whose_stiffness_is_hardly_known_has_an_interval_with_an_end() -> None:
+    """Stiffness is known by its logarithm; the interval ends where the catalogue's range does."""
+    ring = Seat("ring_flexibility", Locus("rp", "all", "all"), (1e11, 0.1, 0.3, 0.3))
+    names = ("present", *ring.names)
+    every = tuple(Coefficient(name, 1.0, np.inf, {}) for name in names)
+    h = Hypothesis("ring_flexibility", (), ring.locus, every, len(every), ring)
+    mean, spread = np.eye(5)[0], np.diag([0.0, 9.0, 1.0, 0.0, 0.0])
+    score = Score(every, mean, spread, mean[None], mean[:1], 0.0, 0.0, 1.0, {})
     [found] = named((h,), score, build(NOMINAL))
     low, high = found.intervals[0]
     assert 0.0 < low < 1e11 < high <= 1.1e12

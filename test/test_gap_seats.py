@@ -84,5 +84,5 @@ def test_a_ring_on_a_hardening_spring_is_named_sized_and_closed(ring_campaign) -
     assert found["effects"] == ["ring_flexibility"]
     assert found["gap"]["closure"] > 0.95
     true = ring_campaign.label["effects"][0]["parameters"]["stiffness"]["value"]
-    size = next(p for p in found["causes"][0]["parameters"] if p["name"] == "stiffness")["value"]
+    size = found["causes"][0]["parameters"]["stiffness"]["value"]
     assert size == pytest.approx(true, rel=0.15)

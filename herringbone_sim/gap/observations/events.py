@@ -7,22 +7,25 @@ to half a mesh cycle.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.diagnosis.products import Block, cleared
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
-from herringbone_sim.gap.observations import force_law
+from herringbone_sim.gap.observations import balance, force_law
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.curves import SHAPE
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.law import Law, Motion
 from herringbone_sim.gap.observations.places import Places, Weights
+from herringbone_sim.gap.observations.runs import GearRun
+from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
 Array = NDArray[np.float64]
 
@@ -54,28 +57,84 @@ def lags(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
             yield f"{name} in step", np.rint(late)
 
 
-def fold(gear: Gear, amplitudes: Amplitudes, member: str) -> dict[str, Fold]:
-    """Folds of both kinds of event about a change of the law."""
+@dataclass(frozen=True)
+class _Row:
+    """What one row of an observation says of one mesh: arrays (n,).
+
+    Attributes:
+        mesh: its number.
+        phase: [rad].
+        residual: over its noise.
+        columns: by kind of event, per unit of it, over the noise.
+    """
+
+    mesh: int
+    phase: Array
+    residual: Array
+    columns: Mapping[str, Array]
+
+
+def rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
+    """All rows about a change of the law: force law, or the balance of meshes without force."""
+    found: list[_Row] = []
+    through = gear.balanced and bool(gear.modelled.any())
+    balances = gear.blocks(amplitudes, {}, (balance.NAME,)) if through else []
+    for r, g in enumerate(gear.runs):
+        m = g.some
+        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+        now = gear.law_of(m, of_law, ())
+        residual = (m.F - now.force) / now.sigma
+        columns = {kind: c / now.sigma for kind, c in _columns(m, now).items()}
+        found += [
+            _Row(j, m.phase, residual[:, j], {kind: c[:, j] for kind, c in columns.items()})
+            for j in np.flatnonzero(np.isfinite(residual).all(axis=0)).tolist()
+        ]
+        if through:
+            now = gear.law_of(g.motion, of_law, ())
+            found += _balance_rows(gear, g, now, balances[r][balance.NAME])
+    return found
+
+
+def _columns(m: Motion, now: Law) -> dict[str, Array]:
+    """(n, n_mesh) force [N] that a unit of each kind of event adds."""
+    return {
+        "tooth_crack": -m.k * now.f,
+        "tooth_spall": now.k * (now.drive + now.back),
+    }
+
+
+def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
+    """Rows of the balance, one for each mesh whose force comes from the law."""
+    look = window_of(g.run, gear.width)
+    stride = max(1, round(look.deviation))
+    root = np.sqrt(block.independent)
+    residual, phase = root * cleared(block), g.motion.phase[block.at]
+    reach = inertia_parts(gear.model).sum(0)
+    pushed = {k: look.average(c)[::stride] for k, c in _columns(g.motion, now).items()}
+    return [
+        _Row(
+            j,
+            phase,
+            residual[:, z],
+            {k: root * reach[z, j] * c[:, j] / block.sigma[:, z] for k, c in pushed.items()},
+        )
+        for j in np.flatnonzero(gear.modelled).tolist()
+        for z in np.flatnonzero(reach[:, j]).tolist()
+    ]
+
+
+def fold(gear: Gear, every: Sequence[_Row], member: str) -> dict[str, Fold]:
+    """Folds of both kinds of event over the turn of a member."""
     cycles = force_law.members(gear.model)[member]
     bins = round(BINS * cycles)
     n = gear.model.layout.n_mesh
     found = {kind: Fold(np.zeros((n, bins)), np.zeros((n, bins))) for kind in KINDS}
-    for r, g in enumerate(gear.runs):
-        m = g.some
-        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
-        now = gear.law_of(m, of_law)
-        residual = (m.F - now.force) / now.sigma
-        at = np.floor(np.mod(m.phase / (2.0 * np.pi), cycles) * BINS).astype(int) % bins
-        for kind, columns in (
-            ("tooth_crack", -m.k * now.f / now.sigma),
-            ("tooth_spall", now.k * (now.drive + now.back) / now.sigma),
-        ):
-            for j in range(n):
-                if not np.isfinite(residual[:, j]).all():
-                    continue
-                c = columns[:, j]
-                found[kind].A[j] += np.bincount(at, c * c, bins)
-                found[kind].b[j] += np.bincount(at, c * residual[:, j], bins)
+    for row in every:
+        turned = np.mod(row.phase / (2.0 * np.pi), cycles)
+        at = np.floor(turned * BINS).astype(int) % bins
+        for kind, c in row.columns.items():
+            found[kind].A[row.mesh] += np.bincount(at, c * c, bins)
+            found[kind].b[row.mesh] += np.bincount(at, c * row.residual, bins)
     return found
 
 
@@ -85,8 +144,9 @@ KINDS = ("tooth_crack", "tooth_spall")
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
     """The most promising events of both kinds."""
     found: list[tuple[float, Event]] = []
+    every = rows(gear, amplitudes)
     for member in ("sun", "planet", "ring"):
-        for kind, one in fold(gear, amplitudes, member).items():
+        for kind, one in fold(gear, every, member).items():
             found += _ranked(gear, member, kind, one)
     found.sort(key=lambda c: -c[0])
     chosen: list[Event] = []
