@@ -354,3 +354,31 @@ def test_a_truth_that_was_never_tried_teaches_nothing():
     rng = np.random.default_rng(9)
     evidence = [some_evidence(rng) for _ in range(5)]
     assert not fit(evidence, [("z",)] * 5, 1.0).any()
+
+
+def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() -> None:
+    """Noise, own columns and residuals differ by row, nuisances and shared columns do not."""
+    rng = np.random.default_rng(0)
+    n, rows, q, s = 200, 3, 5, 2
+    alike = np.array([True, False, True, True, False])
+    columns = rng.normal(size=(n, rows, q))
+    columns[:, :, alike] = columns[:, :1, alike]
+    slow = np.repeat(rng.normal(size=(n, 1, s)), rows, axis=1)
+    sigma = np.broadcast_to(rng.uniform(1.0, 2.0, rows), (n, rows))
+    block = Block(
+        "o",
+        "run",
+        ("a", "b", "c"),
+        rng.normal(size=(n, rows)),
+        sigma,
+        tuple("fghij"),
+        columns,
+        slow,
+        np.full((rows, s), 0.5),
+        rng.normal(size=(2, rows, q)),
+        np.ones(2),
+        0.7,
+    )
+    plain, shared = products(block), products(replace(block, alike=alike))
+    for name in ("G", "c", "energy", "cross", "cross_y"):
+        np.testing.assert_allclose(getattr(shared, name), getattr(plain, name), rtol=1e-9)

@@ -8,7 +8,7 @@ normal equations are sums of entries of the products. Nuisances of a row (drift,
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -34,6 +34,8 @@ class Block:
         shared_sd: (T,).
         independent: share of the samples that are independent of each other.
         at: (n,) samples of the run that the residual stands at; None for all.
+        alike: (Q,) functions whose column is the same in all rows, whose noise does not change in
+            time and whose nuisances are the same: their products are taken once. None: none.
     """
 
     observation: str
@@ -49,6 +51,7 @@ class Block:
     shared_sd: Array
     independent: float = 1.0
     at: NDArray[np.int64] | None = None
+    alike: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -82,16 +85,9 @@ def products(block: Block) -> Products:
     n, R, Q = block.columns.shape
     G, c = np.empty((R, Q, Q)), np.empty((R, Q))
     energy = np.empty(R)
-    root = np.sqrt(block.independent)
-    for row in range(R):
-        w = root / block.sigma[:, row]
-        X = np.column_stack([block.columns[:, row] * w[:, None], block.residual[:, row] * w])
-        whole = X.T @ X
-        S = block.nuisance.shape[2]
-        if S:
-            N = block.nuisance[:, row] * w[:, None]
-            normal = N.T @ N + np.diag(block.nuisance_sd[row] ** -2.0)
-            with_N = N.T @ X
+    for row, (whole, with_N, own) in enumerate(_grams(block)):
+        if len(own):
+            normal = own + np.diag(block.nuisance_sd[row] ** -2.0)
             whole = whole - with_N.T @ np.linalg.solve(normal, with_N)
         G[row], c[row], energy[row] = whole[:Q, :Q], whole[:Q, Q], whole[Q, Q]
     cross, cross_y = _shared(block, G, c)
@@ -107,6 +103,42 @@ def products(block: Block) -> Products:
         cross,
         cross_y,
     )
+
+
+Gram = tuple[Array, Array, Array]
+
+
+def _grams(block: Block) -> Iterator[Gram]:
+    """Row by row, whitened: columns and residual with themselves (Q+1, Q+1), nuisances with them
+    (S, Q+1), nuisances with themselves (S, S).
+    """
+    if block.alike is not None:
+        yield from _grams_alike(block, block.alike)
+        return
+    root = np.sqrt(block.independent)
+    for row in range(block.columns.shape[1]):
+        w = root / block.sigma[:, row]
+        X = np.column_stack([block.columns[:, row] * w[:, None], block.residual[:, row] * w])
+        N = block.nuisance[:, row] * w[:, None]
+        yield X.T @ X, N.T @ X, N.T @ N
+
+
+def _grams_alike(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
+    """The same where most columns are the same in all rows."""
+    Q, N = len(alike), block.nuisance[:, 0]
+    C = np.ascontiguousarray(block.columns[:, 0, alike])
+    of_C, N_C, N_N = C.T @ C, N.T @ C, N.T @ N
+    first, then = np.flatnonzero(alike), np.append(np.flatnonzero(~alike), Q)
+    for row in range(block.columns.shape[1]):
+        D = np.column_stack([block.columns[:, row, ~alike], block.residual[:, row]])
+        whole, with_N = np.empty((Q + 1, Q + 1)), np.empty((len(N_N), Q + 1))
+        whole[np.ix_(first, first)] = of_C
+        whole[np.ix_(first, then)] = C.T @ D
+        whole[np.ix_(then, first)] = whole[np.ix_(first, then)].T
+        whole[np.ix_(then, then)] = D.T @ D
+        with_N[:, first], with_N[:, then] = N_C, N.T @ D
+        square = block.independent / block.sigma[0, row] ** 2
+        yield square * whole, square * with_N, square * N_N
 
 
 def _shared(block: Block, G: Array, c: Array) -> tuple[Array, Array]:

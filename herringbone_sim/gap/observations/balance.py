@@ -126,6 +126,7 @@ def block(
         *_gratings(run.model, modelled, names),
         independent=min(1.0, stride / overlap),
         at=at,
+        alike=np.array([name not in (*MASSES, "between") for name in names]),
     )
 
 

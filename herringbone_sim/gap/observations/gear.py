@@ -203,6 +203,7 @@ class Gear:
                     functions=(*plain.functions, *more.functions),
                     columns=np.concatenate([plain.columns, more.columns], axis=2),
                     shared=np.concatenate([plain.shared, more.shared], axis=2),
+                    alike=np.concatenate([_alike(plain), _alike(more)]),
                 )
             )
         return found
@@ -516,4 +517,9 @@ def _about(
         functions=tuple(block.functions[i] for i in keep),
         columns=block.columns[:, :, keep],
         shared=block.shared[:, :, keep],
+        alike=None if block.alike is None else block.alike[keep],
     )
+
+
+def _alike(block: Block) -> NDArray[np.bool_]:
+    return np.zeros(len(block.functions), bool) if block.alike is None else block.alike
