@@ -231,6 +231,7 @@ def wanted_of(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
 
 
 ROUNDS = 20
+PATIENCE = 6  # rounds after which an effect leaves less than none does, or is none
 SETTLED = 1e-4  # of the squares left: less between two rounds is nothing
 
 
@@ -307,9 +308,12 @@ class Search:
         best: tuple[Array, Campaign] | None = None
         sizes: Sequence[float] = SIZES
         reach = np.array([np.inf if c.sized else c.sd for c in every])
-        for _ in range(rounds):
+        enough = float(self.null.energy.sum()) if coefficients else np.inf
+        for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
+            if number >= PATIENCE and min(least, now) > enough:
+                break
             if now >= least:
                 if now - least < SETTLED * now:
                     break
