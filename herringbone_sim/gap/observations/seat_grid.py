@@ -101,7 +101,7 @@ class Trial:
     """
 
     def __init__(
-        self, gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient], every: int = 2
+        self, gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient], every: int = 3
     ) -> None:
         self.gear = gear
         looked = range(0, len(gear.runs), every)

@@ -101,7 +101,7 @@ def moved(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
     return np.asarray(_moved(*(np.ascontiguousarray(a) for a in arrays), own, m.step, parts))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _over(y, s):  # type: ignore[no-untyped-def]
     """Expectation of max(y, 0) with noise s on y."""
     if y > 6.0 * s:
@@ -116,7 +116,8 @@ def _over(y, s):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _rise(z):  # type: ignore[no-untyped-def]
-    return max(z, 0.0) + math.log1p(math.exp(-abs(z)))
+    """ln(1 + e^z), for any z."""
+    return max(z, 0.0) + (math.log1p(math.exp(-abs(z))) if abs(z) < 36.0 else 0.0)
 
 
 @njit(cache=True)
@@ -130,7 +131,7 @@ def _hold(own, q, rate):  # type: ignore[no-untyped-def]
     return own[2] * g * (1.0 + own[6] * g * g) + own[3] * rate * (1.0 + own[7] * abs(rate))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _pushed(at, next_, s, arrays, noise, rest, own, q, rate):  # type: ignore[no-untyped-def]
     """Acceleration, s of the way from one point to the next."""
     x, v, k, c, plus, minus, more = arrays
@@ -145,7 +146,7 @@ def _pushed(at, next_, s, arrays, noise, rest, own, q, rate):  # type: ignore[no
     return (cos_beta * load - hold) * own[0] - under * own[1]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _moved(x, v, k, c, plus, minus, more, noise, rest, own, step, parts):  # type: ignore[no-untyped-def]
     n = len(x)
     arrays = (x, v, k, c, plus, minus, more)
