@@ -69,6 +69,11 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient]) 
     return found
 
 
+# Observation, row, residuals over their noise without and with a part, (n,) each, and the noise
+# that columns are over, over that of the residuals.
+_Row = tuple[str, int, Array, Array, Array]
+
+
 @dataclass(frozen=True)
 class _Run:
     """A run with what all but the part does to it.
@@ -101,7 +106,7 @@ class Trial:
     """
 
     def __init__(
-        self, gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient], every: int = 3
+        self, gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient], every: int = 2
     ) -> None:
         self.gear = gear
         looked = range(0, len(gear.runs), every)
@@ -132,10 +137,10 @@ class Trial:
         """Squares that a part takes off."""
         fall, most, b = 0.0, 0.0, np.zeros(len(self._known))
         for run in self._runs:
-            for o, row, before, after in self._rows(run, seat):
+            for o, row, before, after, weight in self._rows(run, seat):
                 fall += float(before @ before - after @ after)
                 most += float(before @ before)
-                b += self._columns_of(run, o, row).T @ (after - before)
+                b += self._columns_of(run, o, row).T @ (weight * (after - before))
         return min(fall + FOLLOWED * float(b @ cho_solve(self._root, b)), most)
 
     def loaded(self, seat: Seat) -> Seat:
@@ -149,8 +154,8 @@ class Trial:
             self._driven[key] = Driven(self.gear, seat, run.dense, run.between)
         return self._driven[key]
 
-    def _rows(self, run: _Run, seat: Seat) -> Iterator[tuple[str, int, Array, Array]]:
-        """Observation, row and residuals over their noise, without and with a part."""
+    def _rows(self, run: _Run, seat: Seat) -> Iterator[_Row]:
+        """Every row that a part changes."""
         gear = self.gear
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
         m, change = on_meshes(run.some, run.change, at)
@@ -162,12 +167,11 @@ class Trial:
         ch.d, ch.d_rate = ch.d + way[:, :, 0] @ reach, ch.d_rate + way[:, :, 1] @ reach
         now = law(m, ch)
         for i in np.flatnonzero(~gear.modelled[at]).tolist():
-            yield (
-                force_law.NAME,
-                int(at[i]),
-                (m.F[:, i] - before.force[:, i]) / before.sigma[:, i],
-                (m.F[:, i] - now.force[:, i]) / now.sigma[:, i],
-            )
+            # The larger noise of both, so that no coefficient takes off more than there is.
+            sigma = np.maximum(before.sigma[:, i], now.sigma[:, i])
+            without, left = m.F[:, i] - before.force[:, i], m.F[:, i] - now.force[:, i]
+            weight = before.sigma[:, i] / sigma
+            yield force_law.NAME, int(at[i]), without / sigma, left / sigma, weight
         block = run.blocks.get(balance.NAME)
         if block is None or not gear.modelled[at].any():
             return
@@ -176,7 +180,7 @@ class Trial:
 
     def _pushed(
         self, run: _Run, block: Block, more: Array, at: NDArray[np.int64]
-    ) -> Iterator[tuple[str, int, Array, Array]]:
+    ) -> Iterator[_Row]:
         """Rows of the balance without and with more force (n, k) on some meshes."""
         g = self.gear.runs[run.number]
         look = window_of(g.run, self.gear.width)
@@ -188,7 +192,8 @@ class Trial:
         weight = np.sqrt(block.independent) / block.sigma
         for row in np.flatnonzero(np.any(reach != 0.0, axis=1)).tolist():
             without = block.residual[:, row] * weight[:, row]
-            yield balance.NAME, row, without, without - pushed[:, row] * weight[:, row]
+            left = without - pushed[:, row] * weight[:, row]
+            yield balance.NAME, row, without, left, np.ones(len(left))
 
     def _columns_of(self, run: _Run, o: str, row: int) -> Array:
         """(n, p) what each coefficient adds to a row, over the noise."""
