@@ -163,7 +163,7 @@ def _ranked(
     """Linear scores on top of what was taken, best first, with what the residual proposes."""
     known = search.null if taken is None else taken
     made = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
-    machine, proposed = search.machine.proposals(made, known.coefficients)
+    machine, proposed = search.machine.proposals(made, known)
     search = search.onwards(machine, taken)
     quick = sorted(((search.quick(one.coefficients), i) for i, one in enumerate(catalogue)))
     chosen: list[Hypothesis] = []

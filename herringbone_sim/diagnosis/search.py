@@ -44,13 +44,11 @@ class Machine(Protocol):
     def hypotheses(self) -> list[Hypothesis]:
         """Every effect at every place with every option that functions can carry."""
 
-    def proposals(
-        self, amplitudes: Amplitudes, known: Sequence[Coefficient]
-    ) -> tuple[Machine, list[Hypothesis]]:
+    def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Machine, list[Hypothesis]]:
         """Hypotheses found in the residual about a change, and a machine with their functions.
 
         Args:
-            known: coefficients that the amplitudes come from.
+            known: fit that the amplitudes come from.
         """
 
     def finely(self) -> Machine:

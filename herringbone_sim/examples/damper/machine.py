@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from herringbone_sim.diagnosis.flexible import Surroundings
-from herringbone_sim.diagnosis.products import Block, Coefficient
-from herringbone_sim.diagnosis.search import Amplitudes, Hypothesis
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.search import Amplitudes, Hypothesis, Score
 from herringbone_sim.examples.damper import effects
 from herringbone_sim.examples.damper.effects import BENT, FIXED, FUNCTIONS, IMPULSE, LAW, TRAVEL
 from herringbone_sim.examples.damper.simulate import OFFSET, PLAY, SIGMA, STEP, C, K, M, Run
@@ -63,9 +63,7 @@ class Damper:
     def hypotheses(self) -> list[Hypothesis]:
         return effects.hypotheses(self.runs)
 
-    def proposals(
-        self, amplitudes: Amplitudes, known: Sequence[Coefficient]
-    ) -> tuple[Damper, list[Hypothesis]]:
+    def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Damper, list[Hypothesis]]:
         """None: the catalogue has it all."""
         return self, []
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.flexible import Surroundings
-from herringbone_sim.diagnosis.products import Block, Coefficient
-from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.search import Hypothesis, Score
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import (
     balance,
@@ -58,7 +58,7 @@ class GearMachine:
         return list(curves.hypotheses(self.places))
 
     def proposals(
-        self, amplitudes: Amplitudes, known: Sequence[Coefficient]
+        self, amplitudes: Amplitudes, known: Score
     ) -> tuple[GearMachine, list[Hypothesis]]:
         """Events of teeth, rings and pins."""
         if not (self.gear.has_force_law or self.gear.balanced):

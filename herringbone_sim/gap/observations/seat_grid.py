@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
-from herringbone_sim.diagnosis.products import Block, Campaign, Coefficient, products
-from herringbone_sim.diagnosis.search import wanted_of
+from herringbone_sim.diagnosis.products import Block, Campaign, products
+from herringbone_sim.diagnosis.regression import solve
+from herringbone_sim.diagnosis.search import Score, wanted_of
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, force_law
@@ -29,7 +29,6 @@ SOFT_N_PER_M = (3e10, 1e11, 3e11)
 SEAT_RATIO = 0.1
 SHARP, SOFT = 0.05, 0.6  # softness over the clearance; a soft seat is a spring at any clearance
 SLIGHT = 0.3  # growth and drag
-FOLLOWED = 0.9  # of what coefficients would take off were all as linear as at zero
 
 Grid = list[tuple[float, ...]]
 GRIDS: tuple[tuple[str, Grid], ...] = (
@@ -42,14 +41,14 @@ GRIDS: tuple[tuple[str, Grid], ...] = (
 )
 
 
-def proposals(gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient]) -> list[Seat]:
+def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
     """The most promising part of each grid; none where motion between samples is unknown.
 
     Both sides alike first, then each side of the best.
 
     Args:
         amplitudes: of what is known.
-        known: coefficients that they come from.
+        known: fit that they come from.
     """
     if any(m is None for m in gear.dense):
         return []
@@ -96,18 +95,16 @@ class _Run:
 
 
 class Trial:
-    """Squares that a part takes off force law and balance, all coefficients free to follow.
+    """Squares that a part takes off, all that is known free to follow inside its bounds.
 
     Args:
         gear: with its runs.
         amplitudes: of what is known.
-        known: coefficients that the amplitudes come from, about their best values.
+        known: fit that the amplitudes come from.
         every: run that is looked at.
     """
 
-    def __init__(
-        self, gear: Gear, amplitudes: Amplitudes, known: Sequence[Coefficient], every: int = 2
-    ) -> None:
+    def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
         self.gear = gear
         looked = range(0, len(gear.runs), every)
         formed = {
@@ -116,11 +113,15 @@ class Trial:
             consistency.NAME: gear.relations > 0,
         }
         names = [name for name, there in formed.items() if there]
-        blocks = gear.blocks(amplitudes, wanted_of(known), names)
-        campaign = Campaign([{o: products(b) for o, b in one.items()} for one in blocks], known)
-        prior = np.array([c.sd for c in known]) ** -2.0 * len(looked) / len(gear.runs)
-        self._root = cho_factor(campaign.base_A[list(looked)].sum(axis=0) + np.diag(prior))
-        self._known = known
+        self._known = known.coefficients
+        blocks = gear.blocks(amplitudes, wanted_of(self._known), names)
+        every_one = [{o: products(b) for o, b in one.items()} for one in blocks]
+        campaign = Campaign(every_one, self._known)
+        self._A = campaign.base_A[list(looked)].sum(axis=0)
+        self._b = campaign.base_b[list(looked)].sum(axis=0)
+        self._sd = np.array([c.sd for c in self._known]) * np.sqrt(len(gear.runs) / len(looked))
+        self._bound = np.array([c.bound for c in self._known])
+        self._start = known.mean - np.array([c.center for c in self._known])
         self._runs: list[_Run] = []
         for r in looked:
             some, dense = gear.runs[r].some, gear.dense[r]
@@ -135,13 +136,16 @@ class Trial:
 
     def fall(self, seat: Seat) -> float:
         """Squares that a part takes off."""
-        fall, most, b = 0.0, 0.0, np.zeros(len(self._known))
+        fall, b = 0.0, np.zeros(len(self._known))
         for run in self._runs:
             for o, row, before, after, weight in self._rows(run, seat):
                 fall += float(before @ before - after @ after)
-                most += float(before @ before)
                 b += self._columns_of(run, o, row).T @ (weight * (after - before))
-        return min(fall + FOLLOWED * float(b @ cho_solve(self._root, b)), most)
+        b = self._b + b
+        followed = solve(self._A, b + self._A @ self._start, self._sd, self._bound).mean
+        step = followed - self._start
+        fall += float(2.0 * b @ step - step @ self._A @ step)
+        return fall - float(np.sum((followed / self._sd) ** 2 - (self._start / self._sd) ** 2))
 
     def loaded(self, seat: Seat) -> Seat:
         """With the largest load of the runs that are looked at, and what it takes off."""
