@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from herringbone_sim.gap.diagnose import diagnose
-from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, moved
+from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, motion
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.trial import Setting, plan_of
@@ -44,7 +44,7 @@ def test_a_part_moves_as_its_equation_says(spring: Spring) -> None:
         rest + 0.0 * t,
         step,
     )
-    found = moved(meshes, spring, COS_BETA)
+    found = motion(meshes, spring, COS_BETA)
 
     def seat(q: float, rate: float) -> float:
         if spring.width:

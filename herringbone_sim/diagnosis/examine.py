@@ -177,8 +177,8 @@ def _ranked(
     for one in (*chosen, *proposed):
         score = search.screened(one.coefficients, 0.3)
         left, start = float(score.energy.sum()), score.mean
-        if one.takes is not None:
-            left = float(search.null.energy.sum()) - one.takes
+        if one.removes is not None:
+            left = float(search.null.energy.sum()) - one.removes
             start = np.concatenate([search.null.mean, [c.center for c in one.coefficients]])
         found.append((left, one, start))
     found.sort(key=lambda f: f[0])

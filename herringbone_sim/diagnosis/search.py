@@ -82,7 +82,7 @@ class Hypothesis:
         coefficients: to fit.
         mains: how many of them, the first ones, are the effect's own parameters.
         maker: what a machine needs to make it again for other runs.
-        takes: squares that it takes off about its coefficients' centres, where it is so far from
+        removes: squares that it removes about its coefficients' centres, where it is so far from
             linear that the machine has measured it; None: the linear screen tells.
     """
 
@@ -92,7 +92,7 @@ class Hypothesis:
     coefficients: tuple[Coefficient, ...]
     mains: int
     maker: Any = None
-    takes: float | None = None
+    removes: float | None = None
 
     def __post_init__(self) -> None:
         bent = [replace(c, departs=self.mains) for c in self.coefficients[self.mains :]]

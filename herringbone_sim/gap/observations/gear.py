@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,8 @@ from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.law import Change, Law, Motion, Ways, law
+from herringbone_sim.gap.observations.changes import Changes, Part
+from herringbone_sim.gap.observations.law import Change, Law, Motion, law
 from herringbone_sim.gap.observations.runs import GearRun, dense_motion, gear_run
 from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
@@ -29,19 +29,6 @@ from herringbone_sim.gap.sensors.swaps import find_swap
 Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
 WIDTH = 0.12  # of the balance's window, mesh cycles: order 1 passes with 0.75, order 3 with 0.08
-
-
-class Part(Protocol):
-    """A part that moves by itself, driven by the meshes."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of its parameters."""
-
-    def ways(
-        self, gear: Gear, m: Motion, change: Change, label: str, offsets: Array, slopes: bool
-    ) -> Mapping[str, tuple[Array, Array]]:
-        """Displacement and rate (n, n_mesh) that each of its functions stands for, by name."""
 
 
 class Gear:
@@ -78,11 +65,14 @@ class Gear:
         self.swap = swap if group is None else (group.names[0], group.names[1])
         self.fine = False
         self.body_functions: tuple[Function, ...] = ()
-        self.law_functions: tuple[Function, ...] = tuple(force_law.functions(self.model))
-        self.parts: dict[str, Part] = {}
+        self._changes = Changes(self.model, force_law.functions(self.model), {})
         self._parts_about: Amplitudes = {}
-        self._last_ways: dict[int, tuple[object, set[str], Ways]] = {}
         self._plain_balances: list[Block] = []  # made once for all copies
+
+    @property
+    def law_functions(self) -> tuple[Function, ...]:
+        """Those of the force law."""
+        return self._changes.functions
 
     @cached_property
     def functions(self) -> dict[str, tuple[str, ...]]:
@@ -258,80 +248,9 @@ class Gear:
         self, m: Motion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = ()
     ) -> Change:
         """What functions at amplitudes (n_mesh,) do to the law of a run."""
-        change, ways = Change(), self._ways(m, amplitudes, wanted)
-        for label in self.parts:
-            a = amplitudes.get(label)
-            if a is not None and np.any(a):
-                change.d = change.d + ways[label][0] * a
-                change.d_rate = change.d_rate + ways[label][1] * a
-        self._add_stages(change, m, amplitudes)
-        change.ways = ways
-        return change
-
-    def _add_stages(self, change: Change, m: Motion, amplitudes: Mapping[str, Array]) -> None:
-        on = [
-            f
-            for f in self.law_functions
-            if f.name in amplitudes and np.any(amplitudes[f.name]) and not self._of_part(f.name)
-        ]
-        # Displacements first: what depends on the load looks at the law that they leave.
-        for stage in STAGES:
-            chosen = [f for f in on if stage(f)]
-            if chosen:
-                now = law(m, change)
-                for f in chosen:
-                    _add(change, f, m, now, amplitudes[f.name])
-
-    def _of_part(self, name: str) -> bool:
-        return any(name == label or name.startswith(f"{label} ") for label in self.parts)
-
-    def _ways(
-        self, m: Motion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None
-    ) -> Ways:
-        """Ways of the parts that are there or wanted, at the samples of a motion."""
-        asked = self.parts if wanted is None else set(wanted)
-        on = [
-            label for label in self.parts if label in asked or np.any(amplitudes.get(label, 0.0))
-        ]
         r = self._number.get(m.name)
-        dense = None if r is None or not on else self.dense[r]
-        if r is None or dense is None:
-            return {}
-        step = dense.times[1] - dense.times[0]
-        at = np.rint((m.times - dense.times[0]) / step).astype(int)
-        slopes = [label for label in on if label in asked]
-        ways = self._dense_ways(r, dense, amplitudes, on, slopes)
-        return {name: (way[at], rate[at]) for name, (way, rate) in ways.items()}
-
-    def _dense_ways(
-        self,
-        r: int,
-        dense: Motion,
-        amplitudes: Mapping[str, Array],
-        on: Sequence[str],
-        slopes: Sequence[str],
-    ) -> Ways:
-        """Ways of some parts of a run between samples, those asked for last kept."""
-        there = {name: a for name, a in amplitudes.items() if np.any(a)}
-        key = (tuple(on), tuple(sorted((name, a.tobytes()) for name, a in there.items())))
-        last = self._last_ways.get(r)
-        if last is not None and last[0] == key and set(slopes) <= last[1]:
-            return last[2]
-        found: dict[str, tuple[Array, Array]] = {}
-        between = Change()
-        self._add_stages(between, dense, amplitudes)
-        for label in on:
-            part = self.parts[label]
-            offsets = [amplitudes.get(f"{label} {name}", np.zeros(1)) for name in part.names]
-            sizes = np.array([float(a[np.argmax(np.abs(a))]) for a in offsets])
-            ways = part.ways(self, dense, between, label, sizes, label in slopes)
-            found |= ways
-            a = amplitudes.get(label)
-            if a is not None and np.any(a):
-                between.d = between.d + ways[label][0] * a
-                between.d_rate = between.d_rate + ways[label][1] * a
-        self._last_ways[r] = key, set(slopes), found
-        return found
+        between = None if r is None or not self._changes.parts else self.dense[r]
+        return self._changes.of(m, between, amplitudes, wanted)
 
     @cached_property
     def _number(self) -> dict[str, int]:
@@ -446,10 +365,9 @@ class Gear:
             about: amplitudes of all else, by which parts move that push a body as well.
         """
         found = copy.copy(self)
-        found.law_functions = (*self.law_functions, *extra)
+        every = {**self._changes.parts, **(parts or {})}
+        found._changes = Changes(self.model, (*self.law_functions, *extra), every)
         found.body_functions = (*self.body_functions, *on_bodies)
-        found.parts = {**self.parts, **(parts or {})}
-        found._last_ways = {}
         found._parts_about = self._parts_about if about is None else about
         for name in ("functions", "_balances"):
             found.__dict__.pop(name, None)
@@ -470,27 +388,7 @@ class Gear:
         return about_rows(g.motion, own, cycles, block)
 
 
-STAGES: tuple[Callable[[Function], bool], ...] = (
-    lambda f: f.slot in ("d", "b_plus", "b_minus"),
-    lambda f: f.slot in ("kappa", "mean_kappa", "gamma"),
-    lambda f: f.slot == "more",
-)
 SHAFT_NAMES = tuple(f"shaft {s} 1 {trig}" for s in "scp" for trig in ("cos", "sin"))
-
-
-def _add(change: Change, f: Function, m: Motion, now: Law, a: Array) -> None:
-    if f.bent is not None:
-        value, rate = f.bent(m, a)
-        setattr(change, f.slot, getattr(change, f.slot) + value)
-        if f.slot == "d":
-            change.d_rate = change.d_rate + rate
-        return
-    g = f.values(m, now)
-    g = g[:, None] if g.ndim == 1 else g
-    setattr(change, f.slot, getattr(change, f.slot) + g * a)
-    if f.slot == "d" and f.rate is not None:
-        rate = f.rate(m, now)
-        change.d_rate = change.d_rate + (rate[:, None] if rate.ndim == 1 else rate) * a
 
 
 def _about(

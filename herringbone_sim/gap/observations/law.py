@@ -21,7 +21,7 @@ from herringbone_sim.gap.data.waves import Waves, waves
 from herringbone_sim.gap.residuals.fusion import Fused
 
 Array = NDArray[np.float64]
-Ways = Mapping[str, tuple[Array, Array]]
+Displacements = Mapping[str, tuple[Array, Array]]  # [m] and rate [m/s], (n, n_mesh), by function
 SLOTS = ("kappa", "mean_kappa", "d", "b_plus", "b_minus", "gamma", "more")
 
 
@@ -100,7 +100,7 @@ def _waves(model: Model, omega: float, late: float, phase: Array) -> Waves:
 class Change:
     """What effects do to the law at every sample: arrays (n, n_mesh) or numbers.
 
-    ``ways`` are those of ``Law``; what of them acts stands in ``d`` and ``d_rate`` already.
+    ``displacements`` are those of ``Law``; what of them acts is in ``d`` and ``d_rate`` already.
     """
 
     kappa: Array | float = 0.0
@@ -111,7 +111,7 @@ class Change:
     b_minus: Array | float = 0.0
     gamma: Array | float = 0.0
     more: Array | float = 0.0
-    ways: Ways = field(default_factory=dict)
+    displacements: Displacements = field(default_factory=dict)
 
 
 def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion, Change]:
@@ -123,7 +123,7 @@ def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion,
     parts: dict[str, Array | float] = {
         name: value[:, at] if isinstance(value, np.ndarray) and value.ndim == 2 else value
         for name, value in vars(change).items()
-        if name != "ways"
+        if name != "displacements"
     }
     return replace(m, **some), Change(**parts)  # type: ignore[arg-type]
 
@@ -140,7 +140,7 @@ class Law:
         drive, back: odds of contact on the two flanks.
         damper: c (v + d') [N].
         c: damping with all changes [N s/m].
-        ways: displacement [m] and rate [m/s] of parts that move by themselves, by function.
+        displacements: of parts that move by themselves, by function.
     """
 
     force: Array
@@ -151,7 +151,7 @@ class Law:
     back: Array
     damper: Array
     c: Array = field(repr=False)
-    ways: Ways = field(default_factory=dict, repr=False)
+    displacements: Displacements = field(default_factory=dict, repr=False)
 
 
 def law(m: Motion, change: Change | None = None) -> Law:
@@ -169,7 +169,7 @@ def law(m: Motion, change: Change | None = None) -> Law:
     damper = m.c * (m.v + ch.d_rate)
     force = k * f + damper * (1.0 + ch.gamma) + ch.more
     sigma = np.sqrt(np.nan_to_num(m.sigma_F) ** 2 + k**2 * variance + (c * m.sigma_v) ** 2)
-    return Law(force, sigma, k, f, on, off, damper, c, ch.ways)
+    return Law(force, sigma, k, f, on, off, damper, c, ch.displacements)
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""Rings and pins over a grid: how many squares each would take off, and the best of each kind."""
+"""Rings and pins over a grid: how many squares each would remove, and the best of each kind."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, force_law
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.law import Change, Motion, law, on_meshes
-from herringbone_sim.gap.observations.seats import Driven, Seat
+from herringbone_sim.gap.observations.seats import Drive, Seat
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
         inside = best.locus.mask(layout) > 0.0
         parts = [p for p in places if np.all(inside[p.mask(layout) > 0.0])]
         best = max((replace(best, locus=p) for p in parts), key=trial.fall)
-        found.append(trial.loaded(best))
+        found.append(trial.with_load(best))
     return found
 
 
@@ -95,7 +95,7 @@ class _Run:
 
 
 class Trial:
-    """Squares that a part takes off, all that is known free to follow inside its bounds.
+    """Squares that a part removes, all that is known free to follow inside its bounds.
 
     Args:
         gear: with its runs.
@@ -131,11 +131,11 @@ class Trial:
             changes = gear.change_of(some, of_law), gear.change_of(dense, of_law)
             own = _Run(r, some, changes[0], dense, changes[1], at.astype(int), blocks[r])
             self._runs.append(own)
-        self._driven: dict[tuple[Locus, int], Driven] = {}
+        self._drives: dict[tuple[Locus, int], Drive] = {}
         self._columns: dict[tuple[int, str, int], Array] = {}
 
     def fall(self, seat: Seat) -> float:
-        """Squares that a part takes off."""
+        """Squares that a part removes."""
         fall, b = 0.0, np.zeros(len(self._known))
         for run in self._runs:
             for o, row, before, after, weight in self._rows(run, seat):
@@ -147,16 +147,18 @@ class Trial:
         fall += float(2.0 * b @ step - step @ self._A @ step)
         return fall - float(np.sum((followed / self._sd) ** 2 - (self._start / self._sd) ** 2))
 
-    def loaded(self, seat: Seat) -> Seat:
-        """With the largest load of the runs that are looked at, and what it takes off."""
-        load = max(self._drives(run, seat).load for run in self._runs)
-        return replace(seat, load=load, takes=self.fall(seat))
+    def with_load(self, seat: Seat) -> Seat:
+        """With the largest load of the runs that are looked at, and what it removes."""
+        load = max(self._drive(run, seat).load for run in self._runs)
+        return replace(seat, load=load, removes=self.fall(seat))
 
-    def _drives(self, run: _Run, seat: Seat) -> Driven:
+    def _drive(self, run: _Run, seat: Seat) -> Drive:
         key = seat.locus, run.number
-        if key not in self._driven:
-            self._driven[key] = Driven(self.gear, seat, run.dense, run.between)
-        return self._driven[key]
+        if key not in self._drives:
+            self._drives[key] = Drive(
+                self.gear.model, seat.locus, seat.effect, run.dense, run.between
+            )
+        return self._drives[key]
 
     def _rows(self, run: _Run, seat: Seat) -> Iterator[_Row]:
         """Every row that a part changes."""
@@ -164,14 +166,14 @@ class Trial:
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
         m, change = on_meshes(run.some, run.change, at)
         before = law(m, change)
-        driven = self._drives(run, seat)
-        reach = -gear.model.scales.cos_beta * driven.share[:, at]
-        way = driven.way(seat)[run.at]
+        drive = self._drive(run, seat)
+        reach = -gear.model.scales.cos_beta * drive.share[:, at]
+        q = drive.motion(seat)[run.at]
         ch = replace(change)
-        ch.d, ch.d_rate = ch.d + way[:, :, 0] @ reach, ch.d_rate + way[:, :, 1] @ reach
+        ch.d, ch.d_rate = ch.d + q[:, :, 0] @ reach, ch.d_rate + q[:, :, 1] @ reach
         now = law(m, ch)
         for i in np.flatnonzero(~gear.modelled[at]).tolist():
-            # The larger noise of both, so that no coefficient takes off more than there is.
+            # The larger noise of both, so that no coefficient removes more than there is.
             sigma = np.maximum(before.sigma[:, i], now.sigma[:, i])
             without, left = m.F[:, i] - before.force[:, i], m.F[:, i] - now.force[:, i]
             weight = before.sigma[:, i] / sigma

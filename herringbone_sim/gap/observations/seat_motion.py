@@ -73,7 +73,7 @@ class Spring:
     fastest: float = 0.0
 
 
-def moved(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
+def motion(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
     """(n, 2) displacement [m] and rate [m/s] of a part, from rest in balance on.
 
     M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u, by Runge and Kutta.
@@ -98,7 +98,7 @@ def moved(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
     )
     m = meshes
     arrays = (m.x, m.v, m.k, m.c, m.plus, m.minus, m.more, m.noise, m.rest)
-    return np.asarray(_moved(*(np.ascontiguousarray(a) for a in arrays), own, m.step, parts))
+    return np.asarray(_integrate(*(np.ascontiguousarray(a) for a in arrays), own, m.step, parts))
 
 
 @njit(cache=True, error_model="numpy")
@@ -132,7 +132,7 @@ def _hold(own, q, rate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _pushed(at, next_, s, arrays, noise, rest, own, q, rate):  # type: ignore[no-untyped-def]
+def _acceleration(at, next_, s, arrays, noise, rest, own, q, rate):  # type: ignore[no-untyped-def]
     """Acceleration, s of the way from one point to the next."""
     x, v, k, c, plus, minus, more = arrays
     cos_beta, load = own[8], 0.0
@@ -147,7 +147,7 @@ def _pushed(at, next_, s, arrays, noise, rest, own, q, rate):  # type: ignore[no
 
 
 @njit(cache=True, error_model="numpy")
-def _moved(x, v, k, c, plus, minus, more, noise, rest, own, step, parts):  # type: ignore[no-untyped-def]
+def _integrate(x, v, k, c, plus, minus, more, noise, rest, own, step, parts):  # type: ignore[no-untyped-def]
     n = len(x)
     arrays = (x, v, k, c, plus, minus, more)
     out = np.zeros((n, 2))
@@ -155,7 +155,7 @@ def _moved(x, v, k, c, plus, minus, more, noise, rest, own, step, parts):  # typ
     low, high = -1e-3, 1e-3
     for _ in range(60):
         q = 0.5 * (low + high)
-        if _pushed(0, 0, 0.0, arrays, noise, rest, own, q, 0.0) > 0.0:
+        if _acceleration(0, 0, 0.0, arrays, noise, rest, own, q, 0.0) > 0.0:
             low = q
         else:
             high = q
@@ -166,13 +166,13 @@ def _moved(x, v, k, c, plus, minus, more, noise, rest, own, step, parts):  # typ
             break
         for part in range(parts):
             s0, s1, s2 = part / parts, (part + 0.5) / parts, (part + 1.0) / parts
-            a1 = _pushed(i, i + 1, s0, arrays, noise, rest, own, q, rate)
+            a1 = _acceleration(i, i + 1, s0, arrays, noise, rest, own, q, rate)
             q2, r2 = q + 0.5 * h * rate, rate + 0.5 * h * a1
-            a2 = _pushed(i, i + 1, s1, arrays, noise, rest, own, q2, r2)
+            a2 = _acceleration(i, i + 1, s1, arrays, noise, rest, own, q2, r2)
             q3, r3 = q + 0.5 * h * r2, rate + 0.5 * h * a2
-            a3 = _pushed(i, i + 1, s1, arrays, noise, rest, own, q3, r3)
+            a3 = _acceleration(i, i + 1, s1, arrays, noise, rest, own, q3, r3)
             q4, r4 = q + h * r3, rate + h * a3
-            a4 = _pushed(i, i + 1, s2, arrays, noise, rest, own, q4, r4)
+            a4 = _acceleration(i, i + 1, s2, arrays, noise, rest, own, q4, r4)
             q += h * (rate + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
             rate += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
         if not abs(q) < 1e-2:

@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import Change, Law, Motion, law, on_meshes
+from herringbone_sim.gap.observations.law import Change, Displacements, Law, Motion, law, on_meshes
 from herringbone_sim.gap.observations.places import Places, Weights
-from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, moved
+from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, motion
 
 Array = NDArray[np.float64]
 
@@ -43,14 +44,14 @@ class Seat:
             growth of the stiffness at the deflection by the load, drag at its rate, softness over
             the clearance.
         load: largest force on it as if it were rigid [N].
-        takes: squares that it takes off.
+        removes: squares that it removes.
     """
 
     effect: str
     locus: Locus
     theta: tuple[float, ...]
     load: float = 1e5
-    takes: float = 0.0
+    removes: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,9 +67,9 @@ class Seat:
         """What it does to its meshes, per unit of its amplitude and of each parameter."""
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
         names = (label, *(f"{label} {name}" for name in self.names))
-        found = [replace(_way(name), meshes=at) for name in names]
+        found = [replace(_displacement(name), meshes=at) for name in names]
         if self.effect == "bearing_clearance":
-            found.append(_on_carrier(gear, self, label))
+            found.append(_on_carrier(gear.model, self, label))
         return tuple(found)
 
     def place(self, places: Places, label: str) -> Hypothesis:
@@ -85,52 +86,50 @@ class Seat:
         every = [replace(c, sized=False) for c in every]
         options = tuple(zip(self.names, self.theta, strict=True))
         return Hypothesis(
-            self.effect, options, self.locus, tuple(every), len(every), self, self.takes
+            self.effect, options, self.locus, tuple(every), len(every), self, self.removes
         )
 
-    def ways(
-        self, gear: Gear, m: Motion, change: Change, label: str, offsets: Array, slopes: bool
-    ) -> dict[str, tuple[Array, Array]]:
-        """Displacement and rate (n, n_mesh) that each of its functions stands for, by name.
-
-        Args:
-            m: between samples, at equal steps.
-            change: of the law by all else.
-            offsets: of its parameters.
-            slopes: whether those by its parameters are wanted.
-        """
-        driven = Driven(gear, self, m, change)
-        now = driven.way(self.at(offsets))
+    def displacements(
+        self, model: Model, m: Motion, change: Change, label: str, offsets: Array, slopes: bool
+    ) -> Displacements:
+        """What each of its functions stands for, by name; see ``changes.Part``."""
+        drive = Drive(model, self.locus, self.effect, m, change)
+        now = drive.motion(self.at(offsets))
         found = {label: now}
         for i, name in enumerate(self.names if slopes else ()):
             more = offsets + STEP * (np.arange(len(offsets)) == i)
-            found[f"{label} {name}"] = (driven.way(self.at(more)) - now) / STEP
-        reach = -gear.model.scales.cos_beta * driven.share
-        return {name: (way[:, :, 0] @ reach, way[:, :, 1] @ reach) for name, way in found.items()}
+            found[f"{label} {name}"] = (drive.motion(self.at(more)) - now) / STEP
+        reach = -model.scales.cos_beta * drive.share
+        return {name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach) for name, q in found.items()}
 
 
-def _way(name: str) -> Function:
-    return Function(name, "d", lambda _, law: law.ways[name][0], lambda _, law: law.ways[name][1])
+def _displacement(name: str) -> Function:
+    return Function(
+        name,
+        "d",
+        lambda _, law: law.displacements[name][0],
+        lambda _, law: law.displacements[name][1],
+    )
 
 
-def _on_carrier(gear: Gear, seat: Seat, label: str) -> Function:
+def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
     """-m w'' on the carrier [N]."""
-    at, mass = pin_meshes(gear, seat.locus)
+    at, mass = pin_meshes(model, seat.locus)
 
     def values(m: Motion, law: Law) -> Array:
-        rate = law.ways[label][1][:, at[0]] / -gear.model.scales.cos_beta
+        rate = law.displacements[label][1][:, at[0]] / -model.scales.cos_beta
         return np.asarray(-mass * np.gradient(rate, m.times))
 
     return Function(f"{label} carrier", "body", values)
 
 
-def pin_meshes(gear: Gear, locus: Locus) -> tuple[list[int], float]:
+def pin_meshes(model: Model, locus: Locus) -> tuple[list[int], float]:
     """Meshes of a pin, and its mass [kg]; half of it where one side is free alone."""
-    at = np.flatnonzero(locus.mask(gear.model.layout)).tolist()
-    return at, gear.model.parameters.m_p * len(at) / 4.0
+    at = np.flatnonzero(locus.mask(model.layout)).tolist()
+    return at, model.parameters.m_p * len(at) / 4.0
 
 
-class Driven:
+class Drive:
     """What drives a part on one run.
 
     Attributes:
@@ -138,33 +137,33 @@ class Driven:
         load: largest force on it as if it were rigid [N].
     """
 
-    def __init__(self, gear: Gear, seat: Seat, m: Motion, change: Change) -> None:
-        self._model = gear.model
-        s, n = gear.model.scales, gear.model.layout.n_mesh
-        mask = seat.locus.mask(gear.model.layout) > 0.0
+    def __init__(self, model: Model, locus: Locus, effect: str, m: Motion, change: Change) -> None:
+        self._model = model
+        s, n = model.scales, model.layout.n_mesh
+        mask = locus.mask(model.layout) > 0.0
         force = law(m, change).force
         rest = np.zeros(len(m.times))
-        if seat.effect == "ring_flexibility":
+        if effect == "ring_flexibility":
             side = np.arange(n) % (n // 2) // (n // 4)
             every = [mask & (np.arange(n) >= n // 2) & (side == one) for one in range(2)]
             self.share = np.array([one for one in every if one.any()], dtype=float)
             self._mass, self._under = s.M_r, np.inf
         else:
             self.share = mask[None].astype(float)
-            _, self._mass = pin_meshes(gear, seat.locus)
+            _, self._mass = pin_meshes(model, locus)
             self._under = s.M_c - self._mass
             control = m.point["K"] * s.b_c * s.omega_n**2 * np.cos(m.phase) / s.cos_beta
             rest = s.cos_beta * force[:, ~mask].sum(axis=1) + s.M_c * control
             rest -= 2.0 * m.point["T_1"] / s.r_bs
         self.load = float(s.cos_beta * np.max(np.abs(force) @ self.share.T))
-        self._meshes = [_those(m, change, np.flatnonzero(one), rest) for one in self.share]
+        self._meshes = [_meshes(m, change, np.flatnonzero(one), rest) for one in self.share]
 
-    def way(self, seat: Seat) -> Array:
+    def motion(self, seat: Seat) -> Array:
         """(n, k, 2) displacement [m] and rate [m/s] of its coordinates."""
         theta = dict(zip(seat.names, seat.theta, strict=True))
         stiffness, clearance = theta["stiffness"], theta.get("clearance", 0.0)
         s = self._model.scales
-        way = seat.load / stiffness
+        deflection = seat.load / stiffness
         spring = Spring(
             self._mass,
             self._under,
@@ -172,15 +171,15 @@ class Driven:
             2.0 * theta["damping"] * np.sqrt(stiffness * self._mass),
             clearance,
             theta.get("softness", 0.0) * clearance,
-            theta["growth"] / way**2,
-            theta.get("drag", 0.0) / (way * s.omega_n),
-            way,
-            2.0 * way * s.omega_n,
+            theta["growth"] / deflection**2,
+            theta.get("drag", 0.0) / (deflection * s.omega_n),
+            deflection,
+            2.0 * deflection * s.omega_n,
         )
-        return np.stack([moved(one, spring, s.cos_beta) for one in self._meshes], axis=1)
+        return np.stack([motion(one, spring, s.cos_beta) for one in self._meshes], axis=1)
 
 
-def _those(m: Motion, change: Change, at: NDArray[np.int64], rest: Array) -> Meshes:
+def _meshes(m: Motion, change: Change, at: NDArray[np.int64], rest: Array) -> Meshes:
     """Some meshes with all that changes them."""
     own, ch = on_meshes(m, change, at)
 
