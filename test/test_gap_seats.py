@@ -1,4 +1,4 @@
-"""Parts on their own seats: their motion by another integrator, and rigs whose spring hardens."""
+"""Parts on their own seats: motion by another integrator, a hardening spring, no forces; teeth."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from herringbone_sim.gap.diagnose import diagnose
+from herringbone_sim.diagnosis.search import Hypothesis, Search, amplitudes
+from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose, machine_of
 from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, motion
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -86,3 +87,29 @@ def test_a_ring_on_a_hardening_spring_is_named_sized_and_closed(ring_campaign) -
     true = ring_campaign.label["effects"][0]["parameters"]["stiffness"]["value"]
     size = found["causes"][0]["parameters"]["stiffness"]["value"]
     assert size == pytest.approx(true, rel=0.15)
+
+
+def proposed_without_forces(truth: str) -> tuple[dict, list[Hypothesis]]:  # type: ignore[type-arg]
+    """The effect of a rig without force sensors, and what its calibrated residual proposes."""
+    setting = Setting(truth=truth, law="catalogue", channels=("no_force",), d=(10.0,))
+    made = make_campaign(plan_of(setting, 1))
+    machine = machine_of(calibrated_sensors(as_prepared(made)), ())
+    found = Search(machine).null
+    about = amplitudes(found.coefficients, found.mean, machine.runs, machine.rows)
+    return made.label["effects"][0], machine.proposals(about, found)[1]
+
+
+def test_a_tooth_is_found_by_folding_the_balance_where_no_forces_are_recorded() -> None:
+    true, found = proposed_without_forces("tooth_spall")
+    spalls = [h for h in found if h.effect == "tooth_spall"]
+    places = [(vars(h.locus), dict(h.options)["member"]) for h in spalls]
+    assert (true["locus"], true["parameters"]["member"]["value"]) in places
+
+
+def test_a_ring_on_its_spring_removes_most_where_no_forces_are_recorded() -> None:
+    """The grid has four stiffnesses a decade: the best is within a step or so of the true one."""
+    true, found = proposed_without_forces("ring_flexibility")
+    best = max((h for h in found if h.removes is not None), key=lambda h: h.removes or 0.0)
+    assert best.effect == "ring_flexibility"
+    ratio = dict(best.options)["stiffness"] / true["parameters"]["stiffness"]["value"]
+    assert 0.4 < ratio < 2.5
