@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from herringbone_sim.diagnosis.products import Block, Campaign, products
 from herringbone_sim.diagnosis.regression import solve
@@ -29,6 +30,7 @@ SOFT_N_PER_M = (3e10, 1e11, 3e11)
 SEAT_RATIO = 0.1
 SHARP, SOFT = 0.05, 0.6  # softness over the clearance; a soft seat is a spring at any clearance
 SLIGHT = 0.3  # growth and drag
+TRIES = 40  # of parameters near the best point of a grid
 
 Grid = list[tuple[float, ...]]
 GRIDS: tuple[tuple[str, Grid], ...] = (
@@ -65,7 +67,8 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
         parts = [p for p in places if np.all(inside[p.mask(layout) > 0.0])]
         best = max((replace(best, locus=p) for p in parts), key=trial.fall)
         found.append(trial.with_load(best))
-    return found
+    first = max(found, key=lambda seat: seat.removes)
+    return [trial.nearer(seat) if seat is first else seat for seat in found]
 
 
 # Observation, row, residuals over their noise without and with a part, (n,) each, and the noise
@@ -148,9 +151,24 @@ class Trial:
         return fall - float(np.sum((followed / self._sd) ** 2 - (self._start / self._sd) ** 2))
 
     def with_load(self, seat: Seat) -> Seat:
-        """With the largest load of the runs that are looked at, and what it removes."""
-        load = max(self._drive(run, seat).load for run in self._runs)
-        return replace(seat, load=load, removes=self.fall(seat))
+        """With the largest load of the runs that are looked at, and what it removes of all."""
+        seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
+        looked_at = len(self._runs) / len(self.gear.runs)
+        return replace(seat, removes=self.fall(seat) / looked_at)
+
+    def nearer(self, seat: Seat) -> Seat:
+        """The same where it removes most nearby, by Nelder and Mead: the grid is coarse."""
+        n = len(seat.names)
+        found = minimize(
+            lambda offsets: -self.fall(seat.at(offsets)),
+            np.zeros(n),
+            method="Nelder-Mead",
+            options={
+                "maxfev": TRIES,
+                "initial_simplex": np.vstack([np.zeros(n), 0.5 * np.eye(n)]),
+            },
+        )
+        return self.with_load(seat.at(found.x))
 
     def _drive(self, run: _Run, seat: Seat) -> Drive:
         key = seat.locus, run.number
