@@ -7,7 +7,7 @@ law of its meshes in it, taken at the displacement that the part leaves them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 
 TURN = 1.25  # radians of its fastest oscillation that a step may span: 2.8 would not be stable
 MOST_PARTS = 40  # of a step, whatever a trial asks for
+FARTHEST_M = 1e-2  # a hundred times the backlash
 
 
-@dataclass(frozen=True)
-class Meshes:
+class Meshes(NamedTuple):
     """What pushes a part: meshes of one run at equal steps; arrays (n, j).
 
     Attributes:
@@ -45,8 +45,7 @@ class Meshes:
     step: float
 
 
-@dataclass(frozen=True)
-class Spring:
+class Spring(NamedTuple):
     """A part and its seat.
 
     Attributes:
@@ -83,22 +82,8 @@ def motion(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
     damping = spring.damping * (1.0 + 2.0 * spring.drag * spring.fastest)
     quickest = max(math.sqrt(stiff / spring.mass), damping / spring.mass)
     parts = min(MOST_PARTS, max(1, math.ceil(meshes.step * quickest / TURN)))
-    own = np.array(
-        [
-            1.0 / spring.mass,
-            1.0 / spring.under,
-            spring.stiffness,
-            spring.damping,
-            spring.play,
-            spring.width,
-            spring.growth,
-            spring.drag,
-            cos_beta,
-        ]
-    )
-    m = meshes
-    arrays = (m.x, m.v, m.k, m.c, m.plus, m.minus, m.more, m.noise, m.rest)
-    return np.asarray(_integrate(*(np.ascontiguousarray(a) for a in arrays), own, m.step, parts))
+    own = [np.ascontiguousarray(a) for a in meshes[:-1]]
+    return np.asarray(_integrate(Meshes._make([*own, meshes.step]), spring, cos_beta, parts))
 
 
 @njit(cache=True, error_model="numpy")
@@ -109,9 +94,8 @@ def _over(y, s):  # type: ignore[no-untyped-def]
     if y < -6.0 * s:
         return 0.0
     z = y / s
-    return y * 0.5 * math.erfc(-z / math.sqrt(2.0)) + s * math.exp(-0.5 * z * z) / math.sqrt(
-        2.0 * math.pi
-    )
+    bell = s * math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    return y * 0.5 * math.erfc(-z / math.sqrt(2.0)) + bell
 
 
 @njit(cache=True)
@@ -121,60 +105,60 @@ def _rise(z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _hold(own, q, rate):  # type: ignore[no-untyped-def]
+def _hold(p, q, rate):  # type: ignore[no-untyped-def]
     """Force [N] of the seat."""
-    play, width = own[4], own[5]
-    if width > 0.0:
-        g = width * (_rise((q - play) / width) - _rise((-q - play) / width))
+    if p.width > 0.0:
+        g = p.width * (_rise((q - p.play) / p.width) - _rise((-q - p.play) / p.width))
     else:
-        g = max(q - play, 0.0) - max(-q - play, 0.0)
-    return own[2] * g * (1.0 + own[6] * g * g) + own[3] * rate * (1.0 + own[7] * abs(rate))
+        g = max(q - p.play, 0.0) - max(-q - p.play, 0.0)
+    spring = p.stiffness * g * (1.0 + p.growth * g * g)
+    return spring + p.damping * rate * (1.0 + p.drag * abs(rate))
 
 
 @njit(cache=True, error_model="numpy")
-def _acceleration(at, next_, s, arrays, noise, rest, own, q, rate):  # type: ignore[no-untyped-def]
-    """Acceleration, s of the way from one point to the next."""
-    x, v, k, c, plus, minus, more = arrays
-    cos_beta, load = own[8], 0.0
-    for j in range(x.shape[1]):
-        y = x[at, j] + s * (x[next_, j] - x[at, j]) - cos_beta * q
-        w = v[at, j] + s * (v[next_, j] - v[at, j]) - cos_beta * rate
-        f = _over(y - plus[at, j], noise[j]) - _over(-y - minus[at, j], noise[j])
-        load += (k[at, j] + s * (k[next_, j] - k[at, j])) * f + c[at, j] * w + more[at, j]
-    hold = _hold(own, q, rate)
-    under = rest[at] + s * (rest[next_] - rest[at]) + hold
-    return (cos_beta * load - hold) * own[0] - under * own[1]
+def _acceleration(m, p, cos_beta, at, s, q, rate):  # type: ignore[no-untyped-def]
+    """Acceleration [m/s^2], s of the way from a point to the next."""
+    load, to = 0.0, min(at + 1, len(m.x) - 1)
+    for j in range(m.x.shape[1]):
+        y = m.x[at, j] + s * (m.x[to, j] - m.x[at, j]) - cos_beta * q
+        w = m.v[at, j] + s * (m.v[to, j] - m.v[at, j]) - cos_beta * rate
+        f = _over(y - m.plus[at, j], m.noise[j]) - _over(-y - m.minus[at, j], m.noise[j])
+        k = m.k[at, j] + s * (m.k[to, j] - m.k[at, j])
+        load += k * f + m.c[at, j] * w + m.more[at, j]
+    hold = _hold(p, q, rate)
+    under = m.rest[at] + s * (m.rest[to] - m.rest[at]) + hold
+    return (cos_beta * load - hold) / p.mass - under / p.under
 
 
 @njit(cache=True, error_model="numpy")
-def _integrate(x, v, k, c, plus, minus, more, noise, rest, own, step, parts):  # type: ignore[no-untyped-def]
-    n = len(x)
-    arrays = (x, v, k, c, plus, minus, more)
+def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
+    n = len(m.x)
     out = np.zeros((n, 2))
     # Balance of the first point: the acceleration falls with q.
     low, high = -1e-3, 1e-3
     for _ in range(60):
         q = 0.5 * (low + high)
-        if _acceleration(0, 0, 0.0, arrays, noise, rest, own, q, 0.0) > 0.0:
+        if _acceleration(m, p, cos_beta, 0, 0.0, q, 0.0) > 0.0:
             low = q
         else:
             high = q
-    rate, h = 0.0, step / parts
+    rate, h = 0.0, m.step / parts
     for i in range(n):
         out[i, 0], out[i, 1] = q, rate
         if i + 1 == n:
             break
         for part in range(parts):
             s0, s1, s2 = part / parts, (part + 0.5) / parts, (part + 1.0) / parts
-            a1 = _acceleration(i, i + 1, s0, arrays, noise, rest, own, q, rate)
+            a1 = _acceleration(m, p, cos_beta, i, s0, q, rate)
             q2, r2 = q + 0.5 * h * rate, rate + 0.5 * h * a1
-            a2 = _acceleration(i, i + 1, s1, arrays, noise, rest, own, q2, r2)
+            a2 = _acceleration(m, p, cos_beta, i, s1, q2, r2)
             q3, r3 = q + 0.5 * h * r2, rate + 0.5 * h * a2
-            a3 = _acceleration(i, i + 1, s1, arrays, noise, rest, own, q3, r3)
+            a3 = _acceleration(m, p, cos_beta, i, s1, q3, r3)
             q4, r4 = q + h * r3, rate + h * a3
-            a4 = _acceleration(i, i + 1, s2, arrays, noise, rest, own, q4, r4)
+            a4 = _acceleration(m, p, cos_beta, i, s2, q4, r4)
             q += h * (rate + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
             rate += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
-        if not abs(q) < 1e-2:
+        # A trial far from anything real may run away: it rests then.
+        if not abs(q) < FARTHEST_M:
             q, rate = 0.0, 0.0
     return out
