@@ -22,13 +22,12 @@ from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
 Array = NDArray[np.float64]
 
+# Four stiffnesses a decade of a ring, one of a seat: parameters follow within one and a half.
 RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
-RING_RATIO = 0.05
+SEATS_N_PER_M = np.geomspace(1e10, 1e12, 3)
 CLEARANCES_M = np.geomspace(5e-7, 5e-5, 7)
-SEATS_N_PER_M = (1e11, 4e11)
-SOFT_N_PER_M = (3e10, 1e11, 3e11)
-SEAT_RATIO = 0.1
-SHARP, SOFT = 0.05, 0.6  # softness over the clearance; a soft seat is a spring at any clearance
+RING_RATIO, SEAT_RATIO = 0.05, 0.1  # as the catalogue starts
+SHARP, SOFT = 0.05, 0.5  # softness over the clearance; a soft seat is a spring at any clearance
 SLIGHT = 0.3  # growth and drag
 TRIES = 40  # of parameters near the best point of a grid
 
@@ -37,9 +36,13 @@ GRIDS: tuple[tuple[str, Grid], ...] = (
     ("ring_flexibility", [(k, RING_RATIO, SLIGHT, SLIGHT) for k in RING_N_PER_M.tolist()]),
     (
         "bearing_clearance",
-        [(b, k, SEAT_RATIO, SHARP, SLIGHT) for b in CLEARANCES_M.tolist() for k in SEATS_N_PER_M],
+        [
+            (b, k, SEAT_RATIO, SHARP, SLIGHT)
+            for b in CLEARANCES_M.tolist()
+            for k in SEATS_N_PER_M.tolist()
+        ],
     ),
-    ("bearing_clearance", [(1e-5, k, SEAT_RATIO, SOFT, SLIGHT) for k in SOFT_N_PER_M]),
+    ("bearing_clearance", [(1e-5, k, SEAT_RATIO, SOFT, SLIGHT) for k in SEATS_N_PER_M.tolist()]),
 )
 
 
