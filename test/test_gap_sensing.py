@@ -21,6 +21,7 @@ from herringbone_sim.gap.observations.runs import slopes
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import drop, undone
 from herringbone_sim.gap.sensors.late import longest_delay
+from herringbone_sim.gap.sensors.noise import quieter
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -115,6 +116,31 @@ def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
     else:  # the same in all runs, no less than the filter's own delay
         assert late == pytest.approx([late[0]] * len(runs))
         assert plan.noise.parts["filter"]["delay_s"] < late[0] <= longest_delay(runs[0])
+
+
+def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
+    """A healthy rig behind a filter: the calibrated gear leaves its noise, the filter's column what
+    its corner says, and x holds as much of e(t) as a filter of that order passes."""
+    plan = draw_plan(5, "none", d=0.0, channels="full", noise="filtered", law="catalogue")
+    part = dict(plan.noise.parts["filter"], order=1, corner=10.5)
+    plan = replace(plan, noise=replace(plan.noise, parts={"filter": part}))
+    runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
+    found = undelayed([independent(quieter(run)) for run in runs[:3]], ())
+    for run in found:
+        over = run.omega_rad_per_s / (10.5 * run.model.scales.omega_n)
+        assert run.e_share == pytest.approx((1.0 + over**2) ** -0.5, abs=5e-4)
+    null = Search(GearMachine(Gear(found))).null
+    by_name = dict(zip((c.name for c in null.coefficients), null.mean, strict=True))
+    assert by_name["filter 1"] == pytest.approx((10.0 / 10.5) ** 2, abs=0.15)
+    without = Search(_without_filters(GearMachine(Gear(found)))).null
+    o = "force_law"
+    assert null.rows[o].sum() < 0.7 * without.rows[o].sum()
+    assert null.in_sample < 1.2 * null.count
+
+
+def _without_filters(machine: GearMachine) -> GearMachine:
+    machine.base = tuple(c for c in machine.base if not c.name.startswith("filter"))
+    return machine
 
 
 def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:

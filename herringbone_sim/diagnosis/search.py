@@ -22,6 +22,7 @@ from herringbone_sim.diagnosis.products import (
     products,
 )
 from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out
+from herringbone_sim.diagnosis.threads import each
 
 Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]
@@ -229,7 +230,6 @@ def wanted_of(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
 
 
 ROUNDS = 20
-PATIENCE = 6  # rounds after which an effect leaves less than none does, or is none
 SETTLED = 1e-4  # of the squares left: less between two rounds is nothing
 
 
@@ -270,10 +270,10 @@ class Search:
         for o in fixed:
             if o not in self._linear:
                 blocks = self.blocks({}, None, (o,))
-                self._linear[o] = [products(b[o]) for b in blocks if o in b]
+                self._linear[o] = each(products, [b[o] for b in blocks if o in b])
         others = tuple(o for o in machine.functions if o not in fixed)
         blocks = self.blocks(made, wanted, others)
-        found = [{o: products(b) for o, b in of_run.items()} for of_run in blocks]
+        found = each(lambda of_run: {o: products(b) for o, b in of_run.items()}, blocks)
         for o in fixed:
             for r, p in enumerate(self._linear[o]):
                 found[r][o] = moved(p, _matrix(made.get(o, {}), p, r))
@@ -310,8 +310,6 @@ class Search:
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
-            if number >= PATIENCE and min(least, now) > enough:
-                break
             if now >= least:
                 if now - least < SETTLED * now:
                     break
@@ -323,6 +321,8 @@ class Search:
             if settled:
                 break
             target = scored(campaign, coefficients, mean, sizes)
+            if number and float(target.energy.sum()) > enough:
+                break  # even as far as it is linear it predicts no more than none does
             sizes, step = (target.size,), target.mean - mean
             # Where columns change with the amplitudes they hold as far as the prior reaches.
             step = step / max(1.0, float(np.max(np.abs(step) / reach, initial=0.0)))

@@ -61,6 +61,7 @@ class PreparedRun:
         recorded_point: (n,) channels K, delta_T and T_1 as recorded, those that are there.
         findings: channels left out and breaks of the clock; what the reader found odd.
         late_rad: how late in mesh phase all channels are, see ``sensors.late``.
+        e_share: what a filter of all channels leaves of e(t) in x.
     """
 
     name: str
@@ -77,6 +78,7 @@ class PreparedRun:
     recorded_point: Mapping[str, Array]
     findings: tuple[Finding, ...]
     late_rad: float = 0.0
+    e_share: float = 1.0
 
     def __len__(self) -> int:
         return len(self.times)

@@ -27,16 +27,21 @@ class Waves:
     e_acceleration: Array
 
 
-def waves(model: Model, phase: Array, omega_rad_per_s: float) -> Waves:
-    """Nominal k(t), e(t) and derivatives of all meshes at phases (n,) [rad]."""
+def waves(model: Model, phase: Array, omega_rad_per_s: float, e_share: float = 1.0) -> Waves:
+    """Nominal k(t), e(t) and derivatives of all meshes at phases (n,) [rad].
+
+    Args:
+        e_share: what of the waves of e(t) is left.
+    """
     p, s = model.packed, model.scales
     orders = np.arange(1, max(len(p.k_cos), len(p.e_cos)) + 1)
     cos, sin = np.cos(np.outer(phase, orders)), np.sin(np.outer(phase, orders))
+    e_cos, e_sin = e_share * p.e_cos, e_share * p.e_sin
     h, i = len(p.k_cos), len(p.e_cos)
     per_m = s.omega_n**2 / s.projection
     k = p.stiffness + cos[:, :h] @ p.k_cos + sin[:, :h] @ p.k_sin
     turn = omega_rad_per_s * orders[:i]
-    rate = (cos[:, :i] * turn) @ p.e_sin - (sin[:, :i] * turn) @ p.e_cos
-    acceleration = -(cos[:, :i] * turn**2) @ p.e_cos - (sin[:, :i] * turn**2) @ p.e_sin
-    e = p.e_mean + cos[:, :i] @ p.e_cos + sin[:, :i] @ p.e_sin
+    rate = (cos[:, :i] * turn) @ e_sin - (sin[:, :i] * turn) @ e_cos
+    acceleration = -(cos[:, :i] * turn**2) @ e_cos - (sin[:, :i] * turn**2) @ e_sin
+    e = p.e_mean + cos[:, :i] @ e_cos + sin[:, :i] @ e_sin
     return Waves(k * per_m, e * s.b_c, rate * s.b_c, acceleration * s.b_c)

@@ -48,7 +48,7 @@ def function_names(
     names += [f"ripple {q} {trig}" for q in RIPPLES for trig in ("cos", "sin")]
     names += on_bodies
     modelled_ones = np.flatnonzero(modelled).tolist()
-    names += [f"{f.name} of {j}" for j in modelled_ones for f in of_law if f.acts_on(j)]
+    names += [f"{f.name} of {j}" for f in of_law for j in modelled_ones if f.acts_on(j)]
     return tuple(names)
 
 
@@ -191,6 +191,9 @@ def _columns(
     wanted: Sequence[str] | None,
 ) -> tuple[tuple[str, ...], Array]:
     """Names and columns (n, rows, Q), those wanted alone."""
+    every = function_names(run.model, modelled, chosen, [f.name for f in on_bodies])
+    there = set(every if wanted is None else wanted)
+    names = tuple(n for n in every if n in there)
     n_mesh = m.x.shape[1]
     slope = np.gradient(force, m.times, axis=0)
     late = m.times[:, None] * slope
@@ -205,9 +208,6 @@ def _columns(
     def ripple(trig: Callable[[Array], Array], q: int) -> Array:
         return trig(q * m.phase / turn)
 
-    def of_law(f: Function, j: int) -> Array:
-        return np.nan_to_num(column(f, m, law)[:, j])
-
     for j in range(n_mesh):
         made[f"F of {j}"] = partial(np.take, force, j, 1)
         made[f"slope of {j}"] = partial(np.take, slope, j, 1)
@@ -219,11 +219,12 @@ def _columns(
         made[f"ripple {q} sin"] = partial(ripple, np.sin, q)
     for f in on_bodies:
         made[f.name] = partial(f.values, m, law)
-    for f in chosen if modelled.any() else ():
-        for j in np.flatnonzero(modelled).tolist():
-            made[f"{f.name} of {j}"] = partial(of_law, f, j)
-    every = function_names(run.model, modelled, chosen, [f.name for f in on_bodies])
-    names = tuple(n for n in every if wanted is None or n in set(wanted))
+    for f in chosen:
+        meshes = [j for j in np.flatnonzero(modelled).tolist() if f"{f.name} of {j}" in there]
+        if meshes:
+            of_law = np.nan_to_num(column(f, m, law)[:, meshes])
+            for i, j in enumerate(meshes):
+                made[f"{f.name} of {j}"] = partial(np.take, of_law, i, 1)
     masses = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "between"))}
     flat = [made[n]() for n in names if n not in masses]
     k, rows = parts[0][::stride].shape

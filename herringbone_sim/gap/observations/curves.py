@@ -21,6 +21,7 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import LOADS_M, ORDERS, TURNS
+from herringbone_sim.gap.observations.common_filter import FILTERS
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.places import Places, Weights
 from herringbone_sim.gap.observations.sensor_errors import force_sensors, motion_sensors
@@ -63,9 +64,9 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     late = -gear.omegas[:, None]
     for name, function in (("delay of k", "shift k"), ("delay of e", "shift e")):
         found.append(places.coefficient(name, {function: late}, 2.5e-6, 5e-6))
-    # A corner at 10 omega_n or above: an impulse response of a tenth of 1 / omega_n, data sheet.
-    widest = (0.1 / gear.model.scales.omega_n) ** 2
-    found.append(places.coefficient("filter", {"filter": 1.0}, 0.5 * widest, widest))
+    # Over the lowest corner; overdamped ones of second order act as two of first order.
+    for i in range(len(FILTERS)):
+        found.append(places.coefficient(f"filter {i + 1}", {f"filter {i + 1}": 1.0}, 1.0, 2.0))
     between: Weights = {(balance.NAME, "between"): 1.0}
     found.append(places.coefficient("between", between, 0.3, 1.0))
     for mass in balance.MASSES:

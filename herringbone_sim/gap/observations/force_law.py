@@ -25,6 +25,7 @@ from herringbone_sim.gap.observations.basis import (
     load_hats,
     waves,
 )
+from herringbone_sim.gap.observations.common_filter import FILTERS
 from herringbone_sim.gap.observations.law import Law, Motion
 
 Array = NDArray[np.float64]
@@ -107,7 +108,7 @@ def functions(model: Model) -> list[Function]:
             "more",
             lambda m, law: -m.times[:, None] * np.gradient(law.force, m.times, axis=0),
         ),
-        Function("filter", "more", smoothing),
+        *(Function(f"filter {i + 1}", "more", _filtered(i)) for i in range(len(FILTERS))),
     ]
     for i in range(model.layout.n_mesh):
         found.append(Function(f"F of {i}", "more", _of_mesh(i)))
@@ -122,18 +123,9 @@ def _of_mesh(i: int) -> Values:
     return lambda m, law: np.repeat(law.force[:, i : i + 1], m.x.shape[1], axis=1)
 
 
-def smoothing(m: Motion, law: Law) -> Array:
-    """What a common filter takes off kinks: filtered force minus the force of filtered x.
-
-    Half the variance of its impulse response [s^2] is the coefficient of the second derivative of
-    k f(x) less k f' times that of x.
-    """
-    spring = law.k * law.f
-    slope = law.k * (law.drive + law.back)
-    found = np.zeros_like(spring)
-    step = float(m.times[1] - m.times[0])
-    found[1:-1] = np.diff(spring, 2, axis=0) - slope[1:-1] * np.diff(m.x, 2, axis=0)
-    return found / step**2
+def _filtered(i: int) -> Values:
+    """What a common filter does to the force."""
+    return lambda m, _: np.zeros_like(m.x) if m.filtered is None else m.filtered[i]
 
 
 def slow_waves(times: Array) -> Array:

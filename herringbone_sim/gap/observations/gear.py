@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.threads import each
 from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.changes import Changes, Part
 from herringbone_sim.gap.observations.law import Change, Law, Motion, law
-from herringbone_sim.gap.observations.runs import GearRun, dense_motion, gear_run
+from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.residuals.balance import FINE, window_of
@@ -147,14 +148,10 @@ class Gear:
         """Integral minus sum of the nominal forces over the balance's window."""
         return [self._between(r, {}) for r in range(len(self.runs))]
 
-    @cached_property
-    def dense(self) -> list[Motion | None]:
-        """Motions between samples."""
-        return [dense_motion(g) for g in self.runs]
-
     def _between(self, r: int, of_law: Mapping[str, Array]) -> Array | None:
         """Integral minus sum of the forces of a law over the balance's window (k, n_mesh) [N]."""
-        dense, g = self.dense[r], self.runs[r]
+        g = self.runs[r]
+        dense = g.dense
         if dense is None:
             return None
         force = self.law_of(dense, of_law, ()).force
@@ -249,7 +246,7 @@ class Gear:
     ) -> Change:
         """What functions at amplitudes (n_mesh,) do to the law of a run."""
         r = self._number.get(m.name)
-        between = None if r is None or not self._changes.parts else self.dense[r]
+        between = None if r is None or not self._changes.parts else self.runs[r].dense
         return self._changes.of(m, between, amplitudes, wanted)
 
     @cached_property
@@ -276,7 +273,9 @@ class Gear:
         observations: Sequence[str],
     ) -> list[dict[str, Block]]:
         """Some observations of all runs about a change, with the columns wanted (None: all)."""
-        return [self._blocks(r, amplitudes, wanted, observations) for r in range(len(self.runs))]
+        return each(
+            lambda r: self._blocks(r, amplitudes, wanted, observations), range(len(self.runs))
+        )
 
     def _blocks(
         self,

@@ -40,6 +40,8 @@ class Motion:
         k, e, e_rate: nominal waves [N/m], [m], [m/s].
         waves_at: nominal waves at any phases (n,).
         k_m, c, b: (n_mesh,) mean stiffness [N/m], damping [N s/m], half-backlash [m].
+        filtered: (filters, n, n_mesh) force that common filters add [N]; None where it can't be
+            told, see ``common_filter``.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Motion:
     k_m: Array
     c: Array
     b: Array
+    filtered: Array | None = None
 
 
 def motion_of(run: PreparedRun, fused: Fused, stride: int = 1) -> Motion:
@@ -80,20 +83,22 @@ def motion_of(run: PreparedRun, fused: Fused, stride: int = 1) -> Motion:
         k=run.waves.k[at],
         e=run.waves.e[at],
         e_rate=run.waves.e_rate[at],
-        waves_at=waves_of(run.model, run.omega_rad_per_s, run.late_rad),
+        waves_at=waves_of(run.model, run.omega_rad_per_s, run.late_rad, run.e_share),
         k_m=mean_stiffness(run.model.parameters),
         c=run.model.damping_n_s_per_m,
         b=run.model.half_backlash_m,
     )
 
 
-def waves_of(model: Model, omega: float, late: float) -> Callable[[Array], Waves]:
-    """Nominal waves at any phases, late by an angle [rad]."""
-    return partial(_waves, model, omega, late)
+def waves_of(
+    model: Model, omega: float, late: float, e_share: float = 1.0
+) -> Callable[[Array], Waves]:
+    """Nominal waves at any phases, late by an angle [rad], e(t) behind a filter."""
+    return partial(_waves, model, omega, late, e_share)
 
 
-def _waves(model: Model, omega: float, late: float, phase: Array) -> Waves:
-    return waves(model, phase - late, omega)
+def _waves(model: Model, omega: float, late: float, e_share: float, phase: Array) -> Waves:
+    return waves(model, phase - late, omega, e_share)
 
 
 @dataclass
@@ -120,6 +125,7 @@ def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion,
     narrow = ("sigma_x", "sigma_v", "sigma_F", "k_m", "c", "b")
     some = {name: getattr(m, name)[:, at] for name in wide}
     some |= {name: getattr(m, name)[at] for name in narrow}
+    some["filtered"] = None if m.filtered is None else m.filtered[:, :, at]
     parts: dict[str, Array | float] = {
         name: value[:, at] if isinstance(value, np.ndarray) and value.ndim == 2 else value
         for name, value in vars(change).items()
@@ -172,7 +178,7 @@ def law(m: Motion, change: Change | None = None) -> Law:
     return Law(force, sigma, k, f, on, off, damper, c, ch.displacements)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _ramps(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-untyped-def]
     """Expectation and variance of the backlash function and odds of contact, entry by entry.
 

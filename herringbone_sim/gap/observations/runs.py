@@ -10,6 +10,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.common_filter import with_filters
 from herringbone_sim.gap.observations.law import Motion, motion_of
 from herringbone_sim.gap.residuals.balance import FINE, between
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
@@ -25,32 +26,38 @@ class GearRun:
         run, fused: measured, its best displacements.
         motion, some: as the law needs it, at every sample; at those that the force law is
             compared at.
+        dense: between samples; None where displacements and rates of all bodies aren't known.
     """
 
     run: PreparedRun
     fused: Fused
     motion: Motion
     some: Motion
+    dense: Motion | None
 
 
 def gear_run(run: PreparedRun, stride: int) -> GearRun:
     """A run with its best displacements, rates from them where none are recorded."""
     fused = with_rates(fuse(run), run)
-    return GearRun(run, fused, motion_of(run, fused), motion_of(run, fused, stride))
+    motion, some = motion_of(run, fused), motion_of(run, fused, stride)
+    dense = _dense(run, fused, motion)
+    if dense is not None and dense.filtered is not None:
+        motion = replace(motion, filtered=dense.filtered[:, ::FINE])
+        some = replace(some, filtered=dense.filtered[:, :: FINE * stride])
+    return GearRun(run, fused, motion, some, dense)
 
 
-def dense_motion(g: GearRun) -> Motion | None:
+def _dense(run: PreparedRun, fused: Fused, m: Motion) -> Motion | None:
     """A motion at ``FINE`` points a sample, by cubics through values and rates; None without."""
-    m, run = g.motion, g.run
-    if not (np.isfinite(g.fused.z).all() and np.isfinite(g.fused.z_rate).all()):
+    if not (np.isfinite(fused.z).all() and np.isfinite(fused.z_rate).all()):
         return None
-    z, rate = between(g.fused.z, g.fused.z_rate, run.step_s, FINE)
+    z, rate = between(fused.z, fused.z_rate, run.step_s, FINE)
     D = coordinates_to_meshes(run.model.layout)
     index = np.arange(len(z)) / FINE
     phase = np.interp(index, np.arange(len(run)), m.phase)
     w = m.waves_at(phase)
     n = np.full((len(z), m.F.shape[1]), np.nan)
-    return replace(
+    dense = replace(
         m,
         phase=phase,
         times=np.interp(index, np.arange(len(run)), m.times),
@@ -63,6 +70,7 @@ def dense_motion(g: GearRun) -> Motion | None:
         e=w.e,
         e_rate=w.e_rate,
     )
+    return with_filters(dense, run.model.scales.omega_n)
 
 
 # Samples and order of the polynomials whose slopes may stand for a rate, the last least biased.

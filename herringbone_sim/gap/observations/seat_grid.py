@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from herringbone_sim.diagnosis.products import Block, Campaign, products
 from herringbone_sim.diagnosis.regression import solve
 from herringbone_sim.diagnosis.search import Score, wanted_of
+from herringbone_sim.diagnosis.threads import each
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, force_law
@@ -55,7 +56,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
         amplitudes: of what is known.
         known: fit that they come from.
     """
-    if any(m is None for m in gear.dense):
+    if any(g.dense is None for g in gear.runs):
         return []
     trial = Trial(gear, amplitudes, known)
     layout = gear.model.layout
@@ -65,10 +66,10 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
         size = {place: float(place.mask(layout).sum()) for place in places}
         whole = [place for place in places if size[place] == max(size.values())]
         every = [Seat(effect, place, theta) for place in whole for theta in grid]
-        best = max(every, key=trial.fall)
+        best = trial.best(every)
         inside = best.locus.mask(layout) > 0.0
         parts = [p for p in places if np.all(inside[p.mask(layout) > 0.0])]
-        best = max((replace(best, locus=p) for p in parts), key=trial.fall)
+        best = trial.best([replace(best, locus=p) for p in parts])
         found.append(trial.with_load(best))
     first = max(found, key=lambda seat: seat.removes)
     return [trial.nearer(seat) if seat is first else seat for seat in found]
@@ -130,7 +131,7 @@ class Trial:
         self._start = known.mean - np.array([c.center for c in self._known])
         self._runs: list[_Run] = []
         for r in looked:
-            some, dense = gear.runs[r].some, gear.dense[r]
+            some, dense = gear.runs[r].some, gear.runs[r].dense
             assert dense is not None
             of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
             at = np.rint((some.times - dense.times[0]) / (dense.times[1] - dense.times[0]))
@@ -152,6 +153,10 @@ class Trial:
         step = followed - self._start
         fall += float(2.0 * b @ step - step @ self._A @ step)
         return fall - float(np.sum((followed / self._sd) ** 2 - (self._start / self._sd) ** 2))
+
+    def best(self, seats: Sequence[Seat]) -> Seat:
+        """That which removes most."""
+        return seats[int(np.argmax(each(self.fall, seats)))]
 
     def with_load(self, seat: Seat) -> Seat:
         """With the largest load of the runs that are looked at, and what it removes of all."""

@@ -86,7 +86,7 @@ def motion(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
     return np.asarray(_integrate(Meshes._make([*own, meshes.step]), spring, cos_beta, parts))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _over(y, s):  # type: ignore[no-untyped-def]
     """Expectation of max(y, 0) with noise s on y."""
     if y > 6.0 * s:
@@ -98,13 +98,13 @@ def _over(y, s):  # type: ignore[no-untyped-def]
     return y * 0.5 * math.erfc(-z / math.sqrt(2.0)) + bell
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rise(z):  # type: ignore[no-untyped-def]
     """ln(1 + e^z), for any z."""
     return max(z, 0.0) + (math.log1p(math.exp(-abs(z))) if abs(z) < 36.0 else 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _hold(p, q, rate):  # type: ignore[no-untyped-def]
     """Force [N] of the seat."""
     if p.width > 0.0:
@@ -115,7 +115,7 @@ def _hold(p, q, rate):  # type: ignore[no-untyped-def]
     return spring + p.damping * rate * (1.0 + p.drag * abs(rate))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _acceleration(m, p, cos_beta, at, s, q, rate):  # type: ignore[no-untyped-def]
     """Acceleration [m/s^2], s of the way from a point to the next."""
     load, to = 0.0, min(at + 1, len(m.x) - 1)
@@ -130,7 +130,7 @@ def _acceleration(m, p, cos_beta, at, s, q, rate):  # type: ignore[no-untyped-de
     return (cos_beta * load - hold) / p.mass - under / p.under
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
     n = len(m.x)
     out = np.zeros((n, 2))

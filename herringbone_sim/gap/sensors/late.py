@@ -2,8 +2,8 @@
 
 Recorded x holds the nominal e(t), Eqs. (15), (16). Where all channels pass one filter, x + e is
 not what the rotations give by geometry, but for e(t) late: its sine and cosine there tell the
-delay, and k(t) in recorded forces is as late. Only a delay that the data sheet allows is put
-right.
+delay, and k(t) in recorded forces is as late; their amplitude tells how much of e(t) the filter
+leaves, less by the square of the frequency. Only what the data sheet allows is put right.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ def put_right(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     if not seen:
         return tuple(runs)
     omegas = np.array([run.omega_rad_per_s for run, _ in seen])
-    turns = [-float(np.angle(np.median(s.real) + 1j * np.median(s.imag))) for _, s in seen]
+    middle = np.array([np.median(s.real) + 1j * np.median(s.imag) for _, s in seen])
+    turns = -np.angle(middle)
     delay = float(omegas @ turns / (omegas @ omegas))
     if not 0.0 < delay <= longest_delay(runs[0]):
         return tuple(runs)
@@ -38,7 +39,13 @@ def put_right(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
         float(np.sum(np.abs(s - np.exp(-1j * run.omega_rad_per_s * delay)) ** 2))
         for run, s in seen
     )
-    return tuple(later(run, delay) for run in runs) if after < HALF * before else tuple(runs)
+    if after >= HALF * before:
+        return tuple(runs)
+    squares = omegas**2
+    fall = float(squares @ (1.0 - np.abs(middle)) / (squares @ squares))
+    most = 1.0 / (CORNER * runs[0].model.scales.omega_n) ** 2
+    fall = float(np.clip(fall, -most, most))
+    return tuple(later(run, delay, 1.0 - fall * run.omega_rad_per_s**2) for run in runs)
 
 
 def _shown(run: PreparedRun) -> NDArray[np.complex128]:
@@ -54,8 +61,8 @@ def longest_delay(run: PreparedRun) -> float:
     return float(LONGEST_S + 2.0 / (CORNER * run.model.scales.omega_n))
 
 
-def later(run: PreparedRun, delay: float) -> PreparedRun:
-    """A run with k(t) and e(t) late [s]."""
+def later(run: PreparedRun, delay: float, e_share: float = 1.0) -> PreparedRun:
+    """A run with k(t) and e(t) late [s], and less e(t) in its displacements."""
     late = run.omega_rad_per_s * delay
-    moved = waves(run.model, run.phase - late, run.omega_rad_per_s)
-    return replace(run, waves=moved, late_rad=late)
+    moved = waves(run.model, run.phase - late, run.omega_rad_per_s, e_share)
+    return replace(run, waves=moved, late_rad=late, e_share=e_share)
