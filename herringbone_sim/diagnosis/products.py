@@ -79,6 +79,13 @@ class Products:
     cross: Array
     cross_y: Array
 
+    @property
+    def own_energy(self) -> Array:
+        """(R,) of the residual less what nuisances shared by all rows take, alike of each."""
+        whole = float(self.energy.sum())
+        shared = float(self.cross_y @ self.cross_y)
+        return self.energy * (1.0 - shared / whole) if whole > 0.0 else self.energy
+
 
 def products(block: Block) -> Products:
     """Products of a block."""

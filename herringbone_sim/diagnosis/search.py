@@ -386,5 +386,5 @@ def _matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
 def _rows_left(campaign: Campaign) -> tuple[dict[str, Array], float]:
     """Squares left by observation (runs, R), and the values of rows that are there."""
     every = [p for of_run in campaign.runs for p in of_run.values()]
-    left = {o: np.stack([r[o].energy for r in campaign.runs]) for o in campaign.observations}
+    left = {o: np.stack([r[o].own_energy for r in campaign.runs]) for o in campaign.observations}
     return left, float(sum(p.count[p.energy != 0.0].sum() for p in every))
