@@ -119,7 +119,7 @@ def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
 
 
 def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
-    """A healthy rig behind a filter: the calibrated gear leaves its noise, the filter's column what
+    """Behind a filter the calibrated gear of a healthy rig leaves its noise, its column is what
     its corner says, and x holds as much of e(t) as a filter of that order passes."""
     plan = draw_plan(5, "none", d=0.0, channels="full", noise="filtered", law="catalogue")
     part = dict(plan.noise.parts["filter"], order=1, corner=10.5)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from herringbone_sim.diagnosis.flexible import Predictable, predictable
 from herringbone_sim.diagnosis.products import cleared
 from herringbone_sim.diagnosis.search import (
+    WORTH,
     Hypothesis,
     Machine,
     Score,
@@ -27,7 +28,6 @@ PLACES = 2  # of them with the same effect
 PAIRED = 3  # second effects that are fitted exactly
 SAME = 0.01  # of a gap: less between two explanations is no reason for the larger one
 FEW = 2  # where nothing is worth explaining
-WORTH = 0.02  # squares a value: an effect of a detectability of one on two rows in a hundred
 ALIKE = 0.25  # of the rows of an observation have no more than their noise, at the least
 BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
 
@@ -108,14 +108,17 @@ def examine(
         if _total(flexible["single"]) > WORTH * count:
             say("pairs")
             pairs = _pairs(search, catalogue, first)
-            alone = _alone(search, singles, pairs)
-            if alone is not None:
-                singles = (alone, *singles)
-                flexible["single"] = _left(search, alone, left)
-                if _total(flexible["single"]) > WORTH * count:
-                    pairs = (*pairs, *_pairs(search, catalogue, alone))
-                    pairs = tuple(sorted(pairs, key=lambda f: f.energy))
             if pairs:
+                flexible["pair"] = _left(search, pairs[0], left)
+            second = _alone(search, singles, pairs)
+            if second is not None and second.energy < singles[0].energy:
+                singles = (second, *singles)
+                flexible["single"] = _left(search, second, left)
+            elif not (pairs and _astray(first, pairs[0], flexible)):
+                second = None
+            if second is not None and _total(flexible["pair"]) > WORTH * count:
+                more = _pairs(search, catalogue, second)
+                pairs = tuple(sorted((*pairs, *more), key=lambda f: f.energy))
                 flexible["pair"] = _left(search, pairs[0], left)
     screened: dict[str, float] = {}
     for value, one, _ in ranked:
@@ -179,7 +182,7 @@ def _ranked(
         left, start = float(score.energy.sum()), score.mean
         if one.removes is not None:
             left = float(search.null.energy.sum()) - one.removes
-            start = np.concatenate([search.null.mean, [c.center for c in one.coefficients]])
+            start = np.array([*one.beside, *(c.center for c in one.coefficients)])
         found.append((left, one, start))
     found.sort(key=lambda f: f[0])
     return search, found
@@ -208,7 +211,7 @@ def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tup
 
 
 def _alone(search: Search, singles: Sequence[Found], pairs: Sequence[Found]) -> Found | None:
-    """The second effect of the best pair by itself; None unless it leaves less than any single.
+    """The second effect of the best pair by itself; None where it can't be formed so.
 
     It need not have been among the few that were fitted. Events and parts that were proposed by
     what the first effect left can't be formed without it.
@@ -216,13 +219,23 @@ def _alone(search: Search, singles: Sequence[Found], pairs: Sequence[Found]) -> 
     if not pairs:
         return None
     one = pairs[0].hypotheses[1]
-    fitted = [f.hypotheses[0] for f in singles]
-    known = {(h.effect, h.options, h.locus) for h in fitted}
-    if one.maker is not None or (one.effect, one.options, one.locus) in known:
+    if one.maker is not None:
         return None
+    key = one.effect, one.options, one.locus
+    for f in singles:
+        if (f.hypotheses[0].effect, f.hypotheses[0].options, f.hypotheses[0].locus) == key:
+            return f
     start = np.concatenate([search.null.mean, pairs[0].score.mean[-len(one.coefficients) :]])
-    found = Found((one,), search.settled(search.refined(one.coefficients, start)))
-    return found if found.energy < singles[0].energy else None
+    return Found((one,), search.settled(search.refined(one.coefficients, start)))
+
+
+def _astray(first: Found, pair: Found, left: Mapping[str, Mapping[str, Predictable]]) -> bool:
+    """Whether a second effect takes much of what the first leaves, and half is predicted still.
+
+    The first one was fitted without it, and is far from where it would be beside it.
+    """
+    half = 0.5 * _total(left["single"])
+    return first.energy - pair.energy > half and _total(left["pair"]) > half
 
 
 def _left(

@@ -8,7 +8,7 @@ A_r = Phi_r' Phi_r and b_r = Phi_r' y_r, so that leaving a run out is a subtract
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +26,18 @@ class Normal:
         b: (runs, p) products with the whitened residual.
         sd: (p,) prior standard deviations.
         bound: (p,) largest magnitude; inf without one.
+        reach: (p,) how far from the solution the columns hold; None: everywhere.
     """
 
     A: Array
     b: Array
     sd: Array
     bound: Array
+    reach: Array | None = None
 
     def scaled(self, size: Array) -> Normal:
         """The same with prior standard deviations times ``size`` (p,)."""
-        return Normal(self.A, self.b, self.sd * size, self.bound)
+        return replace(self, sd=self.sd * size)
 
 
 @dataclass(frozen=True)
@@ -137,10 +139,19 @@ def leave_one_out(n: Normal) -> LeftOut:
         else:
             keep = np.arange(runs) != r
             rest = solve(n.A[keep].sum(0), n.b[keep].sum(0), n.sd, n.bound)
+            step = within(rest.mean - whole.mean, n.reach)
+            rest = replace(rest, mean=whole.mean + step)
         means[r] = rest.mean
         fall[r] = 2.0 * n.b[r] @ rest.mean - rest.mean @ n.A[r] @ rest.mean
         density[r] = 0.5 * fall[r] + 0.5 * _widening(n.A[r], n.b[r], rest)
     return LeftOut(fall, density, whole, means)
+
+
+def within(step: Array, reach: Array | None) -> Array:
+    """A step (p,), shortened so that no coefficient goes beyond its reach."""
+    if reach is None:
+        return step
+    return step / max(1.0, float(np.max(np.abs(step) / reach, initial=0.0)))
 
 
 def _widening(A: Array, b: Array, rest: Solution) -> float:

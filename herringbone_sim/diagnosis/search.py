@@ -21,7 +21,7 @@ from herringbone_sim.diagnosis.products import (
     moved,
     products,
 )
-from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out
+from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out, within
 from herringbone_sim.diagnosis.threads import each
 
 Array = NDArray[np.float64]
@@ -85,6 +85,7 @@ class Hypothesis:
         maker: what a machine needs to make it again for other runs.
         removes: squares that it removes about its coefficients' centres, where it is so far from
             linear that the machine has measured it; None: the linear screen tells.
+        beside: values of all coefficients known before it at which it removes them.
     """
 
     effect: str
@@ -94,6 +95,7 @@ class Hypothesis:
     mains: int
     maker: Any = None
     removes: float | None = None
+    beside: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         bent = [replace(c, departs=self.mains) for c in self.coefficients[self.mains :]]
@@ -161,9 +163,10 @@ def scored(
     prior, bound = np.array([c.sd for c in every]), np.array([c.bound for c in every])
     best: tuple[float, LeftOut, float, Array] | None = None
     sized = np.array([i >= n and c.sized for i, c in enumerate(every)])
+    reach = _reach(every)
     for size in sizes if sized.any() else (1.0,):
         sd = prior * np.where(sized, size, 1.0)
-        found = leave_one_out(Normal(A, b, sd, bound))
+        found = leave_one_out(Normal(A, b, sd, bound, reach))
         density = float(found.log_density.sum())
         if best is None or density > best[0]:
             best = density, found, size, sd
@@ -172,7 +175,7 @@ def scored(
     bent = np.array([c.departs > 0 for c in every])
     for _ in range(BENDINGS if bent.any() else 0):
         sd = np.where(bent, prior * _own_size(every, center + found.whole.mean), sd)
-        found = leave_one_out(Normal(A, b, sd, np.where(bent, FARTHEST * sd, bound)))
+        found = leave_one_out(Normal(A, b, sd, np.where(bent, FARTHEST * sd, bound), reach))
         density = float(found.log_density.sum())
     whole = found.whole
     return Score(
@@ -186,6 +189,11 @@ def scored(
         size,
         {},
     )
+
+
+def _reach(coefficients: Sequence[Coefficient]) -> Array:
+    """(p,) how far columns hold: as far as the prior where they change with the amplitudes."""
+    return np.array([np.inf if c.sized else c.sd for c in coefficients])
 
 
 def _own_size(coefficients: Sequence[Coefficient], mean: Array) -> Array:
@@ -230,6 +238,7 @@ def wanted_of(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
 
 
 ROUNDS = 20
+WORTH = 0.02  # squares a value: an effect of a detectability of one on two rows in a hundred
 SETTLED = 1e-4  # of the squares left: less between two rounds is nothing
 
 
@@ -305,8 +314,7 @@ class Search:
         step = np.zeros_like(mean)
         best: tuple[Array, Campaign] | None = None
         sizes: Sequence[float] = SIZES
-        reach = np.array([np.inf if c.sized else c.sd for c in every])
-        enough = float(self.null.energy.sum()) if coefficients else np.inf
+        reach = _reach(every)
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
@@ -321,17 +329,31 @@ class Search:
             if settled:
                 break
             target = scored(campaign, coefficients, mean, sizes)
-            if number and float(target.energy.sum()) > enough:
-                break  # even as far as it is linear it predicts no more than none does
+            if number and self._idle(target, coefficients):
+                break
             sizes, step = (target.size,), target.mean - mean
-            # Where columns change with the amplitudes they hold as far as the prior reaches.
-            step = step / max(1.0, float(np.max(np.abs(step) / reach, initial=0.0)))
+            step = within(step, reach)
             mean = mean + step
         assert best is not None
         mean, campaign = best
         found = scored(campaign, coefficients, mean)
+        if not all(c.sized for c in every):
+            exact = self.about(coefficients, found.left_out.T, wanted_of(self.base))
+            found = replace(found, energy=exact.energy)
         rows, count = _rows_left(campaign)
         return replace(found, coefficients=every, rows=rows, count=count)
+
+    def _idle(self, target: Score, coefficients: Sequence[Coefficient]) -> bool:
+        """Whether a fit goes nowhere even where everything is as linear as where it stands.
+
+        It predicts no more than none does; where columns change with the amplitudes that says
+        little, and it must take off what is worth explaining.
+        """
+        if not coefficients:
+            return False
+        if all(c.sized for c in (*self.base, *coefficients)):
+            return float(target.energy.sum()) > float(self.null.energy.sum())
+        return self.null.in_sample - target.in_sample < WORTH * self.null.count
 
     def settled(self, found: Score) -> Score:
         """A score with every observation formed about the solution itself, none linear."""

@@ -143,6 +143,10 @@ class Trial:
 
     def fall(self, seat: Seat) -> float:
         """Squares that a part removes."""
+        return self._followed(seat)[0]
+
+    def _followed(self, seat: Seat) -> tuple[float, Array]:
+        """Squares that a part removes, and all that is known where it does, over its centres."""
         fall, b = 0.0, np.zeros(len(self._known))
         for run in self._runs:
             for o, row, before, after, weight in self._rows(run, seat):
@@ -152,7 +156,8 @@ class Trial:
         followed = solve(self._A, b + self._A @ self._start, self._sd, self._bound).mean
         step = followed - self._start
         fall += float(2.0 * b @ step - step @ self._A @ step)
-        return fall - float(np.sum((followed / self._sd) ** 2 - (self._start / self._sd) ** 2))
+        fall -= float(np.sum((followed / self._sd) ** 2 - (self._start / self._sd) ** 2))
+        return fall, followed
 
     def best(self, seats: Sequence[Seat]) -> Seat:
         """That which removes most."""
@@ -162,7 +167,9 @@ class Trial:
         """With the largest load of the runs that are looked at, and what it removes of all."""
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
-        return replace(seat, removes=self.fall(seat) / looked_at)
+        fall, followed = self._followed(seat)
+        beside = followed + np.array([c.center for c in self._known])
+        return replace(seat, removes=fall / looked_at, beside=tuple(beside.tolist()))
 
     def nearer(self, seat: Seat) -> Seat:
         """The same where it removes most nearby, by Nelder and Mead: the grid is coarse."""

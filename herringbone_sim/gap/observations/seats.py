@@ -45,6 +45,7 @@ class Seat:
             the clearance.
         load: largest force on it as if it were rigid [N].
         removes: squares that it removes.
+        beside: values of all coefficients known before it at which it removes them.
     """
 
     effect: str
@@ -52,6 +53,7 @@ class Seat:
     theta: tuple[float, ...]
     load: float = 1e5
     removes: float = 0.0
+    beside: tuple[float, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,7 +88,14 @@ class Seat:
         every = [replace(c, sized=False) for c in every]
         options = tuple(zip(self.names, self.theta, strict=True))
         return Hypothesis(
-            self.effect, options, self.locus, tuple(every), len(every), self, self.removes
+            self.effect,
+            options,
+            self.locus,
+            tuple(every),
+            len(every),
+            self,
+            self.removes,
+            self.beside,
         )
 
     def displacements(
