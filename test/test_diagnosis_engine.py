@@ -382,3 +382,18 @@ def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() ->
     plain, shared = products(block), products(replace(block, alike=alike))
     for name in ("G", "c", "energy", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(shared, name), getattr(plain, name), rtol=1e-9)
+
+
+def test_without_a_run_coefficients_move_as_far_as_their_columns_hold() -> None:
+    """Three runs, the first alone tells the second coefficient: without it that goes to a prior
+    value far away, and the step stops at its reach, the first coefficient at the same share."""
+    A = np.array([np.diag([1.0, 1e4]), np.diag([1.0, 0.0]), np.diag([1.0, 0.0])])
+    b = np.array([[1.0, 3e4], [2.0, 0.0], [3.0, 0.0]])
+    sd, bound = np.array([100.0, 1.0]), np.full(2, np.inf)
+    free = leave_one_out(Normal(A, b, sd, bound))
+    held = leave_one_out(Normal(A, b, sd, bound, np.array([np.inf, 0.5])))
+    assert free.means[0] == pytest.approx([2.5, 0.0], rel=1e-3)
+    assert free.whole.mean == pytest.approx([2.0, 3.0], rel=1e-3)
+    share = 0.5 / 3.0
+    assert held.means[0] == pytest.approx([2.0 + 0.5 * share, 2.5], rel=1e-3)
+    np.testing.assert_allclose(held.means[1:], free.means[1:])

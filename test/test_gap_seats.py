@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from herringbone_sim.diagnosis.products import products
 from herringbone_sim.diagnosis.search import Hypothesis, Search, amplitudes
 from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose, machine_of
 from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, motion
@@ -113,3 +114,21 @@ def test_a_ring_on_its_spring_removes_most_where_no_forces_are_recorded() -> Non
     assert best.effect == "ring_flexibility"
     ratio = dict(best.options)["stiffness"] / true["parameters"]["stiffness"]["value"]
     assert 0.4 < ratio < 2.5
+
+
+def test_a_part_is_scored_at_what_the_other_runs_say_of_it(ring_campaign) -> None:  # type: ignore[no-untyped-def]
+    """Squares left of a run, formed anew with the law at the means without it."""
+    machine = machine_of(calibrated_sensors(as_prepared(ring_campaign)), ())
+    null = Search(machine)
+    about = amplitudes(null.base, null.null.mean, null.runs, null.rows)
+    more, proposed = machine.proposals(about, null.null)
+    ring = max((h for h in proposed if h.removes is not None), key=lambda h: h.removes or 0.0)
+    search = null.onwards(more)
+    start = np.array([*ring.beside, *(c.center for c in ring.coefficients)])
+    score = search.refined(ring.coefficients, start, 3)
+    assert not np.allclose(score.left_out[0], score.mean, rtol=1e-6, atol=0.0)
+    for r in range(2):
+        made = amplitudes(score.coefficients, score.left_out[r], search.runs, search.rows)
+        blocks = search.blocks(made, {}, tuple(search.machine.functions))[r]
+        squares = sum(float(products(b).own_energy.sum()) for b in blocks.values())
+        assert squares == pytest.approx(score.energy[r], rel=1e-6)
