@@ -109,6 +109,8 @@ def test_the_runs_of_the_diagnosis_give_its_numbers_again(diagnosed: Path, tmp_p
             # the horizon follows the exponent of a chaotic model, which rounding alone moves
             same = before.get("horizon_cycles") == again.get("horizon_cycles")
             close = 1e-3 if same else 0.05
+            if name == "residual":  # the diagnosis calibrates a common filter, the gear has none
+                close = 0.01
             for key in ("nominal", "augmented", "noise_floor"):
                 assert again[key] == pytest.approx(before[key], rel=close), (name, key)
 
