@@ -34,10 +34,17 @@ BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
 
 @dataclass(frozen=True)
 class Found:
-    """A hypothesis with its fit; ``hypotheses`` has one, or two of a pair."""
+    """A hypothesis with its fit.
+
+    Attributes:
+        hypotheses: one, or two of a pair.
+        score: of the fit.
+        search: where it was found, whose machine has all its functions; None for the first one.
+    """
 
     hypotheses: tuple[Hypothesis, ...]
     score: Score
+    search: Search | None = None
 
     @property
     def energy(self) -> float:
@@ -207,7 +214,7 @@ def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tup
     then, ranked = _ranked(search, others, first.score)
     different = [r for r in ranked if r[1].effect != own.effect]
     fits = _fits(then, different, PAIRED, 1)
-    return tuple(Found((own, *f.hypotheses), f.score) for f in fits)
+    return tuple(Found((own, *f.hypotheses), f.score, then) for f in fits)
 
 
 def _alone(search: Search, singles: Sequence[Found], pairs: Sequence[Found]) -> Found | None:
@@ -246,6 +253,7 @@ def _left(
     Args:
         of_none: of the calibrated machine, which holds where the hypothesis changes nothing.
     """
+    search = found.search or search
     machine = search.machine.finely()
     fine = copy.copy(search)
     fine.machine = machine

@@ -338,8 +338,11 @@ class Search:
         mean, campaign = best
         found = scored(campaign, coefficients, mean)
         if not all(c.sized for c in every):
-            exact = self.about(coefficients, found.left_out.T, wanted_of(self.base))
-            found = replace(found, energy=exact.energy)
+            # Where columns change, no further than what was tried.
+            left_out = mean + (found.left_out - found.mean)
+            exact = self.about(coefficients, left_out.T, wanted_of(self.base)).energy
+            tried = float(campaign.energy.sum())
+            found = replace(found, mean=mean, left_out=left_out, energy=exact, in_sample=tried)
         rows, count = _rows_left(campaign)
         return replace(found, coefficients=every, rows=rows, count=count)
 
