@@ -124,11 +124,11 @@ def test_a_part_is_scored_at_what_the_other_runs_say_of_it(ring_campaign) -> Non
     more, proposed = machine.proposals(about, null.null)
     ring = max((h for h in proposed if h.removes is not None), key=lambda h: h.removes or 0.0)
     search = null.onwards(more)
-    start = np.array([*ring.beside, *(c.center for c in ring.coefficients)])
+    start = np.array([*ring.known_mean, *(c.center for c in ring.coefficients)])
     score = search.refined(ring.coefficients, start, 3)
     assert not np.allclose(score.left_out[0], score.mean, rtol=1e-6, atol=0.0)
     for r in range(2):
         made = amplitudes(score.coefficients, score.left_out[r], search.runs, search.rows)
         blocks = search.blocks(made, {}, tuple(search.machine.functions))[r]
-        squares = sum(float(products(b).own_energy.sum()) for b in blocks.values())
+        squares = sum(float(products(b).cleared_energy.sum()) for b in blocks.values())
         assert squares == pytest.approx(score.energy[r], rel=1e-6)

@@ -189,7 +189,7 @@ def _ranked(
         left, start = float(score.energy.sum()), score.mean
         if one.removes is not None:
             left = float(search.null.energy.sum()) - one.removes
-            start = np.array([*one.beside, *(c.center for c in one.coefficients)])
+            start = np.array([*one.known_mean, *(c.center for c in one.coefficients)])
         found.append((left, one, start))
     found.sort(key=lambda f: f[0])
     return search, found

@@ -80,8 +80,8 @@ class Products:
     cross_y: Array
 
     @property
-    def own_energy(self) -> Array:
-        """(R,) of the residual less what nuisances shared by all rows take, alike of each."""
+    def cleared_energy(self) -> Array:
+        """(R,) of the residual less what nuisances shared by all rows take, in proportion."""
         whole = float(self.energy.sum())
         shared = float(self.cross_y @ self.cross_y)
         return self.energy * (1.0 - shared / whole) if whole > 0.0 else self.energy
@@ -245,7 +245,7 @@ class Campaign:
         self._x = {o: np.stack([r[o].cross for r in runs]) for o in self.observations}
         self._y = {o: np.stack([r[o].cross_y for r in runs]) for o in self.observations}
         self.energy = np.array(
-            [sum(float(p.energy.sum() - p.cross_y @ p.cross_y) for p in r.values()) for r in runs]
+            [sum(float(p.cleared_energy.sum()) for p in r.values()) for r in runs]
         )
         self.count = np.array([sum(float(p.count.sum()) for p in r.values()) for r in runs])
         self._of_base()

@@ -85,7 +85,7 @@ class Hypothesis:
         maker: what a machine needs to make it again for other runs.
         removes: squares that it removes about its coefficients' centres, where it is so far from
             linear that the machine has measured it; None: the linear screen tells.
-        beside: values of all coefficients known before it at which it removes them.
+        known_mean: values of all coefficients known before it, at which it removes them.
     """
 
     effect: str
@@ -95,7 +95,7 @@ class Hypothesis:
     mains: int
     maker: Any = None
     removes: float | None = None
-    beside: tuple[float, ...] = ()
+    known_mean: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         bent = [replace(c, departs=self.mains) for c in self.coefficients[self.mains :]]
@@ -329,7 +329,7 @@ class Search:
             if settled:
                 break
             target = scored(campaign, coefficients, mean, sizes)
-            if number and self._idle(target, coefficients):
+            if number and self._promises_nothing(target, coefficients):
                 break
             sizes, step = (target.size,), target.mean - mean
             step = within(step, reach)
@@ -346,7 +346,7 @@ class Search:
         rows, count = _rows_left(campaign)
         return replace(found, coefficients=every, rows=rows, count=count)
 
-    def _idle(self, target: Score, coefficients: Sequence[Coefficient]) -> bool:
+    def _promises_nothing(self, target: Score, coefficients: Sequence[Coefficient]) -> bool:
         """Whether a fit goes nowhere even where everything is as linear as where it stands.
 
         It predicts no more than none does; where columns change with the amplitudes that says
@@ -411,5 +411,7 @@ def _matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
 def _rows_left(campaign: Campaign) -> tuple[dict[str, Array], float]:
     """Squares left by observation (runs, R), and the values of rows that are there."""
     every = [p for of_run in campaign.runs for p in of_run.values()]
-    left = {o: np.stack([r[o].own_energy for r in campaign.runs]) for o in campaign.observations}
+    left = {
+        o: np.stack([r[o].cleared_energy for r in campaign.runs]) for o in campaign.observations
+    }
     return left, float(sum(p.count[p.energy != 0.0].sum() for p in every))

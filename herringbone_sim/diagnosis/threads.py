@@ -12,6 +12,6 @@ B = TypeVar("B")
 
 
 def each(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
-    """``function`` of each item in their order, by a thread for each core of this process."""
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+    """``function`` of each item in their order, by a thread a core."""
+    with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
         return list(threads.map(function, items))

@@ -19,8 +19,10 @@ from herringbone_sim.gap.sensors.late import CORNER
 
 Array = NDArray[np.float64]
 
-# Poles of the filters with the lowest corner, of first order and of Butterworth's second.
+# t_1 and t_2 times powers of the corner: a filter of first order, and Butterworth's of second.
+# Others of second order, damping ratio d, act as 2 (2 d^2 - 1) of the first and some of the last.
 FILTERS = ((1.0,), (2.0**0.5, 1.0))
+MOST = (2.0, 1.0)  # of each, for damping ratios from one half to one
 
 
 def with_filters(m: Motion, omega_n: float) -> Motion:
@@ -33,8 +35,8 @@ def with_filters(m: Motion, omega_n: float) -> Motion:
     plain = law(m).force
     corner = CORNER * omega_n
     shown = []
-    for poles in FILTERS:
-        terms = [p / corner ** (i + 1) for i, p in enumerate(poles)]
+    for over_corner in FILTERS:
+        terms = [t / corner ** (i + 1) for i, t in enumerate(over_corner)]
         shown.append(_passed(law(_before(m, terms)).force, m, terms) - plain)
     return replace(m, filtered=np.stack(shown))
 

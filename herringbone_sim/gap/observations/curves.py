@@ -21,7 +21,7 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import LOADS_M, ORDERS, TURNS
-from herringbone_sim.gap.observations.common_filter import FILTERS
+from herringbone_sim.gap.observations.common_filter import MOST
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.places import Places, Weights
 from herringbone_sim.gap.observations.sensor_errors import force_sensors, motion_sensors
@@ -64,9 +64,9 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     late = -gear.omegas[:, None]
     for name, function in (("delay of k", "shift k"), ("delay of e", "shift e")):
         found.append(places.coefficient(name, {function: late}, 2.5e-6, 5e-6))
-    # Over the lowest corner; overdamped ones of second order act as two of first order.
-    for i in range(len(FILTERS)):
-        found.append(places.coefficient(f"filter {i + 1}", {f"filter {i + 1}": 1.0}, 1.0, 2.0))
+    for i, most in enumerate(MOST):
+        name = f"filter {i + 1}"
+        found.append(places.coefficient(name, {name: 1.0}, 0.5 * most, most))
     between: Weights = {(balance.NAME, "between"): 1.0}
     found.append(places.coefficient("between", between, 0.3, 1.0))
     for mass in balance.MASSES:

@@ -168,8 +168,8 @@ class Trial:
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
         fall, followed = self._followed(seat)
-        beside = followed + np.array([c.center for c in self._known])
-        return replace(seat, removes=fall / looked_at, beside=tuple(beside.tolist()))
+        known = followed + np.array([c.center for c in self._known])
+        return replace(seat, removes=fall / looked_at, known_mean=tuple(known.tolist()))
 
     def nearer(self, seat: Seat) -> Seat:
         """The same where it removes most nearby, by Nelder and Mead: the grid is coarse."""

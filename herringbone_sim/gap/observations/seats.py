@@ -45,7 +45,7 @@ class Seat:
             the clearance.
         load: largest force on it as if it were rigid [N].
         removes: squares that it removes.
-        beside: values of all coefficients known before it at which it removes them.
+        known_mean: values of all coefficients known before it, at which it removes them.
     """
 
     effect: str
@@ -53,7 +53,7 @@ class Seat:
     theta: tuple[float, ...]
     load: float = 1e5
     removes: float = 0.0
-    beside: tuple[float, ...] = ()
+    known_mean: tuple[float, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,7 +95,7 @@ class Seat:
             len(every),
             self,
             self.removes,
-            self.beside,
+            self.known_mean,
         )
 
     def displacements(
