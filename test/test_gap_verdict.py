@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import copy
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.diagnosis.examine import Found
 from herringbone_sim.diagnosis.judge import Chance
+from herringbone_sim.diagnosis.search import Score
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.measured import metric_of
 from herringbone_sim.gap.report import check_report, report
 from herringbone_sim.gap.verdict.decide import Option, Verdict, decide
 from herringbone_sim.gap.verdict.questions import undecidable
@@ -97,3 +102,23 @@ def test_a_clock_is_told_with_the_channel_that_it_is() -> None:
     assert told[0]["effect"] == "clock_drift"
     assert told[0]["parameters"]["channels"]["value"] == ["t"]
     assert told[0]["parameters"]["ppm"]["ci90"] == [190.0, 210.0]
+
+
+def left(**rows: float) -> Found:
+    """An explanation that leaves so many squares of each observation."""
+    score = SimpleNamespace(rows={o: np.array([[value]]) for o, value in rows.items()})
+    return Found((), cast("Score", score))
+
+
+def test_the_residual_that_counts_is_one_that_the_explanation_lowers() -> None:
+    counts = {"force_law": 100.0, "consistency": 400.0}
+    none = left(force_law=900.0, consistency=401.0)
+    assert metric_of(none, left(force_law=120.0, consistency=400.0), counts) == "force_law"
+    assert metric_of(none, left(force_law=900.0, consistency=390.0), counts) == "consistency"
+
+
+def test_where_nothing_is_lowered_the_residual_above_its_noise_counts() -> None:
+    counts = {"force_law": 100.0, "consistency": 4000.0}
+    none = left(force_law=900.0, consistency=3990.0)
+    worse = left(force_law=930.0, consistency=3990.0)
+    assert metric_of(none, worse, counts) == metric_of(none, None, counts) == "force_law"

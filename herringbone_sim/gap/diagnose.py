@@ -104,7 +104,7 @@ def diagnose(
         for f in (_found(found, evidence, c),)
     }
     best = next((_found(found, evidence, c) for c in told if c.candidate and c.effects), None)
-    verdict = decide(told, options, metric_of(found.none, best))
+    verdict = decide(told, options, metric_of(found.none, best, found.counts))
     taken = _taken(found, evidence, told, options, verdict.chosen)
     other = _taken(found, evidence, told, options, verdict.runner_up)
     say("held-out runs")

@@ -20,13 +20,20 @@ from herringbone_sim.gap.verification.verify import Gap, RunGap
 Array = NDArray[np.float64]
 
 
-def metric_of(none: Found, best: Found | None) -> str:
-    """The observation whose squares the best explanation lowers most."""
-    if best is None:
-        return max(none.score.rows, key=lambda o: float(none.score.rows[o].sum()))
-    falls = {
-        o: float(none.score.rows[o].sum() - best.score.rows[o].sum()) for o in none.score.rows
-    }
+def metric_of(none: Found, best: Found | None, counts: Mapping[str, float]) -> str:
+    """The observation whose squares the best explanation lowers most.
+
+    Where it lowers none, the one with most squares above what noise leaves.
+
+    Args:
+        counts: whitened values, by observation.
+    """
+    before = {o: float(rows.sum()) for o, rows in none.score.rows.items()}
+    falls: dict[str, float] = {}
+    if best is not None:
+        falls = {o: before[o] - float(best.score.rows[o].sum()) for o in before}
+    if max(falls.values(), default=0.0) <= 0.0:
+        falls = {o: before[o] - counts[o] for o in before}
     return max(falls, key=lambda o: falls[o])
 
 
