@@ -13,21 +13,20 @@ from herringbone_sim.gap.observations.law import Change, law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.rollout import STATES, Drive
 from herringbone_sim.gap.observations.shooting import (
-    JUMPS,
+    JUMP,
     Shot,
     _normal,
     jacobian,
+    propagators,
     residual,
     shoot,
     symmetric,
-    transitions,
 )
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
 
-JUMP = JUMPS[-1]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +35,7 @@ def gear() -> Gear:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
-        return Gear(made.of_role("fit"), windows=True)
+        return Gear(made.of_role("fit"))
 
 
 @pytest.fixture(scope="module")
@@ -47,12 +46,11 @@ def one(gear: Gear) -> tuple[Trajectory, Shot]:
 
 
 def rows(shot: Shot) -> np.ndarray:
-    return residual(shot, JUMP)
+    return residual(shot)
 
 
 def test_windows_are_formed_where_nothing_else_is(gear: Gear) -> None:
     assert GearMachine(gear).formed == ("trajectory",)
-    assert not Gear([g.run for g in gear.runs]).by_windows
 
 
 def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, Shot]) -> None:
@@ -65,8 +63,8 @@ def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, Shot]) -
 def test_bands_are_the_normal_matrix_of_the_jacobian(one: tuple[Trajectory, Shot]) -> None:
     s = one[0].stretch
     shot = shoot(s, symmetric(s), one[0].drive(Change(), np.ones(9), ()))
-    J = jacobian(s, transitions(s, shot), JUMP)
-    band, right = _normal(s, shot, JUMP)
+    J = jacobian(s, propagators(s, shot.tangents))
+    band, right = _normal(s, shot)
     np.testing.assert_allclose(right, J.T @ rows(shot), rtol=1e-9, atol=1e-9 * abs(right).max())
     H = J.T @ J
     for below in range(2 * STATES):

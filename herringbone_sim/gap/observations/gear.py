@@ -41,8 +41,6 @@ class Gear:
         stride: samples from one comparison of the force law to the next.
         swap: motion channels that may have been exchanged; None: sought.
         gain_tolerance: (n_mesh,) of force sensors, as the campaign tells.
-        windows: whether states are estimated over windows where neither a force law nor a
-            balance can be formed.
     """
 
     def __init__(
@@ -52,9 +50,7 @@ class Gear:
         stride: int = 1,
         swap: tuple[str, str] | None = None,
         gain_tolerance: Sequence[float] = (),
-        windows: bool = False,
     ) -> None:
-        self.windows = windows
         self.width = WIDTH
         self.model = runs[0].model
         self.drift, self.stride = drift, stride
@@ -102,8 +98,8 @@ class Gear:
     @cached_property
     def by_windows(self) -> bool:
         """Whether states are estimated over windows: where neither law nor balance is formed."""
-        few = bool(self.modelled.all()) and not self.balanced
-        return self.windows and few and all(trajectory.can_be_shot(g.run) for g in self.runs)
+        few = not self.has_force_law and not self.balanced
+        return few and all(trajectory.can_be_shot(g.run) for g in self.runs)
 
     @cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:

@@ -92,7 +92,7 @@ class GearMachine:
     def of_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
         """The machine of other runs of the same rig, at every sample."""
         gear = self.gear
-        return GearMachine(Gear(runs, gear.drift, 1, gear.swap, gear.gain_tolerance, gear.windows))
+        return GearMachine(Gear(runs, gear.drift, 1, gear.swap, gear.gain_tolerance))
 
     def same(self, hypotheses: Sequence[Hypothesis]) -> tuple[GearMachine, list[Hypothesis]]:
         """Hypotheses of another machine of the rig here."""

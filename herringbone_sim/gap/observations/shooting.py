@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 STEP = 0.08  # of 1 / omega_n: fourth order misses 1e-4 of a force a mesh cycle
 NATURAL = 6.0  # of 1 / omega_n, the length of a window: two periods of the fastest mode at least
 WINDOWS = 24
-JUMPS = (0.3, 0.1, 0.03)  # of the motion's RMS, from window to window, one after the other
+JUMP = 0.03  # of the motion's RMS, from window to window
 ROUNDS = 25
 SETTLED = 1e-3  # share of the cost: less gained in a round ends the search
 
@@ -61,6 +61,11 @@ class Stretch:
     def windows(self) -> int:
         return len(self.first)
 
+    def seen(self, states: Array) -> Array:
+        """(W, samples, k) what the sensors would show of states (W, steps + 1, 18)."""
+        shown: Array = states[:, : -1 : self.steps // self.samples][:, :, self.channels]
+        return shown
+
 
 @dataclass(frozen=True)
 class Shot:
@@ -80,9 +85,10 @@ class Shot:
     off: Array
     jumps: Array
 
-    def cost(self, jump: float) -> float:
-        """Sum of squares, jumps over ``jump``."""
-        return float(np.sum(self.off**2) + np.sum(self.jumps**2) / jump**2)
+    @property
+    def cost(self) -> float:
+        """Sum of squares, jumps over ``JUMP``."""
+        return float(np.sum(self.off**2) + np.sum(self.jumps**2) / JUMP**2)
 
 
 def stretch(run: PreparedRun, windows: int = WINDOWS) -> Stretch:
@@ -155,25 +161,25 @@ def symmetric(s: Stretch) -> Array:
 def shoot(s: Stretch, starts: Array, drive: Drive) -> Shot:
     """Windows from some starts."""
     states, tangents = roll(starts, s.first, s.steps, s.h, drive)
-    seen = states[:, : -1 : s.steps // s.samples][:, :, s.channels]
-    off = (s.measured - seen) / s.sigma
+    off = (s.measured - s.seen(states)) / s.sigma
     return Shot(starts, states, tangents, off, (states[:-1, -1] - starts[1:]) / s.scale)
 
 
-def transitions(s: Stretch, shot: Shot) -> Array:
-    """(W, samples + 1, 18, 18) from the start of each window to its samples, over the scale."""
+def propagators(s: Stretch, tangents: Array) -> Array:
+    """(W, samples + 1, 18, 18) from the start of windows to their samples, over the scale."""
     each = s.steps // s.samples
-    now = np.broadcast_to(np.diag(s.scale), (s.windows, STATES, STATES))
-    found = np.empty((s.windows, s.samples + 1, STATES, STATES))
+    now = np.broadcast_to(np.diag(s.scale), (len(tangents), STATES, STATES))
+    found = np.empty((len(tangents), s.samples + 1, STATES, STATES))
     found[:, 0] = now
     for q in range(s.steps):
-        now = shot.tangents[:, q] @ now
+        now = tangents[:, q] @ now
         if (q + 1) % each == 0:
             found[:, (q + 1) // each] = now
+    found[:, -1] /= s.scale[:, None]
     return found
 
 
-def jacobian(s: Stretch, T: Array, jump: float) -> Array:
+def jacobian(s: Stretch, T: Array) -> Array:
     """(rows, 18 W) of what is measured, over its noise, and of the jumps, by all starts."""
     W, k = s.windows, len(s.channels)
     data = np.zeros((W, s.samples * k, W, STATES))
@@ -181,29 +187,29 @@ def jacobian(s: Stretch, T: Array, jump: float) -> Array:
     seen = T[:, :-1][:, :, s.channels] / s.sigma[:, None]
     at = np.arange(W)
     data[at, :, at] = seen.reshape(W, -1, STATES)
-    ties[at[:-1], :, at[:-1]] = T[:-1, -1] / (s.scale * jump)[:, None]
-    ties[at[:-1], :, at[1:]] = -np.eye(STATES) / jump
+    ties[at[:-1], :, at[:-1]] = T[:-1, -1] / JUMP
+    ties[at[:-1], :, at[1:]] = -np.eye(STATES) / JUMP
     columns = W * STATES
     return np.vstack([data.reshape(-1, columns), ties.reshape(-1, columns)])
 
 
-def residual(shot: Shot, jump: float) -> Array:
+def residual(shot: Shot) -> Array:
     """(rows,) measured less expected, and jumps that are expected to be none."""
-    return np.concatenate([shot.off.ravel(), -shot.jumps.ravel() / jump])
+    return np.concatenate([shot.off.ravel(), -shot.jumps.ravel() / JUMP])
 
 
-def fitted(s: Stretch, starts: Array, drive: Drive, jump: float, rounds: int = ROUNDS) -> Shot:
+def fitted(s: Stretch, starts: Array, drive: Drive, rounds: int = ROUNDS) -> Shot:
     """States that fit best, by Levenberg and Marquardt; a window meets its neighbours alone."""
     shot, damping = shoot(s, starts, drive), 1e-2
-    cost = shot.cost(jump)
+    cost = shot.cost
     for _ in range(rounds):
-        band, right = _normal(s, shot, jump)
+        band, right = _normal(s, shot)
         while damping < 1e6:
             whole = band.copy()
             whole[0] += damping * (band[0] + 1e-6)
             step = solveh_banded(whole, right, lower=True).reshape(starts.shape) * s.scale
             tried = shoot(s, shot.starts + step, drive)
-            now = tried.cost(jump)
+            now = tried.cost
             if np.isfinite(now) and now < cost:
                 break
             damping *= 6.0
@@ -215,18 +221,18 @@ def fitted(s: Stretch, starts: Array, drive: Drive, jump: float, rounds: int = R
     return shot
 
 
-def _normal(s: Stretch, shot: Shot, jump: float) -> tuple[Array, Array]:
+def _normal(s: Stretch, shot: Shot) -> tuple[Array, Array]:
     """Lower bands (36, 18 W) of the normal matrix of all starts, and its right side (18 W,)."""
-    T, W = transitions(s, shot), s.windows
+    T, W = propagators(s, shot.tangents), s.windows
     seen = (T[:, :-1][:, :, s.channels] / s.sigma[:, None]).reshape(W, -1, STATES)
     right = np.einsum("wrs,wr->ws", seen, shot.off.reshape(W, -1))
     own = seen.transpose(0, 2, 1) @ seen
-    end = T[:-1, -1] / (s.scale * jump)[:, None]
+    end = T[:-1, -1] / JUMP
     own[:-1] += end.transpose(0, 2, 1) @ end
-    own[1:] += np.eye(STATES) / jump**2
-    right[:-1] -= np.einsum("wrs,wr->ws", end, shot.jumps / jump)
-    right[1:] += shot.jumps / jump**2
-    below = -end / jump
+    own[1:] += np.eye(STATES) / JUMP**2
+    right[:-1] -= np.einsum("wrs,wr->ws", end, shot.jumps / JUMP)
+    right[1:] += shot.jumps / JUMP**2
+    below = -end / JUMP
     band = np.zeros((2 * STATES, W * STATES))
     columns = np.arange(W) * STATES
     for j in range(STATES):
@@ -236,9 +242,3 @@ def _normal(s: Stretch, shot: Shot, jump: float) -> tuple[Array, Array]:
             band[STATES + i - j, columns[:-1] + j] = below[:, i, j]
     return band, right.ravel()
 
-
-def tied(s: Stretch, starts: Array, drive: Drive) -> Shot:
-    """States found from some starts, jumps held the closer the nearer they come."""
-    for jump in JUMPS:
-        starts = fitted(s, starts, drive, jump).starts
-    return shoot(s, starts, drive)

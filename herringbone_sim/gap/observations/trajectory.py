@@ -26,24 +26,23 @@ from herringbone_sim.gap.observations.basis import Function, column
 from herringbone_sim.gap.observations.law import Change, Law, Motion, law, waves_of
 from herringbone_sim.gap.observations.rollout import STATES, Drive
 from herringbone_sim.gap.observations.shooting import (
-    JUMPS,
+    JUMP,
     Shot,
     Stretch,
     fitted,
     jacobian,
     loads,
+    propagators,
     residual,
     stretch,
-    symmetric,
-    tied,
-    transitions,
 )
+from herringbone_sim.gap.observations.window_starts import carried, started
 from herringbone_sim.gap.residuals.balance import between
 
 Array = NDArray[np.float64]
 
 NAME = "trajectory"
-ROUNDS = 6  # of a search that starts from the states of a smaller explanation
+FIRST, LATER = 8, 2  # rounds of a fit under a change: new, and near one that was tried before
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 NEEDED = ("s_L", "s_R", "c")
 
@@ -83,7 +82,7 @@ class Trajectory:
     def __init__(self, run: PreparedRun) -> None:
         self.stretch: Stretch = stretch(run)
         self.model = run.model
-        self._found: dict[tuple[str, ...], Array] = {}
+        self._found: dict[tuple[str, ...], Shot] = {}
 
     @cached_property
     def _nominal(self) -> tuple[Array, Array, Array]:
@@ -161,22 +160,56 @@ class Trajectory:
             change_of: what a motion makes of the law.
             of_bodies: amplitudes of masses, friction and ripple.
         """
-        s = self.stretch
         masses = self._masses(of_bodies)
-        start = self._found.get(key, self._found.get(()))
-        if start is None:
-            start = tied(s, symmetric(s), self.drive(Change(), np.ones_like(masses), ())).starts
-            self._found[()] = start
-        # What depends on the motion follows from that of the round before.
-        shot = fitted(s, start, self.drive(Change(), masses, ()), JUMPS[-1], 0)
-        for _ in range(2):
-            m = self._half_steps(shot)
-            change = change_of(m)
-            pushes = [(p, of_bodies[p.name]) for p in self._pushes(m, law(m, change), of_bodies)]
-            drive = self.drive(change, masses, pushes)
-            shot = fitted(s, shot.starts, drive, JUMPS[-1], ROUNDS)
-        self._found[key] = shot.starts
+        if () not in self._found:
+            nominal = self.drive(Change(), np.ones_like(masses), ())
+            self._found[()] = started(self.stretch, nominal)
+        shot = self._found.get(key)
+        if shot is None:
+            shot = self._begun(self._found[()], change_of, of_bodies, masses)
+        shot = self._again(shot, change_of, of_bodies, masses, LATER)
+        self._found[key] = shot
         return shot
+
+    def _begun(
+        self,
+        nominal: Shot,
+        change_of: Callable[[Motion], Change],
+        of_bodies: Mapping[str, float],
+        masses: Array,
+    ) -> Shot:
+        """States under a change that was not tried before: from those of the nominal gear, and
+        from its first ones carried through all windows; the better."""
+        s = self.stretch
+        near = self._again(nominal, change_of, of_bodies, masses, FIRST)
+        drive = self._drive_at(near, change_of, of_bodies, masses)
+        starts, _ = carried(s, drive, nominal.starts[:1])
+        far = fitted(s, starts[0], drive, FIRST)
+        return min(near, far, key=lambda shot: shot.cost)
+
+    def _again(
+        self,
+        shot: Shot,
+        change_of: Callable[[Motion], Change],
+        of_bodies: Mapping[str, float],
+        masses: Array,
+        rounds: int,
+    ) -> Shot:
+        drive = self._drive_at(shot, change_of, of_bodies, masses)
+        return fitted(self.stretch, shot.starts, drive, rounds)
+
+    def _drive_at(
+        self,
+        shot: Shot,
+        change_of: Callable[[Motion], Change],
+        of_bodies: Mapping[str, float],
+        masses: Array,
+    ) -> Drive:
+        """What drives the motion under a change that follows from the motion."""
+        m = self._half_steps(shot)
+        change = change_of(m)
+        pushes = [(p, of_bodies[p.name]) for p in self._pushes(m, law(m, change), of_bodies)]
+        return self.drive(change, masses, pushes)
 
     def _masses(self, of_bodies: Mapping[str, float]) -> Array:
         """(9,) factors on 1/M."""
@@ -218,9 +251,8 @@ class Trajectory:
         m = self.motion(_in_line(shot), s.phase[::2])
         now = law(m, change_of(m))
         columns = self._columns(shot, m, now, functions, wanted)
-        jump = JUMPS[-1]
-        J = jacobian(s, transitions(s, shot), jump)
-        left = residual(shot, jump)
+        J = jacobian(s, propagators(s, shot.tangents))
+        left = residual(shot)
         n, unknown = J.shape
         share = max(n - unknown, 1) / n
         return Block(
@@ -295,7 +327,7 @@ class Trajectory:
             if (q + 1) % each == 0 and (q + 1) // each < s.samples:
                 data[:, (q + 1) // each] = col[:, s.channels]
         data /= s.sigma[:, None]
-        ties = col[:-1] / (s.scale[:, None] * JUMPS[-1])
+        ties = col[:-1] / (s.scale[:, None] * JUMP)
         P = len(direction)
         return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
 

@@ -1,0 +1,115 @@
+"""States to start windows from: an iterated Kalman filter from window to window.
+
+The mean planet follows from suns and carrier at once, the differences between planets only as they
+act on the suns. Several first states are carried through all windows side by side, one with all
+planets in step and others out of it; the one that the windows believe most is taken.
+B. M. Bell and F. W. Cathey, IEEE Trans. Autom. Control 38, 294 (1993).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.gap.observations.rollout import STATES, Drive, roll
+from herringbone_sim.gap.observations.shooting import (
+    JUMP,
+    Shot,
+    Stretch,
+    fitted,
+    propagators,
+    symmetric,
+)
+
+Array = NDArray[np.float64]
+
+OUT_OF_STEP = (0.1, 0.1, 0.3, 0.3, 0.6, 0.6)  # of the motion's RMS, a first state each
+BEST = 2  # of the first states are fitted to the end
+ROUNDS = 8
+SETTLED = 1e-2  # share of the cost of a window
+
+
+def started(s: Stretch, drive: Drive) -> Shot:
+    """The states that fit best, with planets in step or not."""
+    starts, cost = carried(s, drive, first_states(s))
+    found = [fitted(s, starts[i], drive) for i in np.argsort(cost)[:BEST]]
+    return min(found, key=lambda shot: shot.cost)
+
+
+def first_states(s: Stretch) -> Array:
+    """(K, 18) of the first window: all planets in step, then out of it at random."""
+    rng = np.random.default_rng(0)
+    in_step = symmetric(s)[0]
+    hidden = np.setdiff1d(np.arange(3, STATES // 2), s.channels)
+    found = [in_step]
+    for share in OUT_OF_STEP if len(hidden) > 1 else ():
+        off = np.zeros((2, STATES // 2))
+        off[:, hidden] = rng.standard_normal((2, len(hidden)))
+        off[:, hidden] -= off[:, hidden].mean(axis=1, keepdims=True)
+        found.append(in_step + share * off.ravel() * s.scale)
+    return np.array(found)
+
+
+def carried(s: Stretch, drive: Drive, first: Array) -> tuple[Array, Array]:
+    """Starts (K, W, 18) of all windows from first states (K, 18), and what each costs (K,).
+
+    Nothing is known of a first state; a window starts where the one before ends, within ``JUMP``.
+    """
+    K, eye = len(first), np.eye(STATES)
+    found, cost = np.empty((K, s.windows, STATES)), np.zeros(K)
+    expected = first / s.scale
+    spread = np.broadcast_to(eye, (K, STATES, STATES))
+    for w in range(s.windows):
+        precision = np.linalg.inv(spread)
+        z, now, normal, passed, end = _window(s, drive, w, expected, precision)
+        found[:, w] = z * s.scale
+        cost += now
+        expected = end
+        spread = passed @ np.linalg.inv(normal) @ passed.transpose(0, 2, 1) + JUMP**2 * eye
+        spread = 0.5 * (spread + spread.transpose(0, 2, 1))
+    return found, cost
+
+
+def _window(
+    s: Stretch, drive: Drive, w: int, expected: Array, precision: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """States (K, 18) of a window, over the scale, with a prior: Levenberg and Marquardt.
+
+    Returns:
+        them, their costs (K,), normal matrices and propagators to the end (K, 18, 18), and the
+        states at the end (K, 18).
+    """
+    K = len(expected)
+    first = np.full(K, s.first[w])
+
+    def at(z: Array) -> tuple[Array, Array, Array, Array]:
+        states, tangents = roll(z * s.scale, first, s.steps, s.h, drive)
+        off = (s.measured[w] - s.seen(states)) / s.sigma
+        away = z - expected
+        cost = (off**2).sum(axis=(1, 2)) + np.einsum("ki,kij,kj->k", away, precision, away)
+        return states, tangents, off, cost
+
+    z, damping = expected.copy(), np.full(K, 1e-2)
+    states, tangents, off, cost = at(z)
+    for number in range(ROUNDS + 1):
+        T = propagators(s, tangents)
+        J = (T[:, :-1][:, :, s.channels] / s.sigma[:, None]).reshape(K, -1, STATES)
+        normal = J.transpose(0, 2, 1) @ J + precision
+        if number == ROUNDS:
+            break
+        right = np.einsum("kri,kr->ki", J, off.reshape(K, -1))
+        right -= np.einsum("kij,kj->ki", precision, z - expected)
+        more = np.einsum("k,kii->ki", damping, normal)[:, :, None] * np.eye(STATES)
+        step = np.linalg.solve(normal + more, right[:, :, None])[:, :, 0]
+        tried = at(z + step)
+        better = tried[3] < cost
+        gained = np.where(better, cost - tried[3], 0.0)
+        z = np.where(better[:, None], z + step, z)
+        states = np.where(better[:, None, None], tried[0], states)
+        tangents = np.where(better[:, None, None, None], tried[1], tangents)
+        off = np.where(better[:, None, None], tried[2], off)
+        cost = np.where(better, tried[3], cost)
+        damping *= np.where(better, 1.0 / 6.0, 6.0)
+        if np.all(gained < SETTLED * cost) and better.any():
+            break
+    return z, cost, normal, T[:, -1], states[:, -1] / s.scale
