@@ -17,7 +17,6 @@ from herringbone_sim.gap.observations.shooting import (
     Shot,
     _normal,
     jacobian,
-    propagators,
     residual,
     shoot,
     symmetric,
@@ -26,7 +25,6 @@ from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
-
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +61,7 @@ def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, Shot]) -
 def test_bands_are_the_normal_matrix_of_the_jacobian(one: tuple[Trajectory, Shot]) -> None:
     s = one[0].stretch
     shot = shoot(s, symmetric(s), one[0].drive(Change(), np.ones(9), ()))
-    J = jacobian(s, propagators(s, shot.tangents))
+    J = jacobian(s, shot)
     band, right = _normal(s, shot)
     np.testing.assert_allclose(right, J.T @ rows(shot), rtol=1e-9, atol=1e-9 * abs(right).max())
     H = J.T @ J

@@ -111,7 +111,7 @@ def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
     for one, other in combinations(runs, 2):
         same = len(one) == len(other) and all(
             np.array_equal(getattr(one, q).values, getattr(other, q).values, equal_nan=True)
-            for q in "xvFu"
+            for q in ("x", "v", "F", "u", "a", "pin")
         )
         if same:
             text = f"{other.name} holds the same samples as {one.name}: it is left out"

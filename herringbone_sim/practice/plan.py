@@ -97,7 +97,7 @@ def draw_plan(
     Args:
         truth: none, single, pair, unknown, unseen, random_physics or a kind of effect.
         d: detectability; one of 1, 3, 10 if not given.
-        channels: full, no_force, few, x_and_F or half_forces.
+        channels: a set of ``record.CHANNEL_SETS``.
         noise: a kind of ``noise.NOISES``.
         law: catalogue, other or both: whose curves the effects of the catalogue have.
 

@@ -22,7 +22,7 @@ from herringbone_sim.practice.machine import (
     half_backlash,
     machine,
 )
-from herringbone_sim.practice.stepper import integrate
+from herringbone_sim.practice.stepper import accelerations, integrate
 
 HEAD = ("t", "phase", "K", "delta_T", "T_1")
 SAMPLES_PER_CYCLE = 24
@@ -32,10 +32,21 @@ FINER = 4  # samples for a filter to one that is recorded
 COS_BETA = float(np.cos(np.radians(16.0)))
 _X, _V, _F = (tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
 _U = tuple(f"u_{b}" for b in BODIES)
+_SHAFTS = ("s_L", "s_R", "c")
+_FEW = tuple(f"u_{b}" for b in _SHAFTS)
+_RINGS = tuple(f"F_{m}" for m in MESHES if m.startswith("rp"))
+_PINS = ("F_pin1", "F_pin2", "F_pin3")
+GAUGES = 4  # places of the ring where gauges sit; one sees a planet for as many mesh cycles a turn
+PASSES = 4.0
+RING_CYCLES = 77.0  # mesh cycles of a turn of the ring against the carrier
 CHANNEL_SETS = {
     "full": (*_X, *_V, *_F, *_U),
     "no_force": (*_X, *_V),
-    "few": ("u_s_L", "u_s_R", "u_c"),
+    "few": _FEW,
+    "rotations": _U,
+    "accelerometers": tuple(f"a_{b}" for b in _SHAFTS),
+    "shafts_rings": (*_FEW, *_RINGS),
+    "shafts_pins": (*_FEW, *_PINS),
     "x_and_F": (*_X, *_F),
     "half_forces": (*_X, *_V, *_F, *_U),
 }
@@ -71,7 +82,8 @@ class Motion:
     Attributes:
         times: (n,) [s] from 0 on; ``phase`` (n,) [rad].
         x, v, force: (n, 12) as the recording contract has them, with the nominal e(t).
-        u: (n, 9) displacements, the linear trend of the rigid rotation removed.
+        u: (n, 9) displacements, the linear trend of the rigid rotation removed; ``a`` their second
+            derivatives [m/s^2].
         extra: (n, 9) what acts on the bodies besides mesh forces, T_1, T_2 and K [N].
     """
 
@@ -81,6 +93,7 @@ class Motion:
     v: Array
     force: Array
     u: Array
+    a: Array
     extra: Array
 
 
@@ -118,7 +131,7 @@ def record_motion(p: Machine, phase0: float, start: Array, watch: Watch | None =
     if watch.delay is not None:
         clocks.append(finely - lead)
     seen = [
-        _seen(p, clock, phase[i], states[i], force[i], extra[i])
+        _seen(p, clock, phase[i], times[i], states[i], force[i], extra[i])
         for clock, i in zip(clocks, parts, strict=True)
     ]
     fine = seen.pop() if watch.delay is not None else None
@@ -126,14 +139,21 @@ def record_motion(p: Machine, phase0: float, start: Array, watch: Watch | None =
 
 
 def _seen(
-    p: Machine, times: Array, phase: Array, states: Array, force: Array, extra: Array
+    p: Machine,
+    times: Array,
+    phase: Array,
+    own_times: Array,
+    states: Array,
+    force: Array,
+    extra: Array,
 ) -> Motion:
     u, rate = states[:, :N_BODY], states[:, N_COORDINATE : N_COORDINATE + N_BODY]
     e = NOMINAL.e_sp
     x = geometry(u) * p.cos_beta - e * np.sin(phase)[:, None]
     v = geometry(rate) * p.cos_beta - e * p.omega * np.cos(phase)[:, None]
     kept = without_trend(u, times)
-    return Motion(times, phase, x, v, force, kept, extra[:, :N_BODY])
+    a = accelerations(p, own_times, phase, states)
+    return Motion(times, phase, x, v, force, kept, a, extra[:, :N_BODY])
 
 
 def geometry(u: Array) -> Array:
@@ -162,7 +182,17 @@ def channels_of(motion: Motion) -> dict[str, Array]:
     named = {f"x_{m}": motion.x[:, j] for j, m in enumerate(MESHES)}
     named |= {f"v_{m}": motion.v[:, j] for j, m in enumerate(MESHES)}
     named |= {f"F_{m}": motion.force[:, j] for j, m in enumerate(MESHES)}
-    return named | {f"u_{b}": motion.u[:, j] for j, b in enumerate(BODIES)}
+    named |= {f"u_{b}": motion.u[:, j] for j, b in enumerate(BODIES)}
+    named |= {f"a_{b}": motion.a[:, j] for j, b in enumerate(BODIES)}
+    on_pins = motion.force.reshape(-1, 4, 3).sum(axis=1)
+    return named | {name: on_pins[:, i] for i, name in enumerate(_PINS)}
+
+
+def gated(name: str, phase: Array, values: Array) -> Array:
+    """What a ring gauge reads: NaN but for the cycles in which the planet passes."""
+    turn = phase / (2.0 * np.pi) + RING_CYCLES * (int(name[4]) - 1) / 3.0
+    seen = turn % (RING_CYCLES / GAUGES) < PASSES
+    return np.where(seen, values, np.nan)
 
 
 def series_of(
@@ -170,9 +200,19 @@ def series_of(
     measured: Mapping[str, Array],
     point: Mapping[str, float],
     names: tuple[str, ...],
+    gates: bool = False,
 ) -> TimeSeries:
-    """The recording: head and the measured channels of a set."""
+    """The recording: head and the measured channels of a set.
+
+    Args:
+        gates: whether forces are those of gauges at the ring.
+    """
     n = len(motion.times)
+    if gates:
+        measured = {
+            name: gated(name, motion.phase, values) if name in _RINGS else values
+            for name, values in measured.items()
+        }
     set_to = [np.full(n, float(point[name])) for name in HEAD[2:]]
     times = measured.get("t", motion.times)
     head = [times, motion.phase, *set_to]

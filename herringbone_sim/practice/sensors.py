@@ -13,7 +13,7 @@ from herringbone_sim.practice.machine import BODIES, MESHES, Array, Machine
 from herringbone_sim.practice.record import Motion, channels_of
 
 Channels = dict[str, Array]
-UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4}
+UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4, "a": 5e4}
 
 
 def _untouched(p: Machine, _c: Cause, _point: Point) -> Machine:

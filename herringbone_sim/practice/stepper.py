@@ -12,7 +12,7 @@ import numpy as np
 
 from herringbone_sim.errors import DivergenceError
 from herringbone_sim.practice.kernel import forces, rate
-from herringbone_sim.practice.machine import N_COORDINATE, N_MESH, Array, Machine
+from herringbone_sim.practice.machine import N_BODY, N_COORDINATE, N_MESH, Array, Machine
 from herringbone_sim.practice.shapes import compiled
 
 STAGES = np.array(
@@ -94,6 +94,19 @@ def _run(
 
 
 run: Any = compiled(_run)
+
+
+def accelerations(p: Machine, times: Array, phase: Array, states: Array) -> Array:
+    """Second derivatives (n, 9) of the bodies at states (n, ...) [m/s^2]."""
+    n, half = len(states), p.mass.size
+    found = np.empty((n, N_BODY))
+    force, extra, depth = np.zeros(N_MESH), np.zeros(half), np.zeros(2 * N_MESH)
+    slope = np.zeros(states.shape[1])
+    for i in range(n):
+        # The phase at t = 0, as laws of the time alone need the time itself.
+        rate(p, times[i], phase[i] - p.omega * times[i], states[i], slope, force, extra, depth)
+        found[i] = slope[half : half + N_BODY]
+    return found
 
 
 def integrate(

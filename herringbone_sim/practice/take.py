@@ -92,8 +92,8 @@ def span_of(point: Mapping[str, float], cycles: int) -> float:
 
 
 def largest(motions: Sequence[Motion]) -> dict[str, float]:
-    """Largest x, v, F and u of some runs, what converters are chosen for."""
-    values = {"x": "x", "v": "v", "F": "force", "u": "u"}
+    """Largest x, v, F, u and a of some runs, what converters are chosen for."""
+    values = {"x": "x", "v": "v", "F": "force", "u": "u", "a": "a"}
     return {
         short: max(float(np.abs(getattr(one, long)).max()) for one in motions)
         for short, long in values.items()

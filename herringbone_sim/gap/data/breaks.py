@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.data.screen import HEAD, Finding
+from herringbone_sim.gap.data.screen import HEAD, Finding, may_be_gated
 
 Mask = NDArray[np.bool_]
 
@@ -81,8 +81,12 @@ def _phase(series: TimeSeries) -> Mask:
 
 
 def _blank(series: TimeSeries) -> Mask:
-    """Samples (n,) in which most channels that work at all, or the phase, are no number."""
-    on = np.array([name not in HEAD for name in series.names])
+    """Samples (n,) in which most channels that work at all, or the phase, are no number.
+
+    Gauges that see at times, see ``screen``, don't count.
+    """
+    gated = may_be_gated(series.names)
+    on = np.array([name not in HEAD and not (gated and name[0] == "F") for name in series.names])
     missing = ~np.isfinite(series.data)
     works = on & ~missing.all(axis=0)
     blank: Mask = np.zeros(len(series), dtype=bool)

@@ -44,6 +44,8 @@ def part_of(run: PreparedRun, rows: slice, name: str) -> PreparedRun:
         v=cut(run.v),
         F=cut(run.F),
         u=cut(run.u),
+        a=cut(run.a),
+        pin=cut(run.pin),
         waves=Waves(w.k[rows], w.e[rows], w.e_rate[rows], w.e_acceleration[rows]),
         recorded_point={q: values[rows] for q, values in run.recorded_point.items()},
     )

@@ -55,7 +55,8 @@ class PreparedRun:
         times: (n,) [s] from the first sample of the recording on, which may have been cut off.
         phase: (n,) mesh phase [rad], unwrapped.
         x, v, F: (n, n_mesh) displacement [m], rate [m/s], force [N], in the order of the layout.
-        u: (n, n_bodies) rotation times base radius [m].
+        u, a: (n, n_bodies) rotation times base radius [m], and its acceleration [m/s^2].
+        pin: (n, planets) what planets drive the carrier with [N].
         model: nominal model at the operating point: c, b', scales.
         waves: nominal k(t), e(t) and its derivatives at the recorded phase.
         recorded_point: (n,) channels K, delta_T and T_1 as recorded, those that are there.
@@ -73,6 +74,8 @@ class PreparedRun:
     v: Measured
     F: Measured
     u: Measured
+    a: Measured
+    pin: Measured
     model: Model
     waves: Waves
     recorded_point: Mapping[str, Array]
@@ -219,6 +222,8 @@ def prepare_run(
         v=v,
         F=F,
         u=u,
+        a=measured(series, tuple(f"a_{body}" for body in layout.bodies), noise_share),
+        pin=measured(series, tuple(f"F_pin{p}" for p in layout.planets), noise_share),
         model=model,
         waves=waves(model, phase, omega),
         recorded_point={q: series[q].copy() for q in ("K", "delta_T", "T_1") if q in series},
@@ -275,7 +280,8 @@ def _noted(name: str, recording: Recording) -> list[Finding]:
 
 def _foreign(name: str, series: TimeSeries, layout: Layout) -> list[Finding]:
     """Channels of meshes and bodies that the nominal gear does not have."""
-    known = {*layout.channels, *(f"u_{body}" for body in layout.bodies)}
+    known = {*layout.channels, *(f"{q}_{body}" for q in "ua" for body in layout.bodies)}
+    known |= {f"F_pin{planet}" for planet in layout.planets}
     others = tuple(n for n in series.names if n.split("_")[0] in PREFIX_UNITS and n not in known)
     if not others:
         return []
@@ -300,7 +306,8 @@ def measured(series: TimeSeries, names: tuple[str, ...], noise_share: float | No
         values[:, j] = series[names[j]]
     if noise_share is None:
         return Measured(values, there, spectral_floor(values))
-    power = np.mean(values**2, axis=0) / (1.0 + noise_share**2)
+    known = np.maximum(np.isfinite(values).sum(axis=0), 1)
+    power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
     sigma = np.sqrt(noise_share**2 * power + resolution(values) ** 2 / 12.0)
     return Measured(values, there, sigma)
 
@@ -311,7 +318,7 @@ def resolution(values: Array) -> Array:
     Without a converter it is next to nothing.
     """
     steps = np.diff(np.sort(values, axis=0), axis=0)
-    least = 1e-9 * np.ptp(values, axis=0)
+    least = 1e-9 * (np.fmax.reduce(values) - np.fmin.reduce(values))
     step: Array = np.where(steps > least, steps, np.inf).min(axis=0, initial=np.inf)
     return np.where(np.isfinite(step), step, 0.0)
 

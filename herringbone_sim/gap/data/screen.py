@@ -6,7 +6,7 @@ left out of its run; nothing is filled in.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,10 +55,11 @@ def screen(
         units: of channels, as the recorder declares them.
     """
     found = []
+    gated = may_be_gated(series.names)
     for channel in series.names:
         if channel in HEAD:
             continue
-        finding = _nan(name, series, channel) or _still(name, series, channel)
+        finding = _nan(name, series, channel, gated) or _still(name, series, channel)
         finding = finding or _declared(name, series, channel, (units or {}).get(channel))
         finding = finding or _saturated(name, series, channel)
         if finding is not None:
@@ -67,6 +68,11 @@ def screen(
     keep = tuple(n for n in series.names if n not in bad)
     clean = TimeSeries(series.times, series.columns(keep), keep) if bad else series
     return clean, tuple(_together(found))
+
+
+def may_be_gated(names: Sequence[str]) -> bool:
+    """Whether force channels may have gaps: beside displacements the force law needs them whole."""
+    return not any(name.startswith("x_") for name in names)
 
 
 def _together(found: list[Finding]) -> list[Finding]:
@@ -94,9 +100,10 @@ def _declared(name: str, series: TimeSeries, channel: str, unit: str | None) -> 
     return Finding("unit", name, (channel,), float(series.times[0]), text)
 
 
-def _nan(name: str, series: TimeSeries, channel: str) -> Finding | None:
+def _nan(name: str, series: TimeSeries, channel: str, gated: bool) -> Finding | None:
+    """Channels with gaps; a gauge beside which no displacement is recorded may see at times."""
     missing = ~np.isfinite(series[channel])
-    if not missing.any():
+    if not missing.any() or (gated and channel[0] == "F" and not missing.all()):
         return None
     first, share = float(series.times[int(missing.argmax())]), float(missing.mean())
     rest = "" if channel[0] == "F" else "; its place follows from others where geometry allows"
@@ -109,7 +116,8 @@ def _nan(name: str, series: TimeSeries, channel: str) -> Finding | None:
 
 def _still(name: str, series: TimeSeries, channel: str) -> Finding | None:
     values = series[channel]
-    if np.ptp(values) > 0.0 or len(values) < 3:
+    values = values[np.isfinite(values)]
+    if len(values) < 3 or np.ptp(values) > 0.0:
         return None
     text = (
         f"{channel} of {name} stands at {values[0]:.6g} throughout: a sensor that is off or not "
@@ -125,7 +133,7 @@ def _saturated(name: str, series: TimeSeries, channel: str) -> Finding | None:
     an extreme as well.
     """
     values = series[channel]
-    levels, counts = np.unique(values, return_counts=True)
+    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     for limit, count, beside in (
         (levels[-1], counts[-1], counts[-1 - NEAR : -1]),
         (levels[0], counts[0], counts[1 : 1 + NEAR]),

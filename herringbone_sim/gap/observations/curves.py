@@ -28,6 +28,7 @@ from herringbone_sim.gap.observations.sensor_errors import force_sensors, motion
 from herringbone_sim.gap.residuals.balance import inertia_parts
 
 Array = NDArray[np.float64]
+GAUGE = 0.05  # gain of a strain gauge, data sheet
 SHAPE = 0.25  # departure of a curve from the catalogue's, as a share of its size
 
 
@@ -72,8 +73,12 @@ def tolerances(places: Places) -> tuple[Coefficient, ...]:
     for mass in balance.MASSES:
         of_mass: Weights = {(o, mass): 1.0 for o in (balance.NAME, *places.of_windows)}
         found.append(places.coefficient(mass, of_mass, 0.02 / 3**0.5, 0.0205))
+    for gauge in gear.gauges:
+        name = f"gain of {gauge}"
+        of_gauge: Weights = {(o, name): 1.0 for o in places.of_windows}
+        found.append(places.coefficient(name, of_gauge, GAUGE / 3**0.5, GAUGE))
     for j, tolerance in enumerate(gear.gain_tolerance):
-        if tolerance > 0.0 and not gear.modelled[j]:
+        if tolerance > 0.0 and not gear.modelled[j] and not gear.by_windows:
             weights = _gain_of(places, j)
             found.append(places.coefficient(f"gain {j}", weights, tolerance / 3**0.5, tolerance))
     return tuple(found)

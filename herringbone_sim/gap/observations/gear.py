@@ -22,6 +22,7 @@ from herringbone_sim.gap.observations.law import Change, Law, Motion, law
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_channels import can_be_shot, channels
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import undone
@@ -84,7 +85,7 @@ class Gear:
                 [f.name for f in self.body_functions],
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
-            trajectory.NAME: trajectory.function_names(self.model, laws)
+            trajectory.NAME: trajectory.function_names(self.model, laws, self.gauges)
             if self.by_windows
             else (),
         }
@@ -99,7 +100,12 @@ class Gear:
     def by_windows(self) -> bool:
         """Whether states are estimated over windows: where neither law nor balance is formed."""
         few = not self.has_force_law and not self.balanced
-        return few and all(trajectory.can_be_shot(g.run) for g in self.runs)
+        return few and all(can_be_shot(g.run) for g in self.runs)
+
+    @cached_property
+    def gauges(self) -> tuple[str, ...]:
+        """Force channels that windows follow."""
+        return channels(self.runs[0].run).gauges if self.by_windows else ()
 
     @cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:

@@ -57,12 +57,17 @@ def roll(
     W = len(starts)
     states, tangents = np.empty((W, steps + 1, STATES)), np.empty((W, steps, STATES, STATES))
     whole = Drive(*(np.ascontiguousarray(one) for one in drive))
-    _roll(np.ascontiguousarray(starts), first, h, whole, states, tangents)
+    touched = [np.flatnonzero(row) for row in whole.G]
+    most = max(len(one) for one in touched)
+    bodies = np.full((len(touched), most), -1)
+    for row, one in zip(bodies, touched, strict=True):
+        row[: len(one)] = one
+    _roll(np.ascontiguousarray(starts), first, h, whole, bodies, states, tangents)
     return states, tangents
 
 
-@njit(cache=True)
-def _roll(starts, first, h, drive, states, tangents):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _roll(starts, first, h, drive, touched, states, tangents):  # type: ignore[no-untyped-def]
     """Window by window, step by step; the tangent is that of the step itself."""
     G, inverse, tau, k, c, offset, rate, plus, minus, more = drive
     meshes, bodies = G.shape
@@ -70,6 +75,7 @@ def _roll(starts, first, h, drive, states, tangents):  # type: ignore[no-untyped
     slopes, K = np.empty((4, size)), np.empty((4, size, size))
     y, z, T = np.empty(size), np.empty(size), np.empty((size, size))
     pull = np.empty(size)
+    sixth = h / 6.0
     for w in range(len(starts)):
         y[:] = starts[w]
         states[w, 0] = y
@@ -79,10 +85,12 @@ def _roll(starts, first, h, drive, states, tangents):  # type: ignore[no-untyped
                 way = 0.0 if s == 0 else (h if s == 3 else 0.5 * h)
                 for i in range(size):
                     z[i] = y[i] + (way * slopes[s - 1, i] if s > 0 else 0.0)
-                    for n in range(size):
-                        T[i, n] = (1.0 if i == n else 0.0) + (
-                            way * K[s - 1, i, n] if s > 0 else 0.0
-                        )
+                    if s == 0:
+                        T[i, :] = 0.0
+                    else:
+                        for n in range(size):
+                            T[i, n] = way * K[s - 1, i, n]
+                    T[i, i] += 1.0
                 for i in range(bodies):
                     slopes[s, i] = z[bodies + i]
                     slopes[s, bodies + i] = inverse[i] * tau[j, i]
@@ -91,10 +99,12 @@ def _roll(starts, first, h, drive, states, tangents):  # type: ignore[no-untyped
                         K[s, bodies + i, n] = 0.0
                 for m in range(meshes):
                     x, v = offset[j, m], rate[j, m]
-                    for i in range(bodies):
-                        x += G[m, i] * z[i]
-                        v += G[m, i] * z[bodies + i]
-                    on, force = 0.0, c[j, m] * v + more[j, m]
+                    for i in touched[m]:
+                        if i >= 0:
+                            x += G[m, i] * z[i]
+                            v += G[m, i] * z[bodies + i]
+                    on, damp = 0.0, c[j, m]
+                    force = damp * v + more[j, m]
                     if x > plus[j, m]:
                         on = k[j, m]
                         force += on * (x - plus[j, m])
@@ -102,23 +112,22 @@ def _roll(starts, first, h, drive, states, tangents):  # type: ignore[no-untyped
                         on = k[j, m]
                         force += on * (x + minus[j, m])
                     pull[:] = 0.0
-                    for i in range(bodies):
-                        g = G[m, i]
-                        if g != 0.0:
+                    for i in touched[m]:
+                        if i >= 0:
+                            of_x, of_v = G[m, i] * on, G[m, i] * damp
                             for n in range(size):
-                                pull[n] += g * (on * T[i, n] + c[j, m] * T[bodies + i, n])
-                    for i in range(bodies):
-                        if G[m, i] != 0.0:
+                                pull[n] += of_x * T[i, n] + of_v * T[bodies + i, n]
+                    for i in touched[m]:
+                        if i >= 0:
                             share = inverse[i] * G[m, i]
                             slopes[s, bodies + i] -= share * force
                             for n in range(size):
                                 K[s, bodies + i, n] -= share * pull[n]
             for i in range(size):
-                y[i] += (
-                    h / 6.0 * (slopes[0, i] + 2.0 * (slopes[1, i] + slopes[2, i]) + slopes[3, i])
-                )
+                y[i] += sixth * (slopes[0, i] + 2.0 * (slopes[1, i] + slopes[2, i]) + slopes[3, i])
                 states[w, q + 1, i] = y[i]
                 for n in range(size):
-                    tangents[w, q, i, n] = (1.0 if i == n else 0.0) + h / 6.0 * (
+                    tangents[w, q, i, n] = sixth * (
                         K[0, i, n] + 2.0 * (K[1, i, n] + K[2, i, n]) + K[3, i, n]
                     )
+                tangents[w, q, i, i] += 1.0

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.signal import savgol_filter
 
+from herringbone_sim.core.model import mean_stiffness
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.rollout import STATES, Drive, roll
+from herringbone_sim.gap.observations.window_channels import SHAFTS, Channels, channels, shown
 
 Array = NDArray[np.float64]
 
@@ -35,8 +37,9 @@ class Stretch:
     Attributes:
         run: as prepared.
         G, inverse: see ``rollout.Drive``.
-        channels: (k,) bodies whose rotation is measured.
-        measured, sigma: (W, samples, k) and (k,) [m].
+        channels: what is measured.
+        measured: (W, samples, k); 0 where there is no reading.
+        weight: (W, samples, k) 1 over the noise; 0 where there is no reading.
         samples, steps: of a window; steps of a sample.
         h: of a step [s].
         phase: (n,) at every half step [rad].
@@ -47,9 +50,9 @@ class Stretch:
     run: PreparedRun
     G: Array
     inverse: Array
-    channels: NDArray[np.int64]
+    channels: Channels
     measured: Array
-    sigma: Array
+    weight: Array
     samples: int
     steps: int
     h: float
@@ -61,10 +64,22 @@ class Stretch:
     def windows(self) -> int:
         return len(self.first)
 
-    def seen(self, states: Array) -> Array:
-        """(W, samples, k) what the sensors would show of states (W, steps + 1, 18)."""
-        shown: Array = states[:, : -1 : self.steps // self.samples][:, :, self.channels]
-        return shown
+    @property
+    def each(self) -> int:
+        """Steps of a sample."""
+        return self.steps // self.samples
+
+    def seen(
+        self, states: Array, drive: Drive, first: NDArray[np.int64] | None = None
+    ) -> tuple[Array, Array]:
+        """What channels show of states (W, steps + 1, 18), (W, samples, k), and its slope.
+
+        Args:
+            first: (W,) half step at which each window starts; None: those of the stretch.
+        """
+        begin = self.first if first is None else first
+        at = begin[:, None] + 2 * self.each * np.arange(self.samples)
+        return shown(self.channels, states[:, : -1 : self.each], drive, at)
 
 
 @dataclass(frozen=True)
@@ -75,6 +90,7 @@ class Shot:
         starts: (W, 18).
         states: (W, steps + 1, 18) at every step.
         tangents: (W, steps, 18, 18) of every step.
+        slope: (W, samples, k, 18) of what channels show by the state, over the noise.
         off: (W, samples, k) measured less expected, over the noise.
         jumps: (W - 1, 18) end of a window less the start of the next, over the motion's scale.
     """
@@ -82,6 +98,7 @@ class Shot:
     starts: Array
     states: Array
     tangents: Array
+    slope: Array
     off: Array
     jumps: Array
 
@@ -100,8 +117,9 @@ def stretch(run: PreparedRun, windows: int = WINDOWS) -> Stretch:
     h = run.step_s / each
     n = W * samples
     at = np.arange(2 * each * n + 1) / (2 * each)
-    there = run.u.there
-    motion = float(np.sqrt(np.mean(run.u.values[:n, there] ** 2)))
+    measured = channels(run)
+    values = measured.values[:n].reshape(W, samples, -1)
+    motion = float(np.sqrt(np.mean(shaft_motion(run)[:n] ** 2)))
     inverse = np.concatenate(
         [model.packed.inv_M_s, [1.0 / model.scales.M_c], model.packed.inv_M_p.ravel()]
     )
@@ -109,9 +127,9 @@ def stretch(run: PreparedRun, windows: int = WINDOWS) -> Stretch:
         run,
         coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model),
         inverse,
-        np.flatnonzero(there),
-        run.u.values[:n, there].reshape(W, samples, -1),
-        run.u.sigma[there],
+        measured,
+        np.nan_to_num(values),
+        np.isfinite(values) / measured.sigma,
         samples,
         samples * each,
         h,
@@ -133,41 +151,81 @@ def loads(s: Stretch) -> Array:
     return tau
 
 
+def shaft_motion(run: PreparedRun) -> Array:
+    """Rotations (n, 3) of suns and carrier [m]: as measured, or from accelerations.
+
+    An acceleration has neither mean nor slow parts: what lies below half a turn of the mesh is
+    left out, and the mean is that of the gear at rest under its load.
+    """
+    bodies, n = run.model.layout.bodies, len(run)
+    at = [bodies.index(name) for name in SHAFTS]
+    w = 2.0 * np.pi * np.fft.rfftfreq(n, run.step_s)
+    over = np.divide(-1.0, w**2, out=np.zeros_like(w), where=w > 0.5 * run.omega_rad_per_s)
+    rest = at_rest(run)
+    found = np.empty((n, len(at)))
+    for i, b in enumerate(at):
+        if run.u.there[b]:
+            found[:, i] = run.u.values[:, b]
+        else:
+            power = np.fft.rfft(run.a.values[:, b])
+            found[:, i] = np.fft.irfft(power * over, n) + rest[b]
+    return found
+
+
+def at_rest(run: PreparedRun) -> Array:
+    """Rotations (9,) under the torques, all planets alike and without mesh error, M u = 0."""
+    model = run.model
+    p, sc, layout = model.parameters, model.scales, model.layout
+    G = coordinates_to_meshes(layout) @ bodies_to_coordinates(model)
+    packed = model.packed
+    M = 1.0 / np.concatenate([packed.inv_M_s, [1.0 / sc.M_c], packed.inv_M_p.ravel()])
+    tau = np.zeros(len(M))
+    tau[:2] = p.T_1 / (2.0 * sc.r_bs)
+    tau[2] = -sc.T_2 / sc.r_bc
+    force = np.linalg.lstsq(G.T, tau, rcond=None)[0]
+    x = force / mean_stiffness(p) + np.sign(force) * model.half_backlash_m
+    rows = np.vstack([G, M / np.abs(M).max()])
+    found: Array = np.linalg.lstsq(rows, np.append(x, 0.0), rcond=None)[0]
+    return found
+
+
 def symmetric(s: Stretch) -> Array:
     """Starts (W, 18) with all planets alike, by the momentum of the whole gear.
 
     What is measured of suns and carrier leaves the mean planet: the sum of M r u, r the rigid
     rotation, moves by the control alone.
     """
-    M, model, omega = 1.0 / s.inverse, s.run.model, s.run.omega_rad_per_s
+    M, run = 1.0 / s.inverse, s.run
+    model, omega = run.model, run.omega_rad_per_s
     sc, packed = model.scales, model.packed
-    seen = s.measured.reshape(-1, len(s.channels))
-    u = np.zeros((len(seen), len(M)))
-    u[:, s.channels] = seen
-    phase = s.phase[:: 2 * s.steps // s.samples][: len(seen)]
+    n = s.windows * s.samples
+    u = np.zeros((n, len(M)))
+    u[:, :3] = shaft_motion(run)[:n]
+    phase = s.phase[:: 2 * s.each][:n]
     push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * M[2]
     turn = packed.control_order * omega
-    wave = np.cos(packed.control_order * (phase - s.run.late_rad) + packed.control_phase)
+    wave = np.cos(packed.control_order * (phase - run.late_rad) + packed.control_phase)
     momentum = -push * wave / turn**2
     mean = (momentum - 2.0 * u[:, :2] @ M[:2] - u[:, 2] * M[2]) / M[3:].sum()
-    unseen = np.setdiff1d(np.arange(3, len(M)), s.channels)
-    u[:, unseen] = mean[:, None]
+    planets = run.u.there[3:]
+    u[:, 3:] = np.where(planets, np.nan_to_num(run.u.values[:n, 3:]), mean[:, None])
     width, order = 7, 4
     smooth = savgol_filter(u, width, order, axis=0)
-    rate = savgol_filter(u, width, order, deriv=1, delta=s.run.step_s, axis=0)
+    rate = savgol_filter(u, width, order, deriv=1, delta=run.step_s, axis=0)
     return np.hstack([smooth, rate])[:: s.samples][: s.windows]
 
 
 def shoot(s: Stretch, starts: Array, drive: Drive) -> Shot:
     """Windows from some starts."""
     states, tangents = roll(starts, s.first, s.steps, s.h, drive)
-    off = (s.measured - s.seen(states)) / s.sigma
-    return Shot(starts, states, tangents, off, (states[:-1, -1] - starts[1:]) / s.scale)
+    seen, slope = s.seen(states, drive)
+    off, slope = (s.measured - seen) * s.weight, slope * s.weight[..., None]
+    return Shot(starts, states, tangents, slope, off, (states[:-1, -1] - starts[1:]) / s.scale)
 
 
 def propagators(s: Stretch, tangents: Array) -> Array:
     """(W, samples + 1, 18, 18) from the start of windows to their samples, over the scale."""
-    each = s.steps // s.samples
+    each = s.each
     now = np.broadcast_to(np.diag(s.scale), (len(tangents), STATES, STATES))
     found = np.empty((len(tangents), s.samples + 1, STATES, STATES))
     found[:, 0] = now
@@ -179,12 +237,13 @@ def propagators(s: Stretch, tangents: Array) -> Array:
     return found
 
 
-def jacobian(s: Stretch, T: Array) -> Array:
+def jacobian(s: Stretch, shot: Shot) -> Array:
     """(rows, 18 W) of what is measured, over its noise, and of the jumps, by all starts."""
-    W, k = s.windows, len(s.channels)
+    W, k = s.windows, s.measured.shape[2]
+    T = propagators(s, shot.tangents)
     data = np.zeros((W, s.samples * k, W, STATES))
     ties = np.zeros((W - 1, STATES, W, STATES))
-    seen = T[:, :-1][:, :, s.channels] / s.sigma[:, None]
+    seen = shot.slope @ T[:, :-1]
     at = np.arange(W)
     data[at, :, at] = seen.reshape(W, -1, STATES)
     ties[at[:-1], :, at[:-1]] = T[:-1, -1] / JUMP
@@ -224,7 +283,7 @@ def fitted(s: Stretch, starts: Array, drive: Drive, rounds: int = ROUNDS) -> Sho
 def _normal(s: Stretch, shot: Shot) -> tuple[Array, Array]:
     """Lower bands (36, 18 W) of the normal matrix of all starts, and its right side (18 W,)."""
     T, W = propagators(s, shot.tangents), s.windows
-    seen = (T[:, :-1][:, :, s.channels] / s.sigma[:, None]).reshape(W, -1, STATES)
+    seen = (shot.slope @ T[:, :-1]).reshape(W, -1, STATES)
     right = np.einsum("wrs,wr->ws", seen, shot.off.reshape(W, -1))
     own = seen.transpose(0, 2, 1) @ seen
     end = T[:-1, -1] / JUMP
@@ -241,4 +300,3 @@ def _normal(s: Stretch, shot: Shot) -> tuple[Array, Array]:
         for i in range(STATES):
             band[STATES + i - j, columns[:-1] + j] = below[:, i, j]
     return band, right.ravel()
-

@@ -9,7 +9,7 @@ its column is the linear response of the windows to the force that it adds to a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,7 +32,6 @@ from herringbone_sim.gap.observations.shooting import (
     fitted,
     jacobian,
     loads,
-    propagators,
     residual,
     stretch,
 )
@@ -44,19 +43,14 @@ Array = NDArray[np.float64]
 NAME = "trajectory"
 FIRST, LATER = 8, 2  # rounds of a fit under a change: new, and near one that was tried before
 LOOSE = 1e3  # prior of a state, in units of the motion: none
-NEEDED = ("s_L", "s_R", "c")
 
 
-def can_be_shot(run: PreparedRun) -> bool:
-    """Whether the rotations of suns and carrier are measured."""
-    bodies = run.model.layout.bodies
-    return all(run.u.there[bodies.index(name)] for name in NEEDED)
-
-
-def function_names(model: Model, law_names: Sequence[str]) -> tuple[str, ...]:
-    """Columns: masses, friction by mesh, ripple, every law on every mesh."""
+def function_names(
+    model: Model, law_names: Sequence[str], gauges: Sequence[str]
+) -> tuple[str, ...]:
+    """Columns: masses, gauges' gains, friction by mesh, ripple, every law on every mesh."""
     meshes = range(model.layout.n_mesh)
-    names = [*balance.MASSES]
+    names = [*balance.MASSES, *(f"gain of {g}" for g in gauges)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
     names += [f"{f} of {j}" for j in meshes for f in law_names]
@@ -80,7 +74,8 @@ class Trajectory:
     """
 
     def __init__(self, run: PreparedRun) -> None:
-        self.stretch: Stretch = stretch(run)
+        self.recorded: Stretch = stretch(run)
+        self.stretch = self.recorded  # with gauges put right by the gains last tried
         self.model = run.model
         self._found: dict[tuple[str, ...], Shot] = {}
 
@@ -160,6 +155,7 @@ class Trajectory:
             change_of: what a motion makes of the law.
             of_bodies: amplitudes of masses, friction and ripple.
         """
+        self.stretch = self._with_gains(of_bodies)
         masses = self._masses(of_bodies)
         if () not in self._found:
             nominal = self.drive(Change(), np.ones_like(masses), ())
@@ -170,6 +166,12 @@ class Trajectory:
         shot = self._again(shot, change_of, of_bodies, masses, LATER)
         self._found[key] = shot
         return shot
+
+    def _with_gains(self, of_bodies: Mapping[str, float]) -> Stretch:
+        """What was recorded, gauges without their gains."""
+        s = self.recorded
+        gain = np.array([1.0 + of_bodies.get(f"gain of {name}", 0.0) for name in s.channels.names])
+        return replace(s, measured=s.measured / gain, weight=s.weight * gain)
 
     def _begun(
         self,
@@ -251,7 +253,7 @@ class Trajectory:
         m = self.motion(_in_line(shot), s.phase[::2])
         now = law(m, change_of(m))
         columns = self._columns(shot, m, now, functions, wanted)
-        J = jacobian(s, propagators(s, shot.tangents))
+        J = jacobian(s, shot)
         left = residual(shot)
         n, unknown = J.shape
         share = max(n - unknown, 1) / n
@@ -277,11 +279,14 @@ class Trajectory:
         s = self.stretch
         inverse = s.inverse
         directions: list[Array] = []
+        on_meshes: list[Array] = []
         sizes: list[Array] = []
         at: list[int] = []
+        nowhere, each_mesh = np.zeros(len(s.G)), np.eye(len(s.G))
 
-        def add(i: int, direction: Array, size: Array) -> None:
+        def add(i: int, direction: Array, size: Array, on: Array = nowhere) -> None:
             directions.append(direction)
+            on_meshes.append(on)
             sizes.append(size)
             at.append(i)
 
@@ -293,7 +298,8 @@ class Trajectory:
             if of:
                 g = np.nan_to_num(column(f, m, now))
                 for j in of:
-                    add(place[f"{f.name} of {j}"], -inverse * s.G[j], g[:, j])
+                    i = place[f"{f.name} of {j}"]
+                    add(i, -inverse * s.G[j], g[:, j], each_mesh[j])
         total = self._forces(m, now)
         for mass, bodies in (("M_s", (0, 1)), ("M_c", (2,)), ("M_p", range(3, len(inverse)))):
             if mass in place:
@@ -304,20 +310,38 @@ class Trajectory:
         found = np.zeros((rows, Q))
         if at:
             size = np.stack(sizes)[:, s.first[:, None] // 2 + np.arange(s.steps + 1)]
-            np.add.at(found.T, np.array(at), self._responses(shot, np.stack(directions), size).T)
+            response = self._responses(shot, np.stack(directions), size, np.stack(on_meshes))
+            np.add.at(found.T, np.array(at), response.T)
+        for name in s.channels.gauges:
+            if f"gain of {name}" in place:
+                found[:, place[f"gain of {name}"]] = self._read(now, s.channels.names.index(name))
         return found
+
+    def _read(self, now: Law, channel: int) -> Array:
+        """(rows,) what a gauge shows, over its noise: a share of it is what a wrong gain adds."""
+        s = self.stretch
+        alone = np.zeros_like(s.weight)
+        force = now.force[:: s.each][: s.windows * s.samples] @ s.channels.of_F[channel]
+        alone[:, :, channel] = force.reshape(s.windows, s.samples) * s.weight[:, :, channel]
+        return np.concatenate([alone.ravel(), np.zeros((s.windows - 1) * STATES)])
 
     def _forces(self, m: Motion, now: Law) -> Array:
         """(n, 9) forces on the bodies [N]."""
         s = self.stretch
         return np.asarray(loads(s)[::2] - now.force @ s.G)
 
-    def _responses(self, shot: Shot, direction: Array, size: Array) -> Array:
-        """(rows, P) response to ``direction`` (P, 9) times ``size`` (P, W, steps + 1)."""
+    def _responses(self, shot: Shot, direction: Array, size: Array, on_meshes: Array) -> Array:
+        """(rows, P) response to ``direction`` (P, 9) times ``size`` (P, W, steps + 1).
+
+        Args:
+            on_meshes: (P, n_mesh) 1 where it is a mesh force, which gauges see at once.
+        """
         s = self.stretch
-        each, half = s.steps // s.samples, STATES // 2
+        each, half = s.each, STATES // 2
         col = np.zeros((s.windows, STATES, len(direction)))
-        data = np.zeros((s.windows, s.samples, len(s.channels), len(direction)))
+        samples = size[:, :, :-1:each].transpose(1, 2, 0)[:, :, None, :]
+        at_once = s.channels.of_a @ direction.T + s.channels.of_F @ on_meshes.T
+        data = at_once * samples * s.weight[..., None]
         way = 0.5 * s.h * direction.T
         pushed = size.transpose(2, 1, 0)[:, :, None, :]
         for q in range(s.steps):
@@ -325,8 +349,8 @@ class Trajectory:
             col = shot.tangents[:, q] @ col
             col[:, half:] += way * pushed[q + 1]
             if (q + 1) % each == 0 and (q + 1) // each < s.samples:
-                data[:, (q + 1) // each] = col[:, s.channels]
-        data /= s.sigma[:, None]
+                i = (q + 1) // each
+                data[:, i] += shot.slope[:, i] @ col
         ties = col[:-1] / (s.scale[:, None] * JUMP)
         P = len(direction)
         return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
@@ -336,15 +360,16 @@ class Trajectory:
         s = self.stretch
         W, samples, k = s.measured.shape
         seen = s.measured.reshape(-1, k)
+        weight = s.weight.reshape(-1, k)
         rate = np.gradient(seen, axis=0)
         held = np.array([s.run.point["delta_T"] / 50.0, s.run.point["T_1"] / 1000.0])
         own = np.hstack([seen, rate, np.broadcast_to(held, (len(seen), 2))])
         values = np.repeat(own, k, axis=0)
         ties = (W - 1) * STATES
         p = self.model.parameters
-        phase = np.repeat(s.phase[:: 2 * s.steps // samples][: W * samples], k)
+        phase = np.repeat(s.phase[:: 2 * s.each][: W * samples], k)
         angles = np.stack([phase, phase / p.z_s, phase / p.z_p, phase / p.z_r], axis=1)
-        factors = np.tile(np.eye(k), (W * samples, 1)) / np.tile(s.sigma, W * samples)[:, None]
+        factors = (np.eye(k) * weight[:, :, None]).reshape(-1, k)
         return Surroundings(
             np.pad(values, ((0, ties), (0, 0)))[:, None, :],
             np.pad(angles, ((0, ties), (0, 0))),
@@ -356,7 +381,7 @@ class Trajectory:
         s = self.stretch
         W, samples, k = s.measured.shape
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
-        data = np.repeat(phase[:: 2 * s.steps // samples][: W * samples], k)
+        data = np.repeat(phase[:: 2 * s.each][: W * samples], k)
         return np.concatenate([data, np.repeat(phase[s.first[1:]], STATES)])
 
 

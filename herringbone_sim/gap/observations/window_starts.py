@@ -40,7 +40,7 @@ def first_states(s: Stretch) -> Array:
     """(K, 18) of the first window: all planets in step, then out of it at random."""
     rng = np.random.default_rng(0)
     in_step = symmetric(s)[0]
-    hidden = np.setdiff1d(np.arange(3, STATES // 2), s.channels)
+    hidden = 3 + np.flatnonzero(~s.run.u.there[3:])
     found = [in_step]
     for share in OUT_OF_STEP if len(hidden) > 1 else ():
         off = np.zeros((2, STATES // 2))
@@ -82,18 +82,19 @@ def _window(
     K = len(expected)
     first = np.full(K, s.first[w])
 
-    def at(z: Array) -> tuple[Array, Array, Array, Array]:
+    def at(z: Array) -> tuple[Array, ...]:
         states, tangents = roll(z * s.scale, first, s.steps, s.h, drive)
-        off = (s.measured[w] - s.seen(states)) / s.sigma
+        seen, slope = s.seen(states, drive, first)
+        off = (s.measured[w] - seen) * s.weight[w]
         away = z - expected
         cost = (off**2).sum(axis=(1, 2)) + np.einsum("ki,kij,kj->k", away, precision, away)
-        return states, tangents, off, cost
+        return states, tangents, slope * s.weight[w][..., None], off, cost
 
     z, damping = expected.copy(), np.full(K, 1e-2)
-    states, tangents, off, cost = at(z)
+    states, tangents, slope, off, cost = at(z)
     for number in range(ROUNDS + 1):
         T = propagators(s, tangents)
-        J = (T[:, :-1][:, :, s.channels] / s.sigma[:, None]).reshape(K, -1, STATES)
+        J = (slope @ T[:, :-1]).reshape(K, -1, STATES)
         normal = J.transpose(0, 2, 1) @ J + precision
         if number == ROUNDS:
             break
@@ -101,14 +102,14 @@ def _window(
         right -= np.einsum("kij,kj->ki", precision, z - expected)
         more = np.einsum("k,kii->ki", damping, normal)[:, :, None] * np.eye(STATES)
         step = np.linalg.solve(normal + more, right[:, :, None])[:, :, 0]
-        tried = at(z + step)
-        better = tried[3] < cost
-        gained = np.where(better, cost - tried[3], 0.0)
-        z = np.where(better[:, None], z + step, z)
-        states = np.where(better[:, None, None], tried[0], states)
-        tangents = np.where(better[:, None, None, None], tried[1], tangents)
-        off = np.where(better[:, None, None], tried[2], off)
-        cost = np.where(better, tried[3], cost)
+        *new, now = at(z + step)
+        better = now < cost
+        gained = np.where(better, cost - now, 0.0)
+        z, cost = np.where(better[:, None], z + step, z), np.minimum(now, cost)
+        states, tangents, slope, off = (
+            np.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
+            for a, b in zip(new, (states, tangents, slope, off), strict=True)
+        )
         damping *= np.where(better, 1.0 / 6.0, 6.0)
         if np.all(gained < SETTLED * cost) and better.any():
             break
