@@ -112,7 +112,8 @@ def examine(
     if singles:
         first = _simplest(none, singles)
         flexible["single"] = _left(search, singles[0], left)
-        if _total(flexible["single"]) > WORTH * count:
+        excess = singles[0].energy - count if told else 0.0
+        if max(_total(flexible["single"]), excess) > WORTH * count:
             say("pairs")
             pairs = _pairs(search, catalogue, first)
             if pairs:

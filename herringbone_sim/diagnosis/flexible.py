@@ -3,7 +3,8 @@
 A residual may be any factor that acts on it (a constant, a spring, a damper) times any smooth
 function of one to three of what is measured. Random Fourier features (Rahimi and Recht 2007) of
 such functions, regressed row by row on every other block of mesh cycles of all runs and scored on
-the rest. Noise can't be predicted; what repeats can, whatever law it follows.
+the rest. Where causes act through a motion, the features are the responses to forces of many
+shapes. Noise can't be predicted; what repeats can, whatever law it follows.
 """
 
 from __future__ import annotations
@@ -32,11 +33,14 @@ class Surroundings:
         values: (n, R, D) of any unit.
         angles: (n, A) [rad]; functions have whole multiples of them.
         factors: (n, R, M) what a function may be a factor of, in units of the residual.
+        responses: (n, R, P) what causes of many shapes add to the whitened residual, where they
+            act through a motion and no factor of the rows themselves will do; None: none.
     """
 
     values: Array
     angles: Array
     factors: Array
+    responses: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -127,9 +131,13 @@ def predictable(
         y = np.concatenate([r[:, row] for r in residuals])
         if not np.any(y):
             continue
-        values = _scaled(np.concatenate([s.values[::thin, row] for s in surroundings]))
-        factors = _scaled(np.concatenate([s.factors[::thin, row] for s in surroundings]))
-        P = features.of(values, angles, factors)
+        responses = [s.responses[::thin, row] for s in surroundings if s.responses is not None]
+        if responses:
+            P = _scaled(np.concatenate(responses))
+        else:
+            values = _scaled(np.concatenate([s.values[::thin, row] for s in surroundings]))
+            factors = _scaled(np.concatenate([s.factors[::thin, row] for s in surroundings]))
+            P = features.of(values, angles, factors)
         off = _held_out(P, y, fold, of_run)
         energy[:, row] = np.bincount(of_run, y**2, runs)
         left[:, row] = np.bincount(of_run, off**2, runs)

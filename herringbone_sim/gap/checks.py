@@ -223,12 +223,13 @@ def _campaign(campaign: PreparedCampaign) -> list[Finding]:
 def _scope(runs: Sequence[PreparedRun]) -> list[Finding]:
     """What can't be decided with the quantities that are there."""
     limits = []
-    if runs and not any(run.F.there.any() for run in runs):
+    forced = any(run.F.there.any() or run.pin.there.any() for run in runs)
+    if runs and not forced:
         limits.append(
             "there are no mesh forces: law and balance show only together, by accelerations; "
             "errors of force sensors can't be seen, nor a single mesh on its own"
         )
-    elif runs and not all(run.F.complete for run in runs):
+    elif runs and not all(run.F.complete or run.pin.there.any() for run in runs):
         names = runs[0].model.layout.meshes
         absent = [
             n for n, *on in zip(names, *(r.F.there for r in runs), strict=True) if not all(on)
@@ -237,7 +238,7 @@ def _scope(runs: Sequence[PreparedRun]) -> list[Finding]:
             f"forces of {', '.join(absent)} are not there in every run: less can be told of these "
             "meshes"
         )
-    if runs and not all(run.v.complete for run in runs):
+    if runs and not all(run.v.complete or not run.x.there.any() for run in runs):
         limits.append("rates are not all there: damping rests on differences of displacements")
     if runs and not any(run.x.there.any() and run.u.there.any() for run in runs):
         limits.append("x and u don't check each other: sensor errors can't be told from motion")

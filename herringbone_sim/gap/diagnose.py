@@ -226,7 +226,7 @@ def _reported(
     written = report(
         campaign.rig,
         verdict,
-        where(campaign, made.calibrated),
+        where(campaign, made.calibrated, verdict),
         made.gap,
         [*open_, *(senses.unknown if senses else ())],
         next_experiment(campaign, verdict, point),

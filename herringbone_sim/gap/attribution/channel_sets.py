@@ -38,17 +38,19 @@ def motion_channels(one: Case) -> int:
 def cannot_tell(cases: Sequence[Case]) -> list[str]:
     """What the channels of some runs can't decide; nothing where all are there."""
     kind = channel_set(cases)
-    if kind == NOTHING:
+    if kind == NOTHING and not (cases and all(c.run.shafts_known for c in cases)):
         return [
             "no motion of both suns is recorded: nothing can be said of the machine; record "
             "u_s_L, u_s_R and u_c at least"
         ]
     if kind == FULL:
         return _partial(cases)
-    said = [
+    no_force = (
         "no force is recorded: errors of force sensors can't be told, and the scale of all "
         "forces only from that of the inertias and the torque"
-    ]
+    )
+    forced = any(c.run.F.there.any() or c.run.pin.there.any() for c in cases)
+    said = [] if forced else [no_force]
     if kind == NO_FORCE:
         said.append(
             "without forces, eight accelerations answer for twelve meshes: effects on the sun "
@@ -65,10 +67,16 @@ def cannot_tell(cases: Sequence[Case]) -> list[str]:
 
 
 def _few(cases: Sequence[Case]) -> list[str]:
+    if not all(c.run.shafts_known for c in cases):
+        return [
+            "neither the force of a mesh beside its displacement nor the motion of both suns and "
+            "the carrier is recorded: no law of the gear can be held against these channels; "
+            "record u_s_L, u_s_R and u_c at least"
+        ]
     return [
-        "neither the force of a mesh beside its displacement nor the motion of all bodies is "
-        "recorded: no law of the gear can be held against these channels; record x and F of "
-        "meshes, or u of all nine bodies"
+        "the motion of the planets is worked out from that of the suns and the carrier over short "
+        "windows: events of single teeth, rings and pins that move by themselves and errors of "
+        "sensors can't be told, they come out as unknown"
     ]
 
 

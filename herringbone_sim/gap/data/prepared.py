@@ -44,6 +44,8 @@ class Measured:
     def complete(self) -> bool:
         return bool(self.there.all())
 
+SHAFTS = ("s_L", "s_R", "c")
+
 
 @dataclass(frozen=True)
 class PreparedRun:
@@ -85,6 +87,12 @@ class PreparedRun:
 
     def __len__(self) -> int:
         return len(self.times)
+
+    @property
+    def shafts_known(self) -> bool:
+        """Whether rotations or accelerations of both suns and the carrier are measured."""
+        at = [self.model.layout.bodies.index(name) for name in SHAFTS]
+        return bool((self.u.there | self.a.there)[at].all())
 
     @property
     def step_s(self) -> float:

@@ -71,7 +71,7 @@ def screen(
 
 
 def may_be_gated(names: Sequence[str]) -> bool:
-    """Whether force channels may have gaps: beside displacements the force law needs them whole."""
+    """Whether forces may have gaps: beside displacements the force law needs them whole."""
     return not any(name.startswith("x_") for name in names)
 
 

@@ -22,7 +22,7 @@ from herringbone_sim.gap.observations.law import Change, Law, Motion, law
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
-from herringbone_sim.gap.observations.window_channels import can_be_shot, channels
+from herringbone_sim.gap.observations.window_channels import channels
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import undone
@@ -100,7 +100,7 @@ class Gear:
     def by_windows(self) -> bool:
         """Whether states are estimated over windows: where neither law nor balance is formed."""
         few = not self.has_force_law and not self.balanced
-        return few and all(can_be_shot(g.run) for g in self.runs)
+        return few and all(g.run.shafts_known for g in self.runs)
 
     @cached_property
     def gauges(self) -> tuple[str, ...]:
@@ -377,7 +377,7 @@ class Gear:
     def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
         """What is measured about the rows of a block of a run."""
         if observation == trajectory.NAME:
-            return self.trajectories[r].surroundings()
+            return self.trajectories[r].surroundings(block, self.law_functions)
         g = self.runs[r]
         cycles = (1.0, *force_law.members(self.model).values())
         if observation == force_law.NAME:

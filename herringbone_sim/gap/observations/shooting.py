@@ -16,9 +16,9 @@ from scipy.signal import savgol_filter
 
 from herringbone_sim.core.model import mean_stiffness
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
 from herringbone_sim.gap.observations.rollout import STATES, Drive, roll
-from herringbone_sim.gap.observations.window_channels import SHAFTS, Channels, channels, shown
+from herringbone_sim.gap.observations.window_channels import Channels, channels, shown
 
 Array = NDArray[np.float64]
 

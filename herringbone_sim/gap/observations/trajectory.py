@@ -42,6 +42,10 @@ Array = NDArray[np.float64]
 
 NAME = "trajectory"
 FIRST, LATER = 8, 2  # rounds of a fit under a change: new, and near one that was tried before
+# Shapes of forces that a cause of any kind may be made of, at the meshes.
+ANY = {"kappa", "gamma", "gamma out", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))}
+ANY |= {f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")}
+ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")}
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 
 
@@ -252,6 +256,7 @@ class Trajectory:
         s = self.stretch
         m = self.motion(_in_line(shot), s.phase[::2])
         now = law(m, change_of(m))
+        self._last = shot, now, m
         columns = self._columns(shot, m, now, functions, wanted)
         J = jacobian(s, shot)
         left = residual(shot)
@@ -355,26 +360,17 @@ class Trajectory:
         P = len(direction)
         return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
 
-    def surroundings(self) -> Surroundings:
-        """What is measured about each row; nothing about jumps."""
+    def surroundings(self, block: Block, functions: Sequence[Function]) -> Surroundings:
+        """What forces of many shapes would add to the rows of the block made last."""
         s = self.stretch
-        W, samples, k = s.measured.shape
-        seen = s.measured.reshape(-1, k)
-        weight = s.weight.reshape(-1, k)
-        rate = np.gradient(seen, axis=0)
-        held = np.array([s.run.point["delta_T"] / 50.0, s.run.point["T_1"] / 1000.0])
-        own = np.hstack([seen, rate, np.broadcast_to(held, (len(seen), 2))])
-        values = np.repeat(own, k, axis=0)
-        ties = (W - 1) * STATES
-        p = self.model.parameters
-        phase = np.repeat(s.phase[:: 2 * s.each][: W * samples], k)
-        angles = np.stack([phase, phase / p.z_s, phase / p.z_p, phase / p.z_r], axis=1)
-        factors = (np.eye(k) * weight[:, :, None]).reshape(-1, k)
-        return Surroundings(
-            np.pad(values, ((0, ties), (0, 0)))[:, None, :],
-            np.pad(angles, ((0, ties), (0, 0))),
-            np.pad(factors, ((0, ties), (0, 0)))[:, None, :],
-        )
+        shot, now, m = self._last
+        some = [f for f in functions if f.name in ANY]
+        wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
+        made = self._columns(shot, m, now, some, wanted) / block.sigma
+        J = block.nuisance[:, 0] / block.sigma
+        left = made - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]) / LOOSE**2, J.T @ made)
+        nothing = np.zeros((len(left), 1, 1))
+        return Surroundings(nothing, nothing[:, 0], nothing, left[:, None, :])
 
     def cycles(self) -> Array:
         """(rows,) mesh cycles since the start; jumps at that of their window."""

@@ -1,4 +1,4 @@
-"""What sensors show of a motion of few channels: rotations, accelerations, forces of meshes and pins.
+"""What sensors show of a motion: rotations, accelerations, forces of meshes and of pins.
 
 Each channel is a sum of rotations u, mesh forces F and accelerations d2u/dt2 = inv (tau - G' F) of
 the bodies, so its slope by the state follows from that of the force law.
@@ -16,7 +16,6 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations.rollout import STATES, Drive
 
 Array = NDArray[np.float64]
-SHAFTS = ("s_L", "s_R", "c")
 
 
 @dataclass(frozen=True)
@@ -43,14 +42,6 @@ class Channels:
         return tuple(n for n, of in zip(self.names, self.of_F, strict=True) if np.any(of))
 
 
-def can_be_shot(run: PreparedRun) -> bool:
-    """Whether rotations or accelerations of suns and carrier are measured."""
-    bodies = run.model.layout.bodies
-    return all(
-        run.u.there[bodies.index(name)] or run.a.there[bodies.index(name)] for name in SHAFTS
-    )
-
-
 def channels(run: PreparedRun) -> Channels:
     """All channels of a run that windows can follow."""
     layout = run.model.layout
@@ -75,7 +66,9 @@ def channels(run: PreparedRun) -> Channels:
             sigma.append(m.sigma[i])
     return Channels(
         tuple(names),
-        *(np.array(parts[q]) for q in "uFa"),
+        np.array(parts["u"]),
+        np.array(parts["F"]),
+        np.array(parts["a"]),
         np.stack(values, axis=1),
         np.array(sigma),
     )

@@ -58,15 +58,15 @@ def carried(s: Stretch, drive: Drive, first: Array) -> tuple[Array, Array]:
     K, eye = len(first), np.eye(STATES)
     found, cost = np.empty((K, s.windows, STATES)), np.zeros(K)
     expected = first / s.scale
-    spread = np.broadcast_to(eye, (K, STATES, STATES))
+    spread = np.asarray(np.broadcast_to(eye, (K, STATES, STATES)), dtype=np.float64)
     for w in range(s.windows):
-        precision = np.linalg.inv(spread)
+        precision = np.asarray(np.linalg.inv(spread), dtype=np.float64)
         z, now, normal, passed, end = _window(s, drive, w, expected, precision)
         found[:, w] = z * s.scale
         cost += now
         expected = end
         spread = passed @ np.linalg.inv(normal) @ passed.transpose(0, 2, 1) + JUMP**2 * eye
-        spread = 0.5 * (spread + spread.transpose(0, 2, 1))
+        spread = np.asarray(0.5 * (spread + spread.transpose(0, 2, 1)), dtype=np.float64)
     return found, cost
 
 

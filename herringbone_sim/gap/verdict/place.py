@@ -5,22 +5,36 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.locate import Periodicity, Share, locate
 from herringbone_sim.gap.residuals.recalibrate import force_law
+from herringbone_sim.gap.verdict.decide import Verdict
+
+Array = NDArray[np.float64]
 
 SEED = 21  # of the permutations
 PERMUTATIONS = 200
 
 
-def where(campaign: PreparedCampaign, found: Calibrated) -> list[tuple[Locus, float]]:
-    """Share of every mesh in what the recalibrated law leaves above the noise; 0 if nothing."""
-    if found.per_mesh is None:
+def where(
+    campaign: PreparedCampaign, found: Calibrated, verdict: Verdict
+) -> list[tuple[Locus, float]]:
+    """Share of every mesh in what the recalibrated law leaves above the noise; 0 if nothing.
+
+    Without a force at a mesh it is the probability that the cause sits there: that of each effect,
+    even over the meshes of its likeliest place.
+    """
+    above = found.per_mesh
+    if above is None:
+        above = _probable(campaign, verdict)
+    else:
+        above = np.maximum(above - 1.0, 0.0)
+    if above is None:
         return []
-    above = np.maximum(found.per_mesh - 1.0, 0.0)
     shares = above / above.sum() if above.sum() > 0.0 else above
     layout = found.cases[0].run.model.layout
     places = [
@@ -31,6 +45,19 @@ def where(campaign: PreparedCampaign, found: Calibrated) -> list[tuple[Locus, fl
     ]
     shared = zip(places, (float(s) for s in shares), strict=True)
     return sorted(shared, key=lambda pair: -pair[1])
+
+
+def _probable(campaign: PreparedCampaign, verdict: Verdict) -> Array | None:
+    """(n_mesh,) probability of the effects at each mesh; None where no effect is named."""
+    if not verdict.effects:
+        return None
+    layout = campaign.nominal.layout
+    total = np.zeros(layout.n_mesh)
+    for effect, (option, place) in verdict.best.items():
+        on = option.actives[place].locus.mask(layout) if option.actives else np.zeros(len(total))
+        if on.any():
+            total += verdict.probabilities[effect] * on / on.sum()
+    return total
 
 
 def structure(campaign: PreparedCampaign, found: Calibrated) -> dict[str, Any]:
