@@ -108,10 +108,15 @@ class Shot:
         return float(np.sum(self.off**2) + np.sum(self.jumps**2) / JUMP**2)
 
 
+def samples_of(run: PreparedRun) -> int:
+    """Samples of a window."""
+    return max(3, round(NATURAL / (run.model.scales.omega_n * run.step_s)))
+
+
 def stretch(run: PreparedRun, windows: int = WINDOWS) -> Stretch:
     """The first windows of a run."""
     model, omega_n = run.model, run.model.scales.omega_n
-    samples = max(3, round(NATURAL / (omega_n * run.step_s)))
+    samples = samples_of(run)
     W = min(windows, (len(run) - 1) // samples)
     each = max(1, int(np.ceil(run.step_s * omega_n / STEP)))
     h = run.step_s / each

@@ -19,20 +19,24 @@ from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
+from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, column
+from herringbone_sim.gap.observations.force_law import GRATING_RAD, shafts
 from herringbone_sim.gap.observations.law import Change, Law, Motion, law, waves_of
 from herringbone_sim.gap.observations.rollout import STATES, Drive
 from herringbone_sim.gap.observations.shooting import (
     JUMP,
+    WINDOWS,
     Shot,
     Stretch,
     fitted,
     jacobian,
     loads,
     residual,
+    samples_of,
     stretch,
 )
 from herringbone_sim.gap.observations.window_starts import carried, started
@@ -46,6 +50,7 @@ FIRST, LATER = 8, 2  # rounds of a fit under a change: new, and near one that wa
 ANY = {"kappa", "gamma", "gamma out", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))}
 ANY |= {f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")}
 ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")}
+LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 
 
@@ -74,11 +79,15 @@ class Trajectory:
     """The windows of a run, their states under any change of the law.
 
     Args:
-        run: with rotations of suns and carrier.
+        run: with rotations or accelerations of suns and carrier.
+        lead: windows that are left out at the start, for the filter alone.
     """
 
-    def __init__(self, run: PreparedRun) -> None:
-        self.recorded: Stretch = stretch(run)
+    def __init__(self, run: PreparedRun, lead: int = LEAD, windows: int = WINDOWS) -> None:
+        samples = samples_of(run)
+        self.run, self.lead = run, max(0, min(lead, (len(run) - 1) // samples - windows))
+        part = part_of(run, slice(self.lead * samples, None), run.name)
+        self.recorded: Stretch = stretch(part, windows)
         self.stretch = self.recorded  # with gauges put right by the gains last tried
         self.model = run.model
         self._found: dict[tuple[str, ...], Shot] = {}
@@ -162,8 +171,11 @@ class Trajectory:
         self.stretch = self._with_gains(of_bodies)
         masses = self._masses(of_bodies)
         if () not in self._found:
-            nominal = self.drive(Change(), np.ones_like(masses), ())
-            self._found[()] = started(self.stretch, nominal)
+            whole = Trajectory(self.run, 0, self.lead + self.recorded.windows)
+            nominal, of_whole = (
+                one.drive(Change(), np.ones_like(masses), ()) for one in (self, whole)
+            )
+            self._found[()] = started(self.stretch, nominal, whole.stretch, of_whole)
         shot = self._found.get(key)
         if shot is None:
             shot = self._begun(self._found[()], change_of, of_bodies, masses)
@@ -258,9 +270,10 @@ class Trajectory:
         now = law(m, change_of(m))
         self._last = shot, now, m
         columns = self._columns(shot, m, now, functions, wanted)
-        J = jacobian(s, shot)
+        gratings, sizes = self._gratings()
+        J = np.hstack([jacobian(s, shot), gratings])
         left = residual(shot)
-        n, unknown = J.shape
+        n, unknown = len(J), s.windows * STATES
         share = max(n - unknown, 1) / n
         return Block(
             NAME,
@@ -271,11 +284,30 @@ class Trajectory:
             tuple(wanted),
             columns[:, None, :],
             J[:, None, :],
-            np.full((1, unknown), LOOSE),
+            np.append(np.full(unknown, LOOSE), sizes)[None],
             np.zeros((0, 1, len(wanted))),
             np.zeros(0),
             independent=share,
         )
+
+    def _gratings(self) -> tuple[Array, Array]:
+        """Waves (rows, 2 k) once a turn of the body of each encoder, over its noise, and the size
+        (2 k,) [m] that gratings off centre may give them."""
+        s, sc = self.stretch, self.model.scales
+        radius = {"s": sc.r_bs, "c": sc.r_bc, "p": sc.r_bp}
+        W, samples, k = s.weight.shape
+        phase = s.phase[:: 2 * s.each][: W * samples].reshape(W, samples)
+        found, sizes = [], []
+        for i, name in enumerate(s.channels.names):
+            if name[0] == "u":
+                for trig in (np.cos, np.sin):
+                    wave = np.zeros((W, samples, k))
+                    wave[:, :, i] = s.weight[:, :, i] * trig(phase / shafts(self.model)[name[2]])
+                    found.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
+                    sizes.append(GRATING_RAD * radius[name[2]])
+        if not found:
+            return np.zeros((W * samples * k + (W - 1) * STATES, 0)), np.zeros(0)
+        return np.stack(found, axis=1), np.array(sizes)
 
     def _columns(
         self, shot: Shot, m: Motion, now: Law, functions: Sequence[Function], wanted: Sequence[str]
@@ -368,7 +400,8 @@ class Trajectory:
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
         made = self._columns(shot, m, now, some, wanted) / block.sigma
         J = block.nuisance[:, 0] / block.sigma
-        left = made - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]) / LOOSE**2, J.T @ made)
+        prior = np.diag(block.nuisance_sd[0] ** -2.0)
+        left = made - J @ np.linalg.solve(J.T @ J + prior, J.T @ made)
         nothing = np.zeros((len(left), 1, 1))
         return Surroundings(nothing, nothing[:, 0], nothing, left[:, None, :])
 

@@ -29,9 +29,15 @@ ROUNDS = 8
 SETTLED = 1e-2  # share of the cost of a window
 
 
-def started(s: Stretch, drive: Drive) -> Shot:
-    """The states that fit best, with planets in step or not."""
-    starts, cost = carried(s, drive, first_states(s))
+def started(s: Stretch, drive: Drive, whole: Stretch, of_whole: Drive) -> Shot:
+    """The states that fit best, with planets in step or not.
+
+    Args:
+        whole: the same windows with some before them, in which the filter finds the motion;
+            ``of_whole`` drives it.
+    """
+    starts, cost = carried(whole, of_whole, first_states(whole))
+    starts = starts[:, whole.windows - s.windows :]
     found = [fitted(s, starts[i], drive) for i in np.argsort(cost)[:BEST]]
     return min(found, key=lambda shot: shot.cost)
 

@@ -114,7 +114,10 @@ def decide(chances: Sequence[Chance], options: Mapping[int, Option], metric: str
 
 
 def _same(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
-    """Single effects that leave what the first one leaves, to two standard deviations."""
+    """Single effects that leave what the first one leaves, to two standard deviations.
+
+    One with more coefficients may hold the first one as a part, which tells nothing.
+    """
     best = chances[first].candidate
     if best is None or len(best.effects) != 1:
         return ()
@@ -123,6 +126,7 @@ def _same(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
         for c in chances
         if c.candidate is not None
         and len(c.effects) == 1
+        and c.candidate.size <= best.size
         and abs(c.candidate.energy - best.energy) < SQUARES
     ]
     found = tuple(dict.fromkeys((*best.effects, *alike)))[:MOST_NAMED]
