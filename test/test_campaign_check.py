@@ -17,10 +17,12 @@ from herringbone_sim.recording.writer import RunWriter
 
 PREFIXES = ("x_", "v_", "F_", "u_")
 ALL = {"force_law", "torque_balance", "consistency"}
+FEW = ("u_s_L", "u_s_R", "u_c")
 SETS: dict[str, tuple[Callable[[str], bool], set[str]]] = {
     "full": (lambda n: True, ALL),
     "x_and_F": (lambda n: n[0] in "xF", ALL),  # twelve displacements of eight coordinates
     "no_force": (lambda n: n[0] in "xvu", {"torque_balance", "consistency"}),
+    "few": (lambda n: n in FEW, {"trajectory"}),
     "nothing": (lambda n: False, set()),
 }
 
@@ -57,7 +59,7 @@ def test_it_says_which_observations_can_be_formed(
     folder = part(rig, tmp_path / name, keep)
     assert main(["campaign", "check", str(folder)]) == 0
     said = capsys.readouterr().out
-    formed = {o for o in ALL if f"{o}: can be formed" in said}
+    formed = {o for o in (*ALL, "trajectory") if f"{o}: can be formed" in said}
     assert formed == expected
     assert all(f"{o}: not formed, it needs" in said for o in ALL - expected)
     assert ("would name nothing" in said) == (not expected)

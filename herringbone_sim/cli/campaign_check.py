@@ -27,6 +27,8 @@ NEEDS = {
     "force_law": "forces F with the displacements x of their meshes, or what gives these",
     "torque_balance": "displacements of all meshes, or rotations u of all bodies",
     "consistency": "more of x, v and u than the coordinates of the gear",
+    "trajectory": "rotations u or accelerations a of both suns and the carrier, where neither of "
+    "the first two can be formed",
 }
 
 
@@ -62,16 +64,18 @@ def campaign_check(args: argparse.Namespace) -> int:
 def table(folder: Path, campaign: PreparedCampaign) -> str:
     """A line a run: role, length, how many channels of each quantity can be used, all others."""
     titles = f"{'run':12s} {'role':9s} {'cycles':>8s} {'a cycle':>8s}"
-    head = titles + "".join(f" {q:>6s}" for q in "xvFu") + "  others"
+    head = titles + "".join(f" {q:>6s}" for q in ("x", "v", "F", "u", "a", "pin")) + "  others"
     paths = {run.path.name: run.path for run in read_campaign(folder).runs}
     return "\n".join([head, *(_line(run, paths[run.name]) for run in campaign.runs)])
 
 
 def _line(run: PreparedRun, path: Path) -> str:
     cycles = float(run.phase[-1] - run.phase[0]) / (2.0 * np.pi)
-    counts = (f"{int(one.there.sum())}/{len(one.there)}" for one in (run.x, run.v, run.F, run.u))
+    quantities = (run.x, run.v, run.F, run.u, run.a, run.pin)
+    counts = (f"{int(one.there.sum())}/{len(one.there)}" for one in quantities)
     layout = run.model.layout
-    known = {"t", "phase", *layout.channels, *(f"u_{body}" for body in layout.bodies)}
+    known = {"t", "phase", *layout.channels, *(f"F_pin{planet}" for planet in layout.planets)}
+    known |= {f"{q}_{body}" for q in "ua" for body in layout.bodies}
     recorded, _ = next(iter_sample_blocks(path))
     return (
         f"{run.name:12s} {run.role:9s} {cycles:8.1f} {(len(run) - 1) / cycles:8.1f}"

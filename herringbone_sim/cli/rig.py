@@ -71,6 +71,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         metavar="N",
         help="further runs of the rig of that seed, at other operating points: day 1, 2, ...",
     )
+    made.add_argument(
+        "--channels",
+        default="",
+        metavar="NAMES",
+        help="of meshes and bodies that the rig has sensors for, such as u_s_L,u_s_R,u_c "
+        "(default: all)",
+    )
     made.set_defaults(func=make)
 
 
@@ -101,6 +108,7 @@ def make(args: argparse.Namespace) -> int:
         tolerance=args.tolerance,
         seed=args.seed,
         later=args.later,
+        channels=tuple(name.strip() for name in args.channels.split(",") if name.strip()),
     )
     for rule in obstacles(nominal):
         print(f"note: {obstacle_text(rule)}")

@@ -13,7 +13,7 @@ KINDS = ("sp", "rp")
 SIDES = ("L", "R")
 HEAD = ("t", "phase", "K", "delta_T", "T_1")
 UNITS = {"t": "s", "phase": "rad", "K": "-", "delta_T": "K", "T_1": "N m"}
-PREFIX_UNITS = {"x": "m", "v": "m/s", "F": "N", "u": "m"}
+PREFIX_UNITS = {"x": "m", "v": "m/s", "F": "N", "u": "m", "a": "m/s^2"}
 MEANINGS = {
     "t": "time of the sample",
     "phase": "mesh phase, unwrapped: its slope is the mesh frequency",

@@ -60,6 +60,7 @@ class RigPlan:
         tolerance: largest share by which a constant is off the data sheet.
         seed: of tolerance, operating points, starts and noise.
         later: 0, or the number of a later day: the same rig, other points, starts and noise.
+        channels: of meshes and bodies that are recorded; empty for all.
     """
 
     nominal: Parameters
@@ -73,11 +74,18 @@ class RigPlan:
     tolerance: float = 0.02
     seed: int = 0
     later: int = 0
+    channels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.later < 0:
             raise RecordingError(
                 f"later numbers the days after the first one, from 1 on, got {self.later}"
+            )
+        foreign = [n for n in self.channels if n not in self.nominal.layout.channels]
+        if foreign:
+            raise RecordingError(
+                f"channels to record are some of {', '.join(self.nominal.layout.channels[5:8])} "
+                f"... {self.nominal.layout.channels[-1]}, got {foreign[0]!r}"
             )
         if not 0 <= self.held_out < self.runs:
             raise RecordingError(
@@ -183,7 +191,9 @@ def make_run(
     _, settled = simulate(model, machine, plan.transient)
     series, _ = simulate(model, machine, plan.cycles, settled)
     shown = _as_encoders(series, model, nominal, point["K"])
-    return _converted(distort(shown, plan.actives), plan, rng)
+    seen = _converted(distort(shown, plan.actives), plan, rng)
+    names = tuple(n for n in seen.names if n in HEAD or not plan.channels or n in plan.channels)
+    return TimeSeries(seen.times, seen.columns(names), names)
 
 
 def _as_encoders(series: TimeSeries, own: Model, nominal: Model, K: float) -> TimeSeries:

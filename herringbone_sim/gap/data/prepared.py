@@ -44,6 +44,7 @@ class Measured:
     def complete(self) -> bool:
         return bool(self.there.all())
 
+
 SHAFTS = ("s_L", "s_R", "c")
 
 

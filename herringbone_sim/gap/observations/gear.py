@@ -109,7 +109,7 @@ class Gear:
 
     @cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:
-        return tuple(Trajectory(g.run) for g in self.runs)
+        return tuple(each(lambda g: trajectory.trajectory(g.run), self.runs))
 
     @cached_property
     def omegas(self) -> Array:

@@ -7,14 +7,14 @@ chaos does no harm. Solved by Levenberg and Marquardt over the states of all win
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.signal import savgol_filter
 
-from herringbone_sim.core.model import mean_stiffness
+from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
 from herringbone_sim.gap.observations.rollout import STATES, Drive, roll
@@ -125,9 +125,7 @@ def stretch(run: PreparedRun, windows: int = WINDOWS) -> Stretch:
     measured = channels(run)
     values = measured.values[:n].reshape(W, samples, -1)
     motion = float(np.sqrt(np.mean(shaft_motion(run)[:n] ** 2)))
-    inverse = np.concatenate(
-        [model.packed.inv_M_s, [1.0 / model.scales.M_c], model.packed.inv_M_p.ravel()]
-    )
+    inverse = inverse_masses(model)
     return Stretch(
         run,
         coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model),
@@ -182,8 +180,7 @@ def at_rest(run: PreparedRun) -> Array:
     model = run.model
     p, sc, layout = model.parameters, model.scales, model.layout
     G = coordinates_to_meshes(layout) @ bodies_to_coordinates(model)
-    packed = model.packed
-    M = 1.0 / np.concatenate([packed.inv_M_s, [1.0 / sc.M_c], packed.inv_M_p.ravel()])
+    M = 1.0 / inverse_masses(model)
     tau = np.zeros(len(M))
     tau[:2] = p.T_1 / (2.0 * sc.r_bs)
     tau[2] = -sc.T_2 / sc.r_bc
@@ -194,6 +191,37 @@ def at_rest(run: PreparedRun) -> Array:
     return found
 
 
+def with_swing(run: PreparedRun) -> PreparedRun:
+    """A run with the swing of the whole gear by the control put back on its rotations.
+
+    A simulator of relative coordinates has no rigid rotation at all; a rig's recording lacks its
+    trend alone.
+    """
+    model = run.model
+    M = 1.0 / inverse_masses(model)
+    G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
+    rigid = np.linalg.svd(G)[2][-1]
+    rigid = rigid / rigid[2]
+    swing = momentum(run, run.phase) / (M @ rigid**2)
+    moved = run.u.values + swing[:, None] * rigid
+    return replace(run, u=replace(run.u, values=moved))
+
+
+def momentum(run: PreparedRun, phase: Array) -> Array:
+    """(n,) sum of M r u of the whole gear, r the rigid rotation with 1 at the carrier [kg m]."""
+    sc, packed = run.model.scales, run.model.packed
+    push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
+    turn = packed.control_order * run.omega_rad_per_s
+    wave = np.cos(packed.control_order * (phase - run.late_rad) + packed.control_phase)
+    return np.asarray(-push * wave / turn**2)
+
+
+def inverse_masses(model: Model) -> Array:
+    """(9,) 1/M of the bodies [1/kg]."""
+    packed = model.packed
+    return np.concatenate([packed.inv_M_s, [1.0 / model.scales.M_c], packed.inv_M_p.ravel()])
+
+
 def symmetric(s: Stretch) -> Array:
     """Starts (W, 18) with all planets alike, by the momentum of the whole gear.
 
@@ -201,17 +229,11 @@ def symmetric(s: Stretch) -> Array:
     rotation, moves by the control alone.
     """
     M, run = 1.0 / s.inverse, s.run
-    model, omega = run.model, run.omega_rad_per_s
-    sc, packed = model.scales, model.packed
     n = s.windows * s.samples
     u = np.zeros((n, len(M)))
     u[:, :3] = shaft_motion(run)[:n]
     phase = s.phase[:: 2 * s.each][:n]
-    push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * M[2]
-    turn = packed.control_order * omega
-    wave = np.cos(packed.control_order * (phase - run.late_rad) + packed.control_phase)
-    momentum = -push * wave / turn**2
-    mean = (momentum - 2.0 * u[:, :2] @ M[:2] - u[:, 2] * M[2]) / M[3:].sum()
+    mean = (momentum(run, phase) - 2.0 * u[:, :2] @ M[:2] - u[:, 2] * M[2]) / M[3:].sum()
     planets = run.u.there[3:]
     u[:, 3:] = np.where(planets, np.nan_to_num(run.u.values[:n, 3:]), mean[:, None])
     width, order = 7, 4

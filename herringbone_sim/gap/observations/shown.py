@@ -34,11 +34,16 @@ def noise_shown(runs: Sequence[GearRun], told: bool) -> dict[str, dict[str, Any]
         ("v", layout.meshes),
         ("F", layout.meshes),
         ("u", layout.bodies),
+        ("a", layout.bodies),
     ):
         for j, name in enumerate(names):
             there = [g for g in runs if getattr(g.run, quantity).there[j]]
             if there:
                 found[f"{quantity}_{name}"] = _channel(there, quantity, j, told)
+    for j, planet in enumerate(layout.planets):
+        there = [g for g in runs if g.run.pin.there[j]]
+        if there:
+            found[f"F_pin{planet}"] = _channel(there, "pin", j, told)
     return found
 
 
@@ -56,7 +61,7 @@ def _channel(runs: Sequence[GearRun], quantity: str, j: int, told: bool) -> dict
     step = float(np.median([resolution(m.values[:, [j]])[0] for m in measured]))
     return {
         "rms": sigma,
-        "unit": PREFIX_UNITS[quantity],
+        "unit": PREFIX_UNITS["F" if quantity == "pin" else quantity],
         "colour": colour,
         "lines_hz": lines,
         "step": step,

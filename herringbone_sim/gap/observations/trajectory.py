@@ -38,6 +38,7 @@ from herringbone_sim.gap.observations.shooting import (
     residual,
     samples_of,
     stretch,
+    with_swing,
 )
 from herringbone_sim.gap.observations.window_starts import carried, started
 from herringbone_sim.gap.residuals.balance import between
@@ -52,6 +53,16 @@ ANY |= {f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "
 ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")}
 LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
 LOOSE = 1e3  # prior of a state, in units of the motion: none
+
+
+def trajectory(run: PreparedRun) -> Trajectory:
+    """The windows of a run, with or without the swing of the whole gear, whichever fits better."""
+    found = [Trajectory(run)]
+    if run.model.packed.K != 0.0 and run.u.there.any():
+        found.append(Trajectory(with_swing(run)))
+    if len(found) == 1:
+        return found[0]
+    return min(found, key=lambda one: one.solved((), lambda m: Change(), {}).cost)
 
 
 def function_names(
