@@ -80,7 +80,10 @@ def _place(report: Part) -> tuple[str, str]:
     share = "share of the residual not known"
     if top is not None:
         place = words.locus_words(top.get("locus"))
-        share = f"largest share of the residual: {place} ({percent(top.get('share'))})"
+        what = "largest share of the residual"
+        if mapping(report.get("gap")).get("metric") == "trajectory":
+            what = "largest chance to hold the cause"
+        share = f"{what}: {place} ({percent(top.get('share'))})"
         if known(top.get("share")) == 0.0:
             share = "no residual in the meshes above the noise"
     if kind(report) == "none":

@@ -42,7 +42,7 @@ PHRASES = {
 METRICS = {
     "force_law": "residual of the force law in the meshes",
     "torque_balance": "residual of the bodies' torque balance",
-    "trajectory": "what windows of the motion leave of the rotations",
+    "trajectory": "residual of short windows of the motion",
     "consistency": "contradiction of the channels with each other",
 }
 UNITS = {"force_law": "N", "torque_balance": "m/s²", "consistency": "σ", "trajectory": "σ"}

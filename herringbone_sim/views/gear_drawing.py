@@ -179,7 +179,7 @@ def _scale(top: float, marked: bool) -> str:
     return (
         f'<defs><linearGradient id="share">{stops}</linearGradient></defs>'
         f'<rect x="{x:.0f}" y="{y:.0f}" width="{width}" height="9" rx="4" fill="url(#share)"/>'
-        f'<text class="end" x="{x - 8:.0f}" y="{y + 9:.0f}">0 % of the residual</text>'
+        f'<text class="end" x="{x - 8:.0f}" y="{y + 9:.0f}">0 %</text>'
         f'<text class="start" x="{x + width + 8:.0f}" y="{y + 9:.0f}">{percent(top)}</text>'
         + (f'<text x="{HALF:.0f}" y="{y + 27:.0f}">{rim}</text>' if marked else "")
     )

@@ -102,6 +102,7 @@ class Trajectory:
         self.stretch = self.recorded  # with gauges put right by the gains last tried
         self.model = run.model
         self._found: dict[tuple[str, ...], Shot] = {}
+        self._share: float | None = None
 
     @cached_property
     def _nominal(self) -> tuple[Array, Array, Array]:
@@ -284,14 +285,14 @@ class Trajectory:
         gratings, sizes = self._gratings()
         J = np.hstack([jacobian(s, shot), gratings])
         left = residual(shot)
-        n, unknown = len(J), s.windows * STATES
-        share = max(n - unknown, 1) / n
+        unknown = s.windows * STATES
+        share = self._independent(J[:, :unknown])
         return Block(
             NAME,
             s.run.name,
             ("windows",),
             left[:, None],
-            np.full((n, 1), np.sqrt(share)),
+            np.full((len(left), 1), np.sqrt(share)),
             tuple(wanted),
             columns[:, None, :],
             J[:, None, :],
@@ -300,6 +301,19 @@ class Trajectory:
             np.zeros(0),
             independent=share,
         )
+
+    def _independent(self, J: Array) -> float:
+        """Share of the rows that noise is expected to leave squares in, one each.
+
+        Ties have no noise of their own, they only hold the states; states take up what is left of
+        a row in proportion to its leverage.
+        """
+        if self._share is None:
+            read = np.flatnonzero(self.stretch.weight.ravel() > 0.0)
+            normal = J.T @ J + np.eye(J.shape[1]) / LOOSE**2
+            leverage = np.sum(J[read] * np.linalg.solve(normal, J[read].T).T)
+            self._share = max(len(read) - float(leverage), 1.0) / len(J)
+        return self._share
 
     def _gratings(self) -> tuple[Array, Array]:
         """Waves (rows, 2 k) once a turn of the body of each encoder, over its noise, and the size
