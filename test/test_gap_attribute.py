@@ -59,6 +59,8 @@ def _made(
         Measured(v, seen, np.full(12, 1e-5)),
         Measured(np.zeros((n, 12)), seen, np.ones(12)),
         nothing,
+        unseen(9),
+        unseen(3),
         model,
         waves(model, phase, omega),
         {},
@@ -72,6 +74,10 @@ def _made(
     noise = 0.01 * np.sqrt(np.mean(force**2, axis=0))
     force = force + noise * rng.normal(size=force.shape)
     return case(replace(run, F=Measured(force, seen, noise)), fused)
+
+
+def unseen(k: int) -> Measured:
+    return Measured(np.full((1, k), np.nan), np.zeros(k, dtype=bool), np.full(k, np.nan))
 
 
 def planted(name: str, locus: Locus, **values: object) -> Active:

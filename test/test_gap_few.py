@@ -43,7 +43,7 @@ def test_each_set_of_channels_says_what_it_cannot_decide() -> None:
     assert list(said) == [FULL, NO_FORCE, FEW, NOTHING]
     assert said[FULL] == ""
     assert "errors of force sensors can't be told" in said[NO_FORCE]
-    assert "no law of the gear can be held against these channels" in said[FEW]
+    assert "worked out from that of the suns and the carrier" in said[FEW]
     assert "no motion of both suns is recorded" in said[NOTHING]
 
 

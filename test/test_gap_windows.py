@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,8 +21,11 @@ from herringbone_sim.gap.observations.shooting import (
     residual,
     shoot,
     symmetric,
+    with_swing,
 )
 from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.trajectory import trajectory as trajectory_of
+from herringbone_sim.gap.observations.window_channels import channels, shown
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -105,6 +109,57 @@ def test_columns_of_bodies_are_differences(
     pushes = [(push, step) for push in trajectory._pushes(m, law(m), {name})]
     drive = trajectory.drive(Change(), trajectory._masses({name: step}), pushes)
     check(trajectory, gear, shot, name, step, 0.01, drive)
+
+
+@pytest.mark.parametrize("channels", ["accelerometers", "shafts_pins", "shafts_rings"])
+def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
+    """Each kind of channel keeps about its noise: leverage of the states takes a third of it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        made = as_prepared(make_campaign(draw_plan(600001, "none", channels=channels)))
+    run = made.of_role("fit")[1]
+    assert Gear([run]).by_windows
+    one = Trajectory(run)
+    shot = one.solved((), lambda m: Change(), {})
+    s = one.stretch
+    kinds = np.array([name[0] for name in s.channels.names])
+    for kind in set(kinds):
+        read = s.weight[:, :, kinds == kind] > 0.0
+        assert 0.5 < np.mean(shot.off[:, :, kinds == kind][read] ** 2) < 2.0
+    if channels == "shafts_rings":
+        assert 0.05 < np.mean(s.weight[:, :, kinds == "F"] > 0.0) < 0.6
+
+
+def test_what_channels_show_changes_with_the_state_as_told(gear: Gear) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        made = as_prepared(make_campaign(draw_plan(600001, "none", channels="shafts_pins")))
+    run = made.of_role("fit")[0]
+    c = channels(replace(run, a=replace(run.u)))  # accelerations where rotations are
+    trajectory = gear.trajectories[0]
+    drive = trajectory.drive(Change(), np.ones(9), ())
+    at = np.zeros((1, 1), dtype=np.int64)
+    rng = np.random.default_rng(0)
+    state = 3e-5 * np.repeat([1.0, 1e4], 9) * rng.normal(size=18)
+    value, slope = shown(c, state[None, None], drive, at)
+    step = 1e-9 * np.repeat([1.0, 1e4], 9) * rng.normal(size=18)
+    after, _ = shown(c, (state + step)[None, None], drive, at)
+    np.testing.assert_allclose((after - value)[0, 0], slope[0, 0] @ step, rtol=1e-6)
+    assert [name[0] for name in c.names] == ["u"] * 3 + ["F"] * 3 + ["a"] * 3
+
+
+def test_a_recording_without_the_swing_of_the_gear_is_known() -> None:
+    """A simulator of relative coordinates leaves it out, a rig's recording does not."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
+    run = next(r for r in made.of_role("fit") if r.point["K"] > 0.1)
+    back = with_swing(run)
+    without = replace(run, u=replace(run.u, values=2.0 * run.u.values - back.u.values))
+    whole = trajectory_of(run).solved((), lambda m: Change(), {})
+    again = trajectory_of(without).solved((), lambda m: Change(), {})
+    assert again.cost == pytest.approx(whole.cost, rel=0.05)
+    assert Trajectory(without).solved((), lambda m: Change(), {}).cost > 3.0 * whole.cost
 
 
 def check(
