@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.signal import savgol_filter
@@ -252,16 +253,22 @@ def shoot(s: Stretch, starts: Array, drive: Drive) -> Shot:
 
 def propagators(s: Stretch, tangents: Array) -> Array:
     """(W, samples + 1, 18, 18) from the start of windows to their samples, over the scale."""
-    each = s.each
-    now = np.broadcast_to(np.diag(s.scale), (len(tangents), STATES, STATES))
     found = np.empty((len(tangents), s.samples + 1, STATES, STATES))
-    found[:, 0] = now
-    for q in range(s.steps):
-        now = tangents[:, q] @ now
-        if (q + 1) % each == 0:
-            found[:, (q + 1) // each] = now
+    _propagate(tangents, np.diag(s.scale), s.each, found)
     found[:, -1] /= s.scale[:, None]
     return found
+
+
+@njit(cache=True, nogil=True)
+def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
+    """Products of the tangents (W, steps, n, n) of windows from a start (n, n), at samples."""
+    for w in range(len(tangents)):
+        now = start.copy()
+        found[w, 0] = now
+        for q in range(tangents.shape[1]):
+            now = np.dot(tangents[w, q], now)
+            if (q + 1) % each == 0:
+                found[w, (q + 1) // each] = now
 
 
 def jacobian(s: Stretch, shot: Shot) -> Array:

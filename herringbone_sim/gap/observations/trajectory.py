@@ -52,6 +52,7 @@ ANY = {"kappa", "gamma", "gamma out", "b_plus", "b_minus", *(f"kappa load {i}" f
 ANY |= {f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")}
 ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")}
 LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
+GOOD = 1.5  # squares a value: states that leave no more need no other start
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 
 
@@ -212,6 +213,8 @@ class Trajectory:
         from its first ones carried through all windows; the better."""
         s = self.stretch
         near = self._again(nominal, change_of, of_bodies, masses, FIRST)
+        if near.cost < GOOD * np.count_nonzero(s.weight):
+            return near
         drive = self._drive_at(near, change_of, of_bodies, masses)
         starts, _ = carried(s, drive, nominal.starts[:1])
         far = fitted(s, starts[0], drive, FIRST)

@@ -23,7 +23,7 @@ from herringbone_sim.gap.observations.shooting import (
 
 Array = NDArray[np.float64]
 
-OUT_OF_STEP = (0.1, 0.1, 0.3, 0.3, 0.6, 0.6)  # of the motion's RMS, a first state each
+OUT_OF_STEP = (0.1, 0.3, 0.6)  # of the motion's RMS, a first state each
 BEST = 2  # of the first states are fitted to the end
 ROUNDS = 8
 SETTLED = 1e-2  # share of the cost of a window
