@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.core.layout import HEAD
 from herringbone_sim.core.mesh import backlash, stiffness
 from herringbone_sim.core.model import build, errors_at
 from herringbone_sim.core.parameters import Parameters
@@ -47,6 +48,15 @@ def test_an_exact_rig_obeys_the_nominal_law() -> None:
     assert found.rms_n.max() < 1e-9 * np.abs(found.force_n).max()
     assert series.times[0] == 0.0
     np.testing.assert_array_equal(series["K"], 0.2)
+
+
+def test_chosen_channels_are_those_of_the_whole_recording() -> None:
+    whole = make_run(EXACT, NOMINAL, POINT, rng())
+    few = make_run(replace(EXACT, channels=("u_c", "u_s_L")), NOMINAL, POINT, rng())
+    assert few.names == (*HEAD, "u_s_L", "u_c")
+    np.testing.assert_array_equal(few["u_c"], whole["u_c"])
+    with pytest.raises(RecordingError, match="got 'u_x'"):
+        replace(EXACT, channels=("u_x",))
 
 
 def test_a_planted_effect_is_in_the_forces_with_its_size() -> None:
