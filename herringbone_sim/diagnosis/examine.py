@@ -28,7 +28,6 @@ PLACES = 2  # of them with the same effect
 PAIRED = 3  # second effects that are fitted exactly
 SAME = 0.01  # of a gap: less between two explanations is no reason for the larger one
 FEW = 2  # where nothing is worth explaining
-CHANCE = 3.0  # standard deviations of the squares that told noise leaves
 ALIKE = 0.25  # of the rows of an observation have no more than their noise, at the least
 BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
 
@@ -113,8 +112,7 @@ def examine(
     if singles:
         first = _simplest(none, singles)
         flexible["single"] = _left(search, singles[0], left)
-        excess = singles[0].energy - count - CHANCE * (2.0 * count) ** 0.5 if told else 0.0
-        if max(_total(flexible["single"]), excess) > WORTH * count:
+        if _total(flexible["single"]) > WORTH * count:
             say("pairs")
             pairs = _pairs(search, catalogue, first)
             if pairs:
