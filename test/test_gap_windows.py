@@ -26,6 +26,7 @@ from herringbone_sim.gap.observations.shooting import (
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.trajectory import trajectory as trajectory_of
 from herringbone_sim.gap.observations.window_channels import channels, shown
+from herringbone_sim.gap.observations.window_columns import body_pushes
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -44,7 +45,7 @@ def gear() -> Gear:
 def one(gear: Gear) -> tuple[Trajectory, Shot]:
     """A run whose planets move in step, at the states that fit it."""
     trajectory = gear.trajectories[1]
-    return trajectory, trajectory.solved((), lambda m: Change(), {})
+    return trajectory, trajectory.nominal
 
 
 def rows(shot: Shot) -> np.ndarray:
@@ -106,7 +107,7 @@ def test_columns_of_bodies_are_differences(
 ) -> None:
     trajectory, shot = one
     m = trajectory._half_steps(shot)
-    pushes = [(push, step) for push in trajectory._pushes(m, law(m), {name})]
+    pushes = [(push, step) for push in body_pushes(trajectory.model, m, law(m), [name])]
     drive = trajectory.drive(Change(), trajectory._masses({name: step}), pushes)
     check(trajectory, gear, shot, name, step, 0.01, drive)
 
@@ -120,7 +121,7 @@ def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
     run = made.of_role("fit")[1]
     assert Gear([run]).by_windows
     one = Trajectory(run)
-    shot = one.solved((), lambda m: Change(), {})
+    shot = one.nominal
     s = one.stretch
     kinds = np.array([name[0] for name in s.channels.names])
     for kind in set(kinds):
@@ -156,10 +157,10 @@ def test_a_recording_without_the_swing_of_the_gear_is_known() -> None:
     run = next(r for r in made.of_role("fit") if r.point["K"] > 0.1)
     back = with_swing(run)
     without = replace(run, u=replace(run.u, values=2.0 * run.u.values - back.u.values))
-    whole = trajectory_of(run).solved((), lambda m: Change(), {})
-    again = trajectory_of(without).solved((), lambda m: Change(), {})
+    whole = trajectory_of(run).nominal
+    again = trajectory_of(without).nominal
     assert again.cost == pytest.approx(whole.cost, rel=0.05)
-    assert Trajectory(without).solved((), lambda m: Change(), {}).cost > 3.0 * whole.cost
+    assert Trajectory(without).nominal.cost > 3.0 * whole.cost
 
 
 def check(

@@ -1,0 +1,163 @@
+"""What forces, masses and sensors would add to windows of a motion: the columns of ``trajectory``.
+
+A force acts through the motion, so its column is the linear response of the windows; gauges and
+accelerometers see it at once as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
+from herringbone_sim.gap.observations import balance
+from herringbone_sim.gap.observations.basis import Function, column
+from herringbone_sim.gap.observations.force_law import GRATING_RAD, shafts
+from herringbone_sim.gap.observations.law import Law, Motion
+from herringbone_sim.gap.observations.rollout import STATES
+from herringbone_sim.gap.observations.shooting import JUMP, Shot, Stretch, loads
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force on bodies: ``direction`` (9,) times ``size`` (n,) [N]."""
+
+    name: str
+    direction: Array
+    size: Array
+
+
+def body_pushes(model: Model, m: Motion, now: Law, wanted: Iterable[str]) -> Iterator[Push]:
+    """Forces on bodies of those of the functions wanted that push bodies, at unit amplitude."""
+    arms: dict[str, Array] = {}
+    shapes = balance.friction_shapes(m.phase)
+    p = model.parameters
+    turn = p.z_s * p.z_r / (p.z_s + p.z_r)
+    drive = np.zeros(STATES // 2)
+    drive[:2] = 0.5 / model.scales.r_bs
+    for name in wanted:
+        kind, *rest = name.split(" ")
+        if kind == "friction":
+            j, g = int(rest[-1]), " ".join(rest[:-2])
+            if not arms:
+                arms["sign"], arms["lever"] = friction_arms(model, np.ones(m.x.shape[1]))
+            of = arms["lever" if g == "lever" else "sign"]
+            yield Push(name, of[j], np.abs(now.force[:, j]) * shapes[g])
+        elif kind == "ripple":
+            trig = np.cos if rest[1] == "cos" else np.sin
+            yield Push(name, drive, trig(int(rest[0]) * m.phase / turn))
+
+
+def columns(
+    s: Stretch,
+    shot: Shot,
+    m: Motion,
+    now: Law,
+    functions: Sequence[Function],
+    wanted: Sequence[str],
+) -> Array:
+    """(rows, Q) what one unit of each function wanted adds to channels and jumps, over noise.
+
+    Args:
+        m: the meshes at every step of the windows, ``now`` the law there.
+        functions: of the force law, that names ``FUNCTION of MESH`` stand for.
+    """
+    inverse = s.inverse
+    directions: list[Array] = []
+    on_meshes: list[Array] = []
+    sizes: list[Array] = []
+    at: list[int] = []
+    nowhere, each_mesh = np.zeros(len(s.G)), np.eye(len(s.G))
+
+    def add(i: int, direction: Array, size: Array, on: Array = nowhere) -> None:
+        directions.append(direction)
+        on_meshes.append(on)
+        sizes.append(size)
+        at.append(i)
+
+    place = {name: i for i, name in enumerate(wanted)}
+    for push in body_pushes(s.run.model, m, now, wanted):
+        add(place[push.name], inverse * push.direction, push.size)
+    for f in functions:
+        of = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]
+        if of:
+            g = np.nan_to_num(column(f, m, now))
+            for j in of:
+                i = place[f"{f.name} of {j}"]
+                add(i, -inverse * s.G[j], g[:, j], each_mesh[j])
+    total = loads(s)[::2] - now.force @ s.G
+    for mass, bodies in (("M_s", (0, 1)), ("M_c", (2,)), ("M_p", range(3, len(inverse)))):
+        if mass in place:
+            for b in bodies:
+                add(place[mass], np.eye(len(inverse))[b] * inverse[b], total[:, b])
+    Q = len(wanted)
+    rows = shot.off.size + shot.jumps.size
+    found = np.zeros((rows, Q))
+    if at:
+        size = np.stack(sizes)[:, s.first[:, None] // 2 + np.arange(s.steps + 1)]
+        response = _responses(s, shot, np.stack(directions), size, np.stack(on_meshes))
+        np.add.at(found.T, np.array(at), response.T)
+    for name in s.channels.gauges:
+        if f"gain of {name}" in place:
+            found[:, place[f"gain of {name}"]] = _read(s, now, s.channels.names.index(name))
+    return found
+
+
+def _read(s: Stretch, now: Law, channel: int) -> Array:
+    """(rows,) what a gauge shows, over its noise: a share of it is what a wrong gain adds."""
+    alone = np.zeros_like(s.weight)
+    force = now.force[:: s.each][: s.windows * s.samples] @ s.channels.of_F[channel]
+    alone[:, :, channel] = force.reshape(s.windows, s.samples) * s.weight[:, :, channel]
+    return np.concatenate([alone.ravel(), np.zeros((s.windows - 1) * STATES)])
+
+
+def _responses(s: Stretch, shot: Shot, direction: Array, size: Array, on_meshes: Array) -> Array:
+    """(rows, P) response to ``direction`` (P, 9) times ``size`` (P, W, steps + 1).
+
+    Args:
+        on_meshes: (P, n_mesh) 1 where it is a mesh force, which gauges see at once.
+    """
+    each, half = s.each, STATES // 2
+    col = np.zeros((s.windows, STATES, len(direction)))
+    samples = size[:, :, :-1:each].transpose(1, 2, 0)[:, :, None, :]
+    at_once = s.channels.of_a @ direction.T + s.channels.of_F @ on_meshes.T
+    data = at_once * samples * s.weight[..., None]
+    way = 0.5 * s.h * direction.T
+    pushed = size.transpose(2, 1, 0)[:, :, None, :]
+    for q in range(s.steps):
+        col[:, half:] += way * pushed[q]
+        col = shot.tangents[:, q] @ col
+        col[:, half:] += way * pushed[q + 1]
+        if (q + 1) % each == 0 and (q + 1) // each < s.samples:
+            i = (q + 1) // each
+            data[:, i] += shot.slope[:, i] @ col
+    ties = col[:-1] / (s.scale[:, None] * JUMP)
+    P = len(direction)
+    return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
+
+
+def gratings(s: Stretch) -> tuple[Array, Array]:
+    """Waves (rows, 2 k) once a turn of the body of each encoder, over its noise, and the size
+    (2 k,) [m] that gratings off centre may give them."""
+    model = s.run.model
+    sc = model.scales
+    radius = {"s": sc.r_bs, "c": sc.r_bc, "p": sc.r_bp}
+    W, samples, k = s.weight.shape
+    phase = s.phase[:: 2 * s.each][: W * samples].reshape(W, samples)
+    found, sizes = [], []
+    for i, name in enumerate(s.channels.names):
+        if name[0] == "u":
+            for trig in (np.cos, np.sin):
+                wave = np.zeros((W, samples, k))
+                wave[:, :, i] = s.weight[:, :, i] * trig(phase / shafts(model)[name[2]])
+                found.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
+                sizes.append(GRATING_RAD * radius[name[2]])
+    if not found:
+        return np.zeros((W * samples * k + (W - 1) * STATES, 0)), np.zeros(0)
+    return np.stack(found, axis=1), np.array(sizes)
