@@ -96,16 +96,34 @@ def _run(
 run: Any = compiled(_run)
 
 
-def accelerations(p: Machine, times: Array, phase: Array, states: Array) -> Array:
-    """Second derivatives (n, 9) of the bodies at states (n, ...) [m/s^2]."""
-    n, half = len(states), p.mass.size
-    found = np.empty((n, N_BODY))
-    force, extra, depth = np.zeros(N_MESH), np.zeros(half), np.zeros(2 * N_MESH)
-    slope = np.zeros(states.shape[1])
-    for i in range(n):
+def _accelerate(
+    p: Machine,
+    times: Array,
+    phase: Array,
+    states: Array,
+    slope: Array,
+    force: Array,
+    extra: Array,
+    depth: Array,
+    found: Array,
+) -> None:
+    """Fill ``found`` (n, 9) with second derivatives of the bodies."""
+    half = p.mass.size
+    for i in range(times.size):
         # The phase at t = 0, as laws of the time alone need the time itself.
         rate(p, times[i], phase[i] - p.omega * times[i], states[i], slope, force, extra, depth)
-        found[i] = slope[half : half + N_BODY]
+        for k in range(found.shape[1]):
+            found[i, k] = slope[half + k]
+
+
+accelerate: Any = compiled(_accelerate)
+
+
+def accelerations(p: Machine, times: Array, phase: Array, states: Array) -> Array:
+    """Second derivatives (n, 9) of the bodies at states (n, 30 or 42) [m/s^2]."""
+    found = np.empty((len(states), N_BODY))
+    scratch = np.zeros(states.shape[1]), np.zeros(N_MESH), np.zeros(p.mass.size)
+    accelerate(p, times, phase, states, *scratch, np.zeros(2 * N_MESH), found)
     return found
 
 
