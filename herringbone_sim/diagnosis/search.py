@@ -240,7 +240,7 @@ def wanted_of(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
 ROUNDS = 20
 WORTH = 0.02  # squares a value: an effect of a detectability of one on two rows in a hundred
 SETTLED = 1e-4  # of the squares left: less between two rounds is nothing,
-NOTHING = 10.0  # and so are as many squares: a factor of 150 in likelihood among a thousand places
+LIKELIER = 10.0  # and so are as many squares: 150 times as likely, among a thousand hypotheses
 
 
 class Search:
@@ -320,12 +320,12 @@ class Search:
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
             if now >= least:
-                if now - least < max(SETTLED * now, NOTHING):
+                if now - least < max(SETTLED * now, LIKELIER):
                     break
                 step = 0.3 * step
                 mean = best[0] + step  # type: ignore[index]
                 continue
-            settled = least - now < max(SETTLED * now, NOTHING)
+            settled = least - now < max(SETTLED * now, LIKELIER)
             least, best = now, (mean, campaign)
             if settled:
                 break

@@ -17,7 +17,7 @@ def channel_set(cases: Sequence[Case]) -> str:
     """``full``, ``no_force``, ``few`` or ``nothing``: the way the runs can be diagnosed.
 
     Full: some mesh has displacement, rate and force in every run. No force: every displacement
-    and every rate. Few: some motion of both suns, by rotations or displacements.
+    and every rate. Few: some motion of both suns, by rotations, accelerations or displacements.
     """
     if cases and all(c.usable.any() for c in cases):
         return FULL
@@ -25,7 +25,7 @@ def channel_set(cases: Sequence[Case]) -> str:
         bool(np.isfinite(c.fused.x).all() and np.isfinite(c.fused.v).all()) for c in cases
     ):
         return NO_FORCE
-    if cases and all(motion_channels(c) >= 2 for c in cases):
+    if cases and all(c.run.shafts_known or motion_channels(c) >= 2 for c in cases):
         return FEW
     return NOTHING
 
@@ -38,7 +38,7 @@ def motion_channels(one: Case) -> int:
 def cannot_tell(cases: Sequence[Case]) -> list[str]:
     """What the channels of some runs can't decide; nothing where all are there."""
     kind = channel_set(cases)
-    if kind == NOTHING and not (cases and all(c.run.shafts_known for c in cases)):
+    if kind == NOTHING:
         return [
             "no motion of both suns is recorded: nothing can be said of the machine; record "
             "u_s_L, u_s_R and u_c at least"
