@@ -56,6 +56,13 @@ def test_windows_are_formed_where_nothing_else_is(gear: Gear) -> None:
     assert GearMachine(gear).formed == ("trajectory",)
 
 
+def test_rotations_without_a_mean_are_not_followed(gear: Gear) -> None:
+    """Raw angles lack the wind-up under the load: a healthy rig would look like another one."""
+    run = gear.runs[0].run
+    u = replace(run.u, values=run.u.values - run.u.values.mean(axis=0))
+    assert not Gear([replace(run, u=u)]).by_windows
+
+
 def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, Shot]) -> None:
     """72 numbers of a window for 18 states: a fourth of the noise is taken up by the states."""
     _, shot = one

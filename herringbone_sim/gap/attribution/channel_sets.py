@@ -71,7 +71,8 @@ def _few(cases: Sequence[Case]) -> list[str]:
         return [
             "neither the force of a mesh beside its displacement nor the motion of both suns and "
             "the carrier is recorded: no law of the gear can be held against these channels; "
-            "record u_s_L, u_s_R and u_c at least"
+            "record u_s_L, u_s_R and u_c at least, with the common rotation alone taken off (raw "
+            "angles lack the wind-up under the load)"
         ]
     return [
         "the motion of the planets is worked out from that of the suns and the carrier over short "

@@ -46,6 +46,7 @@ class Measured:
 
 
 SHAFTS = ("s_L", "s_R", "c")
+NO_MEAN = 1e-9  # of the largest value: what rounding leaves of a mean that was taken off
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,14 @@ class PreparedRun:
 
     @property
     def shafts_known(self) -> bool:
-        """Whether rotations or accelerations of both suns and the carrier are measured."""
+        """Whether rotations or accelerations of both suns and the carrier are measured.
+
+        Rotations without a mean, as of raw angles, lack the wind-up under the load.
+        """
         at = [self.model.layout.bodies.index(name) for name in SHAFTS]
-        return bool((self.u.there | self.a.there)[at].all())
+        u = self.u.values[:, at]
+        wound_up = np.abs(u.mean(axis=0)) > NO_MEAN * np.abs(u).max(axis=0)
+        return bool((wound_up | self.a.there[at]).all())
 
     @property
     def step_s(self) -> float:
