@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.gap.observations import shooting
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Change, law
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -68,6 +69,21 @@ def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, Shot]) -
     _, shot = one
     assert 0.6 < np.mean(shot.off**2) < 1.1
     assert np.sqrt(np.mean(shot.jumps**2)) < JUMP
+
+
+def test_steps_miss_no_more_than_is_counted_as_noise(
+    one: tuple[Trajectory, Shot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against steps of an eighth; noise of less than that would make a healthy rig look sick."""
+    trajectory, shot = one
+    s = trajectory.recorded
+    monkeypatch.setattr(shooting, "STEP", shooting.STEP / 8.0)
+    finely = Trajectory(trajectory.run)
+    drive = finely.drive(Change(), np.ones(9), ())
+    off = shoot(finely.recorded, shot.starts, drive).off - shot.off
+    size = np.sqrt(np.nanmean(s.channels.values**2, axis=0))
+    missed = np.sqrt(np.mean((off / s.weight) ** 2, axis=(0, 1))) / size
+    assert 1e-5 < missed.max() < shooting.MISSED
 
 
 def test_bands_are_the_normal_matrix_of_the_jacobian(one: tuple[Trajectory, Shot]) -> None:

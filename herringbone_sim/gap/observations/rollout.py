@@ -2,7 +2,7 @@
 
 Nine body rotations u and their rates: d2u/dt2 = inv (tau - G' F), x = G u - e + d,
 F = k f(x) + c v + more, Eqs. (12) to (16) without the rigid rotation taken off. Contact is not
-located: with a tenth of a natural time a step, what is missed is far below any sensor's noise.
+located: what is missed is counted as noise, see ``shooting.MISSED``.
 """
 
 from __future__ import annotations
