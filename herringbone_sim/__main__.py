@@ -29,6 +29,7 @@ VERBS = (
     "show",
     "parameters",
     "gap",
+    "gap plan",
     "gap verify",
     "gap bench",
     "gap calibrate",

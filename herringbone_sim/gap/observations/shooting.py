@@ -147,13 +147,12 @@ def stretch(run: PreparedRun, windows: int = WINDOWS) -> Stretch:
     )
 
 
-def loads(s: Stretch) -> Array:
-    """(n, 9) forces on the bodies by both torques and the control [N]."""
-    model = s.run.model
+def loads(model: Model, phase: Array) -> Array:
+    """(n, 9) forces on the bodies by both torques and the control at phases (n,) [N]."""
     p, sc, packed = model.parameters, model.scales, model.packed
-    tau = np.zeros((len(s.phase), len(s.inverse)))
+    tau = np.zeros((len(phase), len(model.layout.bodies)))
     tau[:, :2] = p.T_1 / (2.0 * sc.r_bs)
-    wave = np.cos(packed.control_order * (s.phase - s.run.late_rad) + packed.control_phase)
+    wave = np.cos(packed.control_order * phase + packed.control_phase)
     control = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
     tau[:, 2] = -sc.T_2 / sc.r_bc + control * wave
     return tau

@@ -110,7 +110,7 @@ class Trajectory:
         k, e, rate = self._nominal
         m = self.model
         one = np.ones_like(k)
-        tau = loads(s)
+        tau = loads(m, s.phase - s.run.late_rad)
         for push, a in pushes:
             tau = tau + a * push.size[:, None] * push.direction
         return Drive(

@@ -49,7 +49,7 @@ def channels(run: PreparedRun) -> Channels:
     kinds: tuple[tuple[str, tuple[str, ...], Measured, Array], ...] = (
         ("u", layout.bodies, run.u, bodies),
         ("F", layout.meshes, run.F, meshes),
-        ("F", pins(layout), run.pin, _on_pins(layout)),
+        ("F", pins(layout), run.pin, on_pins(layout)),
         ("a", layout.bodies, run.a, bodies),
     )
     names: list[str] = []
@@ -79,7 +79,7 @@ def pins(layout: Layout) -> tuple[str, ...]:
     return tuple(f"pin{planet}" for planet in layout.planets)
 
 
-def _on_pins(layout: Layout) -> Array:
+def on_pins(layout: Layout) -> Array:
     """(pins, n_mesh): a pin carries the forces of all meshes of its planet."""
     of = [mesh[2 : mesh.index("_")] for mesh in layout.meshes]
     return np.array([[float(p == str(planet)) for p in of] for planet in layout.planets])

@@ -1,0 +1,192 @@
+"""``gap plan``: which effects a choice of sensors would tell, before anything is recorded."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from herringbone_sim.cli.gap import POINT, progress
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import ParameterError, listed
+from herringbone_sim.gap.planning.plan import NAMED, Plan, plan
+from herringbone_sim.gap.planning.sensed import Noise, check_sensors
+from herringbone_sim.gap.planning.summary import gain, named_effects, place_text, rows, written
+from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.recording.rig import POINTS
+from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.plan_page import size, write_plan_page
+
+DESCRIPTION = f"""\
+Tell what sensors would tell a diagnosis of a rig, before anything is recorded: which effects, from
+which size on they would be named with a probability of {NAMED:.0%}, what they would be taken for
+below it, which run tells most, and what one further sensor buys. By the Fisher information of the
+observations that `gap` forms, about the nominal gear at the operating points; the judge is that of
+`gap`. Writes plan.json and plan.html.
+"""
+EPILOG = """\
+example: python -m herringbone_sim gap plan --nominal config/rig.yaml --sensors u_s_L,u_s_R,u_c \\
+  --also a_c,F_pin1 --out plans/shafts
+"""
+RUNS = 5  # that are fitted, of eight, as of a practice rig
+SAMPLES = 24  # a mesh cycle
+STEPS = 3  # of a plan
+UNITS = ("dB", "")
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the sub-command ``gap plan``."""
+    parser = subparsers.add_parser(
+        "gap plan",
+        help="tell which effects a choice of sensors would tell, before recording",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--nominal", type=Path, required=True, metavar="FILE", help="parameters of the rig")
+    add("--sensors", required=True, metavar="NAMES", help="channels, such as u_s_L,u_s_R,u_c")
+    add(
+        "--noise",
+        default="40dB",
+        metavar="TEXT",
+        help="below the RMS of each channel, as 40dB, or by the beginning of a channel's name, as "
+        "40dB,u=1e-7,F_pin=30dB (numbers: RMS in SI units; default: 40dB)",
+    )
+    add(
+        "--points",
+        nargs="+",
+        default=[],
+        metavar="POINT",
+        help="operating points of the runs to fit, each as delta_T=75,K=0,T_1=300,Omega=0.95 "
+        f"(default: {RUNS} quiet and violent ones)",
+    )
+    add("--cycles", type=int, default=120, help="mesh cycles a run (default: 120)")
+    add("--samples", type=int, default=SAMPLES, help=f"a mesh cycle (default: {SAMPLES})")
+    add("--also", default="", metavar="NAMES", help="further channels, each tried by itself")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    parser.set_defaults(func=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plan, print the table, write the page."""
+    nominal = load_parameters(args.nominal).changed(
+        {"model": "full", "samples_per_cycle": args.samples}
+    )
+    sensors, also = names_of(args.sensors), names_of(args.also)
+    check_sensors(nominal.layout, [*sensors, *also])
+    points = [point_of(text, nominal) for text in args.points] or default_points()
+    noise = noise_of(args.noise)
+    make_folder(args.out)
+    with progress(STEPS * (1 + len(also))) as say:
+        first = plan(nominal, points, sensors, noise, args.cycles, say)
+        further = {
+            name: plan(nominal, points, (*sensors, name), noise, args.cycles, say)
+            for name in also
+            if name not in sensors
+        }
+    print(table(first))
+    print(also_table(first, further) if further else "")
+    content = written(first, points, args.cycles, further)
+    file = args.out / "plan.json"
+    file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    page = write_plan_page(args.out, first, points, further, args.noise)
+    print(f"written: {file}, {page}")
+    return 0
+
+
+def names_of(text: str) -> tuple[str, ...]:
+    """Channels of a list with commas, each once."""
+    return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+
+
+def noise_of(text: str) -> Noise:
+    """Noise of a text such as ``40dB,u=1e-7,F_pin=30dB``; ParameterError for another form."""
+    share, shares, values = 0.01, {}, {}
+    for part in names_of(text):
+        name, equals, value = part.rpartition("=")
+        is_share = value.endswith("dB")
+        try:
+            number = float(value.removesuffix("dB"))
+        except ValueError:
+            number = float("nan")
+        if not (number > 0.0 and (is_share or equals)):
+            raise ParameterError(
+                f"noise is 40dB for all channels, u=1e-7 [SI] or F_pin=30dB, got {part!r}: give a "
+                "positive number, with dB where it is below a channel's RMS"
+            )
+        if not equals:
+            share = 10.0 ** (-number / 20.0)
+        elif is_share:
+            shares[name] = 10.0 ** (-number / 20.0)
+        else:
+            values[name] = number
+    return Noise(share, shares, values)
+
+
+def point_of(text: str, nominal: Parameters) -> dict[str, float]:
+    """An operating point; what it leaves out is as in the parameters."""
+    point = {name: float(getattr(nominal, name)) for name in POINT}
+    for part in names_of(text):
+        name, _, value = part.partition("=")
+        try:
+            point[name if name in point else ""] = float(value)
+            del point[""]
+        except ValueError:
+            raise ParameterError(f"{name} of a point must be a number, got {value!r}") from None
+        except KeyError:
+            pass
+        if name not in point:
+            raise ParameterError(
+                f"a point is delta_T=75,K=0,T_1=300,Omega=0.95, got {part!r}: it has "
+                f"{listed(list(POINT))}"
+            )
+    return point
+
+
+def default_points() -> list[dict[str, float]]:
+    """The middles of the ranges of a practice rig's first runs."""
+    names = ("delta_T", "K", "T_1", "Omega")
+    return [
+        {n: 0.5 * (low + high) for n, (low, high) in zip(names, ranges, strict=True)}
+        for ranges in POINTS[:RUNS]
+    ]
+
+
+def table(found: Plan) -> str:
+    """A line an effect."""
+    lines = [
+        f"{', '.join(found.sensors)}: {', '.join(found.observations)}, {found.count:.0f} values",
+        f"{'effect':22s}{'named from':>14s}{'(best place)':>26s}{'half of them':>14s}  "
+        f"{'place':>6s}  followed best by",
+    ]
+    lines += [
+        f"{row.effect:22s}{size(row.best, row.unit):>14s}{place_text(row.where):>26s}"
+        f"{size(row.median, row.unit):>14s}  {row.placed:6.0%}  {row.rival} (leaves {row.apart:.1%})"
+        for row in rows(found)
+    ]
+    if found.left_out:
+        lines.append(f"not sought with these sensors: {', '.join(found.left_out)}")
+    if found.not_planned:
+        lines.append(f"sought, but not planned: {', '.join(found.not_planned)}")
+    return "\n".join(lines)
+
+
+def also_table(found: Plan, further: Mapping[str, Plan]) -> str:
+    """What each further sensor buys, the best first."""
+    now = f"{named_effects(found)} of {len(found.effects)} effects are named at a moderate size"
+    return "\n".join([f"{now}; one further sensor:", *map(also_line, _by_gain(found, further))])
+
+
+def _by_gain(found: Plan, further: Mapping[str, Plan]) -> Sequence[tuple[str, Plan, float]]:
+    every = [(name, more, gain(found, more)) for name, more in further.items()]
+    return sorted(every, key=lambda one: (-named_effects(one[1]), -one[2]))
+
+
+def also_line(one: tuple[str, Plan, float]) -> str:
+    name, more, factor = one
+    return (
+        f"  {name:10s} {named_effects(more):3d} of {len(more.effects)} named, sizes fall by a "
+        f"factor of {factor:.2f}"
+    )

@@ -1,0 +1,1 @@
+"""What sensors would tell, before anything is recorded."""

@@ -1,0 +1,144 @@
+"""What a choice of sensors would record of the nominal gear."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.integrate import simulate
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import ParameterError, listed
+from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
+from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.observations.shooting import inverse_masses, loads
+from herringbone_sim.gap.observations.window_channels import on_pins, pins
+
+Array = NDArray[np.float64]
+TRANSIENT = 80  # mesh cycles before a recording, as of practice rigs
+
+
+@dataclass(frozen=True)
+class Noise:
+    """RMS of the noise of each channel.
+
+    Attributes:
+        share: of the channel's RMS, where nothing else is said.
+        shares, values: by the beginning of a channel's name; a share of its RMS, or in SI units.
+    """
+
+    share: float = 0.01
+    shares: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    def of(self, channel: str, rms: float) -> float:
+        """RMS of the noise of a channel with some RMS; the longest beginning of its name counts."""
+        told = [n for n in (*self.shares, *self.values) if channel.startswith(n)]
+        longest = max(told, key=len, default="")
+        if longest in self.values:
+            return self.values[longest]
+        return rms * self.shares.get(longest, self.share)
+
+
+def known_sensors(layout: Layout) -> tuple[str, ...]:
+    """Names of all channels that sensors may have."""
+    quantities = (("x", layout.meshes), ("v", layout.meshes), ("F", layout.meshes))
+    quantities += (("u", layout.bodies), ("a", layout.bodies), ("F", pins(layout)))
+    return tuple(f"{q}_{place}" for q, places in quantities for place in places)
+
+
+def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
+    """ParameterError for none, or for a channel that there is not."""
+    known = known_sensors(layout)
+    foreign = [name for name in sensors if name not in known]
+    if foreign or not sensors:
+        raise ParameterError(
+            f"sensors are some of u_s_L, a_c, x_sp1_L, v_rp2_R, F_sp1_L, F_pin1 and the like, got "
+            f"{listed(foreign) or 'none'}: name bodies {', '.join(layout.bodies)}, meshes "
+            f"{', '.join(layout.meshes)} or pins {', '.join(pins(layout))}"
+        )
+
+
+def sensed(
+    nominal: Parameters,
+    points: Sequence[Mapping[str, float]],
+    sensors: Sequence[str],
+    noise: Noise,
+    cycles: int,
+    seed: int = 0,
+) -> PreparedCampaign:
+    """A campaign of the nominal gear, as these sensors record it; all runs are fit runs.
+
+    Args:
+        nominal: of the full model.
+        points: delta_T [K], K, T_1 [N m], Omega of each run.
+        sensors: channels.
+        cycles: mesh cycles of a run.
+
+    Raises:
+        ParameterError: no such sensor, or a point at which the gear can't run.
+        DivergenceError: the motion left the range of any gear.
+    """
+    check_sensors(nominal.layout, sensors)
+    rng = np.random.default_rng(seed)
+    runs = tuple(
+        _run(f"run_{i:02d}", nominal, point, sensors, noise, cycles, rng)
+        for i, point in enumerate(points)
+    )
+    return PreparedCampaign("plan", nominal, runs, mesh_table(nominal.layout), ())
+
+
+def _run(
+    name: str,
+    nominal: Parameters,
+    point: Mapping[str, float],
+    sensors: Sequence[str],
+    noise: Noise,
+    cycles: int,
+    rng: np.random.Generator,
+) -> PreparedRun:
+    start = {"initial_noise": 0.05, "seed": int(rng.integers(2**31 - 1))}
+    model = build(nominal.changed({**point, **start}))
+    _, settled = simulate(model, TRANSIENT)
+    series, _ = simulate(model, cycles, settled)
+    layout, phase = model.layout, series["phase"].copy()
+    omega = model.parameters.Omega * model.scales.omega_n
+    clean = {q: series.columns(tuple(f"{q}_{m}" for m in layout.meshes)) for q in "xvF"}
+    clean["u"] = series.columns(tuple(f"u_{b}" for b in layout.bodies))
+    clean["a"] = accelerations(model, phase, clean["F"])
+    clean["pin"] = clean["F"] @ on_pins(layout).T
+
+    def seen(q: str, names: Sequence[str]) -> Measured:
+        there = np.array([n in sensors for n in names])
+        rms = np.sqrt(np.mean(clean[q] ** 2, axis=0))
+        sigma = np.array([noise.of(n, r) for n, r in zip(names, rms, strict=True)])
+        values = clean[q] + sigma * rng.normal(size=clean[q].shape)
+        return Measured(np.where(there, values, np.nan), there, np.where(there, sigma, np.nan))
+
+    of_meshes = {q: seen(q, [f"{q}_{m}" for m in layout.meshes]) for q in "xvF"}
+    of_bodies = {q: seen(q, [f"{q}_{b}" for b in layout.bodies]) for q in "ua"}
+    return PreparedRun(
+        name=name,
+        role="fit",
+        point=dict(point),
+        times=series.times - series.times[0],
+        phase=phase,
+        **of_meshes,
+        **of_bodies,
+        pin=seen("pin", [f"F_{p}" for p in pins(layout)]),
+        model=model,
+        waves=waves(model, phase, omega),
+        recorded_point={},
+        findings=(),
+    )
+
+
+def accelerations(model: Model, phase: Array, force: Array) -> Array:
+    """(n, 9) of the bodies [m/s^2] of the nominal gear by its mesh forces (n, n_mesh) [N]."""
+    G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
+    return np.asarray(inverse_masses(model) * (loads(model, phase) - force @ G))
