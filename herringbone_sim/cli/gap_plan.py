@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -12,7 +13,14 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.planning.plan import NAMED, Plan, plan
 from herringbone_sim.gap.planning.sensed import Noise, check_sensors
-from herringbone_sim.gap.planning.summary import gain, named_effects, place_text, rows, written
+from herringbone_sim.gap.planning.summary import (
+    gain,
+    named_effects,
+    place_text,
+    rows,
+    sensors_text,
+    written,
+)
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.rig import POINTS
 from herringbone_sim.sweeps.kept import make_folder
@@ -32,7 +40,6 @@ example: python -m herringbone_sim gap plan --nominal config/rig.yaml --sensors 
 RUNS = 5  # that are fitted, of eight, as of a practice rig
 SAMPLES = 24  # a mesh cycle
 STEPS = 3  # of a plan
-UNITS = ("dB", "")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -87,7 +94,8 @@ def run(args: argparse.Namespace) -> int:
             if name not in sensors
         }
     print(table(first))
-    print(also_table(first, further) if further else "")
+    if further:
+        print(also_table(first, further))
     content = written(first, points, args.cycles, further)
     file = args.out / "plan.json"
     file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -131,17 +139,15 @@ def point_of(text: str, nominal: Parameters) -> dict[str, float]:
     for part in names_of(text):
         name, _, value = part.partition("=")
         try:
-            point[name if name in point else ""] = float(value)
-            del point[""]
+            number = float(value) if name in point else float("nan")
         except ValueError:
-            raise ParameterError(f"{name} of a point must be a number, got {value!r}") from None
-        except KeyError:
-            pass
-        if name not in point:
+            number = float("nan")
+        if not math.isfinite(number):
             raise ParameterError(
-                f"a point is delta_T=75,K=0,T_1=300,Omega=0.95, got {part!r}: it has "
-                f"{listed(list(POINT))}"
+                f"a point is delta_T=75,K=0,T_1=300,Omega=0.95, got {part!r}: give "
+                f"{listed(list(POINT))} as numbers"
             )
+        point[name] = number
     return point
 
 
@@ -157,13 +163,14 @@ def default_points() -> list[dict[str, float]]:
 def table(found: Plan) -> str:
     """A line an effect."""
     lines = [
-        f"{', '.join(found.sensors)}: {', '.join(found.observations)}, {found.count:.0f} values",
+        f"{sensors_text(found)}: {', '.join(found.observations)}, {found.count:.0f} values",
         f"{'effect':22s}{'named from':>14s}{'(best place)':>26s}{'half of them':>14s}  "
         f"{'place':>6s}  followed best by",
     ]
     lines += [
         f"{row.effect:22s}{size(row.best, row.unit):>14s}{place_text(row.where):>26s}"
-        f"{size(row.median, row.unit):>14s}  {row.placed:6.0%}  {row.rival} (leaves {row.apart:.1%})"
+        f"{size(row.median, row.unit):>14s}  {row.placed:6.0%}  "
+        f"{row.rival} (leaves {row.apart:.1%})"
         for row in rows(found)
     ]
     if found.left_out:

@@ -164,6 +164,15 @@ def _theta(h: Hypothesis, c: Array, model: Model) -> Told:
     return np.zeros(len(known_effects()[h.effect].parameters)), kept
 
 
+def moderate_size(h: Hypothesis, model: Model) -> tuple[float, str]:
+    """What the first parameter of an effect is off its neutral value at the size that counts as
+    one, and its unit."""
+    c = np.zeros(len(h.coefficients))
+    c[0] = h.coefficients[0].sd
+    every = zip(known_effects()[h.effect].parameters, _theta(h, c, model)[0], strict=True)
+    return next((abs(v - p.neutral), p.unit) for p, v in every if p.neutral is not None)
+
+
 def _event(h: Hypothesis, c: Array) -> Array:
     """Height or depth, position and width of the window: its own peak and its half width."""
     assert isinstance(h.maker, Event)

@@ -18,6 +18,7 @@ from herringbone_sim.gap.planning.summary import (
     named_effects,
     place_text,
     rows,
+    sensors_text,
 )
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views.compare_page import table
@@ -60,7 +61,7 @@ def write_plan_page(
     make_folder(folder)
     picture = folder / "plan.png"
     plan_figure(plan, also).savefig(picture)
-    title = f"What {', '.join(plan.sensors)} would tell"
+    title = f"What {sensors_text(plan)} would tell"
     told = f"{named_effects(plan)} of {len(plan.effects)} effects are named at a moderate size"
     facts = f"{', '.join(plan.observations)}, {plan.count:.0f} values, noise {noise}"
     body = [
@@ -98,7 +99,8 @@ def size(value: float, unit: str) -> str:
     """A size with its unit; ``never`` where the effect is not named at any size tried."""
     if not math.isfinite(value):
         return "never"
-    return f"{number(value, 3)} {unit}".removesuffix(" -")
+    known = unit.replace("unit of the channel", "SI").replace("1e-6", "ppm")
+    return f"{number(value, 3)} {known}".removesuffix(" -")
 
 
 def effect_rows(plan: Plan) -> list[list[str]]:
@@ -169,7 +171,7 @@ def _length(plan: Plan) -> str:
 
 def plan_figure(plan: Plan, also: Mapping[str, Plan]) -> Figure:
     """A line an effect: sizes over a moderate one, from the best place to the worst."""
-    plans = [(", ".join(plan.sensors), plan), *((f"+ {n}", p) for n, p in also.items())]
+    plans = [(sensors_text(plan), plan), *((f"+ {n}", p) for n, p in also.items())]
     order = [row.effect for row in rows(plan)]
     order += [e for _, p in plans[1:] for e in p.effects if e not in order]
     order = list(dict.fromkeys(order))

@@ -13,15 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.information import Information, information
 from herringbone_sim.diagnosis.judge import chances
 from herringbone_sim.diagnosis.search import Hypothesis, Search
-from herringbone_sim.effects.effect import Locus, Parameter
+from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.diagnose import STRIDE
+from herringbone_sim.gap.named import moderate_size
 from herringbone_sim.gap.observations.events import KINDS, Event, lags
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -32,7 +34,7 @@ Array = NDArray[np.float64]
 Say = Callable[[str], None]
 NAMED = 0.9  # probability from which on an effect, or a place, counts as named
 # Of a moderate effect; more than ten of them is no gear that runs.
-SIZES = np.geomspace(0.01, 10.0, 61)
+SIZES = np.geomspace(1e-3, 10.0, 81)
 TOOTH = {"sun": "sp", "planet": "sp", "ring": "rp"}  # meshes where a tooth of a member is tried
 MIDDLE = 5.0  # mesh cycles from the start to the middle of a tooth's window: any would do
 
@@ -75,7 +77,7 @@ class Plan:
         count: values that the diagnosis would compare with the model.
         outlooks: of every effect at every place.
         left_out: effects that these sensors give the diagnosis no way to seek.
-        not_planned: effects that no linear response tells of: parts that move by themselves.
+        not_planned: effects without a linear response: parts that move by themselves, exchanges.
     """
 
     sensors: tuple[str, ...]
@@ -131,12 +133,14 @@ def plan(
         hypotheses += [replace(h, mains=1) for h in events]
     search = search.onwards(machine)
     say(f"{len(hypotheses)} hypotheses")
+    # What is there or not, such as exchanged channels, has no size.
+    hypotheses = [h for h in hypotheses if h.coefficients[0].center == 0.0]
     found = information(search.campaign, hypotheses, hypotheses)
     seen = [i for i, s in enumerate(found.squares) if s > 0.0]
-    outlooks = tuple(_outlook(i, hypotheses, found) for i in seen)
+    outlooks = tuple(_outlook(i, hypotheses, found, machine.gear.model) for i in seen)
     sought = {one.effect for one in outlooks}
     others = [name for name in known_effects() if name not in sought]
-    parts = tuple(name for name in others if name in PARAMETERS and not by_windows)
+    parts = tuple(n for n in others if n in (*PARAMETERS, "channel_swap") and not by_windows)
     return Plan(
         tuple(sensors),
         machine.formed,
@@ -163,7 +167,9 @@ def _teeth(gear: Gear) -> list[Event]:
     return found
 
 
-def _outlook(i: int, hypotheses: Sequence[Hypothesis], found: Information) -> Outlook:
+def _outlook(
+    i: int, hypotheses: Sequence[Hypothesis], found: Information, model: Model
+) -> Outlook:
     """Of hypothesis i, by the judge."""
     h = hypotheses[i]
     rivals = _rivals(i, hypotheses, found.left[i])
@@ -174,21 +180,19 @@ def _outlook(i: int, hypotheses: Sequence[Hypothesis], found: Information) -> Ou
     first = _from(named >= NAMED)
     _, place = at[min(first, len(SIZES) - 1)]
     rival, left = next((r, left) for r, left in rivals if r.effect != h.effect)
-    parameter = _parameter(h.effect)
-    moderate = h.coefficients[0].sd
-    per = found.by_run[i] / max(float(found.by_run[i].sum()), 1e-300)
+    moderate, unit = moderate_size(h, model)
     return Outlook(
         h.effect,
         h.locus if isinstance(h.locus, Locus) else Locus(),
         h.options,
-        parameter.unit,
+        unit,
         moderate,
         float(SIZES[first] * moderate) if first < len(SIZES) else np.inf,
         float(SIZES[s] * moderate) if (s := _from(none <= 1.0 - NAMED)) < len(SIZES) else np.inf,
         rival.effect,
         left / squares,
         place,
-        tuple(per.tolist()),
+        tuple(found.by_run[i].tolist()),
     )
 
 
@@ -244,8 +248,3 @@ def _candidate(
     return Candidate(
         effects, (str(locus),) * len(effects), energy, energy, size, 0.0, energy / count
     )
-
-
-def _parameter(effect: str) -> Parameter:
-    """That says how large an effect is."""
-    return next(p for p in known_effects()[effect].parameters if p.neutral is not None)

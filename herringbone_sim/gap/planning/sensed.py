@@ -37,7 +37,7 @@ class Noise:
     values: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, channel: str, rms: float) -> float:
-        """RMS of the noise of a channel with some RMS; the longest beginning of its name counts."""
+        """Of a channel with some RMS; the longest beginning of its name counts."""
         told = [n for n in (*self.shares, *self.values) if channel.startswith(n)]
         longest = max(told, key=len, default="")
         if longest in self.values:
@@ -47,9 +47,9 @@ class Noise:
 
 def known_sensors(layout: Layout) -> tuple[str, ...]:
     """Names of all channels that sensors may have."""
-    quantities = (("x", layout.meshes), ("v", layout.meshes), ("F", layout.meshes))
-    quantities += (("u", layout.bodies), ("a", layout.bodies), ("F", pins(layout)))
-    return tuple(f"{q}_{place}" for q, places in quantities for place in places)
+    found = [f"{q}_{mesh}" for q in "xvF" for mesh in layout.meshes]
+    found += [f"{q}_{body}" for q in "ua" for body in layout.bodies]
+    return (*found, *(f"F_{pin}" for pin in pins(layout)))
 
 
 def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
@@ -120,16 +120,17 @@ def _run(
         values = clean[q] + sigma * rng.normal(size=clean[q].shape)
         return Measured(np.where(there, values, np.nan), there, np.where(there, sigma, np.nan))
 
-    of_meshes = {q: seen(q, [f"{q}_{m}" for m in layout.meshes]) for q in "xvF"}
-    of_bodies = {q: seen(q, [f"{q}_{b}" for b in layout.bodies]) for q in "ua"}
     return PreparedRun(
         name=name,
         role="fit",
         point=dict(point),
         times=series.times - series.times[0],
         phase=phase,
-        **of_meshes,
-        **of_bodies,
+        x=seen("x", [f"x_{mesh}" for mesh in layout.meshes]),
+        v=seen("v", [f"v_{mesh}" for mesh in layout.meshes]),
+        F=seen("F", [f"F_{mesh}" for mesh in layout.meshes]),
+        u=seen("u", [f"u_{body}" for body in layout.bodies]),
+        a=seen("a", [f"a_{body}" for body in layout.bodies]),
         pin=seen("pin", [f"F_{p}" for p in pins(layout)]),
         model=model,
         waves=waves(model, phase, omega),

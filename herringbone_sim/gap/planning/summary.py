@@ -102,6 +102,13 @@ def gain(plan: Plan, more: Plan) -> float:
     return float(np.exp(np.mean(np.log(ratios)))) if ratios else math.nan
 
 
+def sensors_text(plan: Plan) -> str:
+    """Names of a few sensors, the number of many."""
+    if len(plan.sensors) <= 6:
+        return ", ".join(plan.sensors)
+    return f"{len(plan.sensors)} channels ({plan.sensors[0]} ... {plan.sensors[-1]})"
+
+
 def place_text(one: Outlook) -> str:
     """Mesh, planet, side and options in a few letters."""
     text = "/".join((one.locus.mesh, one.locus.planet, one.locus.side))
