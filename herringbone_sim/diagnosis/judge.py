@@ -10,7 +10,10 @@ flexible regression still predicts of them: the gap is what can be predicted bes
 machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
 (E_h - E_best + R_best) / (E_none - E_best + R_best) of it. The strain says how far a learned curve
 departs from the catalogue's beside the effect's size; the excess is the largest mean square that
-is left of an observation, above the noise's one.
+is left of an observation, above the noise's one. Shares are of values, and models miss some of
+each; what noise leaves does not go with their number, so an explanation has both: (E_h - E_best) /
+N with ``LEAST`` beside it, and E_h - E_best with ``LIKELIER`` beside it, which chance alone gives.
+What a share of a value says changes with N, from thousands of windows to half a million.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
+from herringbone_sim.diagnosis.search import LIKELIER
 
 Array = NDArray[np.float64]
 
@@ -46,7 +50,12 @@ NAMES = (
     "unknown, noise told",
     "noise told: log excess left",
     "unknown: log unevenness",
+    "log squares left",
+    "none: log count",
+    "unknown: log count",
+    "pair: log count",
 )
+FULL, FEWEST = 1e5, 5e3  # values of a campaign: with all channels, about; no fewer were practised
 LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
 
 
@@ -69,22 +78,27 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
         least["pair"] = pairs[0]
     best = min(least, key=lambda k: least[k].energy + evidence.remains.get(k, 0.0))
     floor = least[best].energy - evidence.remains.get(best, 0.0)
-    gap = max((none.energy - floor) / evidence.count, 0.0) + LEAST
+    gap = max(none.energy - floor - LIKELIER, 0.0) / evidence.count + LEAST
     rows: list[Array] = []
     every: list[Candidate | None] = []
 
     def share(energy: float) -> float:
         return float(np.log((max(energy - floor, 0.0) / evidence.count + LEAST) / gap))
 
+    fewest = min(c.energy for c in evidence.candidates) - LIKELIER
+    log_count = float(np.log(max(evidence.count, FEWEST) / FULL))
     for c in (none, *singles, *pairs):
         row = np.zeros(len(NAMES))
         row[0] = share(c.energy)
+        row[13] = np.log((c.energy - fewest) / (none.energy - fewest))
         if not c.effects:
             row[1:3] = 1.0, np.log(gap)
+            row[14] = log_count
         if len(c.effects) == 2:
             first = singles[0].energy
             taken = (first - c.energy) / (max(first - floor, 0.0) + LEAST * evidence.count)
             row[7:9] = 1.0, np.log(np.clip(taken, LEAST, 1.0))
+            row[16] = log_count
         row[9] = np.log1p(c.strain)
         row[5] = np.log(max(c.worst - 1.0, LEAST))
         row[11] = row[5] * evidence.told
@@ -93,6 +107,7 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
     row = np.zeros(len(NAMES))
     row[3:5] = 1.0, share(least[best].energy)
     row[6], row[10], row[12] = np.log(gap), evidence.told, np.log(evidence.uneven)
+    row[15] = log_count
     return [*every, None], np.array([*rows, row])
 
 
