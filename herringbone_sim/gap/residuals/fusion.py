@@ -49,21 +49,27 @@ class Fused:
 def fuse(run: PreparedRun) -> Fused:
     """Fuse x, u and v of a run.
 
-    A coordinate that no channel gives is NaN, and so are the meshes that need it.
+    A coordinate that no channel gives is NaN, and so are the meshes that need it and have no
+    sensors of their own.
     """
     D = coordinates_to_meshes(run.model.layout)
     z, P = displacement(run)
     rate, V = velocity(run)
     if np.isfinite(P).all() and np.isfinite(V).all():
         z, P = smooth(z, P, rate, V, run.step_s)
-    sigma_x, sigma_v = _of_meshes(D, P), _of_meshes(D, V)
+    x, sigma_x = _through(D, z) - run.waves.e, _of_meshes(D, P)
+    v, sigma_v = _through(D, rate) - run.waves.e_rate, _of_meshes(D, V)
+    alone = np.isnan(sigma_x) & run.x.there
+    x[:, alone], sigma_x[alone] = run.x.values[:, alone], run.x.sigma[alone]
+    alone = np.isnan(sigma_v) & run.v.there
+    v[:, alone], sigma_v[alone] = run.v.values[:, alone], run.v.sigma[alone]
     return Fused(
         z=z,
         z_rate=rate,
         z_cov=P,
         z_rate_cov=V,
-        x=_through(D, z) - run.waves.e,
-        v=_through(D, rate) - run.waves.e_rate,
+        x=x,
+        v=v,
         sigma_x=sigma_x,
         sigma_v=sigma_v,
         gain=run.x.sigma / sigma_x,
