@@ -8,7 +8,7 @@ was fitted to them: Fisher information, tolerances and the other's coefficients 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,75 +16,118 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from herringbone_sim.diagnosis.products import Campaign, Coefficient
+from herringbone_sim.diagnosis.regression import solve
 from herringbone_sim.diagnosis.search import BENDINGS, FARTHEST, SIZES, Hypothesis
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
 class Information:
-    """Expected whitened squares of effects of moderate size.
+    """Expected whitened squares of effects, the truths, and what hypotheses leave of them.
+
+    Sizes are over a moderate one, in the direction of an effect's own parameters that shows least.
 
     Attributes:
-        squares: (truths,) above those of the nominal machine, tolerances fitted, in the
-            direction of the effect's own parameters that shows least.
+        squares: (truths,) above those of the nominal machine at size one, as far as tolerances
+            stay in their bounds.
         by_run: (truths, runs) share of them that each run tells.
-        left: (truths, hypotheses) what is left once a hypothesis is fitted too.
+        left: (truths, hypotheses) what is left at size one, likewise.
         count: whitened values.
     """
 
-    squares: Array
-    by_run: Array
-    left: Array
-    count: float
-
-
-def information(
-    campaign: Campaign, truths: Sequence[Hypothesis], hypotheses: Sequence[Hypothesis]
-) -> Information:
-    """Of truths, by the products of a campaign about the nominal machine."""
-    base = campaign.base
-    mains = [c for h in truths for c in h.coefficients[: h.mains]]
-    every = [*base, *(c for h in hypotheses for c in h.coefficients)]
-    n, sd = len(base), np.array([c.sd for c in (*base, *mains)])
-    of_base, of_mains = sd[:n], sd[n:]
-    normal = campaign.base_A.sum(0) + np.diag(of_base**-2.0)
-    factor = cho_factor(normal)
-    cross = products_between(campaign, mains, every)
-    of_every = np.array([c.sd for c in every[n:]])
-    with_base, with_others = cross[:, :n] * of_mains[:, None], cross[:, n:]
-    with_others = with_others * np.outer(of_mains, of_every)
-    at = np.cumsum([0, *(h.mains for h in truths)])
-    squares, shares, weak = [], [], np.zeros((len(truths), len(mains)))
-    for i, h in enumerate(truths):
-        own = slice(at[i], at[i + 1])
-        A, _ = campaign.normal(h.coefficients[: h.mains])
-        A[:, n:] *= of_mains[own, None]
-        A[:, :, n:] *= of_mains[own]
-        step = np.concatenate([-cho_solve(factor, A[:, :n, n:].sum(0)), np.eye(h.mains)])
-        per_run = step.T @ A @ step
-        least, directions = np.linalg.eigh(
-            per_run.sum(0) + (step[:n].T * of_base**-2.0) @ step[:n]
+    def __init__(
+        self, campaign: Campaign, truths: Sequence[Hypothesis], hypotheses: Sequence[Hypothesis]
+    ) -> None:
+        self._hypotheses = hypotheses
+        base = campaign.base
+        n = len(base)
+        self._sd = np.array([c.sd for c in base])
+        self._bound = np.array([c.bound for c in base])
+        mains = [c for h in truths for c in h.coefficients[: h.mains]]
+        others = [c for h in hypotheses for c in h.coefficients]
+        of_mains, of_others = (np.array([c.sd for c in some]) for some in (mains, others))
+        self._A = campaign.base_A.sum(0)
+        self._factor = cho_factor(self._A + np.diag(self._sd**-2.0))
+        at = np.cumsum([0, *(h.mains for h in truths)])
+        weak = np.zeros((len(truths), len(mains)))
+        squares, raw, shares = [], [], []
+        for i, h in enumerate(truths):
+            own = slice(at[i], at[i + 1])
+            A, _ = campaign.normal(h.coefficients[: h.mains])
+            A[:, n:] *= of_mains[own, None]
+            A[:, :, n:] *= of_mains[own]
+            step = np.concatenate([-cho_solve(self._factor, A[:, :n, n:].sum(0)), np.eye(h.mains)])
+            per_run = step.T @ A @ step
+            least, directions = np.linalg.eigh(per_run.sum(0))
+            weak[i, own] = directions[:, 0]
+            squares.append(max(float(least[0]), 0.0))
+            raw.append(float(weak[i, own] @ A[:, n:, n:].sum(0) @ weak[i, own]))
+            told = weak[i, own] @ per_run @ weak[i, own]
+            shares.append(told / max(float(told.sum()), 1e-300))
+        cross = (weak * of_mains) @ products_between(campaign, mains, [*base, *others])
+        self._with_base, self._with_others = cross[:, :n], cross[:, n:] * of_others
+        self._raw = np.array(raw)
+        self.squares, self.by_run = np.array(squares), np.array(shares)
+        self.count = sum(
+            float(p.count[p.energy != 0.0].sum())
+            for of_run in campaign.runs
+            for p in of_run.values()
         )
-        weak[i, own] = directions[:, 0]
-        squares.append(max(float(least[0]), 0.0))
-        told = weak[i, own] @ per_run @ weak[i, own]
-        shares.append(told / max(float(told.sum()), 1e-300))
-    with_others, with_base = weak @ with_others, weak @ with_base
-    left = np.empty((len(truths), len(hypotheses)))
-    first = 0
-    for j, h in enumerate(hypotheses):
-        q = slice(first, first + len(h.coefficients))
-        first = q.stop
-        A = campaign.normal(h.coefficients)[0].sum(0)
-        of_h = A[:n, n:] * of_every[q]
-        G = A[n:, n:] * np.outer(of_every[q], of_every[q]) - of_h.T @ cho_solve(factor, of_h)
-        X = with_others[:, q] - cho_solve(factor, with_base.T).T @ of_h
-        left[:, j] = np.maximum(np.array(squares) - _followed(h, G, X), 0.0)
-    count = sum(
-        float(p.count[p.energy != 0.0].sum()) for of_run in campaign.runs for p in of_run.values()
-    )
-    return Information(np.array(squares), np.array(shares), left, count)
+        ends = np.cumsum([0, *(len(h.coefficients) for h in hypotheses)])
+        self._at = [slice(a, b) for a, b in pairwise(ends.tolist())]
+        self._of_h: list[tuple[Array, Array]] = []
+        self.left = np.empty((len(truths), len(hypotheses)))
+        for j, h in enumerate(hypotheses):
+            A = campaign.normal(h.coefficients)[0].sum(0)
+            scale = of_others[self._at[j]]
+            self._of_h.append((A[:n, n:] * scale, A[n:, n:] * np.outer(scale, scale)))
+            self.left[:, j] = np.maximum(self.squares - self._taken(j), 0.0)
+
+    def _taken(self, j: int) -> Array:
+        """Squares (truths,) that hypothesis j takes off, tolerances anywhere in their priors."""
+        of_h, G = self._of_h[j]
+        X = self._with_others[:, self._at[j]]
+        X = X - cho_solve(self._factor, self._with_base.T).T @ of_h
+        return _followed(self._hypotheses[j], G - of_h.T @ cho_solve(self._factor, of_h), X)
+
+    def seen(self, i: int, size: float) -> float:
+        """Squares that truth i adds at a size, tolerances in their bounds."""
+        if self._inside(i, size):
+            return float(size**2 * self.squares[i])
+        mean = solve(self._A, size * self._with_base[i], self._sd, self._bound).mean
+        taken = 2.0 * size * self._with_base[i] @ mean - mean @ self._A @ mean
+        return max(float(size**2 * self._raw[i] - taken), 0.0)
+
+    def left_at(self, i: int, j: int, size: float) -> float:
+        """What hypothesis j leaves of truth i at a size, tolerances in their bounds."""
+        if self._inside(i, size):
+            return float(size**2 * self.left[i, j])
+        h, (of_h, G) = self._hypotheses[j], self._of_h[j]
+        b = size * np.concatenate([self._with_base[i], self._with_others[i, self._at[j]]])
+        A = np.block([[self._A, of_h], [of_h.T, G]])
+        bent, wide = _priors(h, size)
+        sd, n = np.where(bent, size, wide), len(self._sd)
+        for _ in range(BENDINGS + 1):
+            bound = np.where(bent, FARTHEST * sd, np.inf)
+            mean = solve(A, b, np.append(self._sd, sd), np.append(self._bound, bound)).mean
+            own = float(np.abs(mean[n:][~bent]).max(initial=0.0))
+            sd = np.where(bent, max(own, SIZES[0] ** 2 * size), wide)
+            if not bent.any():
+                break
+        taken = 2.0 * b @ mean - mean @ A @ mean
+        return max(float(size**2 * self._raw[i] - taken), 0.0)
+
+    def _inside(self, i: int, size: float) -> bool:
+        """Whether tolerances could take truth i without leaving their bounds."""
+        free = size * cho_solve(self._factor, self._with_base[i])
+        return bool(np.all(np.abs(free) <= self._bound))
+
+
+def _priors(h: Hypothesis, size: float) -> tuple[NDArray[np.bool_], Array]:
+    """Which coefficients depart from the catalogue's curve, and priors of the others."""
+    bent = np.array([c.departs > 0 for c in h.coefficients])
+    wide = [SIZES[-1] * max(size, 1.0) if c.sized else 1.0 for c in h.coefficients]
+    return bent, np.array(wide)
 
 
 def _followed(h: Hypothesis, G: Array, X: Array) -> Array:
@@ -96,8 +139,7 @@ def _followed(h: Hypothesis, G: Array, X: Array) -> Array:
     Args:
         G: (k, k) products of its columns; X: (truths, k) with each truth.
     """
-    wide = np.array([SIZES[-1] if c.sized else 1.0 for c in h.coefficients])
-    bent = np.array([c.departs > 0 for c in h.coefficients])
+    bent, wide = _priors(h, 1.0)
     sd = np.broadcast_to(np.where(bent, 1.0, wide), X.shape)
     own = G[np.ix_(~bent, ~bent)] + np.diag(wide[~bent] ** -2.0)
     for _ in range(BENDINGS + 1):

@@ -7,6 +7,7 @@ diagnosis, whose probability says from which size on the effect is named, and it
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.diagnosis.information import Information, information
+from herringbone_sim.diagnosis.information import Information
 from herringbone_sim.diagnosis.judge import chances
 from herringbone_sim.diagnosis.search import Hypothesis, Search
 from herringbone_sim.effects.effect import Locus
@@ -135,7 +136,7 @@ def plan(
     say(f"{len(hypotheses)} hypotheses")
     # What is there or not, such as exchanged channels, has no size.
     hypotheses = [h for h in hypotheses if h.coefficients[0].center == 0.0]
-    found = information(search.campaign, hypotheses, hypotheses)
+    found = Information(search.campaign, hypotheses, hypotheses)
     seen = [i for i, s in enumerate(found.squares) if s > 0.0]
     outlooks = tuple(_outlook(i, hypotheses, found, machine.gear.model) for i in seen)
     sought = {one.effect for one in outlooks}
@@ -173,13 +174,14 @@ def _outlook(
     """Of hypothesis i, by the judge."""
     h = hypotheses[i]
     rivals = _rivals(i, hypotheses, found.left[i])
-    squares = float(found.squares[i])
-    at = [_judged(h, size**2, squares, rivals, found.count) for size in SIZES]
-    named = np.array([p.get(h.effect, 0.0) for p, _ in at])
-    none = np.array([p.get("none", 0.0) for p, _ in at])
-    first = _from(named >= NAMED)
-    _, place = at[min(first, len(SIZES) - 1)]
-    rival, left = next((r, left) for r, left in rivals if r.effect != h.effect)
+
+    def judged(k: int) -> tuple[dict[str, float], float]:
+        return _judged(i, float(SIZES[k]), hypotheses, rivals, found)
+
+    first = _first(lambda k: judged(k)[0].get(h.effect, 0.0) >= NAMED)
+    seen = _first(lambda k: judged(k)[0]["none"] <= 1.0 - NAMED)
+    _, place = judged(min(first, len(SIZES) - 1))
+    follows = next(j for j in rivals if hypotheses[j].effect != h.effect)
     moderate, unit = moderate_size(h, model)
     return Outlook(
         h.effect,
@@ -188,23 +190,20 @@ def _outlook(
         unit,
         moderate,
         float(SIZES[first] * moderate) if first < len(SIZES) else np.inf,
-        float(SIZES[s] * moderate) if (s := _from(none <= 1.0 - NAMED)) < len(SIZES) else np.inf,
-        rival.effect,
-        left / squares,
+        float(SIZES[seen] * moderate) if seen < len(SIZES) else np.inf,
+        hypotheses[follows].effect,
+        float(found.left[i, follows] / found.squares[i]),
         place,
         tuple(found.by_run[i].tolist()),
     )
 
 
-def _from(on: NDArray[np.bool_]) -> int:
-    """First index from which on all are true; the length if there is none."""
-    off = np.flatnonzero(~on)
-    return int(off[-1]) + 1 if len(off) else 0
+def _first(on: Callable[[int], bool]) -> int:
+    """First size at which something is so that is so at all larger ones; their number if none."""
+    return bisect_left(range(len(SIZES)), True, key=on)
 
 
-def _rivals(
-    i: int, hypotheses: Sequence[Hypothesis], left: Array
-) -> list[tuple[Hypothesis, float]]:
+def _rivals(i: int, hypotheses: Sequence[Hypothesis], left: Array) -> list[int]:
     """The best of every other effect, and the same effect at its likeliest other place."""
     h = hypotheses[i]
     best: dict[str, int] = {}
@@ -212,25 +211,28 @@ def _rivals(
         other = hypotheses[j]
         if other.effect != h.effect or other.locus != h.locus:
             best.setdefault(other.effect, j)
-    return [(hypotheses[j], float(left[j])) for j in best.values()]
+    return list(best.values())
 
 
 def _judged(
-    h: Hypothesis,
-    square: float,
-    squares: float,
-    rivals: Sequence[tuple[Hypothesis, float]],
-    count: float,
+    i: int,
+    size: float,
+    hypotheses: Sequence[Hypothesis],
+    rivals: Sequence[int],
+    found: Information,
 ) -> tuple[dict[str, float], float]:
-    """Probability of every effect, and of the place given the effect, at a squared size.
+    """Probability of every effect, and of the place given the effect, at a size of truth i.
 
     Each coefficient of an effect's own costs the square that noise adds to runs left out.
     """
-    none = _candidate((), Locus(), count + square * squares, 0, count)
+    h, count = hypotheses[i], found.count
+    none = _candidate((), Locus(), count + found.seen(i, size), 0, count)
     own = _candidate((h.effect,), h.locus, count + h.mains, h.mains, count)
     others = [
-        _candidate((r.effect,), r.locus, count + square * left + r.mains, r.mains, count)
-        for r, left in rivals
+        _candidate(
+            (r.effect,), r.locus, count + found.left_at(i, j, size) + r.mains, r.mains, count
+        )
+        for j, r in ((j, hypotheses[j]) for j in rivals)
     ]
     singles = sorted((own, *others), key=lambda c: c.energy)
     told = chances(Evidence(count, (none, *singles), {}, {}))
