@@ -324,7 +324,7 @@ def measured(series: TimeSeries, names: tuple[str, ...], noise_share: float | No
     known = np.maximum(np.isfinite(values).sum(axis=0), 1)
     power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
     sigma = np.sqrt(noise_share**2 * power + resolution(values) ** 2 / 12.0)
-    return Measured(values, there, sigma)
+    return Measured(values, there, np.where(there, sigma, np.nan))
 
 
 def resolution(values: Array) -> Array:
