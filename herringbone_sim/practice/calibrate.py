@@ -188,7 +188,7 @@ def _misses(sizes: Array, relative: float) -> Array:
 
 
 def by_stratum(campaigns: Sequence[Practised], chances: Array) -> dict[str, dict[str, float]]:
-    """Headline figures of all campaigns, of those whose noise is told, and of the others."""
+    """Headline figures of all campaigns, and by noise, truth and channels."""
     told = np.array([c.evidence.told for c in campaigns])
     healthy = np.array([not c.truth for c in campaigns])
     foreign = np.array([c.truth == ("unknown",) for c in campaigns])
@@ -200,6 +200,8 @@ def by_stratum(campaigns: Sequence[Practised], chances: Array) -> dict[str, dict
         "outside cause": foreign,
         "effects": ~healthy & ~foreign,
     }
+    channels = np.array([c.stratum[2] for c in campaigns])
+    strata |= {name: channels == name for name in sorted(set(channels.tolist()))}
     return {name: headline(chances[on]) for name, on in strata.items() if on.any()}
 
 
