@@ -15,7 +15,7 @@ import pytest
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.views.gap_arrays import BINS, mean_over_phase
 from herringbone_sim.views.gap_figures import GapArrays
-from herringbone_sim.views.gap_page import gap_page, write_gap_page
+from herringbone_sim.views.gap_page import gap_page, plan_command, write_gap_page
 from herringbone_sim.views.gap_tables import closure
 from herringbone_sim.views.gap_verdict import headline
 from herringbone_sim.views.gap_where import bodies
@@ -363,3 +363,12 @@ def test_what_closes_the_gap_is_named_by_the_verdict() -> None:
 def test_figures_are_short() -> None:
     told = [figure(value) for value in (1234.4, 98.0, 0.12345, -56789.0, 1.5e9, None)]
     assert told == ["1234", "98", "0.123", "-56789", "1.5e+09", "not known"]
+
+
+def test_few_sensors_are_told_what_one_more_would_tell(tmp_path: Path) -> None:
+    said = {"observations": ["trajectory"], "recorded": ["u_c", "u_s_L", "u_s_R", "a_c"]}
+    command = plan_command(said, Path("rig.yaml"), tmp_path)
+    assert "gap plan --nominal rig.yaml --sensors u_c,u_s_L,u_s_R,a_c" in command
+    assert "--also F_pin1,F_rp1_L,u_p1_L" in command
+    assert "gap plan" in gap_page({}, (), "", command)
+    assert plan_command({**said, "observations": ["force_law"]}, Path("rig.yaml"), tmp_path) == ""

@@ -26,6 +26,7 @@ POINT = (
     ("K", "control K", ""),
 )
 SHOWN_CAUSES, LEAST_SHOWN = 6, 0.005
+FURTHER = ("a_c", "F_pin1", "F_rp1_L", "u_p1_L")  # one sensor of each kind that may be added
 
 
 def write_gap_page(
@@ -48,9 +49,24 @@ def write_gap_page(
     pictures = write_law_figures(folder, sequence(report.get("law")))
     pictures += write_gap_figures(folder, arrays) if arrays else []
     page = folder / "report.html"
-    command = compare_command(nominal, folder) if nominal else ""
-    page.write_text(gap_page(report, pictures, command), encoding="utf-8")
+    commands = (
+        (compare_command(nominal, folder), plan_command(report, nominal, folder))
+        if nominal
+        else ("", "")
+    )
+    page.write_text(gap_page(report, pictures, *commands), encoding="utf-8")
     return page
+
+
+def plan_command(report: Part, nominal: Path, folder: Path) -> str:
+    """Command that tells what further sensors would show; empty where all of them are there."""
+    recorded = [str(name) for name in sequence(report.get("recorded"))]
+    more = [name for name in FURTHER if name not in recorded]
+    if "trajectory" not in sequence(report.get("observations")) or not more:
+        return ""
+    options = ["--sensors", ",".join(recorded), "--also", ",".join(more)]
+    words = ["python", "-m", "herringbone_sim", "gap", "plan", "--nominal", str(nominal), *options]
+    return shlex.join([*words, "--out", str(folder / "plan")])
 
 
 def compare_command(nominal: Path, folder: Path) -> str:
@@ -60,8 +76,10 @@ def compare_command(nominal: Path, folder: Path) -> str:
     return shlex.join([*words, "--over", "delta_T=0:100:400", "--out", str(folder / "compared")])
 
 
-def gap_page(report: Part, pictures: Sequence[Picture] = (), command: str = "") -> str:
-    """The whole page as text; ``command`` as of ``compare_command``."""
+def gap_page(
+    report: Part, pictures: Sequence[Picture] = (), command: str = "", planned: str = ""
+) -> str:
+    """The whole page as text; commands as of ``compare_command`` and ``plan_command``."""
     name = words.word(report.get("campaign"), "campaign of unknown name")
     body = [
         f'<p class="kicker">Gap diagnosis &nbsp;·&nbsp; {escape(name)}</p>',
@@ -73,7 +91,7 @@ def gap_page(report: Part, pictures: Sequence[Picture] = (), command: str = "") 
         f"<h2>How much</h2>{runs_table(mapping(report.get('gap')), kind(report))}",
         _optional("In three senses, on held-out runs", senses_table(mapping(report.get("gap")))),
         f'<div class="two"><div><h2>What is not decidable</h2>{_undecidable(report)}</div>',
-        f"<div><h2>What to measure next</h2>{_next(report)}</div></div>",
+        f"<div><h2>What to measure next</h2>{_next(report)}{_planned(planned)}</div></div>",
         _optional("What the real gear will do", _compared(command)),
         _optional("Noise, as the recording shows it", noise_table(mapping(report.get("noise")))),
         _optional("Attractor", _attractor(mapping(report.get("attractor")))),
@@ -156,6 +174,15 @@ def _next(report: Part) -> str:
     )
     why = words.plain(point.get("why") or f"Why this point is {NOT_KNOWN}.")
     return f'<div class="point">{cells}</div><p>{escape(words.capital(why))}</p>'
+
+
+def _planned(command: str) -> str:
+    if not command:
+        return ""
+    return (
+        "<p>What one further sensor would tell, before it is bought:</p>"
+        f"<pre><code>{escape(command)}</code></pre>"
+    )
 
 
 def _compared(command: str) -> str:
