@@ -22,12 +22,14 @@ stage() {
 }
 
 # A file of tests stays with one of two processes, as its tests share what is slow to make. Tests of
-# the node run alone afterwards: it keeps its time, and they wait for it.
+# the node run alone afterwards: it keeps its time, and they wait for it. Only the folders whose
+# coverage is asked for are traced: tracing slows numerical code by half.
 tests() {
   local result=0
-  python -m pytest -n 2 --dist loadfile --ignore=test/ros --ignore=test/faults \
-    --cov=herringbone_sim --cov-report= | tee "$work/pytest.txt" || result=1
-  python -m pytest test/ros test/faults --cov=herringbone_sim --cov-append --cov-report= |
+  local traced=(--cov=herringbone_sim/core --cov=herringbone_sim/recording --cov-report=)
+  python -m pytest -n 2 --dist loadfile --ignore=test/ros --ignore=test/faults --durations=20 \
+    "${traced[@]}" | tee "$work/pytest.txt" || result=1
+  python -m pytest test/ros test/faults "${traced[@]}" --cov-append |
     tee -a "$work/pytest.txt" || result=1
   return $result
 }
