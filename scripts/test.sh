@@ -26,7 +26,7 @@ stage() {
 # coverage is asked for are traced: tracing slows numerical code by half.
 tests() {
   local result=0
-  local traced=(--cov=herringbone_sim/core --cov=herringbone_sim/recording --cov-report=)
+  local traced=(--cov --cov-report=)
   python -m pytest -n 2 --dist loadfile --ignore=test/ros --ignore=test/faults --durations=20 \
     "${traced[@]}" | tee "$work/pytest.txt" || result=1
   python -m pytest test/ros test/faults "${traced[@]}" --cov-append |
