@@ -110,7 +110,7 @@ def test_all_channels_of_the_contract_can_be_planned() -> None:
         POINTS[1:2],
         known_sensors(NOMINAL.layout),
         Noise(1e-9),
-        4,
+        6,
     ).runs
     twice = np.diff(run.u.values, 2, axis=0) / run.step_s**2
     off = twice - run.a.values[1:-1]
@@ -147,7 +147,9 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(ParameterError, match=r"a point is .* got 'speed=1'"):
         point_of("speed=1", NOMINAL)
     with pytest.raises(ParameterError, match=r"sensors are some of .* got u_sun"):
-        sensed(NOMINAL, TWO, ("u_sun",), Noise(), 4)
+        sensed(NOMINAL, TWO, ("u_sun",), Noise(), 10)
+    with pytest.raises(ParameterError, match=r"6 mesh cycles or more, got 0"):
+        sensed(NOMINAL, TWO, SHAFTS, Noise(), 0)
 
 
 def test_noise_goes_by_the_longest_name() -> None:

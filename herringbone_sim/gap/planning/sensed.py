@@ -12,6 +12,7 @@ from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.diagnosis.examine import BLOCK_CYCLES
 from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
@@ -20,6 +21,7 @@ from herringbone_sim.gap.observations.shooting import inverse_masses, loads
 from herringbone_sim.gap.observations.window_channels import on_pins, pins
 
 Array = NDArray[np.float64]
+LEAST_CYCLES = round(BLOCK_CYCLES)  # of a run: longer than what a mesh remembers
 TRANSIENT = 80  # mesh cycles before a recording, as of practice rigs
 
 
@@ -85,6 +87,11 @@ def sensed(
         DivergenceError: the motion left the range of any gear.
     """
     check_sensors(nominal.layout, sensors)
+    if cycles < LEAST_CYCLES:
+        raise ParameterError(
+            f"a run has {LEAST_CYCLES} mesh cycles or more, got {cycles}: record longer than "
+            "what a mesh remembers"
+        )
     rng = np.random.default_rng(seed)
     runs = tuple(
         _run(f"run_{i:02d}", nominal, point, sensors, noise, cycles, rng)
