@@ -57,6 +57,7 @@ setup(
     extras_require={
         "ros": ros,
         "files": requirements("requirements-files.txt"),
+        "notebook": requirements("requirements-notebook.txt"),
         "test": requirements("requirements-test.txt"),
     },
     zip_safe=False,

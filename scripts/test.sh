@@ -41,7 +41,7 @@ covered() { python -m coverage report --include="herringbone_sim/$1/*" --fail-un
 build() {
   mkdir -p "$work/ws/src/herringbone_sim"
   tar -c --exclude-vcs --exclude=./.venv --exclude=./runs --exclude=./demo --exclude=./build \
-    --exclude=./install --exclude=./log --exclude=./.*_cache . | tar -x -C "$work/ws/src/herringbone_sim"
+    --exclude=./install --exclude=./log --exclude=./site --exclude=./.*_cache . | tar -x -C "$work/ws/src/herringbone_sim"
   (cd "$work/ws" && colcon build)
 }
 
@@ -64,6 +64,7 @@ stage "ruff check" ruff check .
 stage "ruff format" ruff format --check .
 stage "mypy" mypy
 stage "import contracts" lint-imports
+stage "docs site" python -m sphinx -q -W --keep-going -b html docs "$work/site"
 stage "pytest" tests
 stage "coverage: core" covered core
 stage "coverage: recording" covered recording

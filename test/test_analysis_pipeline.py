@@ -7,8 +7,8 @@ import pytest
 from analysis_support import harmonic_series, henon, logistic, mapped_series
 
 from herringbone_sim.analysis.bifurcation import bifurcation_diagram
+from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.pipeline import Gear, Options, SegmentResult, analyze_series
-from herringbone_sim.cli.gear import gear_of
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, to_mapping

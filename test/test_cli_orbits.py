@@ -74,7 +74,7 @@ def test_an_unstable_orbit_is_found_on_request(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--start", "0.18"], "--start must lie in"),
+        (["--start", "0.18"], "an orbit must start in 0.1"),
         (["--start", "0.16", "--mesh", "sp9_L"], "--mesh must be one of sp_L"),
         (["--over", "delta_T", "--to", "30", "--start", "20"], "is not periodic"),
         (["--over", "delta_T", "--to", "900", "--start", "20"], "half-backlash"),

@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.analysis.segments import FREQUENCY
-from herringbone_sim.cli.gear import gear_of
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.analysis.bifurcation import bifurcation_diagram
+from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
-from herringbone_sim.cli.gear import gear_of
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear

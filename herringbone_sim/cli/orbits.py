@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.cli.parameter_options import add_parameter_options, gear_from, tell_gear
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import Options, explore
-from herringbone_sim.dynamics.curve import Family
-from herringbone_sim.dynamics.flow import GearFlow, settle
+from herringbone_sim.dynamics.flow import GearFlow
 from herringbone_sim.dynamics.gear_family import SWEPT, Gears, gear_family
-from herringbone_sim.dynamics.orbits import (
-    Array,
-    closest_return,
-    find_orbit,
-    iterate,
-    least_period,
-)
-from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.dynamics.starts import find_start
+from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.views.figures import save
 from herringbone_sim.views.orbit_figures import orbit_figure
 from herringbone_sim.views.orbit_tables import summary, write_orbits
 
-WINDOW, RETURNS = 160, 2000  # periods of the forcing in which a period, a return, is looked for
 MAX_PERIOD = 64
 DESCRIPTION = """\
 Follow a periodic orbit over a parameter by pseudo-arclength continuation, through its folds and
@@ -91,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     family, watch = gear_family(p, args.over, args.low, args.high, actives)
     mesh, gears = _mesh(args.mesh, p), Gears(p, args.over, actives)
     _tell(gears(args.low))
-    starts = [(v, find_start(gears, family, v, n, args)) for v, n in args.start]
+    starts = [(v, find_start(gears, family, v, n, args.settle)) for v, n in args.start]
     make_folder(args.out)
     options = Options(max_period=args.max_period, asymmetric=args.asymmetric)
 
@@ -126,39 +116,3 @@ def _start(text: str) -> tuple[float, int | None]:
     if n is not None and not 1 <= n <= MAX_PERIOD:
         raise argparse.ArgumentTypeError(f"the period must lie in 1 .. {MAX_PERIOD}, got {n}")
     return float(value), n
-
-
-def find_start(
-    gears: Gears, family: Family, value: float, period: int | None, args: argparse.Namespace
-) -> Array:
-    """States (period, n) of the orbit at a value of the parameter.
-
-    Raises:
-        AnalysisError: the motion is not periodic, or there is no orbit of that period near.
-    """
-    name = f"{args.over} = {value:g}"
-    if not family.low <= value <= family.high:
-        raise ParameterError(f"--start must lie in {family.low:g} .. {family.high:g}, got {name}")
-    flow = gears(value)
-    settled = settle(flow, flow.start(), math.ceil(args.settle / flow.cycles))
-    states = _periodic(flow, settled, period, name)
-    orbit = find_orbit(flow, states, mirror=family.mirror)
-    if not orbit.found:
-        raise AnalysisError(
-            f"no orbit of {orbit.period} cycles at {name}: {orbit.reason}; give another --start"
-        )
-    return orbit.points[: least_period(orbit.points)]
-
-
-def _periodic(flow: GearFlow, y: Array, period: int | None, name: str) -> Array:
-    """States (period, n) of a motion that is periodic, or that nearly closes."""
-    if period:
-        return closest_return(flow, y, period, RETURNS)
-    states = iterate(flow, y, WINDOW)
-    found = find_period(states).value
-    if not found:
-        raise AnalysisError(
-            f"the motion at {name} is not periodic: give another --start, or --start VALUE:N to "
-            f"look for an unstable orbit of N cycles near it"
-        )
-    return states[-found:]

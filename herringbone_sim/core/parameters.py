@@ -46,7 +46,7 @@ def _p(default: Any, unit: str, text: str, *bounds: float, **more: Any) -> Any:
 
 @dataclass(frozen=True)
 class Parameters:
-    """A herringbone planetary gear and how it is run; see ``describe`` for each field.
+    """A herringbone planetary gear and how it is run; ``meaning`` tells of each field.
 
     Raises:
         ParameterError: a value outside its range, or a set that can't exist.

@@ -1,7 +1,7 @@
 """Gaussian regression with bounds, from normal equations that are kept run by run.
 
 A model is y_r = Phi_r theta + noise for every run r, whitened so that the noise has unit variance,
-with theta_i ~ N(0, sd_i^2) and |theta_i| <= bound_i. All that is needed of the data are
+with theta_i ~ N(0, sd_i^2) and ``|theta_i| <= bound_i``. All that is needed of the data are
 A_r = Phi_r' Phi_r and b_r = Phi_r' y_r, so that leaving a run out is a subtraction
 (MacKay, Neural Computation 4, 415, 1992; leave-one-out as in Rasmussen and Williams 2006, 5.4).
 """

@@ -35,13 +35,13 @@ class Gears:
     def __init__(self, p: Parameters, name: str, actives: Sequence[Active] = ()) -> None:
         if name not in SWEPT:
             raise ParameterError(f"orbits go over one of {', '.join(SWEPT)}, got {name!r}")
-        self._p, self._name, self._actives = p, name, actives
+        self._p, self.name, self._actives = p, name, actives
         self._kept: OrderedDict[float, GearFlow] = OrderedDict()
 
     def __call__(self, value: float) -> GearFlow:
         """The gear at a value; ParameterError where there is none."""
         if value not in self._kept:
-            p = self._p.changed({self._name: value})
+            p = self._p.changed({self.name: value})
             self._kept[value] = GearFlow(build_with(p, self._actives))
             if len(self._kept) > KEPT:
                 self._kept.popitem(last=False)

@@ -30,7 +30,7 @@ class Orbit:
     Attributes:
         points: (period, n) states at phase 0, one a period of the forcing.
         jacobians: (period, n, n) of the map at each of them.
-        residual: largest |P(y_i) - y_(i+1)|.
+        residual: largest ``|P(y_i) - y_(i+1)|``.
         iterations: Newton steps taken.
         reason: why it is no orbit; empty when it is one.
     """

@@ -1,0 +1,86 @@
+"""Coexisting motions and the starts that lead to them, in Python."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.api.gear import Gear, any_gear, model_of
+from herringbone_sim.api.shown import Picture, Shown, frame
+from herringbone_sim.core.model import Model
+from herringbone_sim.dynamics.basins import Basins, explore, gear_sections, random_starts
+from herringbone_sim.dynamics.flow import symmetry
+from herringbone_sim.dynamics.opinions import identify
+from herringbone_sim.views.basin_figures import basins_figure
+
+
+@dataclass(frozen=True, repr=False)
+class Attractors(Shown):
+    """Motions of a gear and the share of random starts that each attracts.
+
+    Attributes:
+        model: of the gear.
+        names: of the motions, the one with the largest share first.
+        basins: attractors and the one of each start.
+        last: mesh cycles that had passed at the last point of each.
+    """
+
+    model: Model
+    names: tuple[str, ...]
+    basins: Basins
+    last: int
+
+    def title(self) -> str:
+        return f"{len(self.names)} motions of {self.basins.labels.size} random starts"
+
+    def facts(self) -> list[tuple[str, str]]:
+        return [
+            (name, f"{share:.1%} [{low:.1%}, {high:.1%}]")
+            for name, (share, low, high) in zip(self.names, self.basins.shares(), strict=True)
+        ]
+
+    def plot(self) -> Picture:
+        """Shares above a phase portrait of each motion."""
+        return Picture(basins_figure(self.model, self.names, self.basins, at=self.last))
+
+    def to_pandas(self) -> Any:
+        """A row a motion: share of the starts with its 95 % interval."""
+        share, low, high = self.basins.shares().T
+        columns = {"motion": self.names, "share": share, "low": low, "high": high}
+        return frame({**columns, "starts": self.basins.counts})
+
+
+@any_gear()
+def basins(
+    gear: Gear = None,
+    starts: int = 200,
+    transient: int = 4000,
+    points: int = 200,
+    seed: int = 0,
+    effects: str | None = None,
+    **changes: Any,
+) -> Attractors:
+    """Tell the coexisting motions of a gear apart, and count the random starts of each.
+
+    Args:
+        gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
+        starts: random ones, of the size of the motion.
+        transient: mesh cycles left out first.
+        points: mesh cycles looked at then.
+        seed: of the starts.
+        effects: that the gear has, as a text; None for those of the file.
+        changes: parameters by name.
+
+    Raises:
+        ParameterError: a set that no gear can have, or no such effect.
+    """
+    model, last = model_of(gear, effects, changes), transient + points - 1
+    sections_of = gear_sections(model, transient, points, os.cpu_count() or 1)
+    drawn = random_starts(model, starts, np.random.default_rng(seed))
+    found = explore(sections_of, drawn, symmetry(model))
+    kinds = ((identify(model, one, at=last)[0], one.symmetry) for one in found.attractors)
+    names = tuple(f"{kind}, {sides}" if sides else kind for kind, sides in kinds)
+    return Attractors(model, names, found, last)

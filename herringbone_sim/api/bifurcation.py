@@ -1,0 +1,137 @@
+"""Bifurcation diagrams in Python."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.api.gear import Gear, any_gear, parts_of
+from herringbone_sim.api.shown import Picture, Shown, frame
+from herringbone_sim.effects.assemble import in_slots
+from herringbone_sim.effects.written import effects_text
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.sweeps.diagram import Branch, Diagram, diagram_of
+from herringbone_sim.sweeps.execute import run_stores
+from herringbone_sim.sweeps.grid import CHUNK, STARTS, Axis, Observation, Sweep, for_sweeps
+from herringbone_sim.sweeps.store import load_result, open_store
+from herringbone_sim.views.diagrams import diagram_figure
+
+SMALL = 16  # values of a part where one starts from the other, or that no slot holds
+
+
+@dataclass(frozen=True, repr=False)
+class Bifurcation(Shown):
+    """Motions over a parameter, by one or more ways of getting to each value.
+
+    Attributes:
+        diagram: values, section points, periods, exponents of each way.
+    """
+
+    diagram: Diagram
+
+    @property
+    def values(self) -> Any:
+        """(n,) of the parameter."""
+        return self.diagram.branches[0].values
+
+    @property
+    def period(self) -> Any:
+        """(n,) mesh cycles by the first way; 0 aperiodic, NaN failed."""
+        return self.diagram.branches[0].period
+
+    @property
+    def exponent(self) -> Any:
+        """(n,) largest exponent per unit of the dimensionless time, by the first way."""
+        return self.diagram.branches[0].exponent
+
+    def title(self) -> str:
+        axis = self.diagram.axis
+        ends = f"{axis.values[0]:g} to {axis.values[-1]:g}"
+        return f"bifurcation over {axis.name}, {len(axis)} values from {ends}"
+
+    def facts(self) -> list[tuple[str, str]]:
+        facts = [(branch.start, _periods(branch)) for branch in self.diagram.branches]
+        if len(facts) > 1:
+            apart = int(self.diagram.hysteresis().sum())
+            facts.append(("different motions by different ways", f"{apart} values"))
+        return facts
+
+    def plot(self) -> Picture:
+        """Section points over the parameter, above the largest exponents."""
+        return Picture(diagram_figure(self.diagram))
+
+    def to_pandas(self) -> Any:
+        """A row a value and way, as a ``pandas.DataFrame``."""
+        names = ("values", "period", "exponent", "within", "transverse", "asymmetry")
+        columns = {
+            name: np.concatenate([getattr(one, name) for one in self.diagram.branches])
+            for name in names
+        }
+        starts = np.repeat([one.start for one in self.diagram.branches], len(self.values))
+        axis = columns.pop("values")
+        return frame({self.diagram.axis.name: axis, "start": starts, **columns})
+
+
+def _periods(branch: Branch) -> str:
+    """Shares of the periods, the commonest first."""
+    known = branch.period[np.isfinite(branch.period)]
+    values, counts = np.unique(known, return_counts=True)
+    pairs = sorted(zip(counts / len(branch.period), values, strict=True), reverse=True)
+    return ", ".join(
+        f"{'aperiodic' if value == 0 else f'P{value:.0f}'} {share:.1%}" for share, value in pairs
+    )
+
+
+@any_gear()
+def bifurcation(
+    gear: Gear = None,
+    start: str | Sequence[str] = "fixed",
+    transient: int = 300,
+    cycles: int = 100,
+    effects: str | None = None,
+    folder: Path | str | None = None,
+    **values: Any,
+) -> Bifurcation:
+    """Bifurcation diagram and largest exponents over one parameter, on all cores.
+
+    Args:
+        gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
+        start: how a value is reached, one or more of ``fixed`` (from the initial state), ``up``,
+            ``down`` (from where the value before ended), ``ramp_up``, ``ramp_down``.
+        transient: mesh cycles left out at each value.
+        cycles: mesh cycles observed then.
+        effects: that the gear has, as a text; None for those of the file.
+        folder: to keep results in and go on from; none is kept without it.
+        values: one parameter with a sequence of values, as ``delta_T=np.linspace(0, 100, 400)``;
+            others with one value each.
+
+    Raises:
+        ParameterError: not one sequence, a set that no gear can have, or no such start.
+    """
+    swept = {name: given for name, given in values.items() if np.ndim(given) == 1}
+    if len(swept) != 1:
+        raise ParameterError(
+            f"a bifurcation diagram goes over one parameter, got sequences for {list(swept)}: "
+            "write delta_T=np.linspace(0, 100, 400)"
+        )
+    (name, along), starts = *swept.items(), (start,) if isinstance(start, str) else tuple(start)
+    if not starts or not set(starts) <= set(STARTS):
+        raise ParameterError(f"start must be of {', '.join(STARTS)}, got {start!r}")
+    parameters, actives = parts_of(gear, effects)
+    others = {key: given for key, given in values.items() if key not in swept}
+    base = for_sweeps(parameters.changed(others), others)
+    axis = Axis(name, tuple(float(one) for one in along))
+    look = Observation(transient, cycles, min(cycles, 100), mesh=base.layout.meshes[0])
+    with tempfile.TemporaryDirectory() as unkept:
+        stores = []
+        for way in starts:
+            chunk = CHUNK if way == "fixed" and in_slots(actives) else SMALL
+            sweep = Sweep(base, (axis,), look, way, chunk, effects_text(actives))
+            stores.append(open_store(Path(folder or unkept) / way, sweep))
+        run_stores(stores)
+        return Bifurcation(diagram_of([load_result(store) for store in stores]))

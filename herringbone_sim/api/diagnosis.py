@@ -1,0 +1,166 @@
+"""Campaigns of a rig and their diagnosis in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.api.gear import any_gear
+from herringbone_sim.api.shown import Shown, frame
+from herringbone_sim.effects.registry import effects
+from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.diagnose import diagnose as diagnose_campaign
+from herringbone_sim.gap.report import write_report
+from herringbone_sim.gap.verdict.augmented import Augmented, save_augmented
+from herringbone_sim.recording import campaign as recorded
+from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.gap_arrays import gap_arrays
+from herringbone_sim.views.gap_figures import GapArrays
+from herringbone_sim.views.gap_page import write_gap_page
+
+
+@dataclass(frozen=True, repr=False)
+class Campaign(Shown):
+    """Recorded runs of a rig, with their operating points and roles.
+
+    Attributes:
+        folder: with ``campaign.yaml``.
+    """
+
+    folder: Path | str
+
+    @property
+    def recorded(self) -> recorded.Campaign:
+        """What ``campaign.yaml`` says; RecordingError where there is none."""
+        return recorded.read_campaign(Path(self.folder))
+
+    def title(self) -> str:
+        return f"campaign {self.recorded.rig}"
+
+    def facts(self) -> list[tuple[str, str]]:
+        return [
+            (run.path.name, ", ".join([run.role, *(f"{k} {v:g}" for k, v in run.point.items())]))
+            for run in self.recorded.runs
+        ]
+
+    def to_pandas(self) -> Any:
+        """A row a run: name, role, operating point."""
+        runs = self.recorded.runs
+        names = list(runs[0].point) if runs else []
+        columns = {name: [run.point[name] for run in runs] for name in names}
+        about = {"run": [run.path.name for run in runs], "role": [run.role for run in runs]}
+        return frame({**about, **columns})
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """Which effect the nominal model lacks, where, how large, and how sure.
+
+    Attributes:
+        report: as ``report.json`` has it.
+        augmented: the model with the effects, recalibrated.
+        nominal: parameter file of the rig.
+        rig: its name.
+        arrays: residuals that the page draws; None where none was formed.
+    """
+
+    report: Mapping[str, Any]
+    augmented: Augmented
+    nominal: Path
+    rig: str
+    arrays: GapArrays | None
+
+    @property
+    def verdict(self) -> str:
+        """``none``, ``unknown``, or the id of an effect, two of a pair, as in the report."""
+        return str(self.report["verdict"])
+
+    @property
+    def causes(self) -> list[Mapping[str, Any]]:
+        """Effects with place, parameters and probability, the likeliest first."""
+        return list(self.report["causes"])
+
+    def title(self) -> str:
+        return f"{self.rig}: {self.verdict}"
+
+    def facts(self) -> list[tuple[str, str]]:
+        return [
+            (f"{one['probability']:.1%}", f"{one['effect']} at {'/'.join(one['locus'].values())}")
+            for one in self.causes[:5]
+        ]
+
+    def to_pandas(self) -> Any:
+        """A row a cause and parameter, with its 90 % interval."""
+        rows = [
+            {
+                "effect": one["effect"],
+                "place": "/".join(one["locus"].values()),
+                "probability": one["probability"],
+                "parameter": name,
+                "value": value["value"],
+                "ci90": value["ci90"],
+                "unit": value["unit"],
+            }
+            for one in self.causes
+            for name, value in one["parameters"].items()
+        ]
+        return frame({name: [row[name] for row in rows] for name in (rows[0] if rows else ())})
+
+    @any_gear()
+    def save(self, folder: Path | str) -> Path:
+        """Write report.json, augmented.yaml and the page; returns the page."""
+        out = make_folder(Path(folder))
+        nominal = load_parameters(self.nominal).changed({"model": "full"})
+        write_report(out / "report.json", self.report)
+        save_augmented(out / "augmented.yaml", nominal, self.augmented, self.rig)
+        return write_gap_page(self.report, out, self.arrays, self.nominal)
+
+
+@any_gear()
+def diagnose(campaign: Campaign | Path | str, nominal: Path | str) -> Diagnosis:
+    """Hold a campaign against the nominal model, as the verb ``gap`` does.
+
+    Args:
+        campaign: or its folder.
+        nominal: parameter file of the rig.
+
+    Raises:
+        RecordingError: no campaign there.
+        ParameterError: a file that no gear can have.
+        AnalysisError: no run of role ``fit``.
+    """
+    folder = campaign.folder if isinstance(campaign, Campaign) else campaign
+    parameters = load_parameters(nominal).changed({"model": "full"})
+    prepared = prepare(Path(folder), parameters)
+    found = diagnose_campaign(prepared)
+    arrays = gap_arrays(found.calibrated)
+    return Diagnosis(found.report, found.augmented, Path(nominal), prepared.rig, arrays)
+
+
+@dataclass(frozen=True, repr=False)
+class Catalogue(Shown):
+    """Effects that the nominal model leaves out."""
+
+    def title(self) -> str:
+        return f"{len(effects())} effects"
+
+    def facts(self) -> list[tuple[str, str]]:
+        return [(one.id, one.text) for one in effects().values()]
+
+    def to_pandas(self) -> Any:
+        """A row a parameter of an effect, with unit and bounds."""
+        rows = [
+            (one.id, one.level, p.name, p.unit, p.low, p.high, p.text)
+            for one in effects().values()
+            for p in one.parameters
+        ]
+        names = ("effect", "level", "parameter", "unit", "low", "high", "meaning")
+        return frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
+
+
+def catalogue() -> Catalogue:
+    """Effects that a gear may have and a diagnosis may name, users' own included."""
+    return Catalogue()

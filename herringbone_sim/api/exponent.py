@@ -1,0 +1,83 @@
+"""Lyapunov exponents in Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.api.gear import Gear, any_gear, model_of
+from herringbone_sim.api.shown import Picture, Shown
+from herringbone_sim.core import integrate
+from herringbone_sim.dynamics.opinions import Opinions, all_opinions
+from herringbone_sim.dynamics.spectrum import kaplan_yorke
+from herringbone_sim.views.exponent_figures import exponents_figure
+
+
+@any_gear()
+def largest_exponent(
+    gear: Gear = None,
+    cycles: int = 500,
+    transient: int = 200,
+    effects: str | None = None,
+    **changes: Any,
+) -> tuple[float, float]:
+    """Largest Lyapunov exponent per unit of the dimensionless time, and its standard error.
+
+    Args:
+        gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
+        cycles: mesh cycles averaged over.
+        transient: mesh cycles left out before.
+        effects: that the gear has, as a text; None for those of the file.
+        changes: parameters by name.
+
+    Raises:
+        ParameterError: a set that no gear can have, or no such effect.
+        DivergenceError: the motion left the range of any gear.
+    """
+    return integrate.largest_exponent(model_of(gear, effects, changes), cycles, transient)
+
+
+@dataclass(frozen=True, repr=False)
+class Exponents(Shown):
+    """What every method says of one motion.
+
+    Attributes:
+        methods: spectrum of the tangent flow, two trajectories, left and right, series, 0-1 test.
+    """
+
+    methods: Opinions
+
+    @property
+    def spectrum(self) -> Any:
+        """Lyapunov exponents (n,) per unit of the dimensionless time, descending."""
+        return self.methods.spectrum.exponents
+
+    def title(self) -> str:
+        return self.methods.motion
+
+    def facts(self) -> list[tuple[str, str]]:
+        growth = self.methods.spectrum
+        pairs = zip(growth.exponents, growth.errors, strict=True)
+        return [
+            ("exponents", ", ".join(f"{value:+.4f} ± {error:.4f}" for value, error in pairs)),
+            ("Kaplan-Yorke dimension", f"{kaplan_yorke(np.asarray(growth.exponents)):.3f}"),
+            ("0-1 test", f"{self.methods.zero_one.K:.3f}"),
+        ]
+
+    def plot(self) -> Picture:
+        """Convergence, spectrum, two trajectories and 0-1 test."""
+        return Picture(exponents_figure(self.methods, self.title()))
+
+
+@any_gear()
+def exponents(
+    gear: Gear = None,
+    cycles: int = 2000,
+    transient: int = 1000,
+    effects: str | None = None,
+    **changes: Any,
+) -> Exponents:
+    """Tell chaos from order by every method at once; arguments and errors as ``simulate``."""
+    return Exponents(all_opinions(model_of(gear, effects, changes), cycles, transient))

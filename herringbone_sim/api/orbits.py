@@ -1,0 +1,104 @@
+"""Periodic orbits over a parameter in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from herringbone_sim.api.gear import Gear, any_gear, parts_of
+from herringbone_sim.api.shown import Picture, Shown, frame
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.dynamics.cascade import Followed, Options, explore
+from herringbone_sim.dynamics.gear_family import Gears, gear_family
+from herringbone_sim.dynamics.starts import find_start
+from herringbone_sim.views.orbit_figures import orbit_figure, stability_of
+
+
+@dataclass(frozen=True, repr=False)
+class Orbits(Shown):
+    """Branches of periodic orbits, stable or not, with the boundaries on them.
+
+    Attributes:
+        over: name of the parameter.
+        branches: with their orbits and boundaries.
+        parameters: of the gear.
+    """
+
+    over: str
+    branches: tuple[Followed, ...]
+    parameters: Parameters
+
+    def title(self) -> str:
+        return f"{len(self.branches)} branches of periodic orbits over {self.over}"
+
+    def facts(self) -> list[tuple[str, str]]:
+        return [
+            (f"P{one.period}", ", ".join(f"{b.kind} at {b.value:.6g}" for b in one.boundaries))
+            for one in self.branches
+        ]
+
+    def plot(self, mesh: int = 0) -> Picture:
+        """Branches over the parameter, above their largest multipliers.
+
+        Args:
+            mesh: index of the mesh whose displacement at phase 0 is shown.
+        """
+        name = self.parameters.layout.meshes[mesh]
+        return Picture(orbit_figure(self.branches, self.over, mesh, name))
+
+    def to_pandas(self) -> Any:
+        """A row an orbit: its branch, value, period and stability."""
+        rows = [
+            (number, point.value, one.period, stability_of(point))
+            for number, one in enumerate(self.branches, start=1)
+            for point in one.branch.points
+        ]
+        names = ("branch", self.over, "period", "stability")
+        return frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
+
+    def boundaries(self) -> Any:
+        """A row a boundary, by value, as a ``pandas.DataFrame``."""
+        found = [
+            (b.value, b.kind, number, b.period)
+            for number, one in enumerate(self.branches, start=1)
+            for b in one.boundaries
+        ]
+        names = (self.over, "kind", "branch", "period")
+        return frame({name: [row[i] for row in sorted(found)] for i, name in enumerate(names)})
+
+
+@any_gear()
+def orbits(
+    gear: Gear = None,
+    over: str = "delta_T",
+    between: tuple[float, float] = (55.0, 90.0),
+    start: Sequence[float | tuple[float, int]] = (85.0,),
+    max_period: int = 4,
+    effects: str | None = None,
+    **changes: Any,
+) -> Orbits:
+    """Follow periodic orbits through folds and doublings, and name every boundary.
+
+    Args:
+        gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
+        over: parameter that is varied.
+        between: its range.
+        start: values at which the motion is periodic, or (value, N) for an orbit of N periods
+            near the motion there, stable or not.
+        max_period: of doubled orbits.
+        effects: that the gear has, as a text; None for those of the file.
+        changes: other parameters by name.
+
+    Raises:
+        ParameterError: a set that no gear can have, or a start outside of the range.
+        AnalysisError: no orbit at a start.
+    """
+    parameters, actives = parts_of(gear, effects)
+    parameters = parameters.changed(changes)
+    family, watch = gear_family(parameters, over, *between, actives)
+    gears = Gears(parameters, over, actives)
+    pairs = [one if isinstance(one, tuple) else (one, None) for one in start]
+    starts = [(value, find_start(gears, family, value, period)) for value, period in pairs]
+    found = explore(family, starts, watch, Options(max_period=max_period))
+    return Orbits(over, tuple(found), parameters)

@@ -1,0 +1,152 @@
+"""Runs, simulated or recorded, in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from herringbone_sim.analysis.known_gear import gear_of
+from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
+from herringbone_sim.api.gear import Gear, any_gear, model_of
+from herringbone_sim.api.shown import Picture, Shown, frame, library
+from herringbone_sim.core import integrate
+from herringbone_sim.core.layout import unit_of
+from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.recording.parameter_file import values_of_gear
+from herringbone_sim.recording.reader import ParameterChange, read_recording
+from herringbone_sim.views.figures import Scale, motion_figure
+
+
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
+    """Samples of a gear over time.
+
+    Attributes:
+        name: of the run.
+        samples: of every channel, SI units; ``run["x_sp_L"]`` gives one channel (n,).
+        parameters: of the gear by name, ``effects`` as a text; empty when unknown.
+        changes: of parameters during the run.
+        notes: what is odd about a recording, a sentence each.
+        end: state of the gear after the last sample, to go on from; None of a recording.
+    """
+
+    name: str
+    samples: TimeSeries
+    parameters: Mapping[str, Any]
+    changes: tuple[ParameterChange, ...] = ()
+    notes: tuple[str, ...] = ()
+    end: integrate.State | None = field(default=None, compare=False)
+
+    def __getitem__(self, channel: str) -> Array:
+        return self.samples[channel]
+
+    @property
+    def t(self) -> Array:
+        """Time (n,) [s]."""
+        return self.samples.times
+
+    @cached_property
+    def segments(self) -> list[SegmentResult]:
+        """Period, exponent, spectrum and contact of each stretch of constant parameters.
+
+        Raises:
+            AnalysisError: the run has no displacements and rates, or is too short.
+        """
+        numbers = [
+            (one.t_s, {k: float(v) for k, v in one.values.items() if isinstance(v, (int, float))})
+            for one in self.changes
+        ]
+        return analyze_series(self.samples, numbers, Options(), self._gear)
+
+    @cached_property
+    def _gear(self) -> Any:
+        return gear_of(self.parameters, with_model=False)
+
+    def to_pandas(self) -> Any:
+        """All channels as a ``pandas.DataFrame`` over the time [s]."""
+        columns = {name: self.samples[name] for name in self.samples.names}
+        table = frame(columns)
+        table.index = library("pandas").Index(self.t, name="time")
+        return table
+
+    def to_xarray(self) -> Any:
+        """All channels as an ``xarray.Dataset`` over ``time``, with their units."""
+        xarray = library("xarray")
+        columns = {
+            name: ("time", self.samples[name], {"units": unit_of(name)})
+            for name in self.samples.names
+        }
+        time = ("time", self.t, {"units": "s"})
+        return xarray.Dataset(columns, {"time": time}, {"name": self.name})
+
+    def title(self) -> str:
+        return f"run {self.name}"
+
+    def facts(self) -> list[tuple[str, str]]:
+        span = float(self.t[-1] - self.t[0])
+        motions = ", ".join(one.label for one in self.segments)
+        facts = [
+            (
+                "samples",
+                f"{len(self.samples)} of {len(self.samples.names)} channels, {span:.4g} s",
+            ),
+            ("motion", motions),
+        ]
+        effects = self.parameters.get("effects")
+        return [*facts, *([("effects", str(effects))] if effects else []), *self._noted()]
+
+    def _noted(self) -> list[tuple[str, str]]:
+        return [("note", note) for note in self.notes]
+
+    def plot(self, mesh: str | None = None, segment: int = -1) -> Picture:
+        """Time course, phase portrait, Poincaré section and spectrum of one mesh.
+
+        Args:
+            mesh: name such as ``sp_L``; the first by default.
+            segment: index into ``segments``; the last by default.
+        """
+        result = self.segments[segment]
+        scale = Scale(self._gear.b_c_m, self._gear.omega_n)
+        return Picture(motion_figure(result, mesh or result.motion.meshes[0], scale))
+
+
+@any_gear()
+def simulate(
+    gear: Gear = None,
+    cycles: int = 500,
+    effects: str | None = None,
+    start: Run | None = None,
+    **changes: Any,
+) -> Run:
+    """Run a gear for some mesh cycles.
+
+    Args:
+        gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
+        cycles: mesh cycles.
+        effects: that the gear has, as a text; None for those of the file.
+        start: a simulated run of the same model to go on from; the initial state by default.
+        changes: parameters by name, as ``delta_T=20.0``.
+
+    Raises:
+        ParameterError: a set that no gear can have, or no such effect.
+        DivergenceError: the motion left the range of any gear.
+    """
+    model = model_of(gear, effects, changes)
+    samples, end = integrate.simulate(model, cycles, None if start is None else start.end)
+    told = ", ".join(f"{name} {value}" for name, value in changes.items())
+    values = values_of_gear(model.parameters, model.effects)
+    return Run(told or "simulated", samples, values, end=end)
+
+
+@any_gear()
+def read_run(path: Path | str) -> Run:
+    """Read a recorded run: a run folder or a .mcap file, of this simulator or of a rig.
+
+    Raises:
+        RecordingError: nothing there, or nothing that can be read.
+    """
+    read = read_recording(path)
+    return Run(read.name, read.samples, read.channels.parameters, read.changes, read.notes)

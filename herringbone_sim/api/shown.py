@@ -1,0 +1,82 @@
+"""How results show themselves: a table as text and HTML, a picture as PNG, columns for pandas."""
+
+from __future__ import annotations
+
+import base64
+import importlib
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from herringbone_sim.errors import AnalysisError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DPI = 100
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that a notebook shows.
+
+    Attributes:
+        figure: of Matplotlib, to be changed at will.
+    """
+
+    figure: Figure
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.figure.savefig(buffer, format="png", dpi=DPI)
+        return buffer.getvalue()
+
+    def save(self, path: Path | str) -> None:
+        """Write the figure; the ending of the file (.png, .svg, .pdf) says how."""
+        self.figure.savefig(path)
+
+
+class Shown:
+    """A result with a title and facts; a notebook shows them above its picture, if it has one."""
+
+    def title(self) -> str:
+        """What this is, in a line."""
+        raise NotImplementedError
+
+    def facts(self) -> Sequence[tuple[str, str]]:
+        """Names and values of the table."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return "\n".join([self.title(), *(f"  {name}: {value}" for name, value in self.facts())])
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{escape(name)}</th>"
+            f"<td style='text-align:left'>{escape(value)}</td></tr>"
+            for name, value in self.facts()
+        )
+        text = f"<p><b>{escape(self.title())}</b></p><table>{rows}</table>"
+        plot = getattr(self, "plot", None)
+        if plot is None:
+            return text
+        image = base64.b64encode(plot()._repr_png_()).decode()
+        return f"{text}<img alt='{escape(self.title())}' src='data:image/png;base64,{image}'>"
+
+
+def frame(columns: Mapping[str, Any]) -> Any:
+    """Columns as a ``pandas.DataFrame``; AnalysisError without pandas."""
+    return library("pandas").DataFrame(dict(columns))
+
+
+def library(name: str) -> Any:
+    """A library of the extra ``notebook``; AnalysisError where it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise AnalysisError(
+            f"this needs {name}, which is not installed: pip install 'herringbone_sim[notebook]'"
+        ) from None

@@ -1,0 +1,13 @@
+"""The way in of a ROS user, as its page has it."""
+
+from __future__ import annotations
+
+from ways_in import ROOT, run_page
+
+
+def test_a_ros_user_steers_and_records(tmp_path, domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    printed = run_page(ROOT / "docs" / "start" / "ros.md", tmp_path, 600)
+    assert "periodic" in printed or "P1" in printed
+    assert (tmp_path / "first_runs" / "steered" / "metadata.yaml").exists()
+    assert (tmp_path / "first_runs" / "analysis" / "report.html").exists()

@@ -1,0 +1,140 @@
+"""``import herringbone_sim as hb``: what its names give, held against the rooms below."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from recording_support import make_rows, write_run
+
+import herringbone_sim as hb
+from herringbone_sim.api import NAMES
+from herringbone_sim.core import integrate
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.recording.parameter_file import load_gear
+
+PAPER = "config/paper.yaml"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def in_the_repository(pytestconfig):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(pytestconfig.rootpath)
+        yield
+
+
+def test_every_name_is_there_and_no_other():
+    assert set(NAMES) <= set(dir(hb))
+    assert all(getattr(hb, name) is not None for name in NAMES)
+    with pytest.raises(AttributeError, match="has no attribute 'bifurcations'"):
+        hb.bifurcations  # noqa: B018
+
+
+def test_the_import_alone_loads_nothing_heavy():
+    """Half a second is promised; what costs time are these libraries, so none is loaded."""
+    heavy = ["numba", "scipy", "matplotlib", "pandas", "rerun", "pyarrow", "rclpy"]
+    code = f"import sys, herringbone_sim; print([n for n in {heavy} if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_run_has_the_samples_of_the_stepper_and_goes_on_where_it_ended():
+    whole = hb.simulate(cycles=40, delta_T=20.0)
+    series, _ = integrate.simulate(build(Parameters(delta_T=20.0)), cycles=40)
+    assert np.array_equal(whole.samples.data, series.data)
+    first = hb.simulate(cycles=25, delta_T=20.0)
+    second = hb.simulate(cycles=15, delta_T=20.0, start=first)
+    assert np.array_equal(np.concatenate([first["x_sp_L"], second["x_sp_L"]]), whole["x_sp_L"])
+
+
+def test_a_run_shows_itself_and_gives_its_channels_to_pandas_and_xarray():
+    run = hb.simulate(PAPER, cycles=200, delta_T=90.0)
+    assert "motion: P1" in repr(run)
+    assert "<table>" in run._repr_html_()
+    assert "data:image/png;base64" in run._repr_html_()
+    table, data = run.to_pandas(), run.to_xarray()
+    assert np.array_equal(table["F_sp_L"], run["F_sp_L"])
+    assert np.array_equal(data["time"], run.t)
+    assert data["x_sp_L"].attrs["units"] == "m"
+
+
+def test_a_recorded_run_is_read_as_it_was_simulated(tmp_path):
+    run = hb.read_run(write_run(tmp_path, n=500))
+    assert np.array_equal(run.samples.data, make_rows(0, 500))
+    assert run.changes[0].values["K"] == 0.5
+    with pytest.raises(hb.HerringboneError, match="nothing"):
+        hb.read_run(tmp_path / "nothing")
+
+
+def test_effects_and_changes_make_the_gear_that_they_say():
+    plain = hb.simulate(PAPER, cycles=30, delta_T=20.0)
+    cracked = hb.simulate(
+        PAPER, cycles=30, delta_T=20.0, effects="mean_stiffness@sp/all/L:factor=0.9"
+    )
+    weaker = hb.Parameters(**{**vars(load_gear(PAPER)[0]), "delta_T": 20.0})
+    assert np.array_equal(hb.simulate(weaker, cycles=30)["x_sp_L"], plain["x_sp_L"])
+    assert not np.array_equal(cracked["x_sp_L"], plain["x_sp_L"])
+    assert "mean_stiffness" in repr(cracked)
+
+
+def test_a_diagram_has_the_periods_of_the_sweep_and_keeps_them_where_asked(tmp_path):
+    values = np.linspace(84.0, 90.0, 4)
+    found = hb.bifurcation(PAPER, start=["fixed", "down"], folder=tmp_path, delta_T=values)
+    assert found.period.tolist() == [1.0] * 4
+    assert (found.exponent < 0).all()
+    assert len(found.to_pandas()) == 8
+    assert {path.name for path in tmp_path.iterdir()} == {"fixed", "down"}
+    assert "P1 100.0%" in repr(found)
+    assert found.plot()._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"delta_T": 20.0}, "goes over one parameter"),
+        ({"delta_T": [10.0, 20.0], "xi": [0.1, 0.2]}, "goes over one parameter"),
+        ({"delta_T": [10.0, 20.0], "start": "sideways"}, "start must be of"),
+        ({"delta_T": [20.0, 10.0]}, "must be finite and increase"),
+    ],
+)
+def test_a_diagram_that_cannot_be_is_refused(given, message):
+    with pytest.raises(hb.HerringboneError, match=message):
+        hb.bifurcation(PAPER, **given)
+
+
+def test_orbits_name_their_boundaries():
+    """P1 over xi: left and right part at .1621, a flip follows at .1624 (docs/boundaries.md)."""
+    found = hb.orbits(PAPER, over="xi", between=(0.16, 0.17), start=[0.168], max_period=1)
+    table = found.boundaries()
+    assert table["kind"].tolist() == ["transverse", "flip"]
+    assert np.allclose(table["xi"], [0.16213, 0.16244], atol=1e-4)
+    assert set(found.to_pandas()["stability"]) > {"stable"}
+
+
+def test_motions_from_random_starts_have_shares_that_sum_to_one():
+    found = hb.basins(PAPER, starts=16, transient=400, delta_T=90.0)
+    table = found.to_pandas()
+    assert table["share"].sum() == pytest.approx(1.0)
+    assert table["starts"].sum() == 16
+    assert ((table["low"] <= table["share"]) & (table["share"] <= table["high"])).all()
+
+
+def test_the_catalogue_lists_every_effect():
+    from herringbone_sim.effects.registry import effects
+
+    assert set(hb.catalogue().to_pandas()["effect"]) <= set(effects())
+    assert [name for name, _ in hb.catalogue().facts()] == list(effects())
+
+
+def test_no_warning_that_the_paper_s_gear_cannot_be_assembled(recwarn):
+    hb.simulate(PAPER, cycles=2)
+    assert not recwarn.list
+
+
+def test_what_is_not_installed_is_said_with_its_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(hb.HerringboneError, match=r"pip install 'herringbone_sim\[notebook\]'"):
+        hb.catalogue().to_pandas()
