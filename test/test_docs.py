@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import re
-import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from help_support import check_command, commands_in
 
-from herringbone_sim.__main__ import VERBS, parser
+from herringbone_sim.__main__ import VERBS
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-COMMAND = re.compile(r"^ *python -m herringbone_sim ((?:[^\n\\]|\\\n|\\.)+)", re.MULTILINE)
 
 
 def commands(page: Path) -> list[list[str]]:
-    """Arguments of every command on a line of its own; sketches with ... are left out."""
-    text = page.read_text(encoding="utf-8")
-    found = [shlex.split(one.replace("\\\n", " "), comments=True) for one in COMMAND.findall(text)]
-    return [words for words in found if "..." not in words]
+    """Every command of a page on a line of its own, module first."""
+    return commands_in(page.read_text(encoding="utf-8"))
 
 
 def anchors(page: Path) -> set[str]:
@@ -36,11 +33,7 @@ def anchors(page: Path) -> set[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_parse(page: Path) -> None:
     for words in commands(page):
-        if " ".join(words[:2]) in VERBS:
-            words[:2] = [" ".join(words[:2])]
-        commands_of = parser([words[0]])
-        _, rest = commands_of.parse_known_args(words)  # exits where an option is unknown
-        assert not rest or rest[0] == "--ros-args", f"{page.name}: {' '.join(words)}"
+        check_command(words, page.name)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -55,7 +48,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 def test_the_readme_shows_every_verb() -> None:
-    shown = {" ".join(words[:n]) for words in commands(PAGES[0]) for n in (1, 2)}
+    shown = {" ".join(words[1:n]) for words in commands(PAGES[0]) for n in (2, 3)}
     assert set(VERBS) - shown == {"demo"}  # by scripts/demo.sh
 
 
