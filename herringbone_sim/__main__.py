@@ -16,7 +16,7 @@ from typing import Any
 # Matrices here are small: threads of a linear algebra library only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from herringbone_sim.cli.verbs import GREETING, PROGRAM, VERBS, overview
+from herringbone_sim.cli.verbs import PROGRAM, VERBS, greeting, overview
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
@@ -95,10 +95,9 @@ def _run(argv: Sequence[str] | None) -> int:
 
 def _without_verb(arguments: Sequence[str]) -> int:
     """Greet, list the verbs or tell the version, without importing any; 2 for what is none."""
-    texts = {"": GREETING.rstrip(), "-h": overview(), "--help": overview(), "--version": VERSION}
     asked = arguments[0] if arguments else ""
-    if asked in texts:
-        print(texts[asked])
+    if asked in ("", "-h", "--help", "--version"):
+        print(VERSION if asked == "--version" else overview() if asked else greeting())
         return 0
     begun = [verb for verb in VERBS if verb.startswith(f"{asked} ")]
     meant = begun or difflib.get_close_matches(asked, VERBS)

@@ -16,7 +16,8 @@ from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+PAGES = (ROOT / "README.md", CONTRIBUTING, *sorted((ROOT / "docs").glob("*.md")))
 
 
 def commands(page: Path) -> list[list[str]]:
@@ -50,6 +51,17 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_the_readme_shows_every_verb() -> None:
     shown = {" ".join(words[1:n]) for words in commands(PAGES[0]) for n in (2, 3)}
     assert set(VERBS) - shown == {"demo"}  # by scripts/demo.sh
+
+
+def test_the_page_for_contributors_names_rooms_and_files_that_there_are() -> None:
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    package = ROOT / "herringbone_sim"
+    rooms = {f"{path.parent.name}/" for path in package.glob("*/__init__.py")}
+    assert {room for room in rooms if f"`{room}`" not in text} == set()
+    named = set(re.findall(r"`((?:[a-z_]+/)+(?:[a-z_]+\.[a-z]+)?)`", text)) - {"data/"}
+    places = (ROOT, package, package / "gap")
+    assert len(named) > 30
+    assert {n for n in named if not any((place / n).exists() for place in places)} == set()
 
 
 def test_a_campaign_of_ones_own_is_read(tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from help_support import EXPLAINED, check_command, commands_in, example_of, help_of
 
-from herringbone_sim.__main__ import GREETING, VERBS, main, overview, parser
+from herringbone_sim.__main__ import VERBS, main, overview, parser
 
 ROOT = Path(__file__).resolve().parents[1]
-WAYS = ("run", "sweep", "reproduce", "rig", "gap")  # in, of a bare call
+WAYS = {"run", "sweep", "reproduce", "rig", "gap"}  # in, of a bare call
 COLUMNS, LINES = 80, 28
 
 
@@ -31,17 +31,23 @@ def test_what_needs_no_verb_loads_none(argument: str) -> None:
     assert done.stdout
 
 
-def test_a_bare_call_shows_the_ways_in_on_one_screen(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bare_call_shows_the_ways_in_on_one_screen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
     assert main([]) == 0
-    assert capsys.readouterr().out == GREETING
-    lines = GREETING.splitlines()
+    greeting = capsys.readouterr().out
+    lines = greeting.splitlines()
     assert len(lines) <= LINES
     assert max(map(len, lines)) <= COLUMNS
-    shown = commands_in(GREETING)
-    assert {words[1] for words in shown if words[1:]} == set(WAYS)
+    shown = commands_in(greeting)
+    assert {words[1] for words in shown if words[1:]} == WAYS
     for words in shown:
         check_command(words, "greeting")
-        assert all((ROOT / word).exists() for word in words if word.startswith("config/"))
+    monkeypatch.chdir(tmp_path)
+    assert main([]) == 0
+    elsewhere = capsys.readouterr().out
+    assert elsewhere == greeting.replace("ways in:", f"ways in; config/ is in {ROOT}:")
 
 
 def test_the_overview_has_a_line_on_every_verb() -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import textwrap
+from pathlib import Path
 from typing import Any
 
+from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
 
 PROGRAM = "python -m herringbone_sim"
@@ -47,12 +50,12 @@ GROUPS = {
 }
 VERBS = tuple(verb for group in GROUPS.values() for verb in group)
 
-GREETING = f"""\
+_GREETING = f"""\
 herringbone_sim {VERSION}
 A herringbone planetary gear, often chaotic: run and steered in real time, swept
 over its parameters, and held against the recordings of a rig.
 
-Four ways in; the commands work in the folder that holds config/:
+Four ways in{{where}}:
 
   ROS 2: run a gear, record it, and steer it from another terminal
     {PROGRAM} run --ros-args -p record:=true
@@ -72,6 +75,17 @@ Four ways in; the commands work in the folder that holds config/:
 All verbs: {PROGRAM} --help; each has its own --help, which
 ends with an example. More: README.md and docs/.
 """
+
+
+def greeting() -> str:
+    """What a bare call says: the ways in, and where the files are that their commands name."""
+    from herringbone_sim.cli.demo import config
+
+    where = ""
+    if not Path("config", "rig.yaml").exists():
+        with contextlib.suppress(HerringboneError):  # installed without its share folder
+            where = f"; config/ is in {Path(config('rig.yaml')).parents[1]}"
+    return _GREETING.format(where=where).rstrip()
 
 
 def overview() -> str:
