@@ -20,14 +20,14 @@ Listen to the topics of a rig and of the simulator while they run, and show wher
 disagrees with the nominal model: the residual F - (k(t) f(x) + c v) mesh by mesh, recalibrated
 inside the tolerances and over the floor of the noise, and its shares by mesh, kind, side, planet
 and contact. Beside it the statistics of both motions: two chaotic motions never match, but their
-forces and contacts do. Publishes /gap/residual, /gap/difference and
-/gap/place. In the example the last two commands stand in
-terminals of their own; Ctrl-C ends it.
+forces and contacts do. Publishes /gap/residual, /gap/difference and /gap/place. In the example the
+last two commands stand in terminals of their own; Ctrl-C ends it.
 """
 EXAMPLES = """\
 python -m herringbone_sim rig make --out rigs/pin --seed 7 \\
     --effect pin_position@all/2/all:offset=1.5e-5
-python -m herringbone_sim replay rigs/pin/run_00 --publish --speed 0.01 --node-name rig
+python -m herringbone_sim replay rigs/pin/run_00 --publish --loop --speed 0.01 \\
+    --node-name rig
 python -m herringbone_sim gap live --rig /rig --noise 0.01
 """
 CLEAR = "\x1b[H\x1b[J"
