@@ -211,6 +211,18 @@ def test_the_page_of_a_release_is_the_readme() -> None:
     assert supported == ["3.10", "3.11", "3.12", "3.13"]
 
 
+def test_hooks_of_pre_commit_are_the_quick_checks_of_the_suite() -> None:
+    text = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    (local,) = yaml.safe_load(text)["repos"]
+    assert local["repo"] == "local"  # nothing is fetched
+    commands = {
+        hook["entry"].removeprefix(".venv/bin/").split(" --")[0] for hook in local["hooks"]
+    }
+    suite = (ROOT / "scripts" / "test.sh").read_text(encoding="utf-8")
+    assert commands == {"ruff check", "ruff format", "mypy", "lint-imports"}
+    assert all(f'" {command}' in suite for command in commands)
+
+
 def test_tests_are_not_installed() -> None:
     assert all(name.startswith("herringbone_sim") for name in distribution().packages)
 
