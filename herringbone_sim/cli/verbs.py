@@ -68,9 +68,10 @@ Four ways in{{where}}:
   The paper: its Fig. 5 again, with the statements about it
     {PROGRAM} reproduce --only A --compared 0 --out fig05
 
-  A rig: which effect do its recordings show? `campaign import` reads your own
-    {PROGRAM} rig make --out rigs/mine --hidden
+  A rig: which effect is in its recordings? `campaign import` reads your own
+    {PROGRAM} rig make --out rigs/mine --hidden --seed 7
     {PROGRAM} gap rigs/mine --nominal config/rig.yaml --out gap
+    The answer is in rigs/labels/mine.json
 
 All verbs: {PROGRAM} --help; each has its own --help, which
 ends with an example. More: README.md and docs/.
