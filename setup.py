@@ -40,6 +40,16 @@ setup(
     name=NAME,
     version=version(),
     description="Nonlinear dynamics of a herringbone planetary gear as a ROS 2 node",
+    long_description=(HERE / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    keywords="gear, planetary gear, nonlinear dynamics, bifurcation, chaos, diagnosis, ROS 2",
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "Operating System :: POSIX :: Linux",
+        *(f"Programming Language :: Python :: 3.{minor}" for minor in range(10, 14)),
+        "Topic :: Scientific/Engineering :: Physics",
+    ],
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(exclude=["test", "test.*"]),
@@ -63,6 +73,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            f"{NAME} = {NAME}.__main__:main",
             *(f"{verb} = {NAME}.__main__:executable" for verb in EXECUTABLES),
             f"chaos_control = {NAME}.examples.chaos_control:main",
         ],

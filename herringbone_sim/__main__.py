@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import importlib
 import os
 import sys
@@ -15,57 +16,18 @@ from typing import Any
 # Matrices here are small: threads of a linear algebra library only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from herringbone_sim.cli.verbs import PROGRAM, VERBS, greeting, overview
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
 
-VERBS = (
-    "run",
-    "demo",
-    "analyze",
-    "replay",
-    "recover",
-    "info",
-    "show",
-    "parameters",
-    "gap",
-    "gap plan",
-    "gap verify",
-    "gap bench",
-    "gap calibrate",
-    "gap live",
-    "campaign import",
-    "campaign check",
-    "rig",
-    "sweep",
-    "map",
-    "compare",
-    "orbits",
-    "exponents",
-    "basins",
-    "survival",
-    "reproduce",
-    "control",
-)
-
 EXECUTABLES = {"simulator": "run"}  # name for ``ros2 run`` -> verb, where they differ
-
-DESCRIPTION = """\
-Herringbone planetary gear dynamics: stream, steer, record, mirror, replay, analyse.
-
-Start with `demo`, which does it all once; every verb has its own --help.
-"""
 
 
 def parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
     """The command line; a verb's module is in ``herringbone_sim.cli``, its words joined by _."""
-    result = argparse.ArgumentParser(
-        prog="python -m herringbone_sim",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    result.add_argument("--version", action="version", version=VERSION)
-    subparsers = result.add_subparsers(title="verbs", required=True, metavar="VERB")
+    result = argparse.ArgumentParser(prog=PROGRAM)
+    subparsers = result.add_subparsers(required=True, metavar="VERB")
     for verb in verbs:
         module = importlib.import_module(f"herringbone_sim.cli.{verb.replace(' ', '_')}")
         module.add_parser(subparsers)
@@ -108,12 +70,10 @@ def _run(argv: Sequence[str] | None) -> int:
             stream.reconfigure(errors="backslashreplace")
     if " ".join(arguments[:2]) in VERBS:
         arguments[:2] = [" ".join(arguments[:2])]
-    asked = arguments[:1]
-    if not asked:
-        parser().print_help()
-        return 2
+    if not arguments or arguments[0] not in VERBS:
+        return _without_verb(arguments)
     own, of_ros = split_ros(arguments)
-    args, unknown = parser(asked if asked[0] in VERBS else VERBS).parse_known_args(own)
+    args, unknown = parser(arguments[:1]).parse_known_args(own)
     takes_ros = hasattr(args, "of_ros")
     if not takes_ros:
         unknown += of_ros
@@ -131,6 +91,19 @@ def _run(argv: Sequence[str] | None) -> int:
             return 2
         except KeyboardInterrupt:
             return 130
+
+
+def _without_verb(arguments: Sequence[str]) -> int:
+    """Greet, list the verbs or tell the version, without importing any; 2 for what is none."""
+    asked = arguments[0] if arguments else ""
+    if asked in ("", "-h", "--help", "--version"):
+        print(VERSION if asked == "--version" else overview() if asked else greeting())
+        return 0
+    begun = [verb for verb in VERBS if verb.startswith(f"{asked} ")]
+    meant = begun or difflib.get_close_matches(asked, VERBS)
+    hint = f"did you mean {' or '.join(meant)}? " if meant else ""
+    print(f"error: there is no verb {asked!r}: {hint}{PROGRAM} --help lists all", file=sys.stderr)
+    return 2
 
 
 def split_ros(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import re
-import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from help_support import check_command, commands_in
 
-from herringbone_sim.__main__ import VERBS, parser
+from herringbone_sim.__main__ import VERBS
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md")))
-COMMAND = re.compile(r"^ *python -m herringbone_sim ((?:[^\n\\]|\\\n|\\.)+)", re.MULTILINE)
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+PAGES = (ROOT / "README.md", CONTRIBUTING, *sorted((ROOT / "docs").glob("**/*.md")))
 
 
 def commands(page: Path) -> list[list[str]]:
-    """Arguments of every command on a line of its own; sketches with ... are left out."""
-    text = page.read_text(encoding="utf-8")
-    found = [shlex.split(one.replace("\\\n", " "), comments=True) for one in COMMAND.findall(text)]
-    return [words for words in found if "..." not in words]
+    """Every command of a page on a line of its own, module first."""
+    return commands_in(page.read_text(encoding="utf-8"))
 
 
 def anchors(page: Path) -> set[str]:
@@ -36,11 +34,7 @@ def anchors(page: Path) -> set[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_parse(page: Path) -> None:
     for words in commands(page):
-        if " ".join(words[:2]) in VERBS:
-            words[:2] = [" ".join(words[:2])]
-        commands_of = parser([words[0]])
-        _, rest = commands_of.parse_known_args(words)  # exits where an option is unknown
-        assert not rest or rest[0] == "--ros-args", f"{page.name}: {' '.join(words)}"
+        check_command(words, page.name)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -56,12 +50,23 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 def test_one_page_shows_every_verb() -> None:
     page = ROOT / "docs" / "verbs.md"
-    shown = {" ".join(words[:n]) for words in commands(page) for n in (1, 2)}
+    shown = {" ".join(words[1:n]) for words in commands(page) for n in (2, 3)}
     assert set(VERBS) <= shown
 
 
 def test_the_readme_is_read_in_some_minutes() -> None:
     assert len(PAGES[0].read_text(encoding="utf-8").splitlines()) < 150
+
+
+def test_the_page_for_contributors_names_rooms_and_files_that_there_are() -> None:
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    package = ROOT / "herringbone_sim"
+    rooms = {f"{path.parent.name}/" for path in package.glob("*/__init__.py")}
+    assert {room for room in rooms if f"`{room}`" not in text} == set()
+    named = set(re.findall(r"`((?:[a-z_]+/)+(?:[a-z_]+\.[a-z]+)?)`", text)) - {"data/"}
+    places = (ROOT, package, package / "gap")
+    assert len(named) > 30
+    assert {n for n in named if not any((place / n).exists() for place in places)} == set()
 
 
 def test_a_campaign_of_ones_own_is_read(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from gap_support import NOMINAL, POINTS, noisy, prepared, rig, sampled
 
 from herringbone_sim.core.model import build
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.effect import Locus, active
+from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.parts import to_leave_out
@@ -340,3 +342,17 @@ def test_a_folder_with_a_missing_and_a_cut_run(tmp_path: Path, series: TimeSerie
     campaign = prepare(tmp_path, NOMINAL)
     assert [name for name, _ in campaign.missing] == ["run_01"]
     assert any(f.what == "recording" for f in campaign.runs[0].findings)
+
+
+def test_the_load_of_a_rig_with_a_pin_off_its_place_fits_its_torque() -> None:
+    """One planet carries it all there, and presses the others the other way."""
+    pin = active(effect("pin_position"), Locus("all", "2", "all"), {"offset": 1.5e-5})
+    campaign = rig({}, cycles=120, actives=[pin])
+    assert not [one for one in check(campaign)[1] if one.what == "torque"]
+    other = {"T_1": 6.0 * POINTS[1]["T_1"]}
+    heavy = replace(
+        campaign.runs[1], model=build(campaign.runs[1].model.parameters.changed(other))
+    )
+    _, findings = check(replace(campaign, runs=(campaign.runs[0], heavy)))
+    (found,) = (one for one in findings if one.what == "torque")
+    assert found.run == heavy.name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import runpy
+import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -14,6 +15,7 @@ from typing import Any
 
 import pytest
 import setuptools
+import yaml
 from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.changelog_generator import FORTHCOMING_LABEL
 from catkin_pkg.package import parse_package
@@ -56,6 +58,13 @@ def distribution() -> Any:
     return SimpleNamespace(**said)
 
 
+def packed(folder: Path) -> set[str]:
+    """Files of an sdist, as setuptools lists them before it packs them."""
+    words = [sys.executable, "setup.py", "-q", "egg_info", "--egg-base", str(folder)]
+    subprocess.run(words, cwd=ROOT, check=True, capture_output=True)
+    return set((folder / "herringbone_sim.egg-info" / "SOURCES.txt").read_text().splitlines())
+
+
 def entry_points() -> list[str]:
     found: list[str] = distribution().entry_points["console_scripts"]
     return found
@@ -64,6 +73,9 @@ def entry_points() -> list[str]:
 def test_version_is_the_same_everywhere() -> None:
     assert manifest().findtext("version") == __version__
     assert (distribution().name, distribution().version) == ("herringbone_sim", __version__)
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (cited["title"], cited["version"]) == ("herringbone_sim", __version__)
+    assert cited["license"] == distribution().license == manifest().findtext("license")
 
 
 def test_the_changelog_becomes_that_of_a_release_as_ros_tools_do_it(tmp_path: Path) -> None:
@@ -142,10 +154,11 @@ def test_what_the_tests_import_is_installed_by_what_is_documented() -> None:
 def test_executables_of_ros2_run() -> None:
     names = [entry.partition(" = ")[0] for entry in entry_points()]
     assert names == [
+        "herringbone_sim",
         *("simulator", "analyze", "gap", "info", "recover", "replay", "show"),
         "chaos_control",
     ]
-    assert {EXECUTABLES.get(name, name) for name in names[:-1]} <= set(VERBS)
+    assert {EXECUTABLES.get(name, name) for name in names[1:-1]} <= set(VERBS)
 
 
 @pytest.mark.parametrize("entry", entry_points())
@@ -170,6 +183,44 @@ def test_share_holds_what_ros_users_look_for() -> None:
         "config/foxglove.json",
     }
     assert all((ROOT / name).is_file() for name in shared)
+
+
+def test_an_sdist_holds_what_setup_py_reads_and_what_the_tests_need(tmp_path: Path) -> None:
+    found = distribution()
+    shared = {name for _, names in found.data_files for name in names}
+    data = {
+        f"{package.replace('.', '/')}/{name}"
+        for package, names in found.package_data.items()
+        for name in names
+    }
+    wanted = {str(path.relative_to(ROOT)) for path in ROOT.glob("requirements*.txt")}
+    wanted |= {"README.md", "LICENSE", "CHANGELOG.rst", "CITATION.cff", "CONTRIBUTING.md"}
+    wanted |= {"herringbone_sim/version.py", "test/data/evidence.jsonl", "scripts/setup.sh"}
+    there = packed(tmp_path)
+    assert wanted | shared | data <= there
+    for folder in ("herringbone_sim", "test", "docs", "benchmarks"):
+        files = ROOT.joinpath(folder).rglob("*.[pm][yd]")
+        assert {str(path.relative_to(ROOT)) for path in files} <= there
+
+
+def test_the_page_of_a_release_is_the_readme() -> None:
+    found = distribution()
+    assert found.long_description == (ROOT / "README.md").read_text(encoding="utf-8")
+    assert found.long_description_content_type == "text/markdown"
+    supported = [c.rpartition(" ")[2] for c in found.classifiers if ":: 3." in c]
+    assert supported == ["3.10", "3.11", "3.12", "3.13"]
+
+
+def test_hooks_of_pre_commit_are_the_quick_checks_of_the_suite() -> None:
+    text = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    (local,) = yaml.safe_load(text)["repos"]
+    assert local["repo"] == "local"  # nothing is fetched
+    commands = {
+        hook["entry"].removeprefix(".venv/bin/").split(" --")[0] for hook in local["hooks"]
+    }
+    suite = (ROOT / "scripts" / "test.sh").read_text(encoding="utf-8")
+    assert commands == {"ruff check", "ruff format", "mypy", "lint-imports"}
+    assert all(f'" {command}' in suite for command in commands)
 
 
 def test_tests_are_not_installed() -> None:

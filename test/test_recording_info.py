@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -191,12 +190,3 @@ def test_recover_tells_of_damage_and_of_a_run_without_samples(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "it holds 0 messages with 0 samples" in told
     assert "damaged records inside the file" in told
-
-
-@pytest.mark.parametrize("word", ["info", "recover"])
-def test_help_is_for_newcomers(word, capsys):
-    with pytest.raises(SystemExit):
-        command(word, "--help")
-    told = capsys.readouterr().out
-    assert f"example: python -m herringbone_sim {word} runs/my_run" in told
-    assert Path("runs/my_run").name in told

@@ -16,6 +16,7 @@ from herringbone_sim.analysis.bifurcation import bifurcation_diagram
 from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
@@ -25,7 +26,7 @@ from herringbone_sim.views.output import write_diagram, write_run
 from herringbone_sim.views.report import changing, number
 
 MAX_LINES = 42
-_DESCRIPTION = """\
+DESCRIPTION = """\
 Tells what motion each part of a recorded run is. The run is cut where a parameter changes; from
 each part the transient is dropped, and then you get
 
@@ -37,15 +38,15 @@ each part the transient is dropped, and then you get
   contact            share of time in drive contact, apart, in back contact
 
 A run (or several) over which one parameter takes three or more values gives a bifurcation diagram
-with the exponents below it. Works on runs of this simulator and of any rig, without ROS."""
-_EPILOG = """\
-examples:
-  python -m herringbone_sim analyze runs/my_run --out analysis
-  python -m herringbone_sim analyze runs/K_* --out sweep
-  python -m herringbone_sim analyze rig/run_00 --out rig --noise 0.01 --parameters config/rig.yaml
+with the exponents below it. Works on runs of this simulator and of any rig, without ROS.
 
 DIR then holds report.html (open this first), figures/*.png and *.svg, and tables as CSV. With
-more than one RUN each has its own folder in DIR."""
+more than one RUN each has its own folder in DIR.
+"""
+EXAMPLES = """\
+python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
+python -m herringbone_sim analyze runs/first --out analysis
+"""
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,7 @@ class Analysed:
 
 def add_parser(subparsers: Any) -> None:
     """Register ``analyze`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "analyze",
-        help="tell the motion in recorded runs: period, exponent, spectrum, figures",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "analyze", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a .mcap file")
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")

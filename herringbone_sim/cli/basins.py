@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from herringbone_sim.cli.parameter_options import add_parameter_options, model_from, tell_gear
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.attractors import Attractor
@@ -46,25 +47,19 @@ left and right move alike, whether they are chaotic (by the largest exponent), a
 starts that each attracts, with the 95 % interval of Wilson. A motion and its mirror image count
 as one. Random starts have every relative displacement and velocity even within the reach, left
 and right each on its own; the slice has all meshes at rest.
-"""
-EPILOG = """\
-example:
-  python -m herringbone_sim basins --parameters config/paper.yaml --set delta_T=70 --starts 200
-      --slice 80 --out basins
 
 DIR then holds basins.csv, starts.csv, slice.csv, basins.png and .svg. A run that was stopped goes
-on where it was when started again."""
+on where it was when started again.
+"""
+EXAMPLES = """\
+python -m herringbone_sim basins --set delta_T=70 --starts 100 --slice 24 \\
+    --parameters config/paper.yaml --out basins
+"""
 
 
 def add_parser(subparsers: Any) -> None:
     """Register ``basins`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "basins",
-        help="tell coexisting motions apart and count the starts that each attracts",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "basins", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
     add = parser.add_argument
     add("--starts", type=int, default=200, metavar="N", help="random starts [200]")

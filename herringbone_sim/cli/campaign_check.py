@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
 from herringbone_sim.gap.allowed import Allowed, allowed
@@ -22,7 +23,11 @@ and which observations a diagnosis could form of it: force_law (mesh by mesh, F 
 c v), torque_balance (accelerations against forces and torques) and consistency (what sensors say
 of each other). Nothing is diagnosed.
 """
-EPILOG = "example: python -m herringbone_sim campaign check rigs/bench"
+EXAMPLES = """\
+python -m herringbone_sim rig make --out rigs/pin --seed 7 \\
+    --effect pin_position@all/2/all:offset=1.5e-5
+python -m herringbone_sim campaign check rigs/pin
+"""
 NEEDS = {
     "force_law": "forces F with the displacements x of their meshes, or what gives these",
     "torque_balance": "displacements of all meshes, or rotations u of all bodies",
@@ -34,13 +39,7 @@ NEEDS = {
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``campaign check``."""
-    parser = subparsers.add_parser(
-        "campaign check",
-        help="say what a campaign holds and what a diagnosis could form of it",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "campaign check", DESCRIPTION, EXAMPLES)
     parser.add_argument("campaign", type=Path, metavar="DIR", help="folder of runs")
     parser.add_argument(
         "--nominal",

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from herringbone_sim.cli.gap import progress
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.recording.importing.campaign import NOMINAL, ImportedRun, import_campaign
 from herringbone_sim.recording.importing.parse import read_spec
 from herringbone_sim.views.import_page import by_kind, left_words, write_import_page
@@ -19,18 +20,15 @@ written in SI, each run on one clock; units must fit, what is out of the data sh
 told. Prints what it took and left, and writes bags, campaign.yaml, nominal.yaml and import.html.
 A wrong entry is one error, and nothing is written.
 """
-EPILOG = "example: python -m herringbone_sim campaign import files/spec.yaml --out rigs/bench"
+EXAMPLES = """\
+python -m herringbone_sim.examples.files --out files
+python -m herringbone_sim campaign import files/spec.yaml --out rigs/files
+"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``campaign import``."""
-    parser = subparsers.add_parser(
-        "campaign import",
-        help="make a campaign of CSV, Parquet, MAT, TDMS, HDF5 and rosbag2 files",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "campaign import", DESCRIPTION, EXAMPLES)
     parser.add_argument("spec", type=Path, metavar="SPEC.yaml", help="what the files hold")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to make")
     parser.set_defaults(func=campaign_import)

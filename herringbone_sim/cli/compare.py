@@ -17,6 +17,7 @@ from herringbone_sim.cli.sweep_options import (
     observation_from,
     run_all,
 )
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with
@@ -50,25 +51,19 @@ Run the same sweep with two gears, such as the nominal one and the augmented one
 wrote, and tell what moves: the boundaries between motions, and where contact is lost; the share
 of each motion; where several motions coexist, because different starts end differently. Beside
 the initial state, continuations and random starts are tried, left and right each on its own.
-"""
-EPILOG = """\
-example:
-  python -m herringbone_sim compare config/rig.yaml diagnosis/augmented.yaml \\
-    --over delta_T=0:100:400 --out compared
 
 DIR then holds report.html, figures/ (PNG and SVG), boundaries.csv, values.csv, compare.json, and
-the sweeps in nominal/ and augmented/. Repeat the command to go on with one that was cut off."""
+the sweeps in nominal/ and augmented/. Repeat the command to go on with one that was cut off.
+"""
+EXAMPLES = """\
+python -m herringbone_sim compare config/rig.yaml config/paper.yaml \\
+    --over delta_T=0:100:40 --out compared
+"""
 
 
 def add_parser(subparsers: Any) -> None:
     """Register ``compare`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "compare",
-        help="tell what moves between a nominal and an augmented gear",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "compare", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("nominal", type=Path, metavar="NOMINAL", help="parameter file of the one gear")
     add("augmented", type=Path, metavar="AUGMENTED", help="that of the other, with its effects")

@@ -15,6 +15,7 @@ from herringbone_sim.cli.parameter_options import (
     settings,
     tell_gear,
 )
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.control.runs import Runs
 from herringbone_sim.effects.assemble import build_with
@@ -27,24 +28,19 @@ a period at each temperature rise, and from which starts (amplitude); what its p
 do (shape); which torque on which body can realise it, and how large (realisation); whether the
 controlled motion bears unlike halves (robustness). Tables and figures go to DIR. What is done is
 kept in DIR/data: a run that was stopped goes on where it was when started again.
-"""
-EPILOG = """\
-example:
-  python -m herringbone_sim control --parameters config/paper.yaml --set xi=0.085 --out control
 
 K is varied in every part, delta_T in amplitude and robustness, the phase in shape and
-realisation, the order in shape. All else is that of the gear."""
+realisation, the order in shape. All else is that of the gear.
+"""
+EXAMPLES = """\
+python -m herringbone_sim control --quick --set xi=0.085 \\
+    --parameters config/paper.yaml --out control
+"""
 
 
 def add_parser(subparsers: Any) -> None:
     """Register ``control`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "control",
-        help="least amplitude, shape, realisation and robustness of the control",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "control", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.errors import HerringboneError, RecordingError
 
 DESCRIPTION = """\
@@ -19,18 +20,16 @@ process with the paper's parameters in chaos; a control experiment in another pr
 ROS topics until the motion has period 1, and lowers it again; the run is recorded and mirrored;
 it is repeated to the bit, drawn by the real Rerun viewer, and analysed into figures and a report.
 """
+EXAMPLES = """\
+python -m herringbone_sim demo --out demo
+"""
 
 NODE_WAIT_S = 60.0
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``demo``."""
-    parser = subparsers.add_parser(
-        "demo",
-        help="do the main job once: simulate, steer, record, mirror, repeat, analyse",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "demo", DESCRIPTION, EXAMPLES)
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder [%(default)s]")
     parser.add_argument("--force", action="store_true", help="replace the folder if it is there")
     parser.set_defaults(func=demo)

@@ -16,6 +16,7 @@ from herringbone_sim.cli.parameter_options import (
     settings,
     tell_gear,
 )
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.opinions import Opinions, all_opinions
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
@@ -40,23 +41,18 @@ Tell whether the motion of a gear is chaotic, by every method at once:
   0-1 test          near 0 for regular motion, near 1 for chaos; needs no phase space
 
 Exponents are per unit of the dimensionless time tau, errors are standard errors.
-"""
-EPILOG = """\
-example:
-  python -m herringbone_sim exponents --parameters config/paper.yaml --set delta_T=20 --out chaos
 
-DIR then holds exponents.csv, convergence.csv, exponents.png and .svg."""
+DIR then holds exponents.csv, convergence.csv, exponents.png and .svg.
+"""
+EXAMPLES = """\
+python -m herringbone_sim exponents --set delta_T=20 \\
+    --parameters config/paper.yaml --out chaos
+"""
 
 
 def add_parser(subparsers: Any) -> None:
     """Register ``exponents`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "exponents",
-        help="tell chaos from order by Lyapunov exponents and the 0-1 test",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "exponents", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
     add = parser.add_argument
     add("--cycles", type=int, default=2000, metavar="N", help="mesh cycles averaged over [2000]")

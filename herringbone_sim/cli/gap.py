@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.gap_rerun import mirror_gap
 from herringbone_sim.cli.rerun_option import add_rerun_option, parse_where
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
@@ -39,6 +40,11 @@ and as an attractor. No trajectory is held against another beyond that. Writes r
 report.json, augmented.yaml (the model that the node runs, recalibrated and with the effects), and
 report.html: where, which, how much, what is open, what to measure next.
 """
+EXAMPLES = """\
+python -m herringbone_sim rig make --out rigs/pin --seed 7 \\
+    --effect pin_position@all/2/all:offset=1.5e-5
+python -m herringbone_sim gap rigs/pin --nominal config/rig.yaml --out gap_pin
+"""
 STEPS = 16  # of a diagnosis, about; a run is one more
 SHOWN = 48  # letters of what is told
 POINT = {"delta_T": " K", "T_1": " N m", "Omega": "", "K": ""}
@@ -46,12 +52,7 @@ POINT = {"delta_T": " K", "T_1": " N m", "Omega": "", "K": ""}
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``gap``."""
-    parser = subparsers.add_parser(
-        "gap",
-        help="tell where a rig disagrees with the nominal model, and why",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "gap", DESCRIPTION, EXAMPLES)
     parser.add_argument("campaign", type=Path, metavar="CAMPAIGN", help="folder of runs")
     parser.add_argument(
         "--nominal", type=Path, required=True, metavar="FILE", help="parameters of the rig"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.practice.bench import check_seeds, read_json, run_bench
@@ -22,25 +23,19 @@ diagnosis runs), diagnose them, and write how often what was said is true: table
 cases.csv, with 95 % intervals, targets, strata and baselines. Rigs come from a generator of its
 own, with another integrator and other shapes of the effects than the diagnosis has.
 
-  python -m herringbone_sim gap bench --seeds 40000:40200 --out bench
-  python -m herringbone_sim gap bench --seeds 50000:50100 --snr 20,40,60 --d 1,3,10 --out wide
-  python -m herringbone_sim gap bench --seeds 60000:60040 --truth unseen --out unseen
-  python -m herringbone_sim gap bench --seeds 70000:70100 --noise coloured,filtered,encoders \\
-      --law other --channels full,few --out real
-  python -m herringbone_sim gap bench --table bench
-
 A bench that was stopped goes on when it is asked for again.
+"""
+EXAMPLES = """\
+python -m herringbone_sim gap bench --seeds 810000:810002 --out bench
+python -m herringbone_sim gap bench --table bench
+python -m herringbone_sim gap bench --seeds 820000:820002 --noise coloured,encoders \\
+    --channels few --out few
 """
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``gap bench``."""
-    parser = subparsers.add_parser(
-        "gap bench",
-        help="tell how often the diagnosis is right, on rigs whose effect is withheld",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "gap bench", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("--seeds", metavar="A:B", help="one campaign each; ranges without their end, or lists")
     add("--out", type=Path, metavar="DIR", help="folder to write, or to go on in")

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from herringbone_sim.cli.gap_bench import add_setting, setting_from
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.bench import check_seeds, run_bench
@@ -22,21 +23,17 @@ from herringbone_sim.practice.trial import sources
 DESCRIPTION = """\
 Diagnose practice campaigns, keep what the diagnosis found of each (FOLDER/evidence.jsonl), and
 fit the few weights with which evidence becomes probability. The file says seeds, code and what
-campaigns that were left out of the fit got.
-
-  python -m herringbone_sim gap calibrate --seeds 300000:300300 --folder practice --out w.json
-  python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --out w.json
+campaigns that were left out of the fit got. A campaign takes about a minute, 300 of them are a
+fair number; evidence that was kept (--evidence) takes seconds.
+"""
+EXAMPLES = """\
+python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --out weights.json
 """
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``gap calibrate``."""
-    parser = subparsers.add_parser(
-        "gap calibrate",
-        help="fit what turns evidence into probabilities, on practice campaigns",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "gap calibrate", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("--seeds", metavar="A:B", help="one campaign each; ranges without their end, or lists")
     add("--folder", type=Path, metavar="DIR", help="where campaigns go, or to go on in")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.cli.rerun_option import add_rerun_option, parse_where
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_parameters
@@ -19,28 +20,22 @@ Listen to the topics of a rig and of the simulator while they run, and show wher
 disagrees with the nominal model: the residual F - (k(t) f(x) + c v) mesh by mesh, recalibrated
 inside the tolerances and over the floor of the noise, and its shares by mesh, kind, side, planet
 and contact. Beside it the statistics of both motions: two chaotic motions never match, but their
-forces and contacts do. Publishes /gap/residual, /gap/difference and
-/gap/place.
+forces and contacts do. Publishes /gap/residual, /gap/difference and /gap/place. In the example the
+last two commands stand in terminals of their own; Ctrl-C ends it.
 """
-EPILOG = """\
-examples, each line in a terminal of its own:
-  python -m herringbone_sim replay CAMPAIGN/run_00 --publish --speed 0.01 --node-name rig
-  python -m herringbone_sim gap live --rig /rig --noise 0.01
-
-Ctrl-C ends it. Other topics than /rig/samples: --rig PREFIX.
+EXAMPLES = """\
+python -m herringbone_sim rig make --out rigs/pin --seed 7 \\
+    --effect pin_position@all/2/all:offset=1.5e-5
+python -m herringbone_sim replay rigs/pin/run_00 --publish --loop --speed 0.01 \\
+    --node-name rig
+python -m herringbone_sim gap live --rig /rig --noise 0.01
 """
 CLEAR = "\x1b[H\x1b[J"
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``gap live``."""
-    parser = subparsers.add_parser(
-        "gap live",
-        help="the same while a rig runs, beside the simulator (needs ROS 2)",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "gap live", DESCRIPTION, EXAMPLES)
     parser.add_argument(
         "--rig", default="/rig", metavar="PREFIX", help="of the rig's topics [%(default)s]"
     )

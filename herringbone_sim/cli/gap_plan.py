@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from herringbone_sim.cli.gap import POINT, progress
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.planning.plan import NAMED, Plan, plan
@@ -33,9 +34,9 @@ below it, which run tells most, and what one further sensor buys. By the Fisher 
 observations that `gap` forms, about the nominal gear at the operating points; the judge is that of
 `gap`. Writes plan.json and plan.html.
 """
-EPILOG = """\
-example: python -m herringbone_sim gap plan --nominal config/rig.yaml --sensors u_s_L,u_s_R,u_c \\
-  --also a_c,F_pin1 --out plans/shafts
+EXAMPLES = """\
+python -m herringbone_sim gap plan --nominal config/rig.yaml --sensors u_s_L,u_s_R,u_c \\
+    --also a_c --out plan
 """
 RUNS = 5  # that are fitted, of eight, as of a practice rig
 SAMPLES = 24  # a mesh cycle
@@ -44,13 +45,7 @@ STEPS = 3  # of a plan
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``gap plan``."""
-    parser = subparsers.add_parser(
-        "gap plan",
-        help="tell which effects a choice of sensors would tell, before recording",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "gap plan", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("--nominal", type=Path, required=True, metavar="FILE", help="parameters of the rig")
     add("--sensors", required=True, metavar="NAMES", help="channels, such as u_s_L,u_s_R,u_c")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.cli.gap import progress
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.gap.data.prepared import prepare
 from herringbone_sim.gap.repeat import read_report, repeat
 from herringbone_sim.gap.verification.written import SENSES
@@ -21,18 +22,20 @@ Measure the augmented model of an earlier diagnosis (DIR/augmented.yaml) on furt
 same rig, as its report measured it: the residual that counts, prediction over a horizon short
 against the Lyapunov time, attractor; each for the nominal model, the augmented one and the noise
 floor. Nothing is fitted, so every run of the campaign counts, whatever its role. Prints the
-numbers beside those of the report and writes verify.json and verify.html.
+numbers beside those of the report and writes verify.json and verify.html. The example goes on from
+that of `gap`.
+"""
+EXAMPLES = """\
+python -m herringbone_sim rig make --out rigs/pin_later --seed 7 --later 1 \\
+    --effect pin_position@all/2/all:offset=1.5e-5
+python -m herringbone_sim gap verify rigs/pin_later --nominal config/rig.yaml --report gap_pin \\
+    --out verified
 """
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``gap verify``."""
-    parser = subparsers.add_parser(
-        "gap verify",
-        help="measure the verdict of a diagnosis on further runs",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "gap verify", DESCRIPTION, EXAMPLES)
     parser.add_argument("campaign", type=Path, metavar="CAMPAIGN", help="folder of further runs")
     parser.add_argument(
         "--nominal", type=Path, required=True, metavar="FILE", help="parameters of the rig"

@@ -9,26 +9,26 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.errors import listed, shown
 from herringbone_sim.recording.info import OPERATING, Channel, RunInfo, recording_info
 
 _SHOWN = 10
-_DESCRIPTION = """\
+DESCRIPTION = """\
 Shows what a recorded run holds: how long it is, how many samples a second and a mesh cycle it
 has, the operating point, every parameter that was changed while it ran, missing samples, and
 whether the file is whole. Works on runs of this simulator and of any rig that keeps to the same
-topics, finished or cut off, without ROS."""
+topics, finished or cut off, without ROS.
+"""
+EXAMPLES = """\
+python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
+python -m herringbone_sim info runs/first
+"""
 
 
 def add_parser(subparsers: Any) -> None:
     """Register ``info`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "info",
-        help="show what a recorded run holds",
-        description=_DESCRIPTION,
-        epilog="example: python -m herringbone_sim info runs/my_run",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "info", DESCRIPTION, EXAMPLES)
     parser.add_argument(
         "run", type=Path, metavar="RUN", help="run folder, as runs/my_run, or a .mcap file"
     )

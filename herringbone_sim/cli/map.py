@@ -14,6 +14,7 @@ from herringbone_sim.cli.sweep_options import (
     swept_gear,
     tell,
 )
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep, axis_from_text
 from herringbone_sim.sweeps.store import load_result, open_store
@@ -27,23 +28,19 @@ KINDS = {
 DESCRIPTION = """\
 Period, largest Lyapunov exponent and loss of contact over two parameters: a table (Parquet) and
 pictures (PNG, SVG). Values that no gear can have, or whose motion diverges, stay white; the
-reasons are counted. Repeat the command to go on with a map that was cut off."""
-EPILOG = """\
-examples:
-  python -m herringbone_sim map --parameters config/paper.yaml --kind delta_T-K --out map
-  python -m herringbone_sim map --parameters config/paper.yaml --set K=0.3 \\
-    --over delta_T=0:100:400 --over xi=0.02:0.2:400 --out map --workers 2"""
+reasons are counted. Repeat the command to go on with a map that was cut off.
+"""
+EXAMPLES = """\
+python -m herringbone_sim map --kind delta_T-K --size 40 \\
+    --parameters config/paper.yaml --out map
+python -m herringbone_sim map --over delta_T=0:100:40 --over xi=0.02:0.2:40 \\
+    --set K=0.3 --out map_xi
+"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``map``."""
-    parser = subparsers.add_parser(
-        "map",
-        help="period, exponent and contact loss over two parameters, as pictures",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "map", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument(

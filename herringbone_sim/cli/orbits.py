@@ -9,6 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from herringbone_sim.cli.parameter_options import add_parameter_options, gear_from, tell_gear
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import Options, explore
 from herringbone_sim.dynamics.flow import GearFlow
@@ -32,27 +33,19 @@ and named:
   Neimark-Sacker  a complex pair passes the unit circle
   transverse      left and right part, while the motion within symmetry stays what it is
   grazing         a mesh touches a border of its backlash; contact appears or is lost
-"""
-EPILOG = """\
-examples:
-  python -m herringbone_sim orbits --parameters config/paper.yaml --over delta_T --from 60 --to 100
-      --start 85 72 --out orbits/delta_T
-  python -m herringbone_sim orbits --parameters config/paper.yaml --over xi --from 0.1 --to 0.2
-      --start 0.14 --out orbits/xi
 
 DIR then holds orbits.png and .svg, branches.csv (one line an orbit), sections.csv (its states at
-phase 0) and boundaries.csv."""
+phase 0) and boundaries.csv.
+"""
+EXAMPLES = """\
+python -m herringbone_sim orbits --over delta_T --from 70 --to 90 --start 85 72 \\
+    --parameters config/paper.yaml --out orbits
+"""
 
 
 def add_parser(subparsers: Any) -> None:
     """Register ``orbits`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "orbits",
-        help="follow periodic orbits over a parameter and name their boundaries",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "orbits", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
     add = parser.add_argument
     add("--over", required=True, choices=SWEPT, metavar="NAME", help=", ".join(SWEPT))

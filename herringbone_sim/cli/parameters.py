@@ -6,6 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, meaning, names, obstacle_text, obstacles
 from herringbone_sim.effects.sensors import check_effects
@@ -13,17 +14,21 @@ from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.node_parameters import gear_of_node
 
+DESCRIPTION = """\
+List every parameter of the model: name, default, unit, range or choices, meaning with its equation
+in the paper. A star marks those that may change while the node runs; the others are set in a
+parameter file such as config/rig.yaml. Those of the node itself (real_time_factor, record,
+mirror, ...) are in docs/ros2.md.
+"""
+EXAMPLES = """\
+python -m herringbone_sim parameters
+python -m herringbone_sim parameters --check config/rig.yaml
+"""
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``parameters``."""
-    parser = subparsers.add_parser(
-        "parameters",
-        help="list every parameter of the model with unit, range and meaning",
-        description="List every parameter of the model: name, default, unit, range or choices, "
-        "meaning with its equation in the paper. A star marks those that may change while the "
-        "node runs; the others are set in a parameter file such as config/rig.yaml. Those of the "
-        "node itself (real_time_factor, record, mirror, ...) are in docs/ros2.md.",
-    )
+    parser = add_verb(subparsers, "parameters", DESCRIPTION, EXAMPLES)
     parser.add_argument(
         "--check",
         type=Path,

@@ -6,25 +6,25 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.errors import listed
 from herringbone_sim.recording.recover import RecoveryReport, recover
 
-_DESCRIPTION = """\
+DESCRIPTION = """\
 Makes a run whole again whose recording was cut off by a kill, a power cut or a full disk: keeps
 every whole message, rebuilds the index and metadata.yaml, so that ROS tools open it, and says
 what is missing. The cut file stays beside it as NAME_0.mcap.cut if anything in it had to be left
-out. A finished run is left as it is."""
+out. A finished run is left as it is.
+"""
+EXAMPLES = """\
+python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
+python -m herringbone_sim recover runs/first
+"""
 
 
 def add_parser(subparsers: Any) -> None:
     """Register ``recover`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "recover",
-        help="make a run whole again that was cut off",
-        description=_DESCRIPTION,
-        epilog="example: python -m herringbone_sim recover runs/my_run",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "recover", DESCRIPTION, EXAMPLES)
     parser.add_argument(
         "run", type=Path, metavar="RUN", help="run folder, as runs/my_run, or a .mcap file"
     )

@@ -6,6 +6,7 @@ import argparse
 import signal
 from pathlib import Path
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.reader import Recording, read_recording
 from herringbone_sim.replay import verify
@@ -16,6 +17,11 @@ Repeat a recorded run.
 --verify   integrates it again from its recorded parameters, initial state and every recorded
            change, and compares every bit of every sample (needs no ROS);
 --publish  sends the recording over the topics of the node, at a chosen speed (needs ROS 2).
+"""
+EXAMPLES = """\
+python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
+python -m herringbone_sim replay runs/first --verify
+python -m herringbone_sim replay runs/first --publish
 """
 # Options of --publish, and what they are where they are not given.
 PLAYING = {
@@ -29,12 +35,7 @@ PLAYING = {
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``replay``."""
-    parser = subparsers.add_parser(
-        "replay",
-        help="integrate a run again and compare bit for bit, or publish it",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "replay", DESCRIPTION, EXAMPLES)
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder or .mcap file")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--verify", action="store_true", help="integrate again and compare")

@@ -14,6 +14,7 @@ from herringbone_sim.cli.parameter_options import (
     effects_from,
     tell_gear,
 )
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.effects.assemble import build_with
@@ -45,16 +46,15 @@ bisection, and hold each of its statements against what comes out. Writes index.
 statements.csv, dependence.csv and figures/ into DIR. What is done is kept in DIR/data: a killed
 run goes on where it stopped.
 """
+EXAMPLES = """\
+python -m herringbone_sim reproduce --only A --compared 0 --out fig05
+python -m herringbone_sim reproduce --out reproduction
+"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``reproduce``."""
-    parser = subparsers.add_parser(
-        "reproduce",
-        help="run the paper's figures and statements again and say which come out",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "reproduce", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")
     add("--only", default="ABCDE", metavar="LETTERS", help="scenarios (default: ABCDE)")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, obstacle_text, obstacles
 from herringbone_sim.effects.registry import effects
@@ -17,32 +18,26 @@ DESCRIPTION = """\
 Make a rig: `rig make` writes a campaign (runs as bags, campaign.yaml) of a gear that differs from
 the nominal one by its tolerance and by effects, and its label to another folder.
 
-  python -m herringbone_sim rig make --out rigs/mine --effect runout@rp:amplitude=2e-5,member=ring
-  python -m herringbone_sim rig make --out rigs/guess --hidden --seed 7
-
 An effect is ID, ID@MESH/PLANET/SIDE or ID@MESH/PLANET/SIDE:NAME=VALUE,...; what is left out of
 the place is all, what is left out of the values has its start value; several channels of a sensor
 stand as channels=F_sp1_L+F_sp2_L. `rig effects` lists all.
+"""
+LISTED = "List the effects with their parameters, units and bounds."
+LIST = "python -m herringbone_sim rig effects\n"
+EXAMPLES = """\
+python -m herringbone_sim rig make --out rigs/ripple --effect runout@rp:amplitude=2e-5,member=ring
+python -m herringbone_sim rig make --out rigs/mine --hidden --seed 7
 """
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``rig``."""
-    parser = subparsers.add_parser(
-        "rig",
-        help="make recordings of a rig with an effect, to practise on",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "rig", DESCRIPTION, LIST + EXAMPLES)
     deeds = parser.add_subparsers(title="what to do", required=True, metavar="DEED")
-    listed = deeds.add_parser("effects", help="list effects with parameters, units and bounds")
+    listed = add_verb(deeds, "effects", LISTED, LIST, help="list effects and their parameters")
     listed.set_defaults(func=show_effects)
-    made = deeds.add_parser(
-        "make",
-        help="write a campaign and its label",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    text = "write a campaign and its label"
+    made = add_verb(deeds, "make", DESCRIPTION, EXAMPLES, help=text)
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="campaign to write")
     made.add_argument(
         "--labels",

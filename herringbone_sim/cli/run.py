@@ -6,28 +6,25 @@ import argparse
 import tempfile
 from pathlib import Path
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.recording.parameter_file import ros_text
 from herringbone_sim.version import VERSION
 
 DESCRIPTION = """\
-Start the simulator node. All after --ros-args goes to ROS 2, for example
-
-  python -m herringbone_sim run --parameters config/paper.yaml
-  python -m herringbone_sim run --ros-args --params-file config/paper.yaml -p record:=true
-  python -m herringbone_sim run --ros-args -p "effects:='tooth_crack@sp:depth=0.3,member=sun'"
-
-The parameters, with unit, meaning and range: python -m herringbone_sim parameters
+Start the simulator node; Ctrl-C ends it. All after --ros-args goes to ROS 2. The parameters, with
+unit, meaning and range, are listed by the verb `parameters`.
+"""
+EXAMPLES = """\
+python -m herringbone_sim run
+python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
+python -m herringbone_sim run --parameters config/paper.yaml --ros-args \\
+    -p "effects:='tooth_crack@sp:depth=0.3,member=sun'"
 """
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``run``."""
-    parser = subparsers.add_parser(
-        "run",
-        help="start the simulator node (needs ROS 2, also from PyPI)",
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "run", DESCRIPTION, EXAMPLES)
     parser.add_argument(
         "--parameters",
         type=Path,

@@ -8,6 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.errors import HerringboneError, ParameterError
 
 DESCRIPTION = """\
@@ -15,29 +16,21 @@ Show a recorded run as the live mirror shows a running one: displacements and fo
 phase portrait, stroboscopic section, bifurcation over the parameter that was changed last,
 contact states, parameters and events. Any rosbag2 MCAP bag with a `samples` topic will do, with
 any subset of channels: what is there is shown.
-"""
-EPILOG = """\
-examples:
-  python -m herringbone_sim show runs/my_run                     open a viewer
-  python -m herringbone_sim show runs/my_run --save my_run.rrd   write a file for `rerun`
-  python -m herringbone_sim show runs/my_run --screenshot my_run.png
-                                                                 draw a picture, no screen needed
 
 Long runs are thinned: each of at most --blocks blocks shows its last --burst mesh cycles at full
 rate, and all of its section points. Without parameters in the recording there is no backlash to
-compare with; --nominal takes that of the nominal rig.
+compare with; --nominal takes that of the nominal rig. A picture needs no screen.
+"""
+EXAMPLES = """\
+python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
+python -m herringbone_sim show runs/first
+python -m herringbone_sim show runs/first --save first.rrd --screenshot first.png
 """
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``show``."""
-    parser = subparsers.add_parser(
-        "show",
-        help="show a recorded run in the Rerun viewer, or draw a picture of it",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "show", DESCRIPTION, EXAMPLES)
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder or .mcap file")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--spawn", action="store_true", help="open a viewer (the default)")

@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.basins import kept_sections
 from herringbone_sim.cli.parameter_options import add_parameter_options, gear_from, tell_gear
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import random_starts
@@ -40,25 +41,19 @@ many random starts, left and right each on its own, reach the motion that the ge
 how many another one in which left and right are alike, and how many one in which they differ; and
 how fast perturbations of the motion from rest grow or decay: above 0 for those that part left and
 right, no real gear can stay on it.
-"""
-EPILOG = """\
-example:
-  python -m herringbone_sim survival --parameters config/paper.yaml --over delta_T --from 60
-      --to 90 --values 31 --out survival
 
 DIR then holds survival.csv (exponents per tau, shares with 95 % intervals), survival.png and .svg.
-A run that was stopped goes on where it was when started again."""
+A run that was stopped goes on where it was when started again.
+"""
+EXAMPLES = """\
+python -m herringbone_sim survival --over delta_T --from 60 --to 90 --values 7 \\
+    --parameters config/paper.yaml --out survival
+"""
 
 
 def add_parser(subparsers: Any) -> None:
     """Register ``survival`` with the sub-parsers of the command line."""
-    parser = subparsers.add_parser(
-        "survival",
-        help="tell how many starts reach the motion from rest, over a parameter",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "survival", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
     add = parser.add_argument
     add("--over", required=True, metavar="NAME", help="parameter, such as delta_T, xi, K")

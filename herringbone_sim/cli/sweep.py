@@ -15,6 +15,7 @@ from herringbone_sim.cli.sweep_options import (
     swept_gear,
     tell,
 )
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of
 from herringbone_sim.sweeps.grid import STARTS, Sweep, axis_from_text
 from herringbone_sim.sweeps.store import FILE, Store, load_result, load_store, open_store
@@ -44,23 +45,18 @@ each, and a bifurcation diagram. A value is reached
 
 Repeat the command to go on with a sweep that was cut off; the diagram shows every way that DIR
 holds. Several --over make a grid, without a diagram. A folder DIR/START a way holds sweep.json
-and Parquet tables (parts/)."""
-EPILOG = """\
-examples:
-  python -m herringbone_sim sweep --parameters config/paper.yaml --over delta_T=0:100:400 --out A
-  python -m herringbone_sim sweep --parameters config/paper.yaml --set xi=0.085 \\
-    --over K=0:0.6:400 --start all --out C"""
+and Parquet tables (parts/).
+"""
+EXAMPLES = """\
+python -m herringbone_sim sweep --over delta_T=0:100:200 \\
+    --parameters config/paper.yaml --out diagram
+python -m herringbone_sim sweep --over K=0:0.6:40 --set xi=0.085 --start both --out over_K
+"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the sub-command ``sweep``."""
-    parser = subparsers.add_parser(
-        "sweep",
-        help="bifurcation diagram over a parameter, by several ways of getting to each value",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_verb(subparsers, "sweep", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
     parser.add_argument(
         "--over",
