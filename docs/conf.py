@@ -25,7 +25,7 @@ exclude_patterns = ["blind/blind_*", "_build"]
 html_theme = "furo"
 
 myst_heading_anchors = 3
-nb_execution_mode = "off"  # test/test_ways_in.py runs the notebooks; their outputs are kept
+nb_execution_mode = "off"  # test_ways_in.py runs the notebooks; their outputs are kept
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"

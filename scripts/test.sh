@@ -50,7 +50,7 @@ colcon_test() {
   (
     cd "$work/ws" &&
       colcon test --return-code-on-test-failure --pytest-args \
-        test/test_package.py test/test_launch.py test/test_layout.py test/test_parameters.py &&
+        test/project/test_package.py test/project/test_launch.py test/core/test_layout.py test/core/test_parameters.py &&
       colcon test-result --verbose
   )
 }

@@ -1,8 +1,8 @@
 """The common work of all rows: the reduced gear as scalars, its orbit, its values, its reference.
 
 Peers get the right-hand side in its leanest form: one class of planets, left and right alike, one
-harmonic, no control, every constant folded beforehand; ``test/test_benchmarks.py`` holds it
-against the kernel's own.
+harmonic, no control, every constant folded beforehand; ``test/project/test_benchmarks.py`` holds
+it against the kernel's own.
 """
 
 from __future__ import annotations

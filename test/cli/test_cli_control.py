@@ -1,0 +1,107 @@
+"""The verb ``control``: tables, figures, going on, refusals."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from herringbone_sim.__main__ import main
+from herringbone_sim.cli import control_parts
+from herringbone_sim.cli.control_parts import Size
+from herringbone_sim.control.runs import Look
+
+PAPER = str(Path(__file__).resolve().parents[2] / "config" / "paper.yaml")
+COMMAND = ["control", "--parameters", PAPER, "--set", "xi=0.085", "--quick"]
+SMALL = Size(2, 6, 4, (0.5, 0.6180339887498949, 1.0), 3, Look(transient=60, cycles=60))
+
+pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
+
+
+def rows(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    out = tmp_path_factory.mktemp("control") / "new"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("herringbone_sim.cli.control.QUICK", SMALL)
+        assert main([*COMMAND, "--out", str(out)]) == 0
+    return out
+
+
+def test_every_run_of_the_survey_is_a_row(written):
+    runs = rows(written / "amplitude.csv")
+    assert len(runs) == 2 * 6 * 6
+    assert {one["start"].split()[0] for one in runs} == {"zero", "running", "alike", "parted"}
+    least = rows(written / "least.csv")
+    assert len(least) == 2 * 3 * 4
+    for one in least:
+        if one["least_K"] and one["held_from_K"]:
+            assert float(one["least_K"]) <= float(one["held_from_K"])
+            assert one["pockets"]
+
+
+def test_the_carrier_realises_the_control_of_the_paper(written):
+    found = {one["actuator"]: one for one in rows(written / "actuators.csv")}
+    carrier = found["carrier"]
+    assert {carrier[f"share_{mesh}"] for mesh in ("sp_L", "sp_R", "rp_L", "rp_R")} == {"1"}
+    assert 0.3 * float(carrier["n_m_per_K_c"]) == pytest.approx(1.05e5, rel=0.01)
+    assert float(found["sun"]["n_m_per_K_c"]) == 0.0
+    for one in rows(written / "needed.csv"):
+        if one["K"]:
+            torques = [float(v) for k, v in found[one["actuator"]].items() if "n_m" in k]
+            expected = float(one["K"]) * max(map(abs, torques))
+            assert float(one["torque_n_m"]) == pytest.approx(expected, rel=1e-4)
+
+
+def test_maps_are_whole(written):
+    assert len(rows(written / "phase.csv")) == 4 * 6
+    orders = rows(written / "order.csv")
+    assert len(orders) == 3 * 6
+    golden = [one for one in orders if one["control_order"] == "0.618033989" and one["K"] != "0"]
+    assert {one["period"] for one in golden} == {"0"}
+    assert len(rows(written / "survival.csv")) == 2 * 6 * 4
+    for one in rows(written / "starts.csv"):
+        assert int(one["reached"]) + int(one["parted"]) <= int(one["starts"]) == 3
+        low, share, high = (float(one[name]) for name in ("low", "share", "high"))
+        assert low - 1e-12 <= share <= high + 1e-12
+
+
+@pytest.mark.parametrize("part", sorted(control_parts.PARTS))
+def test_each_part_is_drawn(written, part):
+    for kind in ("png", "svg"):
+        assert (written / f"control_{part}.{kind}").stat().st_size > 20_000
+
+
+def test_a_second_run_computes_nothing(written, monkeypatch, capsys):
+    monkeypatch.setattr("herringbone_sim.cli.control.QUICK", SMALL)
+    monkeypatch.setattr("herringbone_sim.control.runs.run_batch", None)
+    before = (written / "least.csv").read_bytes()
+    assert main([*COMMAND, "--only", "amplitude", "--out", str(written)]) == 0
+    assert (written / "least.csv").read_bytes() == before
+    assert "firm" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--only", "magic"], "--only takes amplitude"),
+        (["--workers", "0"], "--workers must be"),
+        (["--set", "model=full"], "model: reduced"),
+        (["--set", "delta_T=900"], "half-backlash"),
+    ],
+)
+def test_what_cannot_be_done_is_said(tmp_path, capsys, more, message):
+    assert main([*COMMAND, *more, "--out", str(tmp_path / "out")]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_is_said(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main([*COMMAND, "--only", "shape", "--out", str(tmp_path / "file" / "out")]) == 2
+    assert "--out" in capsys.readouterr().err

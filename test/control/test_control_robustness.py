@@ -1,0 +1,67 @@
+"""Unlike halves: starts, gears, and the transverse exponent of what was controlled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from herringbone_sim.control.robustness import DIFFERENCES, gathered, survival, transverse_map
+from herringbone_sim.control.runs import ALIKE, Look, Runs
+from herringbone_sim.recording.parameter_file import load_parameters
+from herringbone_sim.sweeps.grid import Axis, for_sweeps
+
+pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
+
+
+@pytest.fixture(scope="module")
+def paper():
+    path = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
+    return for_sweeps(load_parameters(path).changed({"xi": 0.085}), {})
+
+
+@pytest.mark.parametrize("what", sorted(DIFFERENCES))
+def test_a_difference_parts_the_halves_and_keeps_their_mean(what, paper):
+    unlike = paper.changed(DIFFERENCES[what](0.1))
+    values = np.reshape(getattr(unlike, what), (-1, 2))
+    unit = 2.0 * np.pi if what in ("phi_a", "mesh_phase") else 1.0
+    np.testing.assert_allclose(values[:, 0] - values[:, 1], 0.1 * unit)
+    np.testing.assert_allclose(values.mean(axis=1), np.mean(getattr(paper, what)), atol=1e-15)
+
+
+def test_the_transverse_exponent_says_where_unlike_starts_end(paper):
+    """P1 at K 0.5 attracts them all; at K 1 it repels left from right, though it looks as good
+    from the zero start."""
+    K = np.array([0.5, 1.0])
+    across = transverse_map(Runs(), paper, Axis("delta_T", (50.0,)), K, Look(600, 200, True))
+    assert across.of("period").ravel().tolist() == [1.0, 1.0]
+    assert across.of("within").max() < -0.02
+    stable, repelling = across.of("transverse").ravel()
+    assert stable < -0.02
+    assert repelling > 1e-3
+    places = [{"delta_T": 50.0, "K": float(one)} for one in K]
+    held, lost = gathered(Runs(), paper, places, [1], 12, Look(1500, 50))
+    assert (held.reached, held.parted, held.share) == (12, 0, 1.0)
+    assert 0.7 < held.low < 0.8
+    assert lost.reached == 0
+
+
+def test_a_controlled_motion_survives_small_differences_in_proportion(paper):
+    """For small differences the distance of left and right grows as the difference."""
+    gear = paper.changed({"K": 0.5})
+    found = survival(Runs(), gear, 1, Look(800, 60), differences=(0.001, 0.01), starts=2)
+    assert len(found) == 2 * len(DIFFERENCES)
+    for small, large in zip(found[::2], found[1::2], strict=True):
+        assert small.from_zero
+        assert small.from_running
+        assert (small.period, small.parted) == (1.0, 2)
+        assert large.distance / small.distance == pytest.approx(10.0, rel=0.15)
+        assert small.distance < ALIKE
+
+
+def test_chaos_survives_as_nothing_that_was_wanted(paper):
+    found = survival(Runs(), paper.changed({"K": 0.1}), 2, Look(300, 80), (0.05,), starts=1)
+    for one in found:
+        assert (one.period, one.from_zero, one.from_running, one.parted) == (0.0, False, False, 0)
+        assert np.isnan(one.distance)

@@ -1,0 +1,83 @@
+"""The kernel read by the interpreter gives what its compiled form gives.
+
+Compiled functions are the same text under another set of rules for types, division and slices;
+this holds the two against each other, and lets coverage see into the kernel. Where products are
+fused the interpreter rounds twice: Runge-Kutta agrees to the bit, series nearly.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import interpreted
+import numpy as np
+import pytest
+
+HERE = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """(compiled, interpreted) results of all cases."""
+    out = tmp_path_factory.mktemp("interpreted") / "out.npz"
+    path = os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
+    command = [sys.executable, str(HERE / "interpreted.py"), str(out)]
+    subprocess.run(command, env=environment, check=True, timeout=600)
+    with np.load(out) as found:
+        cases, batches = interpreted.ready(), interpreted.lane_models()
+        compiled = interpreted.results(cases) | interpreted.whole_cycles(cases)
+        compiled |= interpreted.with_effects(interpreted.ready_with_effects())
+        compiled |= interpreted.lanes_with_effects(interpreted.batches_with_effects())
+        beside = interpreted.ready_with_columns()
+        compiled |= interpreted.with_columns(beside) | interpreted.lanes_with_columns(beside)
+        return compiled | interpreted.lanes(batches), dict(found)
+
+
+@pytest.mark.parametrize("part", ["rows", "end", "tangents", "counts"])
+@pytest.mark.parametrize("case", interpreted.CASES)
+def test_interpreted_and_compiled_kernel_agree(both, case, part):
+    compiled, read = (found[f"{case}_{part}"] for found in both)
+    if part == "counts" or interpreted.CASES[case][0].get("method") == "rk4":
+        assert np.array_equal(compiled, read)
+    else:
+        np.testing.assert_allclose(compiled, read, rtol=1e-9, atol=1e-9)
+
+
+def test_interpreted_and_compiled_search_agree(both):
+    assert np.array_equal(interpreted.leaving(), both[1]["leaving"])
+
+
+@pytest.mark.parametrize(("name", "within"), [("cycles_reduced", 1e-9), ("cycles_rk4", 0.0)])
+def test_interpreted_and_compiled_cycles_agree(both, name, within):
+    compiled, read = (found[name] for found in both)
+    np.testing.assert_allclose(compiled, read, rtol=within, atol=within)
+
+
+@pytest.mark.parametrize("case", interpreted.LANES_CASES)
+def test_interpreted_and_compiled_lanes_agree(both, case):
+    compiled, read = (found[f"lanes_{case}"] for found in both)
+    assert np.array_equal(np.isnan(compiled), np.isnan(read))
+    assert np.nanmax(np.abs(compiled - read)) < 1e-8
+
+
+@pytest.mark.parametrize("case", interpreted.EFFECT_CASES)
+def test_interpreted_and_compiled_effects_agree(both, case):
+    compiled, read = (found[f"effects_{case}"] for found in both)
+    np.testing.assert_allclose(compiled, read, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("case", interpreted.EFFECT_BATCHES)
+def test_interpreted_and_compiled_lanes_with_effects_agree(both, case):
+    compiled, read = (found[f"effect_lanes_{case}"] for found in both)
+    np.testing.assert_allclose(compiled, read, atol=1e-6)
+
+
+@pytest.mark.parametrize("where", ["columns", "column_lanes"])
+@pytest.mark.parametrize("case", interpreted.COLUMN_CASES)
+def test_interpreted_and_compiled_columns_agree(both, case, where):
+    compiled, read = (found[f"{where}_{case}"] for found in both)
+    assert np.abs(compiled - read).max() < 1e-6 * np.abs(compiled).max()

@@ -1,0 +1,219 @@
+"""A machine that is no gear, diagnosed by the same engine from its simulated recordings."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from herringbone_sim.diagnosis import examine as examining
+from herringbone_sim.diagnosis.evidence import evidence_of
+from herringbone_sim.diagnosis.examine import Examined, examine
+from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.examples.damper.__main__ import kept_weights, main, probabilities
+from herringbone_sim.examples.damper.effects import IMPULSE, LAW, slip
+from herringbone_sim.examples.damper.machine import Damper, presliding
+from herringbone_sim.examples.damper.simulate import STEP, drawn, simulate
+
+ROOT = Path(__file__).resolve().parents[2]
+EFFECTS = ("coulomb", "presliding", "stribeck", "cubic", "play", "gain")
+SEED = 21
+
+
+@cache
+def examined(effect: str) -> Examined:
+    return examine(Damper(simulate(effect, SEED)))
+
+
+def most_probable(found: Examined) -> tuple[tuple[str, ...], float]:
+    return next(iter(probabilities(evidence_of(found), kept_weights()).items()))
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_the_effect_leaves_least_and_is_named(effect: str) -> None:
+    found = examined(effect)
+    assert found.singles[0].hypotheses[0].effect == effect
+    others = min(f.energy for f in found.singles if f.hypotheses[0].effect != effect)
+    gap = found.none.energy - found.count
+    assert found.singles[0].energy - found.count < 0.1 * gap
+    assert others - found.singles[0].energy > 5.0 * np.sqrt(2.0 * found.count)  # no chance
+    assert evidence_of(found).remains["single"] < 0.02 * gap
+    name, p = most_probable(found)
+    assert (name, p > 0.7) == ((effect,), True)
+
+
+def test_nothing_is_found_where_nothing_is() -> None:
+    found = examined("none")
+    noise = np.sqrt(2.0 / found.count)  # of the mean of so many squares
+    assert abs(found.none.energy / found.count - 1.0) < 5.0 * noise
+    assert evidence_of(found).remains["none"] < 5.0 * noise * found.count
+    assert found.none.energy - found.singles[0].energy < 5.0 * noise * found.count
+    name, p = most_probable(found)
+    assert (name, p > 0.7) == ((), True)
+
+
+@pytest.mark.parametrize("cause", ["maxwell", "smooth"])
+def test_a_cause_outside_the_catalogue_is_unknown(cause: str) -> None:
+    found = examined(cause)
+    gap = found.none.energy - found.count
+    assert found.singles[0].energy - found.count > 0.2 * gap
+    name, p = most_probable(found)
+    assert (name, p > 0.5) == (("unknown",), True)
+
+
+def fitted(found: Examined, name: str) -> tuple[float, float]:
+    """Value and standard deviation of a coefficient of the best effect."""
+    score = found.singles[0].score
+    i = [c.name for c in score.coefficients].index(name)
+    return float(score.mean[i]), float(np.sqrt(score.spread()[i, i]))
+
+
+def test_sizes_are_recovered() -> None:
+    """The play is far from where the law was linear, the gain where F enters twice."""
+    for effect, name, at in (
+        ("cubic", "cubic", 6),
+        ("play", "play", 2),
+        ("coulomb", "coulomb", 3),
+    ):
+        _, _, p = drawn(effect, np.random.default_rng(SEED))
+        true = p[at] - 5e-4 if effect == "play" else p[at]
+        value, sd = fitted(examined(effect), name)
+        assert value == pytest.approx(true, abs=4.0 * sd + 0.02 * abs(true))
+    _, gain, _ = drawn("gain", np.random.default_rng(SEED))
+    value, sd = fitted(examined("gain"), "gain")
+    assert value == pytest.approx(1.0 - 1.0 / gain, abs=4.0 * sd)
+
+
+def test_the_travel_of_presliding_is_learned() -> None:
+    _, _, p = drawn("presliding", np.random.default_rng(SEED))
+    best = examined("presliding").singles[0]
+    travel = dict(best.hypotheses[0].options)["travel"]
+    force, longer = (fitted(examined("presliding"), q)[0] for q in ("presliding", "longer"))
+    assert force == pytest.approx(p[5], rel=0.03)
+    assert travel * np.exp(longer / force) == pytest.approx(p[9], rel=0.1)
+
+
+def test_a_state_of_presliding_is_dahls() -> None:
+    """Pulled one way it rises as 1 - exp(-s / travel); after that it forgets where it began."""
+    v = np.full(1001, 2e-3)
+    way = v[0] * STEP * np.arange(1001)
+    np.testing.assert_allclose(slip(v, 3e-4), 1.0 - np.exp(-way / 3e-4), atol=1e-12)
+
+
+def test_slopes_of_presliding_are_those_of_its_force() -> None:
+    v = 0.05 * np.sin(0.05 * np.arange(2000))
+    made = presliding(v, 0.7, 0.2, 3e-4)
+    for name, step in (("slip", [1e-4, 0.0]), ("longer", [0.0, 1e-4])):
+        up = presliding(v, 0.7 + step[0], 0.2 + step[1], 3e-4)["force"]
+        down = presliding(v, 0.7 - step[0], 0.2 - step[1], 3e-4)["force"]
+        np.testing.assert_allclose(made[name], (up - down) / 2e-4, atol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def search() -> Search:
+    found = Search(Damper(simulate("cubic", SEED)))
+    return found.onwards(found.machine)
+
+
+def test_columns_are_the_slopes_of_the_residual(search: Search) -> None:
+    """Of every function of both observations, about a play that is off."""
+    machine = search.machine
+    about = {LAW: {"play": np.full((search.runs, 1), 4e-5)}}
+    before = machine.blocks(about, None, (LAW, IMPULSE))[1]
+    for o in (LAW, IMPULSE):
+        for i, name in enumerate(before[o].functions):
+            column = before[o].columns[:, 0, i]
+            step = 1e-3 * np.mean(before[o].sigma) / np.abs(column).max()
+            now = {q: dict(a) for q, a in about.items()}
+            own = now.setdefault(o, {})
+            own[name] = own.get(name, 0.0) + np.full((search.runs, 1), step)
+            after = machine.blocks(now, {}, (o,))[1][o]
+            change = (before[o].residual - after.residual)[:, 0] / step
+            np.testing.assert_allclose(change, column, atol=2e-2 * np.abs(column).max())
+
+
+def test_the_quick_score_is_what_the_regression_takes_off(search: Search) -> None:
+    for one in search.machine.hypotheses()[:4]:
+        A, b = search.campaign.normal(one.coefficients)
+        every = (*search.base, *one.coefficients)
+        whole = A.sum(0) + np.diag([c.sd**-2.0 for c in every])
+        b, n = b.sum(0), len(search.base)
+        taken = b @ np.linalg.solve(whole, b)
+        by_base = b[:n] @ np.linalg.solve(whole[:n, :n], b[:n])
+        assert search.quick(one.coefficients) == pytest.approx(by_base - taken, rel=1e-6)
+
+
+@pytest.mark.parametrize("effect", ["play", "presliding"])
+def test_laws_that_bend_are_followed(effect: str) -> None:
+    """Exactly they leave less than their slopes at zero, and one travel leads to the next."""
+    search = Search(Damper(simulate(effect, 24)))
+    search = search.onwards(search.machine)
+    of_effect = [h for h in search.machine.hypotheses() if h.effect == effect]
+    lines = [search.screened(h.coefficients, 1.0) for h in of_effect]
+    exact = [
+        search.refined(h.coefficients, line.mean).energy.sum()
+        for h, line in zip(of_effect, lines, strict=True)
+    ]
+    assert lines[0].energy.sum() - exact[0] > 3.0 * np.sqrt(2.0 * search.campaign.count.sum())
+    assert np.ptp(exact) < 1.0
+
+
+def test_runs_left_out_are_predicted_by_the_others(search: Search) -> None:
+    """The energy of a run is what its block leaves with the numbers that the others give."""
+    one = next(h for h in search.machine.hypotheses() if h.effect == "cubic")
+    found = search.refined(one.coefficients, np.append(search.null.mean, 0.0))
+    for r in range(search.runs):
+        made = amplitudes(found.coefficients, found.left_out[r], search.runs, search.rows)
+        exact = search.about(one.coefficients, found.mean, None)
+        moved = search.about(one.coefficients, found.left_out[r], None)
+        assert set(made) == {LAW, IMPULSE}
+        assert moved.energy[r] == pytest.approx(found.energy[r], rel=1e-6)
+        assert exact.energy[r] < moved.energy[r]
+
+
+def test_a_single_run_is_enough_to_be_examined() -> None:
+    found = examine(Damper(simulate("gain", SEED)[2:3]))
+    assert np.isfinite(found.none.energy)
+
+
+def test_the_verdict_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--effect", "coulomb", "--seed", "3"])
+    first, *_, best, left = capsys.readouterr().out.splitlines()
+    assert first.endswith("%  coulomb")
+    assert best.startswith("best effect: coulomb, coulomb = ")
+    assert left.startswith("mean square left over the noise: ")
+
+
+def test_the_page_shows_the_code_as_it_is() -> None:
+    """Every piece of code on the page that names its file."""
+    page = (ROOT / "docs" / "diagnosis_machine.md").read_text(encoding="utf-8")
+    pieces = re.findall(r"```python\n# (\S+\.py)\n(.*?)```", page, re.DOTALL)
+    assert len(pieces) >= 4
+    for name, piece in pieces:
+        assert piece in (ROOT / "herringbone_sim" / name).read_text(encoding="utf-8"), piece
+
+
+def test_the_script_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (ROOT / "docs" / "diagnosis_machine.md").read_text(encoding="utf-8")
+    (script,) = re.findall(r"```python\n(from .*?)```", page, re.DOTALL)
+    exec(script, {})
+    assert capsys.readouterr().out.startswith("('play',)")
+
+
+def test_what_needs_no_first_effect_is_tried_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the wrong effect alone is fitted, the right one beside it explains all by itself."""
+    rank = examining._ranked
+
+    def wrong_first(search, catalogue, taken):
+        found, ranked = rank(search, catalogue, taken)
+        if taken is None:
+            ranked = [r for r in ranked if r[1].effect == "coulomb"]
+        return found, ranked
+
+    monkeypatch.setattr(examining, "_ranked", wrong_first)
+    found = examine(Damper(simulate("play", SEED)))
+    assert [f.hypotheses[0].effect for f in found.singles] == ["play", "coulomb"]
+    assert found.singles[0].energy == pytest.approx(examined("play").singles[0].energy, rel=1e-3)

@@ -1,0 +1,72 @@
+"""Verdicts from the evidence that is kept: the weights of the package come out of it again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from herringbone_sim.diagnosis import judge
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.practice.calibrate import (
+    Practised,
+    calibrate,
+    judged,
+    read_evidence,
+    write_evidence,
+)
+
+KEPT = Path(__file__).resolve().parents[2] / "data" / "evidence.jsonl"
+
+
+@pytest.fixture(scope="module")
+def campaigns() -> list[Practised]:
+    return read_evidence(KEPT)
+
+
+def test_the_weights_of_the_package_come_out_of_the_evidence(campaigns: list[Practised]) -> None:
+    kept = json.loads(judge.FILE.read_text(encoding="utf-8"))
+    found = calibrate(campaigns)
+    assert found.penalty == kept["penalty"]
+    assert found.weights == pytest.approx(judge.frozen_weights(), rel=1e-3, abs=1e-3)
+    for stratum, row in kept["figures of campaigns left out"].items():
+        assert found.figures[stratum] == pytest.approx(row, abs=0.01)
+
+
+def test_no_healthy_rig_is_blamed(campaigns: list[Practised]) -> None:
+    healthy = [c for c in campaigns if not c.truth]
+    assert len(healthy) > 20
+    for one in healthy:
+        assert judge.chances(one.evidence)[0].effects in ((), ("unknown",))
+
+
+def test_nine_in_ten_intervals_hold_the_truth(campaigns: list[Practised]) -> None:
+    """By the share that is fitted for it, and by a larger one more of them."""
+    error, sd, size = np.concatenate([np.array(c.sizes).reshape(-1, 3) for c in campaigns]).T
+    inside = [
+        np.mean(np.abs(error) <= 1.645 * np.hypot(sd, r * size))
+        for r in (judge.relative_error(), 3.0 * judge.relative_error())
+    ]
+    assert inside[0] == pytest.approx(0.9, abs=0.5 / len(error) + 1e-9)
+    assert inside[1] > inside[0]
+
+
+def test_judged_again_each_campaign_gets_what_its_evidence_says(
+    campaigns: list[Practised],
+) -> None:
+    right = np.array([judged(c, judge.frozen_weights()) for c in campaigns])
+    assert np.all(right[:, 0] <= 1.0 + 1e-9)
+    assert right[:, 2].mean() > 0.75  # 0.05 by chance among some twenty effects
+
+
+def test_evidence_goes_there_and_back(campaigns: list[Practised], tmp_path: Path) -> None:
+    write_evidence(tmp_path / "again.jsonl", campaigns)
+    assert read_evidence(tmp_path / "again.jsonl") == campaigns
+
+
+def test_a_line_that_is_no_evidence_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bad.jsonl").write_text('{"seed": 1}\n', encoding="utf-8")
+    with pytest.raises(AnalysisError, match="line 1"):
+        read_evidence(tmp_path / "bad.jsonl")

@@ -1,0 +1,403 @@
+"""Recordings that were damaged or made to do harm: one error or a note each, and little memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import struct
+import sys
+import warnings
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, Writer
+from recording_support import CHANNELS, NAMES, foreign_file, make_rows, new_run, write_run
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks.faults.spoil import record_starts
+from benchmarks.faults.verbs import Verbs
+from herringbone_sim.__main__ import main
+from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.gaps import MOST_MISSING, find_gaps
+from herringbone_sim.recording.info import recording_info
+from herringbone_sim.recording.messages import decode_samples, encode_samples, encode_string
+from herringbone_sim.recording.reader import read_recording
+from herringbone_sim.recording.recover import recover
+from herringbone_sim.recording.scan import Scan
+from herringbone_sim.recording.schemas import FLOAT64_MULTI_ARRAY
+
+BLOCKS = [make_rows(start, start + 100) for start in range(0, 1000, 100)]
+PACK = {"lz4": lz4.frame.compress, "zstd": zstandard.ZstdCompressor(1).compress}
+
+
+def chunk(size: int, packed: bytes, compression: str, crc: int = 0) -> bytes:
+    """A chunk that says to hold ``size`` bytes."""
+    name = compression.encode()
+    body = struct.pack("<QQQII", 0, 0, size, crc, len(name)) + name
+    body += struct.pack("<Q", len(packed)) + packed
+    return struct.pack("<BQ", Opcode.CHUNK, len(body)) + body
+
+
+def put_in_front(file: Path, content: bytes) -> Path:
+    """Put bytes before the first record behind the header."""
+    whole = file.read_bytes()
+    at = record_starts(whole)[1][0]
+    file.write_bytes(whole[:at] + content + whole[at:])
+    return file
+
+
+@pytest.fixture
+def verbs():
+    with Verbs() as found:
+        yield found
+
+
+@pytest.mark.parametrize("compression", ["lz4", "zstd"])
+def test_bombs_take_little_memory_and_no_sample_with_them(tmp_path, verbs, compression):
+    size = 300 << 20
+    packed = PACK[compression](bytes(size))
+    bombs = chunk(size, packed, compression) + chunk(1000, packed, compression) * 8
+    file = put_in_front(foreign_file(tmp_path / "a_0.mcap", BLOCKS), bombs)
+    assert file.stat().st_size < 20e6
+    for words in (["info", file], ["recover", file, "--out", tmp_path / "out"]):
+        attempt = verbs(words)
+        assert (attempt.code, attempt.traceback) == (0, "")
+        assert attempt.peak_bytes < 1 << 30
+    recording = read_recording(file)
+    assert len(recording.samples) == 1000
+    assert sum("damaged (it " in note for note in recording.notes) == 9
+
+
+def test_many_chunks_of_the_largest_size_end_somewhere(tmp_path, verbs):
+    rows = bytes(200 << 20)
+    head = struct.pack("<BQHIQQ", Opcode.MESSAGE, len(rows) + 22, 99, 0, 0, 0)
+    bomb = chunk(len(head) + len(rows), PACK["zstd"](head + rows), "zstd")
+    file = put_in_front(foreign_file(tmp_path / "a.mcap", BLOCKS), bomb * 60)
+    attempt = verbs(["info", file])
+    assert (attempt.code, attempt.traceback) == (0, "")
+    assert attempt.peak_bytes < 1 << 30
+    assert "49 more records are damaged" in attempt.text
+
+
+def test_samples_that_unpack_to_more_than_any_run_are_refused(tmp_path, verbs):
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, chunk_size=20 << 20)
+        writer.start()
+        kind = FLOAT64_MULTI_ARRAY
+        schema = writer.register_schema(kind.name, "ros2msg", kind.text.encode())
+        topic = writer.register_channel("/a/samples", "cdr", schema)
+        message = encode_samples(("t",), np.zeros((2_000_000, 1)))
+        for number in range(20):
+            writer.add_message(topic, number, message, number)
+        writer.finish()
+    attempt = verbs(["info", file])
+    assert (attempt.code, attempt.traceback) == (2, "")
+    assert "unpacks to more than 256 MiB" in attempt.text
+    assert attempt.peak_bytes < 1 << 30
+    assert recording_info(write_run(tmp_path)).n_samples == 5000
+    with pytest.raises(RecordingError, match="unpacks to more than 0 MiB"):
+        read_recording(tmp_path / "run", most_bytes=1000)
+
+
+@pytest.mark.parametrize("told", [0, 10, 10**6, 2**40, 2**63, 2**64 - 1])
+@pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
+def test_a_chunk_that_lies_about_its_size_is_left_out(tmp_path, told, compression):
+    packed = PACK[compression](b"content" * 99) if compression else b"content" * 99
+    lie = chunk(told, packed, compression)
+    file = put_in_front(foreign_file(tmp_path / "a.mcap", BLOCKS), lie)
+    recording = read_recording(file)
+    assert len(recording.samples) == 1000
+    assert any("damaged" in note for note in recording.notes)
+
+
+def test_a_chunk_holds_no_chunk(tmp_path):
+    inner = b""
+    for _ in range(1200):
+        inner = chunk(len(inner), inner, "")
+    recording = read_recording(put_in_front(foreign_file(tmp_path / "a.mcap", BLOCKS), inner))
+    assert len(recording.samples) == 1000
+    assert any("belongs into no chunk" in note for note in recording.notes)
+
+
+def test_the_most_of_a_chunk_is_an_argument(tmp_path):
+    scan = Scan(foreign_file(tmp_path / "a.mcap", BLOCKS), most_bytes=1000)
+    assert list(scan.messages()) == []
+    assert scan.damaged > 0
+
+
+@pytest.mark.parametrize("length", [2**31, 2**62, 2**63, 2**64 - 1])
+def test_no_record_is_longer_than_its_file(tmp_path, length):
+    record = struct.pack("<BQ", Opcode.MESSAGE, length)
+    file = put_in_front(foreign_file(tmp_path / "a.mcap", BLOCKS, finish=False), record)
+    with pytest.raises(RecordingError, match="must hold samples"):
+        read_recording(file)
+
+
+@pytest.mark.parametrize("at", [8, 2**31, 2**63, 2**64 - 1])
+def test_a_summary_may_start_anywhere(tmp_path, at):
+    file = foreign_file(tmp_path / "a_0.mcap", BLOCKS)
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-28] + struct.pack("<Q", at) + whole[-20:])
+    recording = read_recording(file)
+    assert len(recording.samples) == 1000
+    assert any("index of a_0.mcap is damaged" in note for note in recording.notes)
+    assert recover(file).changed
+    assert read_recording(file).notes == ()
+
+
+def test_a_chunk_under_another_name_is_missed(tmp_path):
+    file = foreign_file(tmp_path / "a.mcap", BLOCKS, channels=None)
+    whole = bytearray(file.read_bytes())
+    last = [at for at, opcode, _ in record_starts(whole) if opcode == Opcode.CHUNK][-1]
+    whole[last] = Opcode.MESSAGE_INDEX
+    file.write_bytes(whole)
+    notes = " ".join(read_recording(file).notes)
+    assert "says that it holds 10 messages" in notes
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[" * 100_000, "too many brackets"),
+        ('{"a":' + "[" * 40 + "]" * 40 + "}", "nest 32 deep"),
+        ('{"a": ' + "9" * 5000 + "}", "5000 digits"),
+        ('{"a": NaN}', "no finite number"),
+        ('{"a": 1e999}', "no finite number"),
+        ('{"a": "' + "x" * (5 << 20) + '"}', "4194304 characters"),
+    ],
+)
+def test_json_that_no_program_writes_is_left_out(tmp_path, text, said):
+    recording = read_recording(foreign_file(tmp_path / "a.mcap", BLOCKS, channels=text))
+    assert recording.channels.content == {}
+    assert any(said in note and len(note) < 400 for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("state", value) for value in (3, [], {"y": 1}, {"y": [[1.0]], "cycle": 0})),
+        *(("parameters", value) for value in (3, [], "K")),
+        *(("channels", value) for value in (3, ["t"], [{"name": "t", "unit": 3}])),
+        *(("source", value) for value in (3, "\ud800", "\x1b[2J", "long " * 1000)),
+        *(("clock", value) for value in (3, {"t_s": "a"}, {"other": 1.0})),
+    ],
+)
+def test_a_part_of_the_channels_of_a_wrong_kind_is_a_note(tmp_path, name, value):
+    text = json.dumps({"model": "reduced", name: value})
+    recording = read_recording(foreign_file(tmp_path / "a.mcap", BLOCKS, channels=text))
+    assert recording.channels.model == "reduced"
+    said = [note for note in recording.notes if note.startswith(f"{name} in the channels message")]
+    assert len(said) == 1
+    assert len(said[0]) < 400
+    assert said[0].isprintable()
+
+
+def test_channels_are_typed_where_they_are_right(tmp_path):
+    told = read_recording(write_run(tmp_path)).channels
+    assert (told.content, told.source, told.version) == (CHANNELS, "simulator", "0.1.0")
+    assert told.units["t"] == "s"
+    assert (told.parameters, told.state) == ({"Omega": 1.0}, None)
+
+
+def test_an_enormous_list_of_channels_is_refused_at_once(tmp_path):
+    names = tuple(f"c{number}" for number in range(200_000))
+    file = foreign_file(tmp_path / "a.mcap", [np.zeros((1, len(names)))], names=names)
+    with pytest.raises(RecordingError, match="at most 8000, got 1 x 200000"):
+        read_recording(file)
+
+
+def test_a_layout_of_millions_of_dimensions_is_refused_at_once():
+    with pytest.raises(RecordingError, match="2 dimensions"):
+        decode_samples(b"\x00\x01\x00\x00" + struct.pack("<I", 2**32 - 1) + bytes(10**6))
+
+
+@pytest.mark.parametrize(
+    "counter",
+    [
+        [0.0, 5e-324, 1e-323, 1.0],
+        [0.0, 1e-300, 2e-300, 1e300],
+        [0.0, 1.0, np.inf, np.inf],
+        [-1e308, 1e308, 1.1e308, 1.2e308],
+    ],
+)
+def test_gaps_in_a_clock_out_of_range_are_counted_as_far_as_that_goes(tmp_path, counter):
+    values = np.array(counter)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert all(gap.missing < MOST_MISSING for gap in find_gaps(values, values))
+        rows = make_rows(0, 4)
+        rows[:, 0] = rows[:, 1] = values
+        info = recording_info(foreign_file(tmp_path / "a.mcap", [rows]))
+    assert info.n_samples == 4
+
+
+def test_times_that_are_not_finite_do_not_increase(tmp_path):
+    rows = make_rows(0, 10)
+    rows[-1, 0] = np.inf
+    with pytest.raises(RecordingError, match="time must increase strictly"):
+        read_recording(foreign_file(tmp_path / "a.mcap", [rows]))
+
+
+@pytest.mark.parametrize("count", ["²", "9" * 5000, "-1", "many"])
+def test_a_count_that_is_none_is_not_believed(tmp_path, count):
+    writer = new_run(tmp_path)
+    writer.write_samples(make_rows(0, 10))
+    writer.flush()
+    file = writer.path / "run_0.mcap"
+    content = struct.pack("<I", 15) + b"herringbone_sim"
+    pair = b"".join(struct.pack("<I", len(t)) + t for t in (b"samples_written", count.encode()))
+    content += struct.pack("<I", len(pair)) + pair
+    with file.open("ab") as stream:
+        stream.write(struct.pack("<BQ", Opcode.METADATA, len(content)) + content)
+    assert recording_info(file).samples_counted is None
+
+
+@pytest.mark.parametrize("qos", ["a: [", "- 3", "&a [*a, *a]", "[" * 3000, "text", "9" * 5000])
+def test_a_damaged_quality_of_service_is_left_out(tmp_path, qos):
+    run = tmp_path / "rig"
+    run.mkdir()
+    with (run / "rig_0.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        kind = FLOAT64_MULTI_ARRAY
+        schema = writer.register_schema(kind.name, "ros2msg", kind.text.encode())
+        told = {"offered_qos_profiles": qos}
+        topic = writer.register_channel("/rig/samples", "cdr", schema, told)
+        writer.add_message(topic, 0, encode_samples(NAMES, make_rows(0, 10)), 0)
+        writer.finish()
+    report = recover(run, tmp_path / "out")
+    assert report.samples == 10
+    assert any("quality of service of /rig/samples" in note for note in report.notes)
+    assert read_recording(tmp_path / "out").notes[0].startswith("there is no channels message")
+
+
+def test_more_topics_than_any_robot_has_are_refused(tmp_path):
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        for number in range(5000):
+            topic = writer.register_channel(f"/topic_{number}", "cdr", schema)
+        writer.add_message(topic, 0, encode_string("a"), 0)
+        writer.finish()
+    for read in (read_recording, recover):
+        with pytest.raises(RecordingError, match="4096 topics"):
+            read(tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize("name", ["../victim.mcap", "{}/victim.mcap", "link.mcap"])
+def test_names_of_a_bag_stay_inside_it(tmp_path, name):
+    victim = foreign_file(tmp_path / "victim.mcap", BLOCKS, finish=False)
+    before = victim.read_bytes()
+    run = write_run(tmp_path)
+    text = (run / "metadata.yaml").read_text()
+    (run / "metadata.yaml").write_text(text.replace("run_0.mcap", name.format(tmp_path)))
+    if name == "link.mcap":
+        (run / name).symlink_to(victim)
+    assert len(read_recording(run / "run_0.mcap").samples) == 5000
+    (run / "link.mcap").unlink(missing_ok=True)
+    notes = " ".join(read_recording(run).notes)
+    assert ("names files outside of the folder" in notes) is (name != "link.mcap")
+    assert recover(run).changed
+    assert victim.read_bytes() == before
+    assert read_recording(run).notes == ()
+
+
+def test_a_link_that_leads_out_of_a_run_is_not_followed(tmp_path):
+    victim = foreign_file(tmp_path / "victim.mcap", BLOCKS, finish=False)
+    before = victim.read_bytes()
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run_0.mcap").symlink_to(victim)
+    for read in (read_recording, recover):
+        with pytest.raises(RecordingError, match="must lie in its folder"):
+            read(tmp_path / "run")
+    assert victim.read_bytes() == before
+    assert len(read_recording(tmp_path / "run" / "run_0.mcap").samples) == 1000
+
+
+@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "pipe in a folder"])
+def test_what_is_no_file_is_not_opened(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    path = Path("run.mcap") if kind != "pipe in a folder" else Path("run/run_0.mcap")
+    path.parent.mkdir(exist_ok=True)
+    if kind == "socket":
+        with socket.socket(socket.AF_UNIX) as made:
+            made.bind(str(path))
+    elif kind == "device":
+        path = Path("/dev/zero")
+    else:
+        os.mkfifo(path)
+    named = path.parent if kind == "pipe in a folder" else path
+    for read in (read_recording, recover):
+        with pytest.raises(RecordingError, match="a pipe, a socket or a device"):
+            read(named)
+
+
+@pytest.mark.parametrize("verb", ["info", "recover", "replay --verify", "analyze --out out"])
+@pytest.mark.parametrize("name", ["n" * 300, "a\0b", "loop", "\udcff.mcap", "loop/run"])
+def test_names_that_lead_nowhere_are_one_error(tmp_path, monkeypatch, capsys, verb, name):
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    assert main([*verb.split(), name]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    assert len(said) < 300
+
+
+def test_a_run_whose_name_no_terminal_can_show_is_told_all_the_same(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "utf-8:strict")
+    run = write_run(tmp_path, 100, "run")
+    odd = run.rename(tmp_path / "run\udcff")
+    with Verbs() as verbs:
+        attempt = verbs(["info", odd])
+    assert (attempt.code, attempt.traceback) == (0, "")
+
+
+def test_values_of_changes_are_shown_in_a_line(tmp_path, capsys):
+    writer = new_run(tmp_path)
+    writer.write_samples(make_rows(0, 100))
+    writer.write_parameter_event(0.0, "/\x1b[2J", {"K\n": "x" * 100_000, "list": [1.0] * 9999})
+    writer.close()
+    assert main(["info", str(writer.path)]) == 0
+    page = capsys.readouterr().out
+    assert len(page) < 3000
+    assert "\x1b" not in page
+
+
+def test_a_run_without_samples_is_called_that_by_all(tmp_path, capsys):
+    writer = new_run(tmp_path)
+    writer.flush()
+    run = writer.path
+    del writer  # its program is gone
+    for _ in range(2):
+        assert main(["recover", str(run)]) == 1
+        assert "holds no samples" in capsys.readouterr().out
+        assert main(["info", str(run)]) == 2
+        said = capsys.readouterr().err
+        assert "cut off before the first" in said
+        assert "record a topic" not in said
+
+
+def test_a_run_that_ended_before_its_first_sample_is_not_blamed_on_the_topic(tmp_path):
+    writer = new_run(tmp_path)
+    writer.close()
+    with pytest.raises(RecordingError, match="ended before the first: /herringbone_sim/samples"):
+        read_recording(writer.path)
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_what_lies_behind_a_damaged_chunk_is_recovered(tmp_path, compression):
+    file = foreign_file(tmp_path / "a_0.mcap", BLOCKS, compression=compression)
+    whole = bytearray(file.read_bytes())
+    first = next(at for at, opcode, _ in record_starts(whole) if opcode == Opcode.CHUNK)
+    whole[first + 9 + 32] ^= 0xFF
+    file.write_bytes(whole)
+    assert read_recording(file).samples.times[-1] == BLOCKS[-1][-1, 0]
