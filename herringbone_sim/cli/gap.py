@@ -100,6 +100,7 @@ def progress(steps: int) -> Iterator[Callable[[str], None]]:
 def residual_table(campaign: Campaign, nominal: Parameters, path: Path) -> None:
     """Print and write the nominal residual of every run that has forces."""
     print(f"{'run':10s} {'role':9s} {'residual [N]':>13s} {'of force':>9s}  largest mesh (share)")
+    told: set[str] = set()
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["run", "role", "mesh", "residual_rms_n", "force_rms_n", "share"])
@@ -108,7 +109,9 @@ def residual_table(campaign: Campaign, nominal: Parameters, path: Path) -> None:
                 model = build(nominal.changed(run.point))
                 found = force_residual(model, read_recording(run.path).samples)
             except HerringboneError as error:
-                print(f"{run.path.name:10s} {run.role:9s} {error}")
+                text = str(error)
+                print(f"{run.path.name:10s} {run.role:9s} {'as above' if text in told else text}")
+                told.add(text)
                 continue
             print(line(run, found))
             force = (found.force_n**2).mean(axis=0) ** 0.5

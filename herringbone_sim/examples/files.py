@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.units import package
@@ -30,6 +34,7 @@ Columns = dict[str, Array]
 
 # How the files write a quantity: unit, and how many of it are one in SI.
 UNITS = {"x": ("um", 1e6), "v": ("mm/s", 1e3), "F": ("kN", 1e-3), "u": ("um", 1e6)}
+ALL = Layout(n_classes=Parameters.n_planets, numbered=True).channels  # of the full model
 DEGREES = 180.0 / np.pi
 # The torque meter: slower, started earlier, and with noise.
 TORQUE_HZ, TRIGGER_S, NOISE_NM = 4e3, 5e-4, 0.5
@@ -38,11 +43,11 @@ HEADER_BYTES = 512  # that MATLAB puts before the HDF5 of a v7.3 file
 
 def by_quantity(series: TimeSeries) -> dict[str, Columns]:
     """``{"F": {"sp1_L": (n,), ...}, ...}`` of a run, in the units of the files."""
-    found: dict[str, Columns] = {q: {} for q in UNITS}
+    found: dict[str, Columns] = {}
     for name in series.names:
         quantity, _, place = name.partition("_")
         if quantity in UNITS:
-            found[quantity][place] = UNITS[quantity][1] * series[name]
+            found.setdefault(quantity, {})[place] = UNITS[quantity][1] * series[name]
     return found
 
 
@@ -54,11 +59,14 @@ def flat(series: TimeSeries, form: str) -> Columns:
     return columns
 
 
-def channels(form: str, phase: str = "phase") -> dict[str, Any]:
+def channels(series: TimeSeries, form: str, phase: str = "phase") -> dict[str, Any]:
     """The part of a spec that names the columns of such a form."""
     found: dict[str, Any] = {"phase": {"column": phase, "unit": "deg"}}
     for q, (unit, _) in UNITS.items():
-        found[f"{q}_*"] = {"column": form.format(q=q, place="*"), "unit": unit}
+        names = {name for name in series.names if name.startswith(f"{q}_")}
+        every = names == {name for name in ALL if name.startswith(f"{q}_")}
+        for place in ["*"] if every else sorted(name.partition("_")[2] for name in names):
+            found[f"{q}_{place}"] = {"column": form.format(q=q, place=place), "unit": unit}
     return found
 
 
@@ -77,7 +85,7 @@ def write_csv(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
             "path": path.name,
             "options": options,
             "time": {"column": "time", "unit": "ms"},
-            "channels": channels("{q} {place}"),
+            "channels": channels(series, "{q} {place}"),
         },
         {
             "path": meter.name,
@@ -103,7 +111,7 @@ def write_parquet(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     stamps = first + np.round(1e9 * series.times).astype("timedelta64[ns]")
     parquet.write_table(arrow.table({"stamp": stamps, **flat(series, "{q}.{place}")}), path)
     clock = {"column": "stamp"}
-    return [{"path": path.name, "time": clock, "channels": channels("{q}.{place}")}]
+    return [{"path": path.name, "time": clock, "channels": channels(series, "{q}.{place}")}]
 
 
 def write_mat(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
@@ -111,7 +119,7 @@ def write_mat(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     content = {"phase": DEGREES * series["phase"], **by_quantity(series)}
     package("scipy.io", "scipy", "MAT files").savemat(path, content, oned_as="column")
     clock = {"rate": f"{(len(series) - 1) / float(np.ptp(series.times))!r} Hz"}
-    return [{"path": path.name, "time": clock, "channels": channels("{q}.{place}")}]
+    return [{"path": path.name, "time": clock, "channels": channels(series, "{q}.{place}")}]
 
 
 def write_mat_7(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
@@ -125,7 +133,7 @@ def write_mat_7(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     with path.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, HDF5 schema 1.00 .".ljust(HEADER_BYTES))
     clock = {"column": "t", "unit": "s"}
-    return [{"path": path.name, "time": clock, "channels": channels("{q}.{place}")}]
+    return [{"path": path.name, "time": clock, "channels": channels(series, "{q}.{place}")}]
 
 
 def write_tdms(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
@@ -138,7 +146,7 @@ def write_tdms(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     ]
     with tdms.TdmsWriter(path) as writer:
         writer.write_segment(waves)
-    return [{"path": path.name, "channels": channels("rig/{q} {place}", "rig/phase")}]
+    return [{"path": path.name, "channels": channels(series, "rig/{q} {place}", "rig/phase")}]
 
 
 def write_hdf5(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
@@ -148,7 +156,7 @@ def write_hdf5(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
         for name, one in flat(series, "{q}/{place}").items():
             file[name] = one
     clock = {"column": "t", "unit": "us"}
-    return [{"path": path.name, "time": clock, "channels": channels("{q}/{place}")}]
+    return [{"path": path.name, "time": clock, "channels": channels(series, "{q}/{place}")}]
 
 
 def write_bag(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
@@ -170,7 +178,7 @@ def write_bag(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
             writer.write(topic, round(1e9 * t_s), message)
     clock = {"column": "/daq/values.t", "unit": "s"}
     form = "/daq/values.{q}_{place}"
-    found = channels(form, "/daq/values.phase")
+    found = channels(series, form, "/daq/values.phase")
     return [{"path": path.name, "time": clock, "channels": found}]
 
 
@@ -185,18 +193,32 @@ WRITERS: Mapping[str, Callable[[Path, TimeSeries], list[dict[str, Any]]]] = {
 }
 
 
-def write_example(out: Path, cycles: int = 60, seed: int = 3) -> Path:
+def write_example(
+    out: Path,
+    cycles: int = 60,
+    seed: int = 3,
+    actives: tuple[Active, ...] = (),
+    recorded: tuple[str, ...] = (),
+) -> Path:
     """Simulate a rig and write its files, the data sheet and the spec; returns the spec.
 
     The campaign as it was simulated lies in ``out/simulated``.
 
+    Args:
+        out: new folder.
+        cycles: mesh cycles of a run.
+        seed: of the rig.
+        actives: effects that it has.
+        recorded: channels such as ``u_s_L``; empty for all.
+
     Raises:
-        RecordingError: ``out`` is there already.
+        RecordingError: ``out`` is there already, or a channel that a rig does not have.
     """
     if out.exists():
         raise RecordingError(f"--out must be a new folder, got {out}: name another")
     nominal = Parameters(model="full", samples_per_cycle=24)
     plan = RigPlan(nominal, runs=len(WRITERS), held_out=2, cycles=cycles, bits=0, seed=seed)
+    plan = replace(plan, actives=actives, channels=recorded)
     make_campaign(out / "simulated", plan, "bench")
     save_parameters(out / "rig.yaml", nominal, "The gear as its data sheet has it.")
     runs = []
@@ -224,9 +246,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to make")
     parser.add_argument("--seed", type=int, default=3, help="of the rig (default: 3)")
+    parser.add_argument(
+        "--cycles", type=int, default=60, metavar="N", help="of a run (default: 60)"
+    )
+    parser.add_argument("--effects", default="", metavar="TEXT", help="that the rig has")
+    parser.add_argument("--channels", default="", metavar="LIST", help="recorded (default: all)")
     given = parser.parse_args(arguments)
     warnings.simplefilter("ignore", ParameterWarning)
-    print(f"written: {write_example(given.out, seed=given.seed)}")
+    recorded = tuple(name for name in given.channels.split(",") if name)
+    actives = read_effects(given.effects)
+    spec = write_example(given.out, given.cycles, given.seed, actives, recorded)
+    print(f"written: {spec}")
 
 
 if __name__ == "__main__":

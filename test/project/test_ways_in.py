@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from pathlib import Path
 from tempfile import gettempdir
@@ -22,6 +23,17 @@ def test_a_reader_of_the_paper_reproduces_a_figure(tmp_path):
     assert (tmp_path / "fig_A" / "index.html").exists()
     assert "chaotic" in printed  # the motion at 20 K
     assert (tmp_path / "own" / "bifurcation.png").exists()
+
+
+def test_an_engineer_goes_from_three_encoders_to_a_verdict(tmp_path):
+    """The backlash of the left ring meshes that the page puts into its files is named."""
+    run_page(ROOT / "docs" / "rig_engineer.md", tmp_path, 1500)
+    report = json.loads((tmp_path / "gap_bench" / "report.json").read_text(encoding="utf-8"))
+    assert report["verdict"] == "backlash_offset"
+    assert report["causes"][0]["locus"] == {"mesh": "rp", "planet": "all", "side": "L"}
+    assert (tmp_path / "plan" / "plan.html").exists()
+    assert (tmp_path / "rigs" / "bench" / "import.html").exists()
+    assert list((tmp_path / "compared").glob("*.html"))
 
 
 @pytest.mark.parametrize("name", ["dynamics", "rig"])
