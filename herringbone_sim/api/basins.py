@@ -14,7 +14,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import Basins, explore, gear_sections, random_starts
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.opinions import identify
-from herringbone_sim.views.basin_figures import basins_figure
+from herringbone_sim.views.figures.basins import basins_figure
 
 
 @dataclass(frozen=True, repr=False)

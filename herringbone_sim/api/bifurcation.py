@@ -19,7 +19,7 @@ from herringbone_sim.sweeps.diagram import Branch, Diagram, diagram_of
 from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import CHUNK, STARTS, Axis, Observation, Sweep, for_sweeps
 from herringbone_sim.sweeps.store import load_result, open_store
-from herringbone_sim.views.diagrams import diagram_figure
+from herringbone_sim.views.figures.diagram import diagram_figure
 
 SMALL = 16  # values of a part where one starts from the other, or that no slot holds
 

@@ -12,7 +12,7 @@ from herringbone_sim.api.shown import Picture, Shown
 from herringbone_sim.core import integrate
 from herringbone_sim.dynamics.opinions import Opinions, all_opinions
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
-from herringbone_sim.views.exponent_figures import exponents_figure
+from herringbone_sim.views.figures.exponents import exponents_figure
 
 
 @any_gear()

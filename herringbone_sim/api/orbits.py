@@ -12,7 +12,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import Followed, Options, explore
 from herringbone_sim.dynamics.gear_family import Gears, gear_family
 from herringbone_sim.dynamics.starts import find_start
-from herringbone_sim.views.orbit_figures import orbit_figure, stability_of
+from herringbone_sim.views.figures.orbits import orbit_figure, stability_of
 
 
 @dataclass(frozen=True, repr=False)

@@ -17,7 +17,8 @@ from herringbone_sim.core.layout import unit_of
 from herringbone_sim.core.timeseries import Array, TimeSeries
 from herringbone_sim.recording.parameter_file import values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, read_recording
-from herringbone_sim.views.figures import Scale, motion_figure
+from herringbone_sim.views.figures.motion import motion_figure
+from herringbone_sim.views.figures.style import Scale
 
 
 @dataclass(frozen=True, repr=False)

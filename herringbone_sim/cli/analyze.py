@@ -21,9 +21,9 @@ from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
-from herringbone_sim.views.figures import Scale
-from herringbone_sim.views.output import write_diagram, write_run
-from herringbone_sim.views.report import changing, number
+from herringbone_sim.views.figures.style import Scale
+from herringbone_sim.views.pages.output import write_diagram, write_run
+from herringbone_sim.views.pages.report import changing, number
 
 MAX_LINES = 42
 DESCRIPTION = """\

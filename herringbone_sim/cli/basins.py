@@ -31,9 +31,9 @@ from herringbone_sim.dynamics.opinions import identify
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.kept import Kept
-from herringbone_sim.views.basin_figures import basins_figure
-from herringbone_sim.views.csv_file import write_csv
-from herringbone_sim.views.figures import save
+from herringbone_sim.views.figures.basins import basins_figure
+from herringbone_sim.views.figures.style import save
+from herringbone_sim.views.tables.csv_file import write_csv
 
 Array = NDArray[np.float64]
 

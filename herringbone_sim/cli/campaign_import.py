@@ -10,7 +10,7 @@ from herringbone_sim.cli.gap import progress
 from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.recording.importing.campaign import NOMINAL, ImportedRun, import_campaign
 from herringbone_sim.recording.importing.parse import read_spec
-from herringbone_sim.views.import_page import by_kind, left_words, write_import_page
+from herringbone_sim.views.pages.imported import by_kind, left_words, write_import_page
 
 DESCRIPTION = """\
 Make a campaign of files of other programs: CSV, Parquet, MAT (v5 and v7.3), TDMS, HDF5, rosbag2.

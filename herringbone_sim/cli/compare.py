@@ -29,17 +29,17 @@ from herringbone_sim.sweeps.compare import Move, Side, coexisting, moves, shares
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, axis_from_text, for_sweeps
 from herringbone_sim.sweeps.kept import make_folder
 from herringbone_sim.sweeps.store import Store, load_result, open_store
-from herringbone_sim.views.compare_figures import compare_figure, starts_figure
-from herringbone_sim.views.compare_page import (
+from herringbone_sim.views.figures.compare import compare_figure, starts_figure
+from herringbone_sim.views.figures.style import save
+from herringbone_sim.views.pages.compare import (
     Told,
     cells,
     compare_page,
     headline,
     way_words,
 )
-from herringbone_sim.views.csv_file import write_csv
-from herringbone_sim.views.figures import save
-from herringbone_sim.views.report import Picture
+from herringbone_sim.views.pages.report import Picture
+from herringbone_sim.views.tables.csv_file import write_csv
 
 Gear = tuple[Parameters, tuple[Active, ...]]
 HELD = ("fixed", "up", "down")

@@ -21,8 +21,9 @@ from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.grid import Axis
-from herringbone_sim.views import control_figures, torque_figures
-from herringbone_sim.views.figures import save
+from herringbone_sim.views.figures import control as control_figures
+from herringbone_sim.views.figures import torques as torque_figures
+from herringbone_sim.views.figures.style import save
 
 LONG = 3  # times the transient, where left and right have to find each other
 

@@ -9,7 +9,7 @@ from herringbone_sim.control.amplitude import Least, Survey
 from herringbone_sim.control.realisation import BODIES, MESHES, Actuator, Needed
 from herringbone_sim.control.robustness import Gathered, Survival
 from herringbone_sim.control.shape import Shape
-from herringbone_sim.views.csv_file import write_csv
+from herringbone_sim.views.tables.csv_file import write_csv
 
 
 def write_runs(path: Path, over: Survey) -> None:

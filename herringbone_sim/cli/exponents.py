@@ -22,9 +22,9 @@ from herringbone_sim.dynamics.opinions import Opinions, all_opinions
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.kept import make_folder
-from herringbone_sim.views.csv_file import write_csv
-from herringbone_sim.views.exponent_figures import exponents_figure
-from herringbone_sim.views.figures import PARAMETER_SYMBOLS, save
+from herringbone_sim.views.figures.exponents import exponents_figure
+from herringbone_sim.views.figures.style import PARAMETER_SYMBOLS, save
+from herringbone_sim.views.tables.csv_file import write_csv
 
 Row = tuple[str, str, float, float]
 LEAST = 300

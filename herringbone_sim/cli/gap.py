@@ -28,8 +28,8 @@ from herringbone_sim.recording.campaign import Campaign, CampaignRun, read_campa
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.sweeps.kept import make_folder
-from herringbone_sim.views.gap_arrays import gap_arrays
-from herringbone_sim.views.gap_page import write_gap_page
+from herringbone_sim.views.figures.gap_arrays import gap_arrays
+from herringbone_sim.views.pages.gap.page import write_gap_page
 
 DESCRIPTION = """\
 Compare a campaign (a folder of runs with campaign.yaml) with the nominal model: first mesh by

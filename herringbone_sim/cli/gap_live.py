@@ -88,7 +88,7 @@ def gap_live(args: argparse.Namespace) -> int:
     showers = [in_place() if sys.stdout.isatty() else as_log(args.log_every)]
     mirror = None
     if where is not None:
-        from herringbone_sim.views.live_mirror import LiveMirror
+        from herringbone_sim.views.mirror.live import LiveMirror
 
         mirror = LiveMirror(where.mode, where.address, where.path)
         showers.append(mirror.show)
@@ -116,7 +116,7 @@ def check_numbers(args: argparse.Namespace) -> None:
 
 def in_place() -> Callable[[Any, tuple[str, ...]], None]:
     """Draws the table over the one before."""
-    from herringbone_sim.views.live_text import table
+    from herringbone_sim.views.mirror.live_text import table
 
     def show(picture: Any, topics: tuple[str, ...]) -> None:
         print(f"{CLEAR}{table(picture)}{heard_elsewhere(picture, topics)}", flush=True)
@@ -126,7 +126,7 @@ def in_place() -> Callable[[Any, tuple[str, ...]], None]:
 
 def as_log(every_s: float) -> Callable[[Any, tuple[str, ...]], None]:
     """Prints a line from time to time, the first when there is a residual."""
-    from herringbone_sim.views.live_text import line
+    from herringbone_sim.views.mirror.live_text import line
 
     said_at, known = -every_s, False
 

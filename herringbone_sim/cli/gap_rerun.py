@@ -17,8 +17,8 @@ def mirror_gap(where: Where, campaign: PreparedCampaign, found: Diagnosis) -> st
     A viewer that fails is said and never costs the report.
     """
     try:
-        from herringbone_sim.views.gap_mirror import mirror
-        from herringbone_sim.views.rerun_sink import open_sink
+        from herringbone_sim.views.mirror.gap import mirror
+        from herringbone_sim.views.mirror.sink import open_sink
 
         sink = open_sink(where.mode, where.address, where.path, MEMORY)
         try:

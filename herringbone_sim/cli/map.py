@@ -18,7 +18,7 @@ from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep, axis_from_text
 from herringbone_sim.sweeps.store import load_result, open_store
-from herringbone_sim.views.maps import write_maps
+from herringbone_sim.views.figures.maps import write_maps
 
 KINDS = {
     "delta_T-K": ("delta_T=0:100", "K=0:0.6"),

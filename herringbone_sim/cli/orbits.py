@@ -17,9 +17,9 @@ from herringbone_sim.dynamics.gear_family import SWEPT, Gears, gear_family
 from herringbone_sim.dynamics.starts import find_start
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.kept import make_folder
-from herringbone_sim.views.figures import save
-from herringbone_sim.views.orbit_figures import orbit_figure
-from herringbone_sim.views.orbit_tables import summary, write_orbits
+from herringbone_sim.views.figures.orbits import orbit_figure
+from herringbone_sim.views.figures.style import save
+from herringbone_sim.views.tables.orbits import summary, write_orbits
 
 MAX_PERIOD = 64
 DESCRIPTION = """\

@@ -34,10 +34,12 @@ from herringbone_sim.paper.scenarios import (
 from herringbone_sim.paper.staircase import Reading
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.sweeps.kept import make_folder
-from herringbone_sim.views import figures, paper_figures
-from herringbone_sim.views.csv_file import write_csv
-from herringbone_sim.views.figures import Scale
-from herringbone_sim.views.paper_page import Part, page
+from herringbone_sim.views.figures import motion as figures
+from herringbone_sim.views.figures import paper as paper_figures
+from herringbone_sim.views.figures import style
+from herringbone_sim.views.figures.style import Scale
+from herringbone_sim.views.pages.paper import Part, page
+from herringbone_sim.views.tables.csv_file import write_csv
 
 SHARES = ("share_before", "share_after")
 DESCRIPTION = """\
@@ -180,16 +182,16 @@ def _draw(
     parts = []
     pair = [(one, sweeps[one.key]) for one in scenarios if not one.has_exponents]
     if pair:
-        figures.save(paper_figures.pair_figure(pair), folder, "fig20")
+        style.save(paper_figures.pair_figure(pair), folder, "fig20")
     for one in tqdm(scenarios, desc="figures", disable=None):
         name = "fig20" if not one.has_exponents else file_name(one.figure)
         if one.has_exponents:
-            figures.save(paper_figures.sweep_figure(one, sweeps[one.key]), folder, name)
+            style.save(paper_figures.sweep_figure(one, sweeps[one.key]), folder, name)
         raster = ""
         if one.key in rows:
             raster = f"figures/starts_{one.key}.png"
             figure = paper_figures.raster_figure(one, rows[one.key])
-            figures.save(figure, folder, f"starts_{one.key}")
+            style.save(figure, folder, f"starts_{one.key}")
         motions = tuple(_motion(folder, p) for p in points if p.statement.scenario == one.key)
         parts.append(Part(one, f"figures/{name}.png", motions, raster))
     return parts
@@ -205,7 +207,7 @@ def _motion(folder: Path, point: Point) -> tuple[str, str]:
     title = f"{statement.text}.  Obtained: {obtained}"
     figure.suptitle(title, x=0.01, ha="left", fontsize=9)
     paper_figures.widen_section(figure, result)
-    path, _ = figures.save(figure, folder, name)
+    path, _ = style.save(figure, folder, name)
     return f"figures/{path.name}", title
 
 

@@ -96,8 +96,8 @@ def mode_of(args: argparse.Namespace) -> str:
 def mirror_run(args: argparse.Namespace, mode: str, rrd: Path) -> None:
     """Send a recording through the mirror; raises HerringboneError when that fails."""
     from herringbone_sim.recording.reader import read_recording
-    from herringbone_sim.views.replay import prepare, replay_blocks
-    from herringbone_sim.views.rerun_mirror import RerunMirror
+    from herringbone_sim.views.mirror.mirror import RerunMirror
+    from herringbone_sim.views.mirror.replay import prepare, replay_blocks
 
     recording = read_recording(args.run)
     replay = prepare(recording, args.nominal)
@@ -137,7 +137,7 @@ def wait_for_interrupt(address: str) -> None:
 
 def draw(rrd: Path, png: Path, size: tuple[int, int]) -> None:
     """Write a picture of a .rrd file."""
-    from herringbone_sim.views.screenshot import take_screenshot
+    from herringbone_sim.views.mirror.screenshot import take_screenshot
 
     take_screenshot(rrd, png, size)
     print(f"wrote {png}")

@@ -22,9 +22,9 @@ from herringbone_sim.dynamics.basins import random_starts
 from herringbone_sim.dynamics.survival import Survival, survival
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.views.csv_file import write_csv
-from herringbone_sim.views.figures import save
-from herringbone_sim.views.survival_figure import survival_figure
+from herringbone_sim.views.figures.style import save
+from herringbone_sim.views.figures.survival import survival_figure
+from herringbone_sim.views.tables.csv_file import write_csv
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of
 from herringbone_sim.sweeps.grid import STARTS, Sweep, axis_from_text
 from herringbone_sim.sweeps.store import FILE, Store, load_result, load_store, open_store
-from herringbone_sim.views.diagrams import write_diagram
+from herringbone_sim.views.figures.diagram import write_diagram
 
 WAYS = {
     "fixed": ("fixed",),

@@ -29,7 +29,7 @@ from herringbone_sim.recording.messages import encode_joint_state
 from herringbone_sim.recording.writer import stamp_ns
 from herringbone_sim.ros.guarded import GuardedNode, one_line
 from herringbone_sim.ros.qos import LATCHED, STREAM
-from herringbone_sim.views.live_text import data
+from herringbone_sim.views.mirror.live_text import data
 
 NAME = "gap"
 DEPTH = 200

@@ -13,8 +13,8 @@ from herringbone_sim.analysis.monitor import Regime
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import live_names
 from herringbone_sim.runtime import Delivery
-from herringbone_sim.views.mirror_block import MirrorBlock, Scale
-from herringbone_sim.views.rerun_mirror import RerunMirror
+from herringbone_sim.views.mirror.block import MirrorBlock, Scale
+from herringbone_sim.views.mirror.mirror import RerunMirror
 
 
 class Mirror:

@@ -208,8 +208,8 @@ def test_text_from_outside_stays_what_it_is_beside_formulas() -> None:
     from matplotlib.figure import Figure
     from matplotlib.mathtext import MathTextParser
 
-    from herringbone_sim.views.drawn_text import plain_text
-    from herringbone_sim.views.figures import Scale
+    from herringbone_sim.views.figures.style import Scale
+    from herringbone_sim.views.figures.text import plain_text
 
     for name in NAMES:
         assert Scale().v_label(name)

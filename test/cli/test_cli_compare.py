@@ -25,9 +25,9 @@ from herringbone_sim.sweeps.compare import (
 )
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep
 from herringbone_sim.sweeps.store import Result
-from herringbone_sim.views.compare_figures import colour
-from herringbone_sim.views.compare_page import cells, headline
-from herringbone_sim.views.gap_page import compare_command, gap_page
+from herringbone_sim.views.figures.compare import colour
+from herringbone_sim.views.pages.compare import cells, headline
+from herringbone_sim.views.pages.gap.page import compare_command, gap_page
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 VALUES = tuple(np.linspace(60.0, 90.0, 31))

@@ -13,7 +13,7 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep
 from herringbone_sim.sweeps.store import load_store
-from herringbone_sim.views import maps
+from herringbone_sim.views.figures import maps
 
 PAPER = f"--parameters={ROOT / 'config/paper.yaml'}"
 SHORT = ["--transient=5", "--cycles=5", "--workers=1"]

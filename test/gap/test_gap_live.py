@@ -19,7 +19,7 @@ from herringbone_sim.gap.stream.intake import Intake
 from herringbone_sim.gap.stream.listening import Comparison, Ear
 from herringbone_sim.gap.stream.live import residual
 from herringbone_sim.recording.messages import encode_samples
-from herringbone_sim.views.live_text import bar, data, line, table
+from herringbone_sim.views.mirror.live_text import bar, data, line, table
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 STIFF = {"k_m_sp": 1.1 * NOMINAL.k_m_sp}
@@ -265,8 +265,8 @@ def test_pictures_go_to_a_file_and_a_missing_viewer_is_said_once(
     stiff: TimeSeries, tmp_path: Path
 ) -> None:
     importlib.import_module("rerun")
-    from herringbone_sim.views.live_mirror import LiveMirror
-    from herringbone_sim.views.rerun_sink import rerun_binary
+    from herringbone_sim.views.mirror.live import LiveMirror
+    from herringbone_sim.views.mirror.sink import rerun_binary
 
     bench, file = Bench(), tmp_path / "live.rrd"
     mirror = LiveMirror("save", "", file)
@@ -286,7 +286,7 @@ def test_pictures_go_to_a_file_and_a_missing_viewer_is_said_once(
 
 def test_without_forces_the_viewer_gets_the_bodies(stiff: TimeSeries, tmp_path: Path) -> None:
     importlib.import_module("rerun")
-    from herringbone_sim.views.live_mirror import LiveMirror
+    from herringbone_sim.views.mirror.live import LiveMirror
 
     bench = Bench()
     bench.send(bench.rig, only(stiff, "x_", "v_", "u_"))
@@ -302,7 +302,7 @@ def test_a_picture_that_cannot_be_drawn_is_told_and_the_next_is(
     stiff: TimeSeries, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     importlib.import_module("rerun")
-    from herringbone_sim.views.live_mirror import LiveMirror
+    from herringbone_sim.views.mirror.live import LiveMirror
 
     bench = Bench()
     bench.send(bench.rig, stiff)

@@ -9,7 +9,7 @@ import pytest
 from rcl_interfaces.msg import Log
 from support import Bench, wait_until
 
-from herringbone_sim.views.rerun_mirror import RerunMirror
+from herringbone_sim.views.mirror.mirror import RerunMirror
 
 
 @pytest.mark.parametrize("factor", [0.001, 0.01])

@@ -22,7 +22,7 @@ from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import Augmented
 from herringbone_sim.gap.verdict.decide import Option, Verdict
 from herringbone_sim.gap.verification.verify import Gap, RunGap
-from herringbone_sim.views.gap_mirror_runs import run_views, shares
+from herringbone_sim.views.mirror.gap_runs import run_views, shares
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 importlib.import_module("rerun")
@@ -84,7 +84,7 @@ def test_shares_are_of_the_nominal_residual(campaign: PreparedCampaign, found: D
 def test_the_file_is_one_that_the_viewer_takes(
     campaign: PreparedCampaign, found: Diagnosis, tmp_path: Path
 ) -> None:
-    from herringbone_sim.views.rerun_sink import rerun_binary
+    from herringbone_sim.views.mirror.sink import rerun_binary
 
     path = tmp_path / "out" / "gap.rrd"
     assert mirror_gap(Where("save", "", path), campaign, found) == f"mirrored to {path}"
@@ -117,6 +117,6 @@ def test_a_drawing_that_fails_never_costs_the_report(
     def fail(*_: object) -> None:
         raise ValueError("math domain error")
 
-    monkeypatch.setattr("herringbone_sim.views.gap_mirror.mirror", fail)
+    monkeypatch.setattr("herringbone_sim.views.mirror.gap.mirror", fail)
     said = mirror_gap(Where("save", "", tmp_path / "gap.rrd"), campaign, found)
     assert said == "not mirrored: math domain error"

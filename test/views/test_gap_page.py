@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.views.gap_arrays import BINS, mean_over_phase
-from herringbone_sim.views.gap_figures import GapArrays
-from herringbone_sim.views.gap_page import gap_page, plan_command, write_gap_page
-from herringbone_sim.views.gap_tables import closure
-from herringbone_sim.views.gap_verdict import headline
-from herringbone_sim.views.gap_where import bodies
-from herringbone_sim.views.gap_words import (
+from herringbone_sim.views.figures.gap import GapArrays
+from herringbone_sim.views.figures.gap_arrays import BINS, mean_over_phase
+from herringbone_sim.views.pages.gap.page import gap_page, plan_command, write_gap_page
+from herringbone_sim.views.pages.gap.tables import closure
+from herringbone_sim.views.pages.gap.verdict import headline
+from herringbone_sim.views.pages.gap.where import bodies
+from herringbone_sim.views.pages.gap.words import (
     PHRASES,
     closure_words,
     figure,
@@ -28,7 +28,7 @@ from herringbone_sim.views.gap_words import (
     percent,
     place_words,
 )
-from herringbone_sim.views.gear_drawing import MESHES, colour, mesh_shares
+from herringbone_sim.views.pages.gear_drawing import MESHES, colour, mesh_shares
 
 ALL = {"mesh": "all", "planet": "all", "side": "all"}
 SUN_2_LEFT = {"mesh": "sp", "planet": "2", "side": "L"}

@@ -18,8 +18,8 @@ import pytest
 
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.views.mirror_block import MirrorBlock, Scale
-from herringbone_sim.views.rerun_mirror import RerunMirror
+from herringbone_sim.views.mirror.block import MirrorBlock, Scale
+from herringbone_sim.views.mirror.mirror import RerunMirror
 
 importlib.import_module("rerun")
 
@@ -63,7 +63,7 @@ def save(path: Path, blocks: list[MirrorBlock], layout: Layout = REDUCED, **more
 
 
 def rrd(command: str, path: Path) -> str:
-    from herringbone_sim.views.rerun_sink import rerun_binary
+    from herringbone_sim.views.mirror.sink import rerun_binary
 
     arguments = [rerun_binary(), "rrd", command, str(path)]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
@@ -171,7 +171,7 @@ def test_times_that_are_no_numbers_are_shown_somehow(tmp_path: Path) -> None:
 def test_a_block_that_fails_is_told_once_and_the_next_is_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from herringbone_sim.views import rerun_stream
+    from herringbone_sim.views.mirror import stream as rerun_stream
 
     send = rerun_stream.RerunStream.send
     seen: list[int] = []
@@ -220,7 +220,7 @@ def test_a_file_that_can_be_written_later_is_written(tmp_path: Path) -> None:
 def test_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from threading import Event
 
-    from herringbone_sim.views.rerun_stream import RerunStream
+    from herringbone_sim.views.mirror.stream import RerunStream
 
     taken, go_on = Event(), Event()
     seen = []
@@ -252,7 +252,7 @@ def test_dead_address_fails_without_raising_and_close_returns() -> None:
 
 
 def test_connect_finds_a_viewer_that_starts_later() -> None:
-    from herringbone_sim.views.rerun_sink import rerun_binary
+    from herringbone_sim.views.mirror.sink import rerun_binary
 
     port = free_port()
     mirror = RerunMirror("connect", REDUCED, address=str(port))
@@ -284,7 +284,7 @@ def read_so_far(path: Path) -> dict[str, list[dict[str, object]]]:
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 def test_server_hands_its_blocks_to_a_viewer(tmp_path: Path) -> None:
-    from herringbone_sim.views.rerun_sink import answers, rerun_binary
+    from herringbone_sim.views.mirror.sink import answers, rerun_binary
 
     port = free_port()
     mirror = RerunMirror("serve", REDUCED, address=str(port), scale=SCALE)
@@ -317,7 +317,7 @@ def test_port_that_is_taken_is_said() -> None:
 
 
 def listens(host: str, port: int) -> bool:
-    from herringbone_sim.views.rerun_sink import answers
+    from herringbone_sim.views.mirror.sink import answers
 
     return answers(host, port)
 
@@ -360,7 +360,7 @@ def test_a_server_ends_with_its_program_even_when_that_is_killed() -> None:
     port = free_port()
     program = (
         "import os, signal\n"
-        "from herringbone_sim.views.rerun_sink import open_sink\n"
+        "from herringbone_sim.views.mirror.sink import open_sink\n"
         f"open_sink('serve', '{port}', None, '1GB')\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
@@ -377,7 +377,7 @@ def test_a_server_ends_with_its_program_even_when_that_is_killed() -> None:
 def test_what_a_viewer_said_lies_in_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from herringbone_sim.views.rerun_sink import last_words, nameless_file
+    from herringbone_sim.views.mirror.sink import last_words, nameless_file
 
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with nameless_file() as errors:
@@ -454,7 +454,7 @@ def test_block_of_wrong_shape_is_refused() -> None:
 def test_a_failure_that_repeats_is_told_rarely_with_its_count(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from herringbone_sim.views import rerun_mirror
+    from herringbone_sim.views.mirror import mirror as rerun_mirror
 
     now = [100.0]
     monkeypatch.setattr(rerun_mirror, "monotonic", lambda: now[0])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from herringbone_sim.core.layout import Layout
-from herringbone_sim.views.mirror_block import contact_states
-from herringbone_sim.views.palette import mesh_colours
-from herringbone_sim.views.plane import Axes, Bifurcation, limits_for, smooth, ticks
+from herringbone_sim.views.mirror.block import contact_states
+from herringbone_sim.views.mirror.palette import mesh_colours
+from herringbone_sim.views.mirror.plane import Axes, Bifurcation, limits_for, smooth, ticks
 
 
 def test_ticks_are_round_and_inside() -> None:

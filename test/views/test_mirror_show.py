@@ -22,7 +22,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
 from herringbone_sim.recording.writer import RunWriter
-from herringbone_sim.views.replay import block_edges, layout_of, prepare, replay_blocks
+from herringbone_sim.views.mirror.replay import block_edges, layout_of, prepare, replay_blocks
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 CYCLES = 130
@@ -154,7 +154,7 @@ def arguments(*words: str) -> argparse.Namespace:
 
 def test_show_saves_a_file_that_rerun_verifies(run: Path, tmp_path: Path) -> None:
     importlib.import_module("rerun")
-    from herringbone_sim.views.rerun_sink import rerun_binary
+    from herringbone_sim.views.mirror.sink import rerun_binary
 
     path = tmp_path / "run.rrd"
     args = arguments(str(run), "--save", str(path), "--mesh", "rp_R")

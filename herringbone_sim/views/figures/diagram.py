@@ -1,0 +1,109 @@
+"""Bifurcation diagrams of sweeps: section points over the exponents, one colour a way there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from herringbone_sim.sweeps.diagram import Branch, Diagram
+from herringbone_sim.views.figures.maps import axis_label, save_figure
+from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE
+from herringbone_sim.views.figures.text import mesh_symbol
+
+Array = NDArray[np.float64]
+
+LOOKS = {
+    "fixed": (INK, "from the initial state"),
+    "up": (ORANGE, "continued upwards"),
+    "down": (BLUE, "continued downwards"),
+    "ramp_up": (ORANGE, "rising"),
+    "ramp_down": (BLUE, "falling"),
+}
+PANELS = {
+    "each value from the initial state of the gear": ("fixed",),
+    "each value from where its neighbour ended": ("up", "down"),
+    "slow ramp, a point a mesh cycle": ("ramp_up", "ramp_down"),
+}
+
+
+def write_diagram(folder: Path, diagram: Diagram) -> list[Path]:
+    """``bifurcation.png`` and ``.svg`` in a folder; returns both paths."""
+    return save_figure(diagram_figure(diagram), folder, "bifurcation")
+
+
+def diagram_figure(diagram: Diagram) -> Figure:
+    """A panel for each kind of start over one of the exponents; grey: hysteresis."""
+    groups = [(title, _chosen(diagram, starts)) for title, starts in PANELS.items()]
+    groups = [(title, branches) for title, branches in groups if branches]
+    known = [one for one in diagram.branches if np.isfinite(one.exponent).any()]
+    ratios = [3.0] * len(groups) + [2.0] * bool(known)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 0.6 + 0.95 * sum(ratios)))
+        rows = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)
+        for axes, (title, branches) in zip(rows[:, 0], groups, strict=False):
+            draw_branches(axes, diagram, branches, title)
+        if known:
+            draw_exponents(rows[-1, 0], known)
+        last = rows[-1, 0]
+        last.set_xlabel(axis_label(diagram.axis.name))
+        last.set_xlim(diagram.axis.values[0], diagram.axis.values[-1])
+        return figure
+
+
+def draw_branches(axes: Axes, diagram: Diagram, branches: list[Branch], title: str) -> None:
+    """Section points of some branches; grey where they end in different motions."""
+    for low, high in _spans(diagram.axis.values, diagram.hysteresis()):
+        axes.axvspan(low, high, color=GREY, alpha=0.18, linewidth=0, zorder=0)
+    for branch in branches:
+        colour, label = LOOKS[branch.start]
+        periodic = branch.period > 0
+        # The first is drawn larger: it shows as a rim where the next one covers it.
+        rim = 8.0 if branch is not branches[-1] else 1.6
+        for rows, size in ((~periodic, 0.35), (periodic, rim)):
+            x, y = branch.point_values[rows].ravel(), branch.points[rows].ravel()
+            axes.scatter(x, y, s=size, color=colour, linewidths=0, rasterized=True)
+        axes.scatter([], [], s=12, color=colour, linewidths=0, label=label)
+    axes.set(title=title, ylabel=f"{mesh_symbol('x', diagram.mesh)} / $b_c$")
+    if len(branches) > 1:
+        _legend(axes, ncols=len(branches))
+
+
+def draw_exponents(axes: Axes, branches: list[Branch]) -> None:
+    """Exponent of what keeps left and right alike, and dotted of what parts them."""
+    axes.axhline(0.0, color=GREY, linewidth=0.8)
+    alone = len(branches) == 1
+    for branch in branches:
+        colour, label = LOOKS[branch.start]
+        alike = np.where(np.isfinite(branch.within), branch.within, branch.exponent)
+        axes.plot(branch.values, alike, color=colour, label="left = right" if alone else label)
+        look: Any = {"color": ORANGE} if alone else {"color": colour, "linestyle": ":"}
+        parts = "parts left and right" if branch is branches[-1] else None
+        axes.plot(branch.values, branch.transverse, label=parts, **look)
+    axes.set(title="largest Lyapunov exponent", ylabel=r"$\lambda_1$ per $\tau$")
+    axes.legend(fontsize=8, loc="best", ncols=2, handletextpad=0.4, columnspacing=1.2)
+
+
+def _chosen(diagram: Diagram, starts: tuple[str, ...]) -> list[Branch]:
+    return [branch for branch in diagram.branches if branch.start in starts]
+
+
+def _legend(axes: Axes, ncols: int) -> None:
+    look: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0}
+    axes.legend(fontsize=8, ncols=ncols, handletextpad=0.4, columnspacing=1.2, **look)
+
+
+def _spans(values: tuple[float, ...], chosen: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Stretches of the axis around neighbouring chosen values."""
+    places = np.array(values)
+    half = np.diff(places).mean() / 2.0 if len(places) > 1 else 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
+    return [
+        (float(places[a] - half), float(places[b - 1] + half))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]

@@ -1,0 +1,136 @@
+"""Exponents of one motion: convergence, two trajectories over their distance, left against right,
+and the 0-1 test."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from herringbone_sim.analysis.zero_one import ZeroOne, walks
+from herringbone_sim.dynamics.growth import Growth
+from herringbone_sim.dynamics.opinions import Opinions
+from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE
+
+Array = NDArray[np.float64]
+
+UNIT = r"$\lambda$ per $\tau$"
+STRETCH = 25  # periods of one finite-time exponent
+FROM = 10  # period from which convergence is drawn
+SIGMAS = 2.0
+
+
+def exponents_figure(found: Opinions, title: str) -> Figure:
+    """Four panels; the lower left one is left out for a motion that is not symmetric.
+
+    Args:
+        found: see ``dynamics.opinions``.
+        title: of the operating point.
+    """
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 5.6))
+        panels = figure.subplots(2, 2)
+        draw_convergence(panels[0, 0], found.spectrum)
+        draw_distances(panels[0, 1], found)
+        if found.symmetric is None:
+            draw_spectrum(panels[1, 0], found.spectrum)
+        else:
+            draw_finite_time(panels[1, 0], found.symmetric.within, found.symmetric.transverse)
+        draw_zero_one(panels[1, 1], found)
+        for axes, letter in zip(panels.flat, "abcd", strict=True):
+            axes.set_title(f"({letter}) {axes.get_title('left')}", loc="left")
+        figure.suptitle(f"{found.motion}      {title}", x=0.01, ha="left", fontsize=9)
+        return figure
+
+
+def draw_convergence(axes: Axes, spectrum: Growth) -> None:
+    """Running means of all exponents; the bands hold two standard errors of the last ones."""
+    axes.axhline(0.0, color=GREY, linewidth=0.8)
+    cycles = np.arange(1, len(spectrum.running) + 1)
+    colours = _shades(len(spectrum.exponents))
+    for j, colour in enumerate(colours):
+        value, band = spectrum.exponents[j], SIGMAS * spectrum.errors[j]
+        axes.plot(cycles[FROM:], spectrum.running[FROM:, j], color=colour)
+        axes.axhspan(value - band, value + band, color=colour, alpha=0.15, linewidth=0)
+    axes.set(title="spectrum, running mean", xlabel="periods", ylabel=UNIT, xscale="log")
+    axes.set_xlim(FROM, len(cycles))
+
+
+def draw_distances(axes: Axes, found: Opinions) -> None:
+    """Largest exponent from two trajectories; the band is that of the tangent flow."""
+    value, error = found.spectrum.exponents[0], SIGMAS * found.spectrum.errors[0]
+    axes.axhspan(value - error, value + error, color=BLUE, alpha=0.2, linewidth=0)
+    axes.axhline(value, color=BLUE, label="tangent flow")
+    known = np.isfinite(found.two_trajectories[:, 0])
+    means, errors = found.two_trajectories[known].T
+    look: Any = {"fmt": "o", "ms": 3.5, "color": ORANGE, "elinewidth": 0.8}
+    axes.errorbar(found.distances[known], means, SIGMAS * errors, label="two trajectories", **look)
+    axes.set(title="largest exponent", xlabel=r"distance / $b_c$", ylabel=UNIT, xscale="log")
+    axes.axhline(0.0, color=GREY, linewidth=0.8)
+    axes.legend(fontsize=8, loc="best")
+
+
+def draw_finite_time(axes: Axes, within: Growth, transverse: Growth) -> None:
+    """Exponents over short stretches of those that keep and of those that break symmetry."""
+    values = [one.finite_time(STRETCH)[:, 0] for one in (within, transverse)]
+    edges = _edges(np.concatenate(values))
+    names = ("left and right alike", "left and right part")
+    for one, growth, colour, name in zip(
+        values, (within, transverse), (BLUE, ORANGE), names, strict=True
+    ):
+        label = f"{name}: {growth.exponents[0]:+.4f}"
+        axes.hist(one, list(edges), color=colour, alpha=0.45, label=label)
+        axes.axvline(growth.exponents[0], ymax=0.72, color=colour)
+    axes.axvline(0.0, ymax=0.72, color=INK, linewidth=0.8, linestyle=":")
+    axes.set(title=f"left against right, {STRETCH} periods each", xlabel=UNIT, ylabel="stretches")
+    axes.set_ylim(top=axes.get_ylim()[1] / 0.72)
+    axes.legend(fontsize=8, loc="upper left")
+
+
+def draw_spectrum(axes: Axes, spectrum: Growth) -> None:
+    """All exponents with two standard errors."""
+    axes.axhline(0.0, color=GREY, linewidth=0.8)
+    index = np.arange(1, len(spectrum.exponents) + 1)
+    look: Any = {"fmt": "o", "ms": 4, "color": BLUE, "elinewidth": 0.8}
+    axes.errorbar(index, spectrum.exponents, SIGMAS * spectrum.errors, **look)
+    axes.set(title="spectrum", xlabel="number", ylabel=UNIT, xticks=index)
+
+
+def draw_zero_one(axes: Axes, found: Opinions) -> None:
+    """Correlation at each frequency; chaos near 1, order near 0."""
+    test = found.zero_one
+    for level in (0.0, 1.0):
+        axes.axhline(level, color=GREY, linewidth=0.8)
+    axes.plot(test.frequencies / np.pi, test.correlations, ".", ms=4, color=INK)
+    axes.axhline(test.K, color=ORANGE, label=f"median K = {test.K:.2f}")
+    axes.set(title="0-1 test", xlabel=r"$c\,/\,\pi$", ylabel="$K_c$", ylim=(-1.1, 1.25))
+    axes.legend(fontsize=8, loc="lower right")
+    _draw_walk(axes, found.section[:, 0], test)
+
+
+def _draw_walk(axes: Axes, series: Array, test: ZeroOne) -> None:
+    """Inset: the walk of the frequency nearest to the median."""
+    nearest = int(np.argmin(np.abs(test.correlations - test.K)))
+    walk = walks(series - series.mean(), test.frequencies[nearest : nearest + 1])[:, 0]
+    inset = axes.inset_axes((0.1, 0.05, 0.4, 0.36) if test.K < 0.5 else (0.1, 0.05, 0.4, 0.78))
+    inset.plot(walk.real, walk.imag, color=BLUE, linewidth=0.4)
+    inset.set_aspect("equal", adjustable="datalim")
+    inset.set(xticks=[], yticks=[])
+    for spine in inset.spines.values():
+        spine.set(visible=True, color=GREY)
+    inset.set_ylabel("walk $(p, q)$", fontsize=8, labelpad=2)
+
+
+def _edges(values: Array) -> Array:
+    low, high = float(values.min()), float(values.max())
+    room = max(0.05 * (high - low), 1e-4)
+    edges: Array = np.linspace(low - room, high + room, 41, dtype=np.float64)
+    return edges
+
+
+def _shades(n: int) -> list[Any]:
+    return [matplotlib.colormaps["viridis"](0.85 * i / max(n - 1, 1)) for i in range(n)]

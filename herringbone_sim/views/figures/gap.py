@@ -1,0 +1,118 @@
+"""Figures beneath a gap report: residual over the mesh phase, other factors, contact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from herringbone_sim.core.layout import KINDS, SIDES
+from herringbone_sim.core.timeseries import Array
+from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, save
+from herringbone_sim.views.figures.text import plain_text
+from herringbone_sim.views.pages.gear_drawing import MESHES, PLANETS
+from herringbone_sim.views.pages.report import Picture
+
+STATES = (("driving flank", BLUE), ("apart", "#dde1e6"), ("back flank", ORANGE))
+
+
+@dataclass(frozen=True)
+class GapArrays:
+    """What the figures show; anything may be left out.
+
+    Attributes:
+        phase: (n_phase,) mesh phase [rad].
+        residual_n: (n_phase, 12) mean residual of the force at that phase [N], meshes in the
+            order of the channels.
+        contact: (12, 3) share of time on the driving flank, apart, on the back flank.
+        shares: by factor (contact, load, delta_T, ...) the share of the residual by value.
+    """
+
+    phase: Array | None = None
+    residual_n: Array | None = None
+    contact: Array | None = None
+    shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
+    """``figures/gap_*.png`` and ``.svg`` of what is there.
+
+    Raises:
+        AnalysisError: the folder can't be written.
+    """
+    drawn: list[tuple[str, Figure, str]] = []
+    with matplotlib.rc_context(STYLE):
+        if arrays.phase is not None and arrays.residual_n is not None:
+            figure = residual_figure(arrays.phase, arrays.residual_n)
+            drawn.append(
+                (
+                    "gap_residual",
+                    figure,
+                    "Mean residual of the force over the mesh phase, fit runs",
+                )
+            )
+        if arrays.shares:
+            figure = shares_figure(arrays.shares)
+            drawn.append(
+                ("gap_shares", figure, "Share of the residual by operating point, fit runs")
+            )
+        if arrays.contact is not None:
+            drawn.append(
+                ("gap_contact", contact_figure(arrays.contact), "Contact of the flanks, fit runs")
+            )
+        make_folder(folder / "figures")
+        return [
+            Picture(save(figure, folder / "figures", name)[0], caption)
+            for name, figure, caption in drawn
+        ]
+
+
+def residual_figure(phase: Array, residual_n: Array) -> Figure:
+    """A panel a planet and kind of mesh, both sides in it; phase (n,), residual (n, 12) [N]."""
+    figure = Figure(figsize=(9.6, 4.2))
+    panels = figure.subplots(len(KINDS), len(PLANETS), sharex=True, sharey=True)
+    for row, kind in enumerate(KINDS):
+        for column, planet in enumerate(PLANETS):
+            axes = panels[row, column]
+            axes.axhline(0.0, color=GREY, linewidth=0.6)
+            for side, colour in zip(SIDES, (BLUE, ORANGE), strict=True):
+                one = residual_n[:, MESHES.index(f"{kind}{planet}_{side}")]
+                axes.plot(phase / (2 * np.pi), one, color=colour, label=side)
+            axes.set_title(f"{kind}{planet}")
+    panels[0, 0].legend(ncols=2)
+    figure.supxlabel("mesh phase [cycles]", fontsize=9)
+    figure.supylabel("mean residual [N]", fontsize=9)
+    return figure
+
+
+def shares_figure(shares: Mapping[str, Mapping[str, float]]) -> Figure:
+    """A panel of bars for each factor."""
+    figure = Figure(figsize=(9.6, 2.4 * -(-len(shares) // 3)))
+    panels = figure.subplots(-(-len(shares) // 3), 3, squeeze=False).ravel()
+    for axes in panels[len(shares) :]:
+        axes.set_visible(False)
+    for axes, (factor, values) in zip(panels, shares.items(), strict=False):
+        axes.bar(range(len(values)), list(values.values()), color=BLUE, width=0.7)
+        axes.set_xticks(range(len(values)), list(map(plain_text, values)))
+        axes.set_title(plain_text(factor.replace("_", " ")))
+        axes.set_ylim(0.0, None)
+    return figure
+
+
+def contact_figure(contact: Array) -> Figure:
+    """Stacked bars (12, 3): share of time of each mesh on either flank and between."""
+    figure = Figure(figsize=(9.6, 2.4))
+    axes = figure.subplots()
+    below = np.zeros(len(MESHES))
+    for column, (state, colour) in enumerate(STATES):
+        axes.bar(MESHES, contact[:, column], bottom=below, color=colour, label=state, width=0.7)
+        below = below + contact[:, column]
+    axes.set_ylim(0.0, 1.0)
+    axes.set_ylabel("share of time")
+    axes.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    return figure

@@ -1,0 +1,69 @@
+"""From the evidence of a diagnosis to what the figures of its page show; fit runs alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from herringbone_sim.core.timeseries import Array
+from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.residuals.recalibrate import Law, force_law
+from herringbone_sim.views.figures.gap import GapArrays
+from herringbone_sim.views.pages.gap.words import figure
+from herringbone_sim.views.pages.gear_drawing import MESHES
+
+BINS = 24
+FACTORS = {"T_1": "input torque [N m]", "delta_T": "temperature rise [K]", "Omega": "speed Ω"}
+
+
+def gap_arrays(found: Calibrated) -> GapArrays | None:
+    """Residual of the recalibrated law over the phase, by operating point, and contact.
+
+    None for a model without the twelve meshes, or where no force law is known.
+    """
+    runs = [case.run for case in found.cases]
+    if found.per_mesh is None or any(run.model.layout.meshes != MESHES for run in runs):
+        return None
+    laws = [force_law(c.run, c.fused, found.factors) for c in found.cases]
+    excess = [_excess(law) for law in laws]
+    shares = {
+        title: _by([float(run.point[name]) for run in runs], excess)
+        for name, title in FACTORS.items()
+        if sum(excess) > 0 and all(name in run.point for run in runs)
+    }
+    residual = np.concatenate([law.residual_n for law in laws])
+    phase = np.concatenate([run.phase for run in runs])
+    centres = (np.arange(BINS) + 0.5) * 2.0 * np.pi / BINS
+    return GapArrays(centres, mean_over_phase(phase, residual), _contact(laws), shares)
+
+
+def mean_over_phase(phase: Array, residual: Array) -> Array:
+    """Mean (BINS, n_mesh) of a residual (n, n_mesh) over the mesh phase (n,) [rad]."""
+    place = np.floor(np.mod(phase / (2.0 * np.pi), 1.0) * BINS).astype(int) % BINS
+    count = np.bincount(place, minlength=BINS)
+    sums = [np.bincount(place, weights=column, minlength=BINS) for column in residual.T]
+    mean: Array = np.stack(sums, axis=1) / np.where(count > 0, count, np.nan)[:, None]
+    return mean
+
+
+def _excess(law: Law) -> float:
+    """Mean square of the residual above the floor, over the meshes that are known [N^2]."""
+    return max(float(np.nanmean(law.residual_n**2 - law.sigma_n**2)), 0.0)
+
+
+def _by(values: Sequence[float], excess: Sequence[float]) -> dict[str, float]:
+    """Share of the excess at each value of a factor, in rising order."""
+    total, found = sum(excess), dict[str, float]()
+    for value, one in sorted(zip(values, excess, strict=True)):
+        found[figure(value)] = found.get(figure(value), 0.0) + one / total
+    return found
+
+
+def _contact(laws: Sequence[Law]) -> Array:
+    """Share of time (n_mesh, 3) on the driving flank, apart, on the back flank."""
+    on = np.concatenate([law.contact for law in laws])
+    drives = np.concatenate([law.x_m > 0.0 for law in laws])
+    drive, back = (on * drives).mean(axis=0), (on * ~drives).mean(axis=0)
+    shares: Array = np.stack([drive, 1.0 - drive - back, back], axis=1)
+    return shares

@@ -1,0 +1,209 @@
+"""Maps of two parameters: period, largest exponent and loss of contact as pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from herringbone_sim.core.parameters import meaning
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps.store import Result
+from herringbone_sim.views.figures.style import INK, PARAMETER_LABELS, STYLE
+
+Array = NDArray[np.float64]
+
+DPI = 220
+NO_LOSS = "#e9eaec"
+LOSSES = {1: ("Blues", "one\nflank"), 2: ("Oranges", "both\nflanks")}
+FAILED = "#ffffff"
+APERIODIC = "#1d2027"
+# Hue by the odd part of the period, darker with each doubling.
+PERIOD_COLOURS = {
+    1: "#dce9f5",
+    2: "#86b8df",
+    4: "#3a83c1",
+    8: "#10579c",
+    16: "#0a3566",
+    3: "#fdca85",
+    6: "#f28e2b",
+    12: "#b85c0b",
+    5: "#98d6a6",
+    10: "#2f9e5e",
+    7: "#cdb5e8",
+    14: "#8656b9",
+    9: "#f5a9b8",
+    11: "#c8443c",
+    13: "#c9b21d",
+    15: "#7a5546",
+}
+LABELS = PARAMETER_LABELS | {"Omega": r"mesh frequency $\Omega=\omega/\omega_n$"}
+MAP_STYLE = STYLE | {
+    "axes.spines.top": True,
+    "axes.spines.right": True,
+    "axes.titlepad": 6.0,
+    "hatch.linewidth": 0.5,
+    "hatch.color": INK,
+}
+HATCH = "//////"
+LEAST_EXPONENT = 2e-3  # per tau: a neutral direction may look like less
+LISTED = 1e-3  # share of the map from which on a period stands in the legend
+STRETCH = 99.0  # per cent of the exponents that the colours tell apart
+
+
+def axis_label(name: str) -> str:
+    """Label of an axis with symbol and unit."""
+    unit = meaning(name).unit
+    return LABELS.get(name, name if unit == "-" else f"{name} [{unit}]")
+
+
+def write_maps(folder: Path, result: Result) -> list[Path]:
+    """``period``, ``exponent``, ``contact`` and all three as ``map``: PNG and SVG each.
+
+    Raises:
+        AnalysisError: the sweep has not two axes, or nothing of it came out.
+    """
+    if len(result.axes) != 2 or min(result.sweep.shape) < 2:
+        raise AnalysisError(
+            f"a map needs two axes of two values or more, got {result.sweep.shape}: give --over "
+            "twice"
+        )
+    if not np.isfinite(result["asymmetry"]).any():
+        told = "; ".join(map(str, result.failures()))
+        raise AnalysisError(f"no value of this map came out: {told}")
+    parts = _parts(result)
+    written = []
+    for name, draw in parts.items():
+        written += save_figure(_figure([draw], result, (4.9, 3.7)), folder, name)
+    whole = _figure(list(parts.values()), result, (4.5 * len(parts), 3.7))
+    return written + save_figure(whole, folder, "map")
+
+
+def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write ``name.png`` and ``name.svg`` into a folder; returns both paths."""
+    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
+    with matplotlib.rc_context(MAP_STYLE):
+        for path in paths:
+            metadata = {"Date": None} if path.suffix == ".svg" else None
+            figure.savefig(path, dpi=DPI, metadata=metadata)
+    return paths
+
+
+def draw_period(axes: Axes, result: Result) -> None:
+    """Period by colour, aperiodic motions dark, failed values white.
+
+    Hatched: a periodic motion with a positive exponent. It is met because left and right start
+    alike; the least difference would part them.
+    """
+    period = result["period"]
+    shown = [0, *PERIOD_COLOURS]
+    places = np.full(period.shape, np.nan)
+    for place, value in enumerate(shown):
+        places[period == value] = place
+    colours = ListedColormap([APERIODIC, *PERIOD_COLOURS.values()])
+    _mesh(axes, result, places, cmap=colours, vmin=-0.5, vmax=len(shown) - 0.5)
+    axes.set_title("period of the motion, mesh cycles")
+    handles = [
+        Patch(facecolor=PERIOD_COLOURS[n], edgecolor=INK, linewidth=0.4, label=f"P{n}")
+        for n in sorted(PERIOD_COLOURS)
+        if (period == n).mean() >= LISTED
+    ]
+    if (period == 0).any():
+        handles.append(Patch(facecolor=APERIODIC, label="aperiodic"))
+    if np.isnan(period).any():
+        handles.append(Patch(facecolor=FAILED, edgecolor=INK, linewidth=0.4, label="none"))
+    if _hatch_unstable(axes, result):
+        handles.append(
+            Patch(facecolor="none", edgecolor=INK, lw=0.0, hatch=HATCH, label="sides would part")
+        )
+    look: Any = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0}
+    axes.legend(handles=handles, handlelength=1.0, handleheight=1.0, fontsize=8, **look)
+
+
+def _hatch_unstable(axes: Axes, result: Result) -> bool:
+    """Hatch periodic motions with a positive exponent; whether there are any."""
+    surely = result["exponent"] > np.maximum(2.0 * result["exponent_error"], LEAST_EXPONENT)
+    unstable = (result["period"] > 0) & surely
+    if unstable.any():
+        places = [axis.values for axis in result.axes]
+        share = unstable.T.astype(float)
+        axes.contourf(*places, share, levels=[0.5, 1.5], colors="none", hatches=[HATCH])
+    return bool(unstable.any())
+
+
+def draw_exponent(axes: Axes, result: Result) -> None:
+    """Largest exponent, white at zero, red above; a line where it passes zero."""
+    exponent = result["exponent"]
+    known = exponent[np.isfinite(exponent)]
+    low, high = np.percentile(known, [100.0 - STRETCH, STRETCH]) if known.size else (0.0, 0.0)
+    low, high = min(float(low), -1e-3), max(float(high), 1e-3)
+    norm = TwoSlopeNorm(0.0, low, high)
+    image = _mesh(axes, result, exponent, cmap="RdBu_r", norm=norm)
+    axes.set_title("largest Lyapunov exponent")
+    assert axes.figure is not None
+    bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
+    bar.set_label(r"$\lambda_1$ per $\tau$")
+    halves = [MaxNLocator(4).tick_values(*ends) for ends in ((low, 0.0), (0.0, high))]
+    bar.set_ticks([t for half in halves for t in half if low <= t <= high])
+    bar.ax.axhline(0.0, color=INK, linewidth=0.8)
+
+
+def draw_contact(axes: Axes, result: Result) -> None:
+    """Hue: on how many flanks contact is lost and made again; depth: share of the time apart."""
+    apart = (result["sun_separated"] + result["ring_separated"]) / 2.0
+    loss = result["contact_loss"]
+    _mesh(axes, result, np.where(loss == 0, 0.0, np.nan), cmap=ListedColormap([NO_LOSS]))
+    axes.set_title("loss of contact: share of the time apart")
+    assert axes.figure is not None
+    for level, (colours, label) in reversed(LOSSES.items()):
+        if (loss == level).any():
+            shown = np.where(loss == level, apart, np.nan)
+            image = _mesh(axes, result, shown, cmap=colours, vmin=-0.15, vmax=1.0)
+            bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=28)
+            bar.ax.set_ylim(0.0, 1.0)
+            bar.ax.set_title(label, fontsize=7, pad=4.0, loc="center")
+    if (loss == 0).any():
+        handle = Patch(facecolor=NO_LOSS, edgecolor=INK, linewidth=0.4, label="never lost")
+        axes.legend(handles=[handle], handlelength=1.0, handleheight=1.0, fontsize=8, loc="best")
+
+
+def _parts(result: Result) -> dict[str, Callable[[Axes, Result], None]]:
+    parts: dict[str, Callable[[Axes, Result], None]] = {"period": draw_period}
+    if np.isfinite(result["exponent"]).any():
+        parts["exponent"] = draw_exponent
+    return parts | {"contact": draw_contact}
+
+
+def _figure(
+    draws: list[Callable[[Axes, Result], None]], result: Result, size: tuple[float, float]
+) -> Figure:
+    with matplotlib.rc_context(MAP_STYLE):
+        figure = Figure(figsize=size)
+        for axes, draw in zip(
+            figure.subplots(1, len(draws), squeeze=False)[0], draws, strict=True
+        ):
+            draw(axes, result)
+            axes.set_xlabel(axis_label(result.axes[0].name))
+            axes.set_ylabel(axis_label(result.axes[1].name))
+        return figure
+
+
+def _mesh(axes: Axes, result: Result, values: Array, **look: Any) -> Any:
+    """A cell for each value; the second axis goes up."""
+    edges = [_edges(np.array(axis.values)) for axis in result.axes]
+    return axes.pcolormesh(edges[0], edges[1], values.T, rasterized=True, **look)
+
+
+def _edges(values: Array) -> Array:
+    middle = (values[1:] + values[:-1]) / 2.0
+    first, last = values[0] - (middle[0] - values[0]), values[-1] + (values[-1] - middle[-1])
+    return np.concatenate([[first], middle, [last]])

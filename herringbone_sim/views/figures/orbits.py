@@ -1,0 +1,194 @@
+"""Branches of periodic orbits over a parameter, their boundaries named, and their multipliers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from herringbone_sim.dynamics.boundaries import Boundary
+from herringbone_sim.dynamics.cascade import Followed
+from herringbone_sim.dynamics.curve import BranchPoint
+from herringbone_sim.dynamics.orbits import Array
+from herringbone_sim.dynamics.turning import section
+from herringbone_sim.views.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    STYLE,
+    parameter_label,
+)
+from herringbone_sim.views.figures.text import mesh_symbol
+
+MARKERS = {
+    "flip": ("o", BLUE, "flip: period doubles"),
+    "fold": ("D", INK, "fold: branch turns back"),
+    "crossing": ("P", INK, "crossing of branches"),
+    "Neimark-Sacker": ("s", GREEN, "Neimark-Sacker"),
+    "transverse": ("^", ORANGE, "transverse: sides part"),
+    "grazing": ("|", GREY, "grazing of a border"),
+}
+SKY = "#56B4E9"
+STABILITY = {
+    (False, False): ("stable", BLUE, "-", 1.6),
+    (True, False): ("unstable", INK, "--", 0.9),
+    (False, True): ("transversally unstable", ORANGE, "-", 1.3),
+    (True, True): ("unstable both ways", ORANGE, "--", 0.9),
+}
+SIDES_DIFFER = {
+    (False, False): ("stable, left ≠ right", SKY, "-", 1.6),
+    (True, False): ("unstable, left ≠ right", GREY, "--", 0.9),
+}
+PERIOD_LINES: dict[int, Any] = {1: "-", 2: "--", 4: "-.", 8: ":", 16: (0, (1, 3))}
+ROOM = 0.03  # of the width of the axes, between the names of two boundaries
+Kind = tuple[bool, bool]
+
+
+def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: str) -> Figure:
+    """Branch diagram over the largest multipliers.
+
+    Args:
+        parameter: name of the one that varies.
+        mesh: index of the mesh whose displacement at phase 0 is shown.
+        name: of that mesh.
+    """
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 6.4))
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+        _draw_branches(above, followed, mesh)
+        above.set_ylabel(f"{mesh_symbol('x', name)} / $b_c$ at phase 0")
+        _draw_multipliers(below, followed)
+        below.set_xlabel(parameter_label(parameter))
+        family = followed[0].curve.family
+        above.set_xlim(family.low, family.high)
+        _name_boundaries(above, [b for one in followed for b in one.boundaries])
+        handles = [*_stability_handles(followed), *_boundary_handles(followed)]
+        style: Any = {"ncols": 4, "fontsize": 7.5, "columnspacing": 1.2, "handlelength": 1.6}
+        figure.legend(handles=handles, loc="outside lower center", **style)
+        return figure
+
+
+def stability_of(point: BranchPoint) -> str:
+    """``stable``, ``unstable``, ``transversally unstable`` or ``unstable both ways``."""
+    return STABILITY[_kind(point)][0]
+
+
+def _kind(point: BranchPoint) -> Kind:
+    within, transverse = point.multipliers.unstable
+    return within > 0, transverse > 0
+
+
+def _look(one: Followed, kind: Kind) -> tuple[str, str, str, float]:
+    """Label, colour, line and width of a stretch of a branch."""
+    return (STABILITY if one.symmetric else SIDES_DIFFER)[kind]
+
+
+def heights(one: Followed, points: Sequence[BranchPoint], mesh: int) -> Array:
+    """Displacements (n, period) of one mesh at phase 0 along a branch."""
+    flow_at = one.curve.family.flow_at
+    return np.array([section(flow_at(p.value), p.orbit.points)[0][:, mesh] for p in points])
+
+
+def _draw_branches(axes: Axes, followed: Sequence[Followed], mesh: int) -> None:
+    for one in followed:
+        for kind, points in _pieces(one):
+            _, colour, line, width = _look(one, kind)
+            values = [point.value for point in points]
+            # An unstable stretch lies below a stable one where they meet.
+            style: Any = {"color": colour, "ls": line, "lw": width, "zorder": 2 - any(kind)}
+            axes.plot(values, heights(one, points, mesh), **style)
+        for boundary in one.boundaries:
+            at = heights(one, [boundary.point], mesh)[0]
+            marker, colour, _ = MARKERS[boundary.kind]
+            face = "white" if boundary.kind != "grazing" else colour
+            look: Any = {"ls": "", "marker": marker, "ms": 4.5, "mfc": face, "mec": colour}
+            axes.plot(np.full(len(at), boundary.value), at, zorder=3, **look)
+
+
+def _pieces(one: Followed) -> Iterator[tuple[Kind, list[BranchPoint]]]:
+    """Stretches of one stability, each beginning and ending at the boundary next to it."""
+    changes = {boundary.index: boundary.point for boundary in one.boundaries}
+    piece: list[BranchPoint] = []
+    for i, point in enumerate(one.branch.points):
+        if piece and _kind(point) != _kind(piece[-1]):
+            edge = changes.get(i - 1, point)
+            yield _kind(piece[-1]), [*piece, edge]
+            piece = [edge] if edge is not point and _kind(edge) == _kind(point) else []
+        piece.append(point)
+    yield _kind(piece[-1]), piece
+
+
+def _draw_multipliers(axes: Axes, followed: Sequence[Followed]) -> None:
+    """Largest moduli within and across, the root of the period taken: growth a cycle."""
+    for one in followed:
+        values = [point.value for point in one.branch.points]
+        line = PERIOD_LINES.get(one.period, ":")
+        for part, colour in (("transverse", ORANGE), ("within", BLUE)):
+            found = [getattr(point.multipliers, part) for point in one.branch.points]
+            if len(found[0]):
+                moduli = np.array([np.abs(mu[0]) for mu in found]) ** (1.0 / one.period)
+                axes.plot(values, moduli, color=colour, ls=line, lw=1.0)
+    axes.axhline(1.0, color=INK, lw=0.7)
+    axes.set_ylabel(r"largest $|\mu|^{1/n}$")
+    axes.set_ylim(bottom=0.0)
+    handles = [Line2D([], [], color=BLUE), Line2D([], [], color=ORANGE)]
+    labels = ["within", "transverse"]
+    for period in sorted({one.period for one in followed}):
+        handles.append(Line2D([], [], color=INK, ls=PERIOD_LINES.get(period, ":")))
+        labels.append(f"P{period}")
+    axes.legend(handles, labels, loc="lower right", ncols=len(labels), fontsize=8)
+
+
+def _name_boundaries(axes: Axes, boundaries: Sequence[Boundary]) -> None:
+    """Names above the axes, moved apart, with a line from each to its place."""
+    low, high = axes.get_xlim()
+    named = {(b.kind, b.period, round(b.value, 6)): b for b in boundaries}
+    ordered = sorted(named.values(), key=lambda b: b.value)
+    places = _apart(np.array([(b.value - low) / (high - low) for b in ordered]), ROOM)
+    across = axes.get_xaxis_transform()
+    for boundary, place in zip(ordered, places, strict=True):
+        _, colour, _ = MARKERS[boundary.kind]
+        text = f"{boundary.kind} P{boundary.period} {boundary.value:.5g}"
+        x = low + place * (high - low)
+        axes.axvline(boundary.value, color=colour, lw=0.4, alpha=0.6, zorder=0)
+        line: Any = {"color": colour, "lw": 0.5, "clip_on": False, "transform": across}
+        axes.plot([boundary.value, x], [1.0, 1.04], **line)
+        style: Any = {"rotation": 90, "ha": "center", "va": "bottom", "fontsize": 7}
+        axes.text(x, 1.05, text, color=colour, transform=across, **style)
+
+
+def _apart(places: Array, room: float) -> Array:
+    """Ascending places moved as little as it takes to be ``room`` apart, centred on their own."""
+    groups: list[tuple[float, int]] = []
+    for place in places:
+        group = (float(place), 1)
+        while groups and groups[-1][0] + 0.5 * room * (groups[-1][1] + group[1]) > group[0]:
+            centre, count = groups.pop()
+            total = count + group[1]
+            group = ((centre * count + group[0] * group[1]) / total, total)
+        groups.append(group)
+    spread = [c + room * (np.arange(n) - 0.5 * (n - 1)) for c, n in groups]
+    return np.concatenate(spread) if spread else places
+
+
+def _stability_handles(followed: Sequence[Followed]) -> list[Line2D]:
+    shown = {_look(one, _kind(point)) for one in followed for point in one.branch.points}
+    every = [*STABILITY.values(), *SIDES_DIFFER.values()]
+    rows = [look for look in every if look in shown]
+    return [Line2D([], [], color=c, ls=line, lw=w, label=label) for label, c, line, w in rows]
+
+
+def _boundary_handles(followed: Sequence[Followed]) -> list[Line2D]:
+    shown = {boundary.kind for one in followed for boundary in one.boundaries}
+    rows = [MARKERS[kind] for kind in MARKERS if kind in shown]
+    return [
+        Line2D([], [], ls="", marker=m, ms=4.5, mfc="white", mec=c, label=label)
+        for m, c, label in rows
+    ]

@@ -1,0 +1,113 @@
+"""Style, labels and units that all figures share, and how they are saved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.views.figures.text import mesh_symbol, plain_text
+
+BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#22262c", "#9aa1ab"
+STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "mathtext.fontset": "dejavusans",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "lines.linewidth": 0.9,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "figure.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "herringbone_sim",
+}
+DPI = 150
+SHOWN_CYCLES, PORTRAIT_CYCLES, PER_CYCLE = 24, 160, 96
+DENSE = 3000  # vertices above which a drawing goes into an SVG as a picture
+
+PARAMETER_LABELS = {
+    "K": "control amplitude $K$",
+    "delta_T": r"temperature rise $\Delta T$ [K]",
+    "T_1": "input torque $T_1$ [N m]",
+    "xi": r"mesh damping ratio $\xi$",
+    "control_phase": "phase of the control [rad]",
+    FREQUENCY: "mesh frequency [Hz]",
+}
+PARAMETER_SYMBOLS = {
+    "K": "$K$",
+    "delta_T": r"$\Delta T$/K",
+    "T_1": "$T_1$/(N m)",
+    "xi": r"$\xi$",
+    FREQUENCY: "mesh frequency/Hz",
+}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Units of the axes: dimensionless with ``b_c_m`` and ``omega_n``, else um, m/s and ms.
+
+    Attributes:
+        b_c_m: displacement scale, m, or None.
+        omega_n: natural frequency, rad/s, or None.
+    """
+
+    b_c_m: float | None = None
+    omega_n: float | None = None
+
+    @property
+    def bare(self) -> bool:
+        return bool(self.b_c_m and self.omega_n)
+
+    @property
+    def x(self) -> float:
+        """Metres in one unit of displacement."""
+        return self.b_c_m if self.b_c_m and self.bare else 1e-6
+
+    @property
+    def v(self) -> float:
+        """Metres per second in one unit of velocity."""
+        return self.x * self.omega_n if self.omega_n and self.bare else 1.0
+
+    @property
+    def time(self) -> float:
+        """Seconds in one unit of time."""
+        return 1 / self.omega_n if self.omega_n and self.bare else 1e-3
+
+    @property
+    def time_label(self) -> str:
+        return r"time $\tau = \omega_n t$" if self.bare else "time [ms]"
+
+    def x_label(self, mesh: str) -> str:
+        return mesh_symbol("x", mesh) + (r" / $b_c$" if self.bare else " [µm]")
+
+    def v_label(self, mesh: str) -> str:
+        unit = r" / $b_c\,\omega_n$" if self.bare else " [m/s]"
+        return mesh_symbol(r"\dot x", mesh) + unit
+
+
+def parameter_label(name: str) -> str:
+    """Axis label of a parameter with symbol and unit."""
+    return PARAMETER_LABELS.get(name, plain_text(name))
+
+
+def save(figure: Figure, folder: Path, name: str) -> tuple[Path, Path]:
+    """Write ``name.png`` (150 dpi) and ``name.svg`` into a folder; returns both paths."""
+    paths = folder / f"{name}.png", folder / f"{name}.svg"
+    with matplotlib.rc_context(STYLE):
+        for path in paths:
+            metadata = {"Date": None} if path.suffix == ".svg" else None
+            figure.savefig(path, dpi=DPI, metadata=metadata)
+    return paths

@@ -1,0 +1,1 @@
+"""What the Rerun viewer shows, live and from recordings."""

@@ -1,0 +1,125 @@
+"""What the Rerun viewer shows at a glance: the arrangement of the mirror's views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import rerun.blueprint as rrb
+
+from herringbone_sim.views.mirror.palette import BACKGROUND
+
+KIND_WORDS = {"sp": "sun-planet", "rp": "ring-planet"}
+LEFT, RIGHT, TOP, BOTTOM = 28.0, 8.0, 12.0, 24.0
+Plane = tuple[str, float, float]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Which views there is data for.
+
+    Attributes:
+        names: channels of the blocks.
+        displacement_kinds, force_kinds: mesh kinds with that time course.
+        planes: entity path -> title, width and height of the diagrams in the plane.
+        window_s: length of the time courses [s].
+    """
+
+    names: tuple[str, ...]
+    displacement_kinds: tuple[str, ...]
+    force_kinds: tuple[str, ...]
+    planes: dict[str, Plane]
+    window_s: float
+
+
+def blueprint(shown: Shown) -> Any:
+    """Time courses and contact on the left, diagrams in the plane and text on the right."""
+    views = {path: plane_view(path, *plane) for path, plane in shown.planes.items()}
+    courses = [
+        course_row(shown, "displacement", "Displacement", "µm", shown.displacement_kinds),
+        course_row(shown, "force", "Mesh force", "kN", shown.force_kinds),
+    ]
+    planes = [side_by_side(views.get("portrait"), views.get("section")), views.get("bifurcation")]
+    left = stack([*courses, views.get("contact")], [4.0, 4.0, 5.0])
+    right = stack([*planes, text_row()], [1.1, 1.1, 1.0])
+    columns = [column for column in (left, right) if column is not None]
+    return rrb.Blueprint(
+        rrb.Horizontal(*columns, column_shares=[3, 2][: len(columns)]),
+        rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="following"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def stack(parts: list[Any], shares: list[float]) -> Any:
+    """Views one below the other, None when there are none."""
+    shares = [share for part, share in zip(parts, shares, strict=True) if part is not None]
+    there = [part for part in parts if part is not None]
+    return rrb.Vertical(*there, row_shares=shares) if there else None
+
+
+def side_by_side(*parts: Any) -> Any:
+    """Views beside one another, None when there are none."""
+    there = [part for part in parts if part is not None]
+    return rrb.Horizontal(*there) if there else None
+
+
+def course_row(shown: Shown, path: str, title: str, unit: str, kinds: tuple[str, ...]) -> Any:
+    """One time course a mesh kind, side by side, None without a kind."""
+    views = [
+        rrb.TimeSeriesView(
+            origin=f"/{path}/{kind}",
+            name=f"{title}, {KIND_WORDS[kind]} [{unit}]",
+            axis_x=time_axis(shown.window_s),
+            plot_legend=rrb.PlotLegend(visible="contact" not in shown.planes),
+            background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
+            time_ranges=[window(shown.window_s)],
+        )
+        for kind in kinds
+    ]
+    return side_by_side(*views)
+
+
+def plane_view(path: str, title: str, width: float, height: float) -> Any:
+    """A diagram whose axes are part of the data."""
+    return rrb.Spatial2DView(
+        origin=f"/{path}",
+        name=title,
+        background=BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=(-LEFT, width + RIGHT),
+            y_range=(-TOP, height + BOTTOM),
+        ),
+    )
+
+
+def text_row() -> Any:
+    """Parameters and regime beside the log of events."""
+    return rrb.Horizontal(
+        rrb.TextDocumentView(origin="/status", name="Parameters and regime"),
+        rrb.TextLogView(
+            origin="/events",
+            name="Events",
+            columns=rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["Body"]),
+        ),
+    )
+
+
+def window(window_s: float) -> Any:
+    """The last ``window_s`` seconds before the time cursor."""
+    return rrb.VisibleTimeRange("sim_time", range=cursor_range(window_s))
+
+
+def time_axis(window_s: float) -> Any:
+    """A time axis that moves with the cursor."""
+    return rrb.TimeAxis(view_range=cursor_range(window_s))
+
+
+def cursor_range(window_s: float) -> Any:
+    """From ``window_s`` seconds before the time cursor up to it."""
+    return rrb.TimeRange(
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-window_s),
+        end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0),
+    )

@@ -1,0 +1,154 @@
+"""A diagnosis in the Rerun viewer: measured, nominal and augmented, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from herringbone_sim.core.layout import KINDS
+from herringbone_sim.core.timeseries import Array
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.diagnose import Diagnosis
+from herringbone_sim.views.mirror.frame import Frame, send_frame
+from herringbone_sim.views.mirror.gap_blueprint import COURSES, RunLayout, blueprint
+from herringbone_sim.views.mirror.gap_runs import COLUMNS, RunView, run_views, shares
+from herringbone_sim.views.mirror.gear import send_gear, send_shares
+from herringbone_sim.views.mirror.palette import mesh_colours
+from herringbone_sim.views.mirror.plane import Axes, limits_for, smooth
+from herringbone_sim.views.mirror.planes import LINE
+from herringbone_sim.views.mirror.sink import Sink
+from herringbone_sim.views.pages.gear_drawing import MESHES
+
+TIMELINE = "run_time"
+
+
+def mirror(campaign: PreparedCampaign, found: Diagnosis, sink: Sink) -> None:
+    """Send a diagnosis to an open sink: the gear and the verdict, then a tab a run.
+
+    Each run has three columns: what was measured, what the nominal and the augmented law give at
+    the measured motion, what each of the two models does on its own, and the residuals.
+
+    Raises:
+        ViewerError: the viewer has gone.
+    """
+    recording = sink.recording
+    recording.set_log_tick_enabled(False)
+    recording.set_log_time_enabled(False)
+    views = run_views(campaign, found)
+    gear = bool(views) and views[0].meshes == MESHES
+    if gear:
+        _send_gears(recording, views)
+    _log_text(recording, "verdict", verdict_text(found))
+    layouts = []
+    for view in views:
+        layouts.append(_send_run(recording, view))
+        sink.deliver()
+    recording.send_blueprint(blueprint(gear, layouts))
+    sink.deliver()
+
+
+def verdict_text(found: Diagnosis) -> str:
+    """Verdict, causes and gap as a page of Markdown."""
+    verdict, gap = found.verdict, found.gap
+    named = ", ".join(verdict.effects)
+    title = verdict.verdict if named in ("", verdict.verdict) else f"{verdict.verdict}: {named}"
+    lines = [f"## {title}", "", "| cause | where | probability |", "| --- | --- | --- |"]
+    for cause in found.report["causes"][:5]:
+        place = "/".join(cause["locus"].values()) if cause.get("locus") else ""
+        lines.append(f"| {cause['effect']} | {place} | {cause['probability']:.1%} |")
+    closure = f"{gap.closure:.1%}" if np.isfinite(gap.closure) else "not known"
+    lines += ["", f"Gap by {gap.metric}, RMS (closure on held-out runs: {closure}):", ""]
+    lines += ["| run | role | nominal | augmented | floor |", "| --- | --- | --- | --- | --- |"]
+    for run in gap.runs:
+        numbers = (run.nominal, run.augmented, run.floor)
+        values = " | ".join(f"{v:.4g}" if np.isfinite(v) else "not known" for v in numbers)
+        lines.append(f"| {run.name} | {run.role} | {values} |")
+    return "\n".join(lines)
+
+
+def _send_gears(recording: Any, views: Sequence[RunView]) -> None:
+    fit = [view for view in views if view.run.role == "fit"] or list(views)
+    for name, of_meshes in shares(fit).items():
+        send_gear(recording, f"gear/{name}")
+        send_shares(recording, f"gear/{name}", of_meshes)
+
+
+def _send_run(recording: Any, view: RunView) -> RunLayout:
+    name = view.run.name
+    kinds = {}
+    for kind in KINDS:
+        at = [j for j, m in enumerate(view.meshes) if m.startswith(kind)]
+        at = [j for j in at if np.isfinite(view.force["measured"][:, j]).all()]
+        if at:
+            kinds[kind] = _send_courses(recording, view, kind, at)
+    meshes = _portrayed(view)
+    for mesh in meshes:
+        _send_portraits(recording, view, mesh)
+    _log_text(recording, f"{name}/about", run_text(view))
+    return RunLayout(name, view.run.role, kinds, meshes, tuple(view.planes))
+
+
+def run_text(view: RunView) -> str:
+    """Operating point of a run and what can't be shown, as Markdown."""
+    point = [f"- {name} {value:.4g}" for name, value in view.run.point.items()]
+    notes = [f"- {text}" for text in view.notes]
+    return "\n".join([f"### {view.run.name}, {view.run.role}", "", *point, *notes])
+
+
+def _send_courses(
+    recording: Any, view: RunView, kind: str, at: Sequence[int]
+) -> dict[str, tuple[float, float]]:
+    """Forces and residuals of the meshes of a kind; returns the limits of both axes [kN]."""
+    measured = view.force["measured"]
+    columns = {("force", name): view.force[name] for name in COLUMNS}
+    columns |= {("residual", name): measured - view.force[name] for name in COLUMNS[1:]}
+    colours = mesh_colours(view.run.model.layout)
+    names = [view.meshes[j] for j in at]
+    limits: dict[str, tuple[float, float]] = {}
+    for (what, name), values in columns.items():
+        shown = 1e-3 * values[:, at]
+        path = f"{view.run.name}/{what}/{name}/{kind}"
+        style = rr.SeriesLines(names=names, colors=[colours[m] for m in names])
+        recording.log(path, style, static=True)
+        index = [rr.TimeColumn(TIMELINE, duration=view.times)]
+        recording.send_columns(path, index, rr.Scalars.columns(scalars=shown))
+        low, high = limits_for(shown.ravel())
+        before = limits.get(what, (low, high))
+        limits[what] = min(low, before[0]), max(high, before[1])
+    return {what: limits[what] for what in COURSES}
+
+
+def _portrayed(view: RunView) -> tuple[str, ...]:
+    """The mesh with the largest residual, or the first that moves; none without a motion."""
+    if not view.planes:
+        return ()
+    return (view.meshes[int(np.argmax(np.nan_to_num(view.energy["nominal"])))],)
+
+
+def _send_portraits(recording: Any, view: RunView, mesh: str) -> None:
+    """Phase portraits of a mesh on the same axes."""
+    j = view.meshes.index(mesh)
+    scales = view.run.model.scales
+    unit = np.array([scales.b_c, scales.velocity_m_per_s])
+    orbits = {name: plane[:, j] / unit for name, plane in view.planes.items()}
+    orbits = {name: orbit for name, orbit in orbits.items() if np.isfinite(orbit).all()}
+    if not orbits:
+        return
+    every: Array = np.concatenate(list(orbits.values()))
+    axes = Axes(limits_for(every[:, 0]), limits_for(every[:, 1]))
+    border = float(view.run.model.half_backlash_m[j]) / scales.b_c
+    frame = Frame(axes, f"x_{mesh} / b_c", "v / (b_c ω_n)", border)
+    colour = mesh_colours(view.run.model.layout)[mesh]
+    for name, orbit in orbits.items():
+        path = f"{view.run.name}/plane/{name}/{mesh}"
+        send_frame(recording, path, frame)
+        line = rr.LineStrips2D([axes.place(smooth(orbit))], colors=[colour], radii=LINE)
+        recording.log(f"{path}/orbit", line, static=True)
+
+
+def _log_text(recording: Any, path: str, text: str) -> None:
+    document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+    recording.log(path, document, static=True)

@@ -1,0 +1,101 @@
+"""Arrangement of a diagnosis in the viewer: three columns, a tab a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import rerun.blueprint as rrb
+
+from herringbone_sim.views.mirror.blueprint import KIND_WORDS, plane_view, stack
+from herringbone_sim.views.mirror.gap_runs import COLUMNS
+from herringbone_sim.views.mirror.gear import HEIGHT, WIDTH
+from herringbone_sim.views.mirror.palette import BACKGROUND
+
+COURSES = ("force", "residual")
+TITLES = {"measured": "measured", "nominal": "nominal model", "augmented": "augmented model"}
+
+
+@dataclass(frozen=True)
+class RunLayout:
+    """What there is to show of a run.
+
+    Attributes:
+        name, role: of the run.
+        kinds: mesh kind -> course -> limits of its axis [kN].
+        meshes: with phase portraits.
+        planes: columns that have a motion.
+    """
+
+    name: str
+    role: str
+    kinds: Mapping[str, Mapping[str, tuple[float, float]]]
+    meshes: tuple[str, ...]
+    planes: tuple[str, ...]
+
+
+def blueprint(gear: bool, runs: Sequence[RunLayout]) -> Any:
+    """Where and what first, then every run."""
+    return rrb.Blueprint(
+        rrb.Tabs(_overview(gear, runs), *(_run(one) for one in runs), active_tab=0),
+        rrb.TimePanel(state="collapsed", timeline="run_time"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _overview(gear: bool, runs: Sequence[RunLayout]) -> Any:
+    verdict = rrb.TextDocumentView(origin="/verdict", name="Verdict")
+    gears = [
+        plane_view(f"gear/{name}", f"Share of the residual, {TITLES[name]}", WIDTH, HEIGHT)
+        for name in COLUMNS[1:]
+    ]
+    first = runs[0] if runs else None
+    below = _planes(first, first.meshes[0]) if first else None
+    above = rrb.Horizontal(verdict, *(gears if gear else []))
+    return rrb.Vertical(*(p for p in (above, below) if p is not None), name="Where and what")
+
+
+def _run(one: RunLayout) -> Any:
+    rows = [_forces(one, kind) for kind in one.kinds]
+    rows += [_planes(one, one.meshes[0]) if one.meshes else None]
+    rows += [_residuals(one)]
+    shares = [2.0] * len(one.kinds) + [3.5, 3.5]
+    return rrb.Vertical(stack(rows, shares), name=f"{one.name} ({one.role})")
+
+
+def _forces(one: RunLayout, kind: str) -> Any:
+    return rrb.Horizontal(*(_course(one, "force", name, kind) for name in COLUMNS))
+
+
+def _residuals(one: RunLayout) -> Any:
+    about = rrb.TextDocumentView(origin=f"/{one.name}/about", name="Run")
+    columns = [
+        rrb.Vertical(*(_course(one, "residual", name, kind) for kind in one.kinds))
+        for name in COLUMNS[1:]
+    ]
+    return rrb.Horizontal(about, *(columns if one.kinds else []))
+
+
+def _planes(one: RunLayout, mesh: str) -> Any:
+    views = [
+        plane_view(
+            f"{one.name}/plane/{name}/{mesh}", f"{one.name}: {mesh}, {TITLES[name]}", 110.0, 100.0
+        )
+        for name in COLUMNS
+        if name in one.planes
+    ]
+    return rrb.Horizontal(*views) if views else None
+
+
+def _course(one: RunLayout, what: str, name: str, kind: str) -> Any:
+    return rrb.TimeSeriesView(
+        origin=f"/{one.name}/{what}/{name}/{kind}",
+        name=f"{what} [kN], {KIND_WORDS[kind]}, {TITLES[name]}",
+        axis_y=rrb.ScalarAxis(range=one.kinds[kind][what]),
+        plot_legend=rrb.PlotLegend(visible=name == COLUMNS[0]),
+        background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
+    )

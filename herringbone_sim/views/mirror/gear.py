@@ -1,0 +1,93 @@
+"""The gear in the plane, its meshes coloured by their share of a residual, as Rerun entities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import KINDS, SIDES
+from herringbone_sim.views.mirror.frame import strips, words
+from herringbone_sim.views.mirror.palette import FRAME, WORDS, Colour
+from herringbone_sim.views.pages.gear_drawing import PLANET, PLANETS, RING, SATURATED, SUN
+
+REACH = RING + 8.0
+APART = 2.0 * REACH + 14.0
+SPOT = 9.0
+WIDTH, HEIGHT = APART + 2.0 * REACH, 2.0 * REACH
+UNKNOWN: Colour = (70, 74, 84)
+NONE, FULL = np.array([58, 50, 44]), np.array([255, 140, 30])
+SIDE_NAMES = {"L": "left half", "R": "right half"}
+
+
+def send_gear(recording: Any, path: str) -> None:
+    """Draw what never changes: the bodies of both halves.
+
+    Args:
+        recording: a ``rerun.RecordingStream``.
+        path: entity path of the drawing.
+    """
+    circles = [_circle(centre, radius) for side in SIDES for centre, radius in _bodies(side)]
+    recording.log(f"{path}/bodies", strips(circles, FRAME, 1.0), static=True)
+    titles = [(_middle(side)[0] - REACH + 16.0, 2.0) for side in SIDES]
+    recording.log(f"{path}/halves", words(titles, list(SIDE_NAMES.values())), static=True)
+
+
+def send_shares(recording: Any, path: str, shares: Mapping[str, float | None]) -> None:
+    """Colour the meshes by their share; None where it is not known."""
+    known = [share for share in shares.values() if share is not None]
+    top = max([SATURATED, *known])
+    at = np.concatenate([_spots(mesh) for mesh in shares]).astype(np.float32)
+    each = [share for mesh, share in shares.items() for _ in _spots(mesh)]
+    texts = [
+        f"{mesh.partition('_')[0]} {'?' if share is None else f'{share:.0%}'}"
+        for mesh, share in shares.items()
+        for _ in _spots(mesh)
+    ]
+    spots = rr.Points2D(at, colors=[_shade(s, top) for s in each], radii=SPOT, draw_order=5.0)
+    recording.log(f"{path}/spots", spots)
+    beneath = at + np.array([0.0, SPOT - 1.0], dtype=np.float32)
+    recording.log(f"{path}/shares", words(beneath, texts, [WORDS] * len(texts)))
+
+
+def _shade(share: float | None, top: float) -> Colour:
+    if share is None:
+        return UNKNOWN
+    mixed = NONE + min(max(share / top, 0.0), 1.0) * (FULL - NONE)
+    red, green, blue = (round(float(part)) for part in mixed)
+    return red, green, blue
+
+
+def _middle(side: str) -> tuple[float, float]:
+    return REACH + APART * SIDES.index(side), REACH
+
+
+def _at(side: str, planet: str, radius: float) -> tuple[float, float]:
+    """A point on the ray of a planet; planet 1 on top, the others clockwise."""
+    angle = -math.pi / 2 + (int(planet) - 1) * 2 * math.pi / len(PLANETS)
+    x, y = _middle(side)
+    return x + radius * math.cos(angle), y + radius * math.sin(angle)
+
+
+def _bodies(side: str) -> list[tuple[tuple[float, float], float]]:
+    middle = _middle(side)
+    planets = [(_at(side, planet, SUN + PLANET), float(PLANET)) for planet in PLANETS]
+    return [(middle, float(SUN)), (middle, float(RING)), (middle, REACH), *planets]
+
+
+def _spots(mesh: str) -> NDArray[np.float64]:
+    """Where a mesh sits (k, 2): one spot, or one a planet where they are not told apart."""
+    head, _, side = mesh.partition("_")
+    kind, number = head[:2], head[2:]
+    radius = (SUN, RING)[KINDS.index(kind)]
+    planets = (number,) if number else PLANETS
+    return np.array([_at(side, planet, radius) for planet in planets], dtype=float)
+
+
+def _circle(centre: tuple[float, float], radius: float) -> NDArray[np.float64]:
+    angle = np.linspace(0.0, 2.0 * np.pi, 97)
+    return np.column_stack((np.cos(angle), np.sin(angle))) * radius + centre

@@ -1,0 +1,118 @@
+"""A live comparison in the Rerun viewer: gear, residual over its floor, statistics, text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.core.layout import KINDS, Layout
+from herringbone_sim.errors import HerringboneError
+from herringbone_sim.gap.stream.listening import Picture
+from herringbone_sim.views.mirror.live_text import headline, table
+
+MEMORY = "1GB"
+CLOSE_S = 5.0
+SMALL = 1e-2
+EVERY_MESH = tuple(m for layout in (Layout(1, False), Layout(3, True)) for m in layout.meshes)
+
+
+class LiveMirror:
+    """Shows pictures; a viewer that is missing or has gone is said once and then left alone.
+
+    Args:
+        mode, address, path: see ``rerun_sink.open_sink``.
+
+    Attributes:
+        state: ``running`` or ``failed: reason``.
+    """
+
+    def __init__(self, mode: str, address: str, path: Path) -> None:
+        self.state = "running"
+        self._sink: Any = None
+        self._drawn: tuple[str, ...] = ()
+        self._arranged = False
+        try:
+            from herringbone_sim.views.mirror.sink import open_sink
+
+            self._sink = open_sink(mode, address, path, MEMORY)
+        except (HerringboneError, ModuleNotFoundError) as error:
+            self._fail(error)
+
+    def show(self, picture: Picture, topics: tuple[str, ...] = ()) -> None:
+        """Send a picture."""
+        if self._sink is None:
+            return
+        try:
+            self._send(picture)
+            self._sink.deliver()
+        except (HerringboneError, RuntimeError) as error:
+            self._fail(error)
+        except Exception as error:
+            # A picture that can't be drawn; the next one may be.
+            self.state = f"failed: {error}"
+        else:
+            self.state = "running"
+
+    def close(self) -> str:
+        """Finish; what became of it, in a line."""
+        if self._sink is None:
+            return f"mirror {self.state}"
+        address = self._sink.address
+        try:
+            self._sink.close(CLOSE_S)
+        except RuntimeError as error:
+            self._fail(error)
+            return f"mirror {self.state}"
+        return f"mirrored to {address}"
+
+    def _fail(self, error: Exception) -> None:
+        self.state = f"failed: {error}"
+        self._sink = None
+
+    def _send(self, picture: Picture) -> None:
+        import rerun as rr
+
+        from herringbone_sim.views.mirror.gear import send_shares
+
+        recording, found = self._sink.recording, picture.residual
+        recording.set_time("wall_time", timestamp=np.datetime64("now", "ms"))
+        if np.isfinite(picture.rig.t_s):
+            recording.set_time("rig_time", duration=picture.rig.t_s)
+        text = f"```\n{table(picture)}\n```"
+        recording.log("text", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+        if found is None:
+            self._arrange(())
+            return
+        self._arrange(found.places)
+        recording.log("events", rr.TextLog(headline(found)))
+        if found.metric == "force_law":
+            shares = dict(zip(found.places, map(float, found.shares), strict=True))
+            send_shares(recording, "gear", shares)
+        for kind, at in _groups(found.places).items():
+            values = np.maximum(found.chi[at], SMALL)
+            recording.log(f"floors/{kind}", rr.Scalars(values))
+        beside = picture.simulator_motion if picture.comparable else None
+        for name, motion in (("rig", picture.rig_motion), ("sim", beside)):
+            if motion is not None:
+                for kind, at in _groups(motion.meshes).items():
+                    force = 1e-3 * motion.force_rms_n[at]
+                    recording.log(f"force/{kind}/{name}", rr.Scalars(force))
+
+    def _arrange(self, places: tuple[str, ...]) -> None:
+        """Names, colours and the blueprint, again when other places come."""
+        from herringbone_sim.views.mirror.live_blueprint import arrange
+
+        if places != self._drawn or not self._arranged:
+            self._drawn, self._arranged = places, True
+            arrange(self._sink.recording, places, _groups(places))
+
+
+def _groups(places: tuple[str, ...]) -> dict[str, list[int]]:
+    """Indices of meshes by kind, or of coordinates as one group."""
+    of_meshes = [p for p in places if p in EVERY_MESH]
+    if len(of_meshes) < len(places):
+        return {"bodies": list(range(len(places)))}
+    groups = {k: [j for j, p in enumerate(places) if p.startswith(k)] for k in KINDS}
+    return {kind: at for kind, at in groups.items() if at}

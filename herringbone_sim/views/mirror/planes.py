@@ -1,0 +1,186 @@
+"""Phase portrait, stroboscopic section and live bifurcation of one mesh, drawn in the plane."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from herringbone_sim.core.layout import UNITS, Layout
+from herringbone_sim.views.mirror.block import STATES, Array, MirrorBlock, Scale, contact_states
+from herringbone_sim.views.mirror.blueprint import Plane
+from herringbone_sim.views.mirror.frame import Frame, send_frame
+from herringbone_sim.views.mirror.palette import (
+    MARKER,
+    STATE_COLOURS,
+    Colour,
+    mesh_colours,
+    shaded,
+)
+from herringbone_sim.views.mirror.plane import Axes, Bifurcation, limits_for, smooth
+
+STEERED = ("K", "delta_T", "T_1", "Omega", "xi", "control_phase")
+SECTION_POINTS = 2000
+WIDTHS, HEIGHT = {"portrait": 110.0, "section": 110.0, "bifurcation": 252.0}, 100.0
+MICRON = Scale(b_c=1e-6)
+LINE = rr.Radius.ui_points(0.8)
+DOT = rr.Radius.ui_points(1.6)
+
+
+class Planes:
+    """The diagrams of one mesh; sends only what a block has changed.
+
+    Args:
+        recording: a ``rerun.RecordingStream``.
+        mesh: name of the mesh.
+        scale: units and backlash, or None for micrometres.
+        colour: of the mesh.
+        has_velocity, has_section: whether there are rates, and section points.
+    """
+
+    def __init__(
+        self,
+        recording: Any,
+        mesh: str,
+        scale: Scale | None,
+        colour: Colour,
+        has_velocity: bool,
+        has_section: bool,
+    ) -> None:
+        self.recording = recording
+        self.mesh = mesh
+        self.scale = scale or MICRON
+        self.colour = colour
+        self.has_velocity = has_velocity
+        self.has_section = has_section
+        self.steered = "K"
+        self._x_label = f"x_{mesh} / b_c" if scale else f"x_{mesh} [µm]"
+        self._v_label = f"v_{mesh}{self.scale.velocity[1]}"
+        self._frames: dict[str, Frame] = {}
+        self._section: deque[tuple[float, float]] = deque(maxlen=SECTION_POINTS)
+        self._bifurcation = Bifurcation()
+        self._rising = True
+        self._before: dict[str, float] = {}
+
+    @classmethod
+    def of(
+        cls, recording: Any, layout: Layout, scale: Scale | None, mesh: str, block: MirrorBlock
+    ) -> Planes | None:
+        """The diagrams of the chosen mesh, or the first that has data; None without any."""
+        there = [m for m in layout.meshes if f"x_{m}" in block.names and mesh in ("", m)]
+        if not there:
+            return None
+        velocity = f"v_{there[0]}" in block.names
+        colour = mesh_colours(layout)[there[0]]
+        return cls(recording, there[0], scale, colour, velocity, "phase" in block.names)
+
+    @property
+    def titles(self) -> dict[str, Plane]:
+        """Entity path -> title, width and height of the diagrams there is data for."""
+        titles = {}
+        if self.has_velocity:
+            titles["portrait"] = f"Phase portrait, {self.mesh}"
+        if self.has_velocity and self.has_section:
+            titles["section"] = f"Section at phase 0, {self.mesh}"
+        if self.has_section:
+            titles["bifurcation"] = f"Live bifurcation at phase 0, {self.mesh}"
+        return {path: (title, WIDTHS[path], HEIGHT) for path, title in titles.items()}
+
+    def send(self, block: MirrorBlock, rows: Array) -> None:
+        """Draw a block whose burst is rows (n, c)."""
+        b_half = {**self.scale.b_half, **(block.b_half or {})}.get(self.mesh[:2])
+        border = None if b_half is None else b_half / self.scale.b_c
+        if self.has_velocity:
+            self._send_portrait(self._plane(block, rows), border)
+        if self.has_velocity and self.has_section:
+            self._send_section(self._plane(block, block.sections), border)
+        if self.has_section:
+            self._send_bifurcation(block, border)
+
+    def _plane(self, block: MirrorBlock, rows: Array) -> Array:
+        """Displacement and velocity (n, 2) of rows (n, c), in the units of the diagrams."""
+        x = rows[:, block.names.index(f"x_{self.mesh}")] / self.scale.b_c
+        v = rows[:, block.names.index(f"v_{self.mesh}")] / self.scale.velocity[0]
+        return np.column_stack((x, v))
+
+    def _send_portrait(self, points: Array, border: float | None) -> None:
+        axes, _ = self._fit("portrait", points, (self._x_label, self._v_label), border)
+        line = rr.LineStrips2D([axes.place(smooth(points))], colors=[self.colour], radii=LINE)
+        self.recording.log("portrait/orbit", line)
+
+    def _send_section(self, points: Array, border: float | None) -> None:
+        self._section.extend((float(x), float(v)) for x, v in points)
+        every = np.array(self._section, dtype=np.float64).reshape(-1, 2)
+        axes, _ = self._fit("section", every, (self._x_label, self._v_label), border)
+        colours = np.tile(np.array(shaded(self.colour, -0.35), np.uint8), (len(every), 1))
+        colours[max(len(every) - len(points), 0) :] = shaded(self.colour, 0.5)
+        self.recording.log(
+            "section/points", rr.Points2D(axes.place(every), colors=colours, radii=DOT)
+        )
+
+    def _send_bifurcation(self, block: MirrorBlock, border: float | None) -> None:
+        self._follow_steered(block)
+        at = self._steered_values(block)
+        x = block.at_section(f"x_{self.mesh}") / self.scale.b_c
+        state = np.zeros(len(x), np.int64) if border is None else contact_states(x, border)
+        touched = self._bifurcation.add(at, x, state, self._rising)
+        labels = (self._steered_label(), self._x_label)
+        axes, moved = self._fit("bifurcation", self._bifurcation.points()[:, :2], labels, border)
+        for page in range(self._bifurcation.n_pages) if moved else sorted(touched):
+            self._send_page(page, axes)
+        if len(at):
+            bottom, top = axes.vertical(float(at[-1]))
+            here = [bottom - np.array([[0, 0], [0, 5]]), top + np.array([[0, 0], [0, 5]])]
+            marker = rr.LineStrips2D(here, colors=[MARKER], radii=LINE, draw_order=10)
+            self.recording.log("bifurcation/here", marker)
+
+    def _send_page(self, page: int, axes: Axes) -> None:
+        points = self._bifurcation.page(page)
+        palette = np.array([STATE_COLOURS[state] for state in STATES], dtype=np.uint8)
+        colours = palette[points[:, 2].astype(int)]
+        dots = rr.Points2D(axes.place(points[:, :2]), colors=colours, radii=DOT)
+        self.recording.log(f"bifurcation/points/{page:02d}", dots)
+
+    def _follow_steered(self, block: MirrorBlock) -> None:
+        """Start a new diagram over the parameter that was changed last."""
+        now = {name: self._last_value(block, name) for name in STEERED}
+        known = {name: value for name, value in now.items() if value is not None}
+        changed = [name for name, value in known.items() if self._before.get(name, value) != value]
+        if changed and self.steered in changed:
+            self._rising = known[self.steered] > self._before[self.steered]
+        self._before = known
+        if changed and self.steered not in changed:
+            self.steered = changed[0]
+            self._bifurcation = Bifurcation()
+            self._frames.pop("bifurcation", None)
+
+    def _last_value(self, block: MirrorBlock, name: str) -> float | None:
+        if name in block.names:
+            return float(block.column(name)[-1])
+        return block.parameters.get(name)
+
+    def _steered_values(self, block: MirrorBlock) -> Array:
+        """The steered parameter (m,) at each section point, 0 when nobody knows it."""
+        if self.steered in block.names:
+            return block.at_section(self.steered)
+        return np.full(len(block.sections), block.parameters.get(self.steered, 0.0))
+
+    def _steered_label(self) -> str:
+        unit = UNITS.get(self.steered, "-")
+        return self.steered if unit == "-" else f"{self.steered} [{unit}]"
+
+    def _fit(
+        self, path: str, points: Array, labels: tuple[str, str], border: float | None
+    ) -> tuple[Axes, bool]:
+        """Axes that hold points (n, 2), and whether they moved; draws them when they did."""
+        before = self._frames.get(path)
+        steered = path == "bifurcation"
+        x = limits_for(points[:, 0], before.axes.x if before else None, 0.1 * steered)
+        y = limits_for(points[:, 1], before.axes.y if before else None)
+        frame = Frame(Axes(x, y, WIDTHS[path], HEIGHT), *labels, border, border_across=steered)
+        if frame != before:
+            self._frames[path] = frame
+            send_frame(self.recording, path, frame)
+        return frame.axes, before is None or frame.axes != before.axes

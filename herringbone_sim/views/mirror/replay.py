@@ -1,0 +1,260 @@
+"""A recording as blocks for the mirror: one code path shows a run that is live or was."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import ceil, pi
+
+import numpy as np
+
+from herringbone_sim.analysis.motion import Motion, motion_of
+from herringbone_sim.analysis.noise import white_noise_rms
+from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.analysis.sections import stroboscopic_section
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.model import half_backlashes
+from herringbone_sim.core.parameters import Parameters, live_names
+from herringbone_sim.core.scaling import scales
+from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values
+from herringbone_sim.recording.reader import Recording
+from herringbone_sim.views.mirror.block import MirrorBlock, Scale
+
+MESH = re.compile(r"[xvF]_(?:sp|rp)(\d*)_[LR]")
+SHOWN = ("K", "delta_T", "xi", "T_1", "Omega", "control_phase")
+HELD = ("K", "delta_T", "T_1")
+ROWS_WITHOUT_PHASE = 400
+PERIOD_CYCLES = 128
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A recording made ready to be shown.
+
+    Attributes:
+        names: channels of the rows, with ``t`` first when the recording calls it otherwise.
+        rows: (n, c) samples.
+        sections: (m, c) samples at phase 0, NaN where a channel can't be had there.
+        noise: RMS noise of each displacement in ``sections`` by name [m].
+        layout: the meshes.
+        gear: parameters of the recording, or None.
+        notes: what can't be shown, and why.
+    """
+
+    names: tuple[str, ...]
+    rows: Array
+    sections: Array
+    noise: Mapping[str, float]
+    layout: Layout
+    gear: Parameters | None
+    notes: tuple[str, ...]
+
+    @property
+    def scale(self) -> Scale | None:
+        """Units and backlash of the gear, None without one."""
+        return scale_of(self.gear) if self.gear else None
+
+
+def prepare(recording: Recording, nominal: bool = False) -> Replay:
+    """Section points, layout and gear of a recording; any subset of channels will do.
+
+    Args:
+        recording: what was read.
+        nominal: take the nominal rig where the recording has no parameters.
+    """
+    samples = recording.samples
+    gear, notes = gear_of(recording, nominal)
+    names = samples.names if "t" in samples else ("t", *samples.names)
+    rows = samples.data if "t" in samples else np.column_stack((samples.times, samples.data))
+    sections, noise = np.empty((0, len(names))), {}
+    try:
+        motion = motion_of(samples)
+        sections = section_rows(samples, motion, names)
+        rms = white_noise_rms(motion.x)
+        noise = {f"x_{m}": float(s) for m, s in zip(motion.meshes, rms, strict=True)}
+    except AnalysisError as error:
+        notes += [f"no section points: {error}"]
+    return Replay(names, rows, sections, noise, layout_of(names), gear, tuple(notes))
+
+
+def replay_blocks(
+    recording: Recording, replay: Replay, burst_cycles: int, max_blocks: int
+) -> Iterator[MirrorBlock]:
+    """Blocks in the order of time.
+
+    A run of up to ``burst_cycles * max_blocks`` mesh cycles is shown whole. A longer one is cut
+    into ``max_blocks`` blocks, whose last ``burst_cycles`` cycles the mirror shows at full rate;
+    no section point is left out.
+    """
+    times = replay.rows[:, replay.names.index("t")]
+    end_ns = recording.path.stat().st_mtime_ns if recording.path.exists() else 0
+    events = events_of(recording, replay)
+    told = 0
+    for start, stop in block_edges(replay, burst_cycles, max_blocks):
+        last = float(times[stop - 1])
+        until = len(events) if stop == len(times) else sum(t <= last for t, _ in events)
+        yield replay_block(
+            recording,
+            replay,
+            slice(start, stop),
+            tuple(text for _, text in events[told:until]),
+            end_ns + round((last - float(times[-1])) * 1e9),
+        )
+        told = until
+
+
+def replay_block(
+    recording: Recording, replay: Replay, cut: slice, events: tuple[str, ...], wall_ns: int
+) -> MirrorBlock:
+    """One block of rows."""
+    rows = replay.rows[cut]
+    at = replay.sections[:, replay.names.index("t")]
+    now = replay.names.index("t")
+    later = replay.rows[cut.stop, now] if cut.stop < len(replay.rows) else np.inf
+    first, behind = np.searchsorted(at, [rows[0, now], later])
+    parameters = parameters_at(recording, replay, rows[-1])
+    gear = with_heat(replay.gear, parameters)
+    return MirrorBlock(
+        wall_ns=wall_ns,
+        names=replay.names,
+        rows=rows,
+        sections=replay.sections[first:behind],
+        parameters=parameters,
+        events=events,
+        regime=regime_at(recording, replay, int(behind)),
+        b_half=scale_of(gear).b_half if gear else None,
+    )
+
+
+def block_edges(replay: Replay, burst_cycles: int, max_blocks: int) -> list[tuple[int, int]]:
+    """First row and row after the last of each block."""
+    count = len(replay.rows)
+    if "phase" in replay.names:
+        turns = replay.rows[:, replay.names.index("phase")] / (2 * pi)
+        turns = turns - turns[0]
+        cycles = max(burst_cycles, ceil(turns[-1] / max_blocks))
+        cuts = np.searchsorted(turns, np.arange(0, turns[-1], cycles) - 1e-9)
+    else:
+        cuts = np.arange(0, count, max(ROWS_WITHOUT_PHASE, ceil(count / max_blocks)))
+    edges = np.unique([*cuts.tolist(), 0, count])
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+
+
+def section_rows(samples: TimeSeries, motion: Motion, names: tuple[str, ...]) -> Array:
+    """Samples (m, c) at phase 0: x and v interpolated, parameters held, the rest NaN."""
+    section = stroboscopic_section(motion)
+    before = np.searchsorted(samples.times, section.times + 1e-12, side="right") - 1
+    phase: Array = 2 * pi * section.cycles.astype(np.float64)
+    known = {"t": section.times, "phase": phase}
+    known |= {name: samples[name][before] for name in HELD if name in samples}
+    for column, mesh in enumerate(section.meshes):
+        known |= {f"x_{mesh}": section.x[:, column], f"v_{mesh}": section.v[:, column]}
+    nothing = np.full(len(section), np.nan)
+    return np.column_stack([known.get(name, nothing) for name in names])
+
+
+def layout_of(names: tuple[str, ...]) -> Layout:
+    """The smallest layout that holds all meshes among the channel names."""
+    numbers = [found.group(1) for name in names if (found := MESH.fullmatch(name))]
+    largest = max((int(number) for number in numbers if number), default=0)
+    return Layout(max(largest, 1), numbered=largest > 0)
+
+
+def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, list[str]]:
+    """Parameters that the recording holds, else the nominal rig on demand; and notes."""
+    held = recording.channels.parameters
+    try:
+        if held:
+            named = [f"effects: {held[EFFECTS]}"] if held.get(EFFECTS) else []
+            return quiet_gear(held), named
+    except ParameterError as error:
+        return None, [f"parameters that can't be read, so no scale and no backlash: {error}"]
+    if nominal:
+        return quiet_gear({}), ["no parameters recorded: scale and backlash of the nominal rig"]
+    return None, ["no parameters recorded, so no scale and no backlash (try --nominal)"]
+
+
+def quiet_gear(values: Mapping[str, object]) -> Parameters:
+    """Parameters without the warnings that whoever recorded them has had."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return gear_of_values(values)[0]
+
+
+def with_heat(gear: Parameters | None, parameters: Mapping[str, float]) -> Parameters | None:
+    """The gear at the temperature rise in force."""
+    if gear is None or "delta_T" not in parameters:
+        return gear
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return gear.changed({"delta_T": parameters["delta_T"]})
+
+
+def scale_of(gear: Parameters) -> Scale:
+    """Units and half backlash of the first mesh of each kind; 0 where heat has taken it all."""
+    unit = scales(gear)
+    try:
+        half = half_backlashes(gear, unit)
+    except ParameterError:
+        half = np.zeros(2)
+    b_half = {"sp": float(half[0]), "rp": float(half[len(half) // 2])}
+    return Scale(unit.b_c, b_half, unit.omega_n)
+
+
+def parameters_at(recording: Recording, replay: Replay, row: Array) -> dict[str, float]:
+    """Parameters in force at a row (c,), as far as they are known."""
+    t = row[replay.names.index("t")]
+    values: dict[str, object] = {}
+    if replay.gear:
+        values = {name: getattr(replay.gear, name) for name in SHOWN}
+    for change in recording.changes:
+        if change.t_s <= t:
+            values |= {name: value for name, value in change.values.items() if name in SHOWN}
+    values |= {name: row[replay.names.index(name)] for name in HELD if name in replay.names}
+    return {n: float(v) for n, v in values.items() if isinstance(v, (int, float))}
+
+
+def events_of(recording: Recording, replay: Replay) -> list[tuple[float, str]]:
+    """Time and text of every note and every parameter change."""
+    start = float(recording.samples.times[0])
+    events = [(start, f"{recording.name}: {len(recording.samples)} samples")]
+    events += [(start, note) for note in (*recording.notes, *replay.notes)]
+    for change in recording.changes:
+        new = {n: v for n, v in change.values.items() if n in live_names()}
+        if new and change.t_s > start:
+            text = ", ".join(f"{name} = {readable(value)}" for name, value in new.items())
+            events.append((change.t_s, f"t = {change.t_s:.6g} s: {text}"))
+    return events
+
+
+def readable(value: object) -> str:
+    """A parameter's value without the digits of its binary form."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def regime_at(recording: Recording, replay: Replay, behind: int) -> str:
+    """Period over the last cycles at unchanged parameters before section point ``behind``."""
+    columns = [i for i, name in enumerate(replay.names) if name in replay.noise]
+    window = replay.sections[max(0, behind - PERIOD_CYCLES) : behind]
+    window = window[held_since(recording, replay, window) :]
+    if not columns or not len(window):
+        return ""
+    x = window[:, columns]
+    size = np.std(replay.rows[:, columns], axis=0).clip(min=1e-12)
+    noise = np.array([replay.noise[replay.names[i]] for i in columns]) / size
+    return find_period(x / size, float(np.sqrt(np.mean(noise**2)))).label
+
+
+def held_since(recording: Recording, replay: Replay, window: Array) -> int:
+    """Index of the first section point (m, c) behind the last change of a parameter."""
+    names = [replay.names.index(name) for name in HELD if name in replay.names]
+    moved = np.flatnonzero(np.any(np.diff(window[:, names], axis=0) != 0, axis=1))
+    changes = [change.t_s for change in recording.changes]
+    at: Array = window[:, replay.names.index("t")]
+    first = int(moved[-1]) + 1 if moved.size else 0
+    past = [int(np.searchsorted(at, t)) for t in changes if len(at) and t <= at[-1]]
+    return max([first, *past])

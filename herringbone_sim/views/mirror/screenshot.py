@@ -1,0 +1,81 @@
+"""A picture of a .rrd file, drawn by the real viewer without a screen."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+from rerun.experimental import ViewerClient
+
+from herringbone_sim.views.mirror.sink import (
+    HOST,
+    ViewerError,
+    await_answer,
+    nameless_file,
+    rerun_binary,
+)
+
+SETTLE_S = 1.0
+VULKAN_HINT = "the viewer draws with Vulkan: without a GPU `apt install mesa-vulkan-drivers` helps"
+
+
+def take_screenshot(
+    rrd: Path, png: Path, size: tuple[int, int] = (1400, 900), timeout_s: float = 90.0
+) -> None:
+    """Write a PNG of a .rrd file as the viewer shows it once it has loaded everything.
+
+    Args:
+        rrd: the file to show.
+        png: the picture to write.
+        size: of the window, in points; the picture has two pixels a point.
+        timeout_s: to give up after.
+
+    Raises:
+        ViewerError: no viewer, no Vulkan driver, or no picture in time.
+    """
+    port = free_port()
+    command = [rerun_binary(), "--headless", "--bind", HOST, "--port", str(port)]
+    command += ["--hide-welcome-screen", "--window-size", f"{size[0]}x{size[1]}", str(rrd)]
+    with nameless_file() as errors:
+        viewer = subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+            env={**os.environ, "RUST_LOG": "error"},
+        )
+        try:
+            await_answer(viewer, "viewer", errors, HOST, port)
+            png.write_bytes(settled_picture(port, timeout_s))
+        except (ViewerError, RuntimeError, OSError) as error:
+            raise ViewerError(f"no picture of {rrd} ({error}): {VULKAN_HINT}") from error
+        finally:
+            viewer.kill()
+            viewer.wait()
+
+
+def settled_picture(port: int, timeout_s: float) -> bytes:
+    """The first PNG that equals the one before it: the viewer loads in the background."""
+    client = ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
+    deadline = time.monotonic() + timeout_s
+    before = b""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "picture.png"
+        while time.monotonic() < deadline:
+            time.sleep(SETTLE_S)
+            client.save_screenshot(str(file))
+            picture = file.read_bytes()
+            if picture == before:
+                return picture
+            before = picture
+    raise ViewerError(f"the viewer was not done within {timeout_s:g} s")
+
+
+def free_port() -> int:
+    """A port of this machine that nobody listens at."""
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])

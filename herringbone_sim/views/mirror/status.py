@@ -1,0 +1,35 @@
+"""Parameters and regime of a block as a page of Markdown."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from herringbone_sim.core.layout import UNITS
+from herringbone_sim.views.mirror.block import MirrorBlock
+
+EXTRA_UNITS = {"control_phase": "rad"}
+
+
+def status_text(block: MirrorBlock) -> str:
+    """Regime as a headline, then contact shares and parameters in one table of two columns."""
+    exponent = f"largest exponent {block.exponent:+.4f}" if isfinite(block.exponent) else ""
+    headline = ", ".join(part for part in (block.regime, exponent) if part)
+    cells = [f"time | {block.column('t')[-1]:.6g} s"]
+    cells += [f"{name} | {share:.1%}" for name, share in (block.contact_shares or {}).items()]
+    cells += [f"{name} | {with_unit(name, value)}" for name, value in block.parameters.items()]
+    lines = [f"### {headline}", ""] if headline else []
+    return "\n".join([*lines, *table(cells)])
+
+
+def table(cells: list[str]) -> list[str]:
+    """Markdown of name-value cells, two beside one another, read down the columns."""
+    half = (len(cells) + 1) // 2
+    right = [*cells[half:], *[" | "] * (2 * half - len(cells))]
+    rows = [f"| {a} | {b} |" for a, b in zip(cells[:half], right, strict=True)]
+    return [rows[0], "| --- | --- | --- | --- |", *rows[1:]]
+
+
+def with_unit(name: str, value: float) -> str:
+    """A parameter's value, with its unit when it has one that is known."""
+    unit = {**UNITS, **EXTRA_UNITS}.get(name, "-")
+    return f"{value:.6g}" if unit == "-" else f"{value:.6g} {unit}"

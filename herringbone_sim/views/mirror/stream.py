@@ -1,0 +1,254 @@
+"""Blocks in, Rerun entities out: time courses, contact lanes and text; the planes are beside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import pi
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import KINDS, Layout
+from herringbone_sim.views.mirror.block import Array, MirrorBlock, Scale
+from herringbone_sim.views.mirror.blueprint import Plane, Shown, blueprint
+from herringbone_sim.views.mirror.lanes import Lanes
+from herringbone_sim.views.mirror.palette import BORDER, mesh_colours
+from herringbone_sim.views.mirror.planes import Planes
+from herringbone_sim.views.mirror.status import status_text
+
+COURSES = (("displacement", "x", 1e6), ("force", "F", 1e-3))
+BORDERS = "displacement/{kind}/backlash"
+
+
+@dataclass(frozen=True)
+class Burst:
+    """The end of a block that is shown at full rate.
+
+    Attributes:
+        rows: (n, c) the last cycles of the block.
+        times: (n,) seconds on the viewer's time line, rising from block to block.
+        wall_ns: (n,) wall-clock stamps, spaced as simulation time is.
+        gap: whether samples are missing before it.
+    """
+
+    rows: Array
+    times: Array
+    wall_ns: NDArray[np.int64]
+    gap: bool
+
+    def indexes(self, pick: Any = slice(None)) -> list[Any]:
+        """Both time lines at the picked rows."""
+        return [
+            rr.TimeColumn("sim_time", duration=self.times[pick]),
+            rr.TimeColumn("wall_time", timestamp=self.wall_ns[pick].view("datetime64[ns]")),
+        ]
+
+
+class RerunStream:
+    """Sends blocks to a recording, and knows what was sent before.
+
+    Args:
+        recording: a ``rerun.RecordingStream``.
+        layout: names of the meshes.
+        scale: units and backlash, or None.
+        burst_cycles: mesh cycles at the end of a block that are sent at full rate.
+        mesh: the mesh of the planes, the first that has data when empty.
+    """
+
+    def __init__(
+        self, recording: Any, layout: Layout, scale: Scale | None, burst_cycles: int, mesh: str
+    ) -> None:
+        recording.set_log_tick_enabled(False)
+        recording.set_log_time_enabled(False)
+        self.recording = recording
+        self.layout = layout
+        self.scale = scale
+        self.burst_cycles = burst_cycles
+        self.mesh = mesh
+        self._colours = mesh_colours(layout)
+        self._planes: Planes | None = None
+        self._lanes: Lanes | None = None
+        self._shown: Shown | None = None
+        self._recent: Array = np.empty((0, 0))
+        self._last = -np.inf
+        self._offset = 0.0
+
+    def send(self, block: MirrorBlock) -> None:
+        """Send the burst at the end of a block, its section points and its text."""
+        block = timed(block)
+        if not len(block.rows):
+            return
+        restart = self._restart(block)
+        burst = self._burst(block)
+        self.recording.set_time("sim_time", duration=burst.times[-1])
+        self.recording.set_time("wall_time", timestamp=np.datetime64(int(block.wall_ns), "ns"))
+        self._arrange(block, burst)
+        self._send_courses(block, burst)
+        self._recent = self._with_recent(block, burst)
+        self._send_contact(block)
+        if self._planes:
+            self._planes.send(block, self._recent)
+        self._send_text(block, restart)
+        self._last = float(burst.times[-1])
+
+    def _restart(self, block: MirrorBlock) -> str:
+        """Where time starts again, go on along the viewer's time line; the line that says so."""
+        first = float(block.column("t")[0])
+        if first + self._offset > self._last or not np.isfinite(self._last):
+            return ""
+        self._offset = self._last - first + step_of(block.column("t"))
+        return f"time starts again at {first:.6g} s, shown {self._offset:.6g} s later"
+
+    def _burst(self, block: MirrorBlock) -> Burst:
+        rows = block.rows[last_cycles(block.rows, block.names, self.burst_cycles) :]
+        times = rows[:, block.names.index("t")] + self._offset
+        wall_ns = block.wall_ns + np.round((times - times[-1]) * 1e9).astype(np.int64)
+        gap = bool(times[0] - self._last > 1.5 * step_of(block.column("t")))
+        return Burst(rows, times, wall_ns, gap)
+
+    def _with_recent(self, block: MirrorBlock, burst: Burst) -> Array:
+        """Rows (n, c) of the last cycles, those of earlier blocks too when a block is short."""
+        if burst.gap or self._recent.shape[1] != burst.rows.shape[1]:
+            return burst.rows
+        rows = np.vstack((self._recent, burst.rows))
+        return rows[last_cycles(rows, block.names, self.burst_cycles) :]
+
+    def _arrange(self, block: MirrorBlock, burst: Burst) -> None:
+        """Send the blueprint and what never changes, again when the views or the window do."""
+        window_s = window_of(block, self.burst_cycles)
+        before = self._shown
+        if before and "phase" not in block.names:
+            window_s = max(window_s, before.window_s)
+        if before and before.names == block.names and is_near(before.window_s, window_s):
+            return
+        if before is None or before.names != block.names:
+            self._planes = Planes.of(self.recording, self.layout, self.scale, self.mesh, block)
+            self._lanes = self._open_lanes(block)
+            self._send_styles(block)
+        self._shown = self._what_is_there(block, window_s)
+        self.recording.send_blueprint(blueprint(self._shown))
+
+    def _what_is_there(self, block: MirrorBlock, window_s: float) -> Shown:
+        kinds = {
+            path: tuple(kind for kind in KINDS if self._meshes(block, prefix, kind))
+            for path, prefix, _ in COURSES
+        }
+        return Shown(
+            names=block.names,
+            displacement_kinds=kinds["displacement"],
+            force_kinds=kinds["force"],
+            planes=self._titles(),
+            window_s=window_s,
+        )
+
+    def _titles(self) -> dict[str, Plane]:
+        titles = dict(self._planes.titles) if self._planes else {}
+        if self._lanes:
+            titles["contact"] = ("Contact state over the window above", *self._lanes.size)
+        return titles
+
+    def _open_lanes(self, block: MirrorBlock) -> Lanes | None:
+        there = [m for kind in self._bordered(block) for m in self._meshes(block, "x", kind)]
+        return Lanes(self.recording, {m: self._colours[m] for m in there}) if there else None
+
+    def _send_styles(self, block: MirrorBlock) -> None:
+        for path, prefix, _ in COURSES:
+            for kind in KINDS:
+                if meshes := self._meshes(block, prefix, kind):
+                    style = rr.SeriesLines(
+                        names=list(meshes),
+                        colors=[self._colours[mesh] for mesh in meshes],
+                        widths=[2.6 if mesh.endswith("L") else 1.3 for mesh in meshes],
+                    )
+                    self.recording.log(f"{path}/{kind}", style, static=True)
+        for kind in self._bordered(block):
+            borders = rr.SeriesLines(names=["b'", "-b'"], colors=[BORDER, BORDER], widths=[1, 1])
+            self.recording.log(BORDERS.format(kind=kind), borders, static=True)
+
+    def _send_courses(self, block: MirrorBlock, burst: Burst) -> None:
+        for path, prefix, factor in COURSES:
+            for kind in KINDS:
+                meshes = self._meshes(block, prefix, kind)
+                if meshes:
+                    columns = [block.names.index(f"{prefix}_{mesh}") for mesh in meshes]
+                    self._send_scalars(f"{path}/{kind}", burst, factor * burst.rows[:, columns])
+        for kind in self._bordered(block):
+            values = np.full((2, 2), 1e6 * self._borders(block)[kind]) * [1.0, -1.0]
+            self._send_scalars(BORDERS.format(kind=kind), burst, values, [0, -1])
+
+    def _send_scalars(
+        self, entity: str, burst: Burst, values: Array, pick: Any = slice(None)
+    ) -> None:
+        indexes = burst.indexes(pick)
+        self.recording.send_columns(entity, indexes, rr.Scalars.columns(scalars=values))
+
+    def _send_contact(self, block: MirrorBlock) -> None:
+        if self._lanes:
+            columns = {m: block.names.index(f"x_{m}") for m in self._lanes.colours}
+            x = {mesh: self._recent[:, column] for mesh, column in columns.items()}
+            self._lanes.send(self._recent[:, block.names.index("t")], x, self._borders(block))
+
+    def _send_text(self, block: MirrorBlock, restart: str) -> None:
+        text = status_text(block)
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        self.recording.log("status", document)
+        for line in (restart, *block.events):
+            if line:
+                self.recording.log("events", rr.TextLog(line, level=rr.TextLogLevel.INFO))
+
+    def _meshes(self, block: MirrorBlock, prefix: str, kind: str) -> tuple[str, ...]:
+        """Meshes of a kind whose channel is there."""
+        return tuple(
+            mesh
+            for mesh in self.layout.meshes
+            if mesh.startswith(kind) and f"{prefix}_{mesh}" in block.names
+        )
+
+    def _bordered(self, block: MirrorBlock) -> list[str]:
+        """Mesh kinds with both a displacement and a known backlash."""
+        return [k for k in KINDS if k in self._borders(block) and self._meshes(block, "x", k)]
+
+    def _borders(self, block: MirrorBlock) -> Mapping[str, float]:
+        """Half backlash [m] by mesh kind, as far as it is known."""
+        return {**(self.scale.b_half if self.scale else {}), **(block.b_half or {})}
+
+
+def timed(block: MirrorBlock) -> MirrorBlock:
+    """The block without the samples whose time is no number: they have no place."""
+    rows, sections = (
+        array[np.isfinite(array[:, block.names.index("t")])]
+        for array in (block.rows, block.sections)
+    )
+    return replace(block, rows=rows, sections=sections)
+
+
+def last_cycles(rows: Array, names: tuple[str, ...], cycles: int) -> int:
+    """Index of the first row (n, c) of the last mesh cycles; 0 without a phase."""
+    if "phase" not in names:
+        return 0
+    phase = rows[:, names.index("phase")]
+    return int(np.searchsorted(phase, phase[-1] - 2 * pi * cycles - 1e-9))
+
+
+def window_of(block: MirrorBlock, cycles: int) -> float:
+    """Length [s] of so many mesh cycles at the frequency of a block, or of the block."""
+    t = block.column("t")
+    span = float(t[-1] - t[0])
+    turned = 0.0
+    if "phase" in block.names:
+        phase = block.column("phase")
+        turned = float(phase[-1] - phase[0]) / (2 * pi)
+    return max(span * cycles / turned if turned > 0 else span, 1e-6)
+
+
+def step_of(times: Array) -> float:
+    """Median step [s], 0 for a single sample."""
+    return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+
+
+def is_near(before_s: float, span_s: float) -> bool:
+    """Whether a window still fits what it shall show, within a fifth."""
+    return 0.8 * before_s <= span_s <= 1.2 * before_s

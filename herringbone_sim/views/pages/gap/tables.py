@@ -1,0 +1,147 @@
+"""Tables of a gap report: before, after and noise floor of each run; the attractor's numbers."""
+
+from __future__ import annotations
+
+from html import escape
+
+from herringbone_sim.views.pages.gap.words import (
+    METRICS,
+    NOT_KNOWN,
+    ROLES,
+    UNITS,
+    Part,
+    closure_words,
+    figure,
+    known,
+    mapping,
+    percent,
+    plain,
+    sequence,
+    word,
+)
+
+FOLDED = 24  # rows of the attractor above which the table is folded
+KEY = (
+    '<p class="key lead">Bars, each to the scale of its run:'
+    '<i style="background:#f3c9a5"></i>before'
+    '<i style="background:#0072B2"></i>after'
+    '<i style="background:#22262c;width:2px;height:14px"></i>noise floor</p>'
+)
+
+
+def runs_table(gap: Part, verdict: str) -> str:
+    """Before, after and floor over all and by run, runs for the fit told from held-out ones."""
+    if not gap:
+        return f"<p>The size of the gap is {NOT_KNOWN}.</p>"
+    metric = word(gap.get("metric"), f"a metric that is {NOT_KNOWN}")
+    what = METRICS.get(metric, metric)
+    lead = f"Measured by the {what}; {closure_words(gap.get('closure'), verdict)}."
+    runs = [mapping(run) for run in sequence(gap.get("runs"))]
+    runs.sort(key=lambda run: run.get("role") != "held_out")
+    rows = "".join(_run(run) for run in runs)
+    if not rows:
+        return f"<p>{escape(lead)}</p>{_total(gap)}<p>Numbers by run are {NOT_KNOWN}.</p>"
+    unit = word(gap.get("unit"), UNITS.get(metric, ""))
+    more = f" [{escape(unit)}]" if unit else ""
+    titles = (f"before{more}", f"after{more}", f"noise floor{more}", "closure")
+    header = "<th>run</th><th>role</th><th></th>"
+    header += "".join(f'<th class="n">{title}</th>' for title in titles)
+    table = f'<div class="scroll"><table><tr>{header}</tr>{rows}</table></div>'
+    return (
+        f"<p>{escape(lead)} Held-out runs entered neither the choice nor the fit.</p>{KEY}{table}"
+    )
+
+
+def _total(gap: Part) -> str:
+    parts = (("before", "nominal"), ("after", "augmented"), ("noise floor", "noise_floor"))
+    return f"<p>{escape('; '.join(f'{name} {figure(gap.get(key))}' for name, key in parts))}.</p>"
+
+
+def _run(run: Part) -> str:
+    role = word(run.get("role"))
+    values = [figure(run.get(key)) for key in ("nominal", "augmented", "noise_floor")]
+    cells = "".join(f'<td class="n">{escape(v)}</td>' for v in [*values, percent(closure(run))])
+    held = ' class="held"' if role == "held_out" else ""
+    path = escape(word(run.get("path")))
+    told = escape(ROLES.get(role, role))
+    head = f'<td>{path}</td><td class="role">{told}</td><td>{_track(run)}</td>'
+    return f"<tr{held}>{head}{cells}</tr>"
+
+
+def closure(run: Part) -> float | None:
+    """(before - after) / (before - floor); None without a gap above the floor."""
+    before, after, floor = (known(run.get(k)) for k in ("nominal", "augmented", "noise_floor"))
+    if before is None or after is None or floor is None or before <= floor:
+        return None
+    return (before - after) / (before - floor)
+
+
+def _track(run: Part) -> str:
+    before, after, floor = (known(run.get(k)) for k in ("nominal", "augmented", "noise_floor"))
+    top = max((v for v in (before, after, floor) if v is not None), default=0.0)
+    if top <= 0:
+        return ""
+    parts = [
+        f'<span class="{name}" style="{edge}:{100 * max(value, 0.0) / top:.1f}%"></span>'
+        for name, edge, value in (
+            ("before", "width", before),
+            ("after", "width", after),
+            ("floor", "left", floor),
+        )
+        if value is not None
+    ]
+    return f'<div class="track">{"".join(parts)}</div>'
+
+
+def attractor_table(attractor: Part) -> str:
+    """Numbers of the attractor, a column each for nominal, augmented and what else is given."""
+    columns = {str(name): dict(flat(mapping(part))) for name, part in attractor.items()}
+    columns = {name: part for name, part in columns.items() if part}
+    names = list(dict.fromkeys(key for part in columns.values() for key in part))
+    if not names:
+        return ""
+    header = "<th></th>" + "".join(f'<th class="n">{escape(c)}</th>' for c in columns)
+    rows = "".join(
+        f"<tr><td>{escape(name.replace('_', ' '))}</td>"
+        + "".join(f'<td class="n">{escape(plain(p.get(name)))}</td>' for p in columns.values())
+        + "</tr>"
+        for name in names
+    )
+    table = f'<div class="scroll"><table><tr>{header}</tr>{rows}</table></div>'
+    if len(names) <= FOLDED:
+        return table
+    return f"<details><summary>{len(names)} numbers</summary>{table}</details>"
+
+
+def flat(part: Part, before: str = "") -> list[tuple[str, object]]:
+    """(dotted name, value) of all leaves."""
+    found: list[tuple[str, object]] = []
+    for key, value in part.items():
+        name = f"{before}{key}"
+        found += flat(value, f"{name} · ") if isinstance(value, dict) else [(name, value)]
+    return found
+
+
+def noise_table(noise: Part) -> str:
+    """Noise of every channel, folded: RMS, colour, lines, step and delay."""
+    if not noise:
+        return ""
+    header = "<th>channel</th>" + "".join(
+        f'<th class="n">{title}</th>' for title in ("RMS", "step", "delay [s]")
+    )
+    header += "<th>unit</th><th>colour</th><th>lines [Hz]</th>"
+    rows = []
+    for name, one in noise.items():
+        told = mapping(one)
+        lines = ", ".join(figure(f) for f in sequence(told.get("lines_hz"))) or "-"
+        cells = "".join(
+            f'<td class="n">{escape(figure(told.get(key)))}</td>'
+            for key in ("rms", "step", "delay_s")
+        )
+        words = "".join(
+            f"<td>{escape(text)}</td>"
+            for text in (word(told.get("unit")), word(told.get("colour")), lines)
+        )
+        rows.append(f"<tr><td>{escape(name)}</td>{cells}{words}</tr>")
+    table = f'<div class="scroll"><table><tr>{header}</tr>{"".join(rows)}</table></div>'
+    return f"<details><summary>{len(rows)} channels</summary>{table}</details>"

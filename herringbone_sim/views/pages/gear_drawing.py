@@ -1,0 +1,192 @@
+"""The gear as SVG: left and right half side by side, twelve meshes coloured by a share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from html import escape
+
+from herringbone_sim.core.layout import KINDS, SIDES
+from herringbone_sim.views.pages.gap.words import (
+    NOT_KNOWN,
+    known,
+    mapping,
+    percent,
+    sequence,
+    word,
+)
+
+SUN, PLANET, RING = 27, 25, 77
+PLANETS = ("1", "2", "3")
+MESHES = tuple(f"{k}{p}_{s}" for k in KINDS for s in SIDES for p in PLANETS)
+SCALE, MARGIN, SPOT = 2.35, 34.0, 19.0
+HALF = 2 * (RING + 8) * SCALE + 2 * MARGIN
+SATURATED = 0.25
+PALE, DEEP = (255, 246, 232), (196, 68, 0)
+SIDE_NAMES = {"L": "Left half", "R": "Right half"}
+
+
+def mesh_shares(where: object) -> dict[str, tuple[float | None, bool]]:
+    """Share of the residual of each of the twelve meshes, and whether it is its own.
+
+    A locus that spans several meshes is spread evenly over them (not its own); where loci
+    overlap, the narrowest that covers a mesh counts. A mesh that no locus covers is not known.
+
+    Args:
+        where: ``where`` of a gap report.
+    """
+    loci = [(covered(mapping(e).get("locus")), mapping(e).get("share")) for e in sequence(where)]
+    loci.sort(key=lambda one: len(one[0]))
+    found: dict[str, tuple[float | None, bool]] = {}
+    for mesh in MESHES:
+        names, share = next((one for one in loci if mesh in one[0]), ((mesh,), None))
+        value = known(share)
+        found[mesh] = (None if value is None else value / len(names), len(names) == 1)
+    return found
+
+
+def covered(locus: object) -> tuple[str, ...]:
+    """Names of the meshes that a locus covers; none without a locus."""
+    place = mapping(locus)
+    wanted = [word(place.get(key), "all") for key in ("mesh", "planet", "side")]
+
+    def inside(mesh: str) -> bool:
+        parts = (mesh[:2], mesh[2], mesh[4])
+        return all(w in ("all", part) for w, part in zip(wanted, parts, strict=True))
+
+    return tuple(mesh for mesh in MESHES if inside(mesh)) if place else ()
+
+
+def gear_svg(
+    shares: Mapping[str, tuple[float | None, bool]],
+    marked: Collection[str] = (),
+    bodies: Collection[str] = (),
+) -> str:
+    """Both halves of the gear, seen along the shaft, and the scale of the colours.
+
+    Args:
+        shares: by mesh name, see ``mesh_shares``.
+        marked: meshes with a heavy rim: where the named effect sits.
+        bodies: drawn with a heavy outline: ``sun_L``, ``ring_R``, ``planet1_L`` ...
+    """
+    top = max([SATURATED, *(share for share, _ in shares.values() if share is not None)])
+    halves = "".join(_half(side, shares, top, marked, bodies) for side in SIDES)
+    width, height = 2 * HALF, HALF + 64
+    return (
+        f'<svg class="gear" viewBox="0 0 {width:.0f} {height:.0f}" role="img" '
+        f'aria-label="share of the residual by mesh">{halves}{_scale(top, bool(marked))}</svg>'
+    )
+
+
+def _half(
+    side: str,
+    shares: Mapping[str, tuple[float | None, bool]],
+    top: float,
+    marked: Collection[str],
+    bodies: Collection[str],
+) -> str:
+    x, y = HALF / 2 + HALF * SIDES.index(side), HALF / 2 + 22
+    centres = {planet: _polar(SUN + PLANET, _angle(planet)) for planet in PLANETS}
+    parts = [
+        f'<text class="half" x="0" y="{-HALF / 2:.0f}">{SIDE_NAMES[side]}</text>',
+        _ring(f"ring_{side}" in bodies),
+        _carrier(centres, f"carrier_{side}" in bodies),
+        _gear((0.0, 0.0), SUN, 0.0, f"sun_{side}" in bodies),
+        *(_gear(centres[p], PLANET, _angle(p), f"planet{p}_{side}" in bodies) for p in PLANETS),
+        '<text x="0" y="5">sun</text>',
+        f'<text x="0" y="{(RING + 4.5) * SCALE:.1f}">ring</text>',
+        *(f'<text x="{cx:.1f}" y="{cy + 5:.1f}">P{p}</text>' for p, (cx, cy) in centres.items()),
+    ]
+    for planet in PLANETS:
+        for kind, radius in zip(KINDS, (SUN, RING), strict=True):
+            mesh = f"{kind}{planet}_{side}"
+            at = _polar(radius, _angle(planet))
+            parts.append(_spot(mesh, at, shares[mesh], top, mesh in marked))
+    return f'<g transform="translate({x:.1f} {y:.1f})">{"".join(parts)}</g>'
+
+
+def _angle(planet: str) -> float:
+    """Planet 1 on top, the others clockwise."""
+    return -math.pi / 2 + (int(planet) - 1) * 2 * math.pi / len(PLANETS)
+
+
+def _polar(radius: float, angle: float) -> tuple[float, float]:
+    return radius * SCALE * math.cos(angle), radius * SCALE * math.sin(angle)
+
+
+def _gear(at: tuple[float, float], teeth: int, turn: float, heavy: bool) -> str:
+    x, y = at
+    path = _teeth(teeth, teeth - 1.3, teeth + 0.9, turn)
+    return f'<path class="body{_heavy(heavy)}" transform="translate({x:.1f} {y:.1f})" d="{path}"/>'
+
+
+def _ring(heavy: bool) -> str:
+    outer = (RING + 8) * SCALE
+    rim = f"M {outer:.1f} 0 A {outer:.1f} {outer:.1f} 0 1 0 {-outer:.1f} 0 "
+    rim += f"A {outer:.1f} {outer:.1f} 0 1 0 {outer:.1f} 0 Z "
+    inner = _teeth(RING, RING - 0.9, RING + 1.3, 0.0)
+    return f'<path class="body{_heavy(heavy)}" fill-rule="evenodd" d="{rim}{inner}"/>'
+
+
+def _carrier(centres: Mapping[str, tuple[float, float]], heavy: bool) -> str:
+    corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in centres.values())
+    return f'<polygon class="carrier{_heavy(heavy)}" points="{corners}"/>'
+
+
+def _heavy(heavy: bool) -> str:
+    return " heavy" if heavy else ""
+
+
+def _teeth(teeth: int, low: float, high: float, turn: float) -> str:
+    """Outline with trapezoid teeth; radii in the unit of the tooth numbers."""
+    steps = ((low, 0.0), (low, 0.3), (high, 0.45), (high, 0.85))
+    points = [
+        _polar(radius, turn + 2 * math.pi * (tooth + part) / teeth)
+        for tooth in range(teeth)
+        for radius, part in steps
+    ]
+    return "M " + " L ".join(f"{x:.1f} {y:.1f}" for x, y in points) + " Z"
+
+
+def _spot(
+    mesh: str, at: tuple[float, float], share: tuple[float | None, bool], top: float, heavy: bool
+) -> str:
+    value, own = share
+    x, y = at
+    told = NOT_KNOWN if value is None else percent(value) + ("" if own else ", spread evenly")
+    # Anything longer than four signs leaves the spot.
+    inside = "?" if value is None else "≈ 0" if 0 < value < 0.001 else percent(value)
+    classes = ("spot" if value is not None else "spot blank") + _heavy(heavy)
+    ink = "#fff" if value is not None and value > 0.6 * top else "#22262c"
+    return (
+        f'<g data-mesh="{mesh}" data-share="{"" if value is None else f"{value:.6g}"}">'
+        f"<title>{mesh}: {escape(told)}</title>"
+        f'<circle class="{classes}" cx="{x:.1f}" cy="{y:.1f}" r="{SPOT + 4:.0f}" '
+        f'fill="{colour(value, top)}"/>'
+        f'<text class="name" x="{x:.1f}" y="{y - 3:.1f}" fill="{ink}">{mesh[:3]}</text>'
+        f'<text class="share" x="{x:.1f}" y="{y + 11:.1f}" fill="{ink}">{escape(inside)}</text>'
+        "</g>"
+    )
+
+
+def colour(share: float | None, top: float) -> str:
+    """Pale to deep orange from 0 to ``top``; grey where the share is not known."""
+    if share is None:
+        return "#eceff2"
+    weight = min(max(share / top, 0.0), 1.0)
+    mixed = (round(a + weight * (b - a)) for a, b in zip(PALE, DEEP, strict=True))
+    return "#" + "".join(f"{channel:02x}" for channel in mixed)
+
+
+def _scale(top: float, marked: bool) -> str:
+    x, y, width = HALF - 120, HALF + 34, 240
+    stops = f'<stop offset="0" stop-color="{colour(0.0, top)}"/>'
+    stops += f'<stop offset="1" stop-color="{colour(top, top)}"/>'
+    rim = '<tspan font-weight="700">heavy rim</tspan>: where the named effect sits'
+    return (
+        f'<defs><linearGradient id="share">{stops}</linearGradient></defs>'
+        f'<rect x="{x:.0f}" y="{y:.0f}" width="{width}" height="9" rx="4" fill="url(#share)"/>'
+        f'<text class="end" x="{x - 8:.0f}" y="{y + 9:.0f}">0 %</text>'
+        f'<text class="start" x="{x + width + 8:.0f}" y="{y + 9:.0f}">{percent(top)}</text>'
+        + (f'<text x="{HALF:.0f}" y="{y + 27:.0f}">{rim}</text>' if marked else "")
+    )

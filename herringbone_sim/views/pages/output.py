@@ -1,0 +1,103 @@
+"""Write an analysis into a folder: figures, tables, the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from herringbone_sim.analysis.bifurcation import BifurcationDiagram, bifurcation_diagram
+from herringbone_sim.analysis.pipeline import SegmentResult
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.figures import motion as figures
+from herringbone_sim.views.figures import style
+from herringbone_sim.views.figures.style import Scale
+from herringbone_sim.views.pages.report import Picture, report_html
+from herringbone_sim.views.tables import runs as tables
+
+
+def write_run(
+    folder: Path,
+    name: str,
+    facts: Sequence[str],
+    results: Sequence[SegmentResult],
+    mesh: str,
+    scale: Scale,
+    notes: Sequence[str] = (),
+) -> Path:
+    """Everything of one run: CSV tables, ``figures/``, ``report.html``; returns the page.
+
+    Args:
+        folder: made when it is new; files of an earlier analysis are overwritten.
+        name: of the run.
+        facts: a few words each for the head of the page.
+        results: one a segment.
+        mesh: that the figures show.
+        scale: units of the axes.
+        notes: of the recording.
+
+    Raises:
+        AnalysisError: the folder can't be written.
+    """
+    make_folder(folder / "figures")
+    chosen = figures.representatives(results)
+    written = _tables(folder, results, chosen)
+    pictures = []
+    remarks = list(notes)
+    try:
+        diagram = bifurcation_diagram(results, mesh)
+    except AnalysisError as error:
+        remarks.append(f"no bifurcation diagram: {error}")
+    else:
+        paths = write_diagram(folder, diagram, scale)
+        written.append("bifurcation.csv")
+        pictures.append(Picture(paths[1], _diagram_caption(diagram)))
+    pictures += [_motion_picture(folder, result, mesh, scale) for result in chosen]
+    if len(chosen) < len(results):
+        numbers = ", ".join(str(result.number) for result in chosen)
+        remarks.append(
+            f"figures show {len(chosen)} of {len(results)} segments (number {numbers}): one of "
+            "each period first, then the longest"
+        )
+    page = folder / "report.html"
+    written += ["figures/*.png", "figures/*.svg"]
+    html = report_html(name, facts, results, pictures, remarks, written)
+    page.write_text(html, encoding="utf-8")
+    return page
+
+
+def write_diagram(
+    folder: Path, diagram: BifurcationDiagram, scale: Scale
+) -> tuple[Path, Path, Path]:
+    """``bifurcation.csv``, ``figures/bifurcation.png`` and ``.svg``; returns the three paths."""
+    make_folder(folder / "figures")
+    table = folder / "bifurcation.csv"
+    tables.write_bifurcation(table, diagram)
+    figure = figures.bifurcation_figure(diagram, scale)
+    return table, *style.save(figure, folder / "figures", "bifurcation")
+
+
+def _tables(
+    folder: Path, results: Sequence[SegmentResult], chosen: Sequence[SegmentResult]
+) -> list[str]:
+    tables.write_segments(folder / "segments.csv", results)
+    tables.write_poincare(folder / "poincare.csv", results)
+    tables.write_lines(folder / "lines.csv", results)
+    tables.write_spectrum(folder / "spectrum.csv", results[0].motion.meshes, chosen)
+    return ["segments.csv", "poincare.csv", "lines.csv", "spectrum.csv"]
+
+
+def _motion_picture(folder: Path, result: SegmentResult, mesh: str, scale: Scale) -> Picture:
+    figure = figures.motion_figure(result, mesh, scale)
+    path, _ = style.save(figure, folder / "figures", f"segment_{result.number:03d}")
+    band = "; grey: flanks apart" if result.half_backlash_m else ""
+    return Picture(
+        path,
+        f"Segment {result.number}, {result.label}: time course, phase portrait, Poincaré "
+        f"section and spectrum of x_{mesh}{band}; {result.dropped_cycles} cycles dropped",
+    )
+
+
+def _diagram_caption(diagram: BifurcationDiagram) -> str:
+    below = " above the largest exponent" if figures.has_exponents(diagram) else ""
+    return f"Bifurcation diagram of x_{diagram.mesh} over {diagram.parameter}{below}"

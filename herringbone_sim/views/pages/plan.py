@@ -1,0 +1,202 @@
+"""``plan.html``: what sensors would tell of each effect, and what one more would buy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from herringbone_sim.gap.planning.plan import NAMED, SIZES, Plan
+from herringbone_sim.gap.planning.summary import (
+    by_worth,
+    gain,
+    named_effects,
+    place_text,
+    rows,
+    sensors_text,
+)
+from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.views.figures.style import BLUE, DPI, GREEN, GREY, INK, ORANGE, STYLE
+from herringbone_sim.views.pages.compare import table
+from herringbone_sim.views.pages.report import CSS, Picture, number, picture_html
+
+COLOURS = (ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
+HEAD = [
+    "effect",
+    "named from, at the best place",
+    "best place",
+    "at half of its places",
+    "at the worst place",
+    "place named",
+    "followed best by",
+    "which leaves",
+    "run that tells most",
+]
+LEAD = (
+    "Sizes from which on a diagnosis of runs at these operating points would name the effect with "
+    f"a probability of {NAMED:.0%}, linear about the nominal gear; the probability is that of the "
+    "judge that a diagnosis has. Places: meshes, planets, sides and options of the catalogue. "
+    "What would be taken for something else is followed best by an effect that leaves next to "
+    "nothing of its squares."
+)
+
+
+def write_plan_page(
+    folder: Path,
+    plan: Plan,
+    points: Sequence[Mapping[str, float]],
+    also: Mapping[str, Plan],
+    noise: str,
+) -> Path:
+    """Write ``plan.html`` (nothing outside it) and ``plan.png``; returns the page.
+
+    Raises:
+        AnalysisError: the folder can't be written.
+    """
+    make_folder(folder)
+    picture = folder / "plan.png"
+    plan_figure(plan, also).savefig(picture)
+    title = f"What {sensors_text(plan)} would tell"
+    told = f"{named_effects(plan)} of {len(plan.effects)} effects are named at a moderate size"
+    facts = f"{', '.join(plan.observations)}, {plan.count:.0f} values, noise {noise}"
+    body = [
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="lead">{escape(f"{told}; {facts}.")}</p><p>{escape(LEAD)}</p>',
+        picture_html(
+            Picture(
+                picture,
+                "Sizes over a moderate one; line: from the best to the "
+                "worst place, dot: half of the places; an arrow: never named.",
+            )
+        ),
+        "<h2>Effects</h2>",
+        table(HEAD, effect_rows(plan), (1, 3, 4, 5, 7)),
+        _others(plan),
+        _also(plan, also),
+        "<h2>Runs, the most telling first</h2>",
+        table(
+            ["run", "ΔT [K]", "K", "T<sub>1</sub> [N m]", "Ω", "told of every effect"],
+            point_rows(plan, points),
+            (1, 2, 3, 4, 5),
+        ),
+        "<p>The last column is the share of what all runs tell, with this run and those above it, "
+        "of the effect that they tell least of.</p>",
+        _length(plan),
+    ]
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{CSS}</style>'
+    page = folder / "plan.html"
+    html = f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(body)}</body></html>'
+    page.write_text(html, encoding="utf-8")
+    return page
+
+
+def size(value: float, unit: str) -> str:
+    """A size with its unit; ``never`` where the effect is not named at any size tried."""
+    if not math.isfinite(value):
+        return "never"
+    known = unit.replace("unit of the channel", "SI").replace("1e-6", "ppm")
+    return f"{number(value, 3)} {known}".removesuffix(" -")
+
+
+def effect_rows(plan: Plan) -> list[list[str]]:
+    """Cells of the table of effects."""
+    return [
+        [
+            escape(row.effect),
+            *(escape(cell) for cell in (size(row.best, row.unit), place_text(row.where))),
+            size(row.median, row.unit),
+            size(row.worst, row.unit),
+            f"{row.placed:.0%}",
+            escape(row.rival),
+            f"{row.apart:.1%}",
+            f"run {row.settles + 1}",
+        ]
+        for row in rows(plan)
+    ]
+
+
+def point_rows(plan: Plan, points: Sequence[Mapping[str, float]]) -> list[list[str]]:
+    """Cells of the table of runs."""
+    return [
+        [
+            f"run {r + 1}",
+            *(number(points[r][n], 4) for n in ("delta_T", "K", "T_1", "Omega")),
+            f"{share:.0%}",
+        ]
+        for r, share in by_worth(plan)
+    ]
+
+
+def _others(plan: Plan) -> str:
+    lines = []
+    if plan.left_out:
+        names = ", ".join(plan.left_out)
+        lines.append(f"These sensors give the diagnosis no way to seek {names}.")
+    if plan.not_planned:
+        names = ", ".join(plan.not_planned)
+        lines.append(f"Sought in a diagnosis, but not linear, so not planned: {names}.")
+    return "".join(f"<p>{escape(line)}</p>" for line in lines)
+
+
+def _also(plan: Plan, also: Mapping[str, Plan]) -> str:
+    if not also:
+        return ""
+    ordered = sorted(also, key=lambda n: (-named_effects(also[n]), -gain(plan, also[n])))
+    cells = [
+        [
+            escape(name),
+            f"{named_effects(also[name])} of {len(also[name].effects)}",
+            number(gain(plan, also[name]), 3),
+            escape(", ".join(also[name].observations)),
+        ]
+        for name in ordered
+    ]
+    head = ["one sensor more", "named at a moderate size", "sizes fall by a factor of", "rests on"]
+    return "<h2>Which sensor to add first</h2>" + table(head, cells, (1, 2))
+
+
+def _length(plan: Plan) -> str:
+    if plan.observations == ("trajectory",):
+        return (
+            "<p>A diagnosis of these sensors follows the motion over a few windows of each run: "
+            "further runs at other points tell more, longer runs do not.</p>"
+        )
+    return "<p>Sizes fall with the root of the length of the runs.</p>"
+
+
+def plan_figure(plan: Plan, also: Mapping[str, Plan]) -> Figure:
+    """A line an effect: sizes over a moderate one, from the best place to the worst."""
+    plans = [(sensors_text(plan), plan), *((f"+ {n}", p) for n, p in also.items())]
+    order = [row.effect for row in rows(plan)]
+    order += [e for _, p in plans[1:] for e in p.effects if e not in order]
+    order = list(dict.fromkeys(order))
+    colours = (BLUE, *COLOURS)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 0.9 + 0.13 * len(order) * (1 + len(plans))), dpi=DPI)
+        panel = figure.subplots()
+        panel.axvline(1.0, color=GREY, lw=0.8)
+        last = float(SIZES[-1])
+        for k, (name, one) in enumerate(plans):
+            colour = colours[k % len(colours)]
+            offset = (k - 0.5 * (len(plans) - 1)) / (1.0 + len(plans))
+            panel.plot([], [], "o-", color=colour, label=name, ms=4)
+            for row in rows(one):
+                y = order.index(row.effect) + offset
+                of = np.array([row.best, row.median, row.worst]) / row.moderate
+                low, half, high = np.minimum(of, 1.3 * last)
+                panel.plot([low, high], [y, y], color=colour, lw=1.2)
+                if of[1] <= last:
+                    panel.plot(half, y, "o", color=colour, ms=4)
+                if of[2] > last:
+                    panel.plot(1.3 * last, y, ">", color=colour, ms=4)
+        panel.set_xscale("log")
+        panel.set_yticks(range(len(order)), order, color=INK)
+        panel.set_ylim(len(order) - 0.4, -0.6)
+        panel.set_xlabel("size from which on it is named, over a moderate one")
+        panel.legend(loc="lower left", fontsize=8)
+    return figure

@@ -1,0 +1,114 @@
+"""Branches of periodic orbits as text and as CSV: orbits, their sections, the boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.dynamics.boundaries import Boundary
+from herringbone_sim.dynamics.cascade import Followed
+from herringbone_sim.dynamics.turning import section
+from herringbone_sim.views.figures.orbits import stability_of
+from herringbone_sim.views.tables.csv_file import write_csv
+
+NONE = complex("nan")
+ORBIT_COLUMNS = [
+    "period",
+    "stability",
+    "unstable_within",
+    "unstable_transverse",
+    "within_re",
+    "within_im",
+    "transverse_re",
+    "transverse_im",
+]
+BOUNDARY_COLUMNS = [
+    "value",
+    "width",
+    "kind",
+    "branch",
+    "period",
+    "detail",
+    "within_before",
+    "transverse_before",
+    "within_after",
+    "transverse_after",
+    "changes_stability",
+    "multiplier_re",
+    "multiplier_im",
+]
+
+
+def summary(found: Sequence[Followed], name: str) -> str:
+    """Table of the branches, then of the boundaries by value."""
+    rows = [["branch", "period", "left/right", "range", "points", "ends", "origin"]]
+    for i, one in enumerate(found, start=1):
+        values = [point.value for point in one.branch.points]
+        sides = "alike" if one.symmetric else "differ"
+        span = f"{min(values):.7g} .. {max(values):.7g}"
+        ends = ", ".join(one.branch.ends)
+        rows.append([str(i), f"P{one.period}", sides, span, str(len(values)), ends, one.origin])
+    table = [[name, "kind", "branch", "period", "along the branch", "detail"]]
+    table += [_row(number, b) for number, b in _ordered(found)]
+    return f"{_aligned(rows)}\n\n{_aligned(table)}"
+
+
+def _ordered(found: Sequence[Followed]) -> list[tuple[int, Boundary]]:
+    numbered = [(i, b) for i, one in enumerate(found, start=1) for b in one.boundaries]
+    return sorted(numbered, key=lambda pair: pair[1].value)
+
+
+def _row(number: int, boundary: Boundary) -> list[str]:
+    before, after = _words(boundary.before), _words(boundary.after)
+    change = f"{before} -> {after}" if before != after else before
+    value, kind = f"{boundary.value:.7g}", boundary.kind
+    return [value, kind, str(number), f"P{boundary.period}", change, boundary.detail]
+
+
+def _words(unstable: tuple[int, int]) -> str:
+    within, transverse = unstable
+    parts = [f"{within} within"] * bool(within) + [f"{transverse} transverse"] * bool(transverse)
+    return "+".join(parts) or "stable"
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = ("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def write_orbits(folder: Path, found: Sequence[Followed], p: Parameters) -> None:
+    """``branches.csv``, ``sections.csv`` and ``boundaries.csv`` into a folder that is there."""
+    columns = [f"{a}_{m}" for a in "xv" for m in p.layout.meshes]
+    head = ["branch", "index", "value"]
+    write_csv(folder / "branches.csv", [*head, *ORBIT_COLUMNS], _orbit_rows(found))
+    write_csv(folder / "sections.csv", [*head, "cycle", *columns], _section_rows(found))
+    write_csv(folder / "boundaries.csv", BOUNDARY_COLUMNS, _boundary_rows(found))
+
+
+def _orbit_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
+    for i, one in enumerate(found, start=1):
+        for j, point in enumerate(one.branch.points):
+            mu = point.multipliers
+            largest = [part[0] if len(part) else NONE for part in (mu.within, mu.transverse)]
+            parts = [f"{x:.12g}" for value in largest for x in (value.real, value.imag)]
+            stability = stability_of(point)
+            yield [i, j, f"{point.value:.12g}", one.period, stability, *mu.unstable, *parts]
+
+
+def _section_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
+    for i, one in enumerate(found, start=1):
+        for j, point in enumerate(one.branch.points):
+            flow = one.curve.family.flow_at(point.value)
+            for cycle, both in enumerate(np.hstack(section(flow, point.orbit.points))):
+                yield [i, j, f"{point.value:.12g}", cycle, *(f"{x:.12g}" for x in both)]
+
+
+def _boundary_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
+    for number, b in _ordered(found):
+        where = [f"{b.value:.12g}", f"{b.width:.3g}", b.kind, number, b.period, b.detail]
+        mu = [f"{b.multiplier.real:.9g}", f"{b.multiplier.imag:.9g}"]
+        yield [*where, *b.before, *b.after, b.changes_stability, *mu]
