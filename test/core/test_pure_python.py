@@ -16,7 +16,7 @@ import interpreted
 import numpy as np
 import pytest
 
-HERE = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture(scope="module")

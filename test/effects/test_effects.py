@@ -233,7 +233,7 @@ def test_the_interpreter_reads_what_is_compiled(
     few = series.rows(0, 40)
     ones = [at_start(name, rig) for name in ("planet_phase", "runout", "ring_flexibility")]
     np.savez(tmp_path / "in.npz", data=few.data, compiled=forces(rig, ones, motion(rig, few)))
-    tests = Path(__file__).resolve().parents[2]
+    tests = Path(__file__).resolve().parents[1]
     path = os.pathsep.join([str(tests), str(tests.parent)])
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
     code = "import interpreted_effects; interpreted_effects.main()"

@@ -234,7 +234,7 @@ def test_divergence_is_told() -> None:
 
 
 def test_the_interpreter_reads_what_is_compiled(tmp_path: Path) -> None:
-    here = Path(__file__).resolve().parents[2]
+    here = Path(__file__).resolve().parents[1]
     path = os.pathsep.join([str(here), str(here.parent)])
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
     code = "import numpy, interpreted_effects as i; numpy.save('out.npy', i.run_by_laws())"

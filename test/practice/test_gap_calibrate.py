@@ -18,7 +18,7 @@ from herringbone_sim.practice.calibrate import (
     write_evidence,
 )
 
-KEPT = Path(__file__).resolve().parents[2] / "data" / "evidence.jsonl"
+KEPT = Path(__file__).resolve().parents[1] / "data" / "evidence.jsonl"
 
 
 @pytest.fixture(scope="module")
