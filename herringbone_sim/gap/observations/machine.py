@@ -20,6 +20,7 @@ from herringbone_sim.gap.observations import (
     force_law,
     seat_grid,
     trajectory,
+    window_events,
 )
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
@@ -61,6 +62,8 @@ class GearMachine:
         self, amplitudes: Amplitudes, known: Score
     ) -> tuple[GearMachine, list[Hypothesis]]:
         """Events of teeth, rings and pins."""
+        if self.gear.by_windows:
+            return self.with_parts(window_events.proposals(self.gear, amplitudes), amplitudes)
         if not (self.gear.has_force_law or self.gear.balanced):
             return self, []
         found: list[Event | Seat] = [*events.proposals(self.gear, amplitudes)]
