@@ -22,6 +22,7 @@ from herringbone_sim.gap.observations.law import Change, Law, Motion, law
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_channels import Channels as Followed
 from herringbone_sim.gap.observations.window_channels import channels
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -85,7 +86,9 @@ class Gear:
                 [f.name for f in self.body_functions],
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
-            trajectory.NAME: trajectory.function_names(self.model, laws, self.gauges)
+            trajectory.NAME: trajectory.function_names(
+                self.model, self.law_functions, self.followed.names
+            )
             if self.by_windows
             else (),
         }
@@ -103,9 +106,14 @@ class Gear:
         return few and all(g.run.shafts_known for g in self.runs)
 
     @cached_property
+    def followed(self) -> Followed:
+        """Channels of the first run that windows follow."""
+        return channels(self.runs[0].run)
+
+    @property
     def gauges(self) -> tuple[str, ...]:
         """Force channels that windows follow."""
-        return channels(self.runs[0].run).gauges if self.by_windows else ()
+        return self.followed.gauges if self.by_windows else ()
 
     @cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:

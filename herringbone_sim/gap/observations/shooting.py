@@ -73,6 +73,11 @@ class Stretch:
         """Steps of a sample."""
         return self.steps // self.samples
 
+    def in_windows(self, values: Array) -> Array:
+        """Channels (n, k) as (W, samples, k), 0 where there is no reading."""
+        W, samples, k = self.measured.shape
+        return np.nan_to_num(values[: W * samples].reshape(W, samples, k))
+
     def seen(
         self, states: Array, drive: Drive, first: NDArray[np.int64] | None = None
     ) -> tuple[Array, Array]:

@@ -9,7 +9,6 @@ its column is the linear response of the windows to the force that it adds to a 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -43,6 +42,7 @@ from herringbone_sim.gap.observations.window_columns import (
     columns,
     gratings,
 )
+from herringbone_sim.gap.observations.window_sensors import ERRORS, put_right
 from herringbone_sim.gap.observations.window_starts import carried, started
 from herringbone_sim.gap.residuals.balance import between
 
@@ -68,14 +68,14 @@ def trajectory(run: PreparedRun) -> Trajectory:
 
 
 def function_names(
-    model: Model, law_names: Sequence[str], gauges: Sequence[str]
+    model: Model, laws: Sequence[Function], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Columns: masses, gauges' gains, friction by mesh, ripple, every law on every mesh."""
+    """Columns: masses, channels' errors, friction by mesh, ripple, every law on its meshes."""
     meshes = range(model.layout.n_mesh)
-    names = [*balance.MASSES, *(f"gain of {g}" for g in gauges)]
+    names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
-    names += [f"{f} of {j}" for j in meshes for f in law_names]
+    names += [f"{f.name} of {j}" for j in meshes for f in laws if f.acts_on(j)]
     return tuple(names)
 
 
@@ -92,7 +92,7 @@ class Trajectory:
         self.run, self.lead = run, max(0, min(lead, (len(run) - 1) // samples - windows))
         part = part_of(run, slice(self.lead * samples, None), run.name)
         self.recorded: Stretch = stretch(part, windows)
-        self.stretch = self.recorded  # with gauges put right by the gains last tried
+        self.stretch = self.recorded  # without the errors of sensors last tried
         self.model = run.model
         self._found: dict[tuple[str, ...], Shot] = {}
         self._share: float | None = None
@@ -171,9 +171,9 @@ class Trajectory:
         Args:
             key: names of what is changed; the states are kept by it.
             change_of: what a motion makes of the law.
-            of_bodies: amplitudes of masses, friction and ripple.
+            of_bodies: amplitudes of masses, errors of sensors, friction and ripple.
         """
-        self.stretch = self._with_gains(of_bodies)
+        self.stretch = put_right(self.recorded, of_bodies)
         masses = self._masses(of_bodies)
 
         def drive_at(shot: Shot) -> Drive:
@@ -198,12 +198,6 @@ class Trajectory:
         whole = Trajectory(self.run, 0, self.lead + self.recorded.windows)
         mine, of_whole = (one.drive(Change(), self._masses({}), ()) for one in (self, whole))
         return started(self.recorded, mine, whole.stretch, of_whole)
-
-    def _with_gains(self, of_bodies: Mapping[str, float]) -> Stretch:
-        """What was recorded, gauges without their gains."""
-        s = self.recorded
-        gain = np.array([1.0 + of_bodies.get(f"gain of {name}", 0.0) for name in s.channels.names])
-        return replace(s, measured=s.measured / gain, weight=s.weight * gain)
 
     def _begun(self, nominal: Shot, drive_at: Callable[[Shot], Drive]) -> Shot:
         """States under a change that was not tried before: from those of the nominal gear, and
@@ -233,7 +227,7 @@ class Trajectory:
         s = self.stretch
         m = self.motion(_in_line(shot), s.phase[::2])
         now = law(m, change_of(m))
-        self._last = shot, now, m
+        self.last = shot, now, m
         added = columns(s, shot, m, now, functions, wanted)
         waves_of_encoders, sizes = gratings(s)
         J = np.hstack([jacobian(s, shot), waves_of_encoders])
@@ -271,7 +265,7 @@ class Trajectory:
     def surroundings(self, block: Block, functions: Sequence[Function]) -> Surroundings:
         """What forces of many shapes would add to the rows of the block made last."""
         s = self.stretch
-        shot, now, m = self._last
+        shot, now, m = self.last
         some = [f for f in functions if f.name in ANY]
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
         made = columns(s, shot, m, now, some, wanted) / block.sigma
