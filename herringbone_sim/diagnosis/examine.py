@@ -29,6 +29,7 @@ PAIRED = 3  # second effects that are fitted exactly
 SAME = 0.01  # of a gap: less between two explanations is no reason for the larger one
 FEW = 2  # where nothing is worth explaining
 ALIKE = 0.25  # of the rows of an observation have no more than their noise, at the least
+FAR_OFF = 1.5  # squares a value that the best linear fit leaves: it is not linear then
 BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
 
 
@@ -192,6 +193,10 @@ def _ranked(
             start = np.array([*one.known_mean, *(c.center for c in one.coefficients)])
         found.append((left, one, start))
     found.sort(key=lambda f: f[0])
+    if found and found[0][0] > FAR_OFF * search.null.count:
+        tried = search.machine.tried([(one, start) for _, one, start in found], search.null)
+        known_better = {id(one) for _, one, _ in tried}
+        found = [*tried, *(f for f in found if id(f[1]) not in known_better)]
     return search, found
 
 

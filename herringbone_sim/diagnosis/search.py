@@ -52,6 +52,19 @@ class Machine(Protocol):
             known: fit that the amplitudes come from.
         """
 
+    def tried(
+        self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
+    ) -> list[tuple[float, Hypothesis, Array]]:
+        """Hypotheses measured at a size of theirs, where nothing linear explains a gap.
+
+        Args:
+            ranked: hypotheses with their linear fits, best first.
+            known: fit without any of them.
+
+        Returns:
+            squares left, hypothesis, where a fit starts (known coefficients first), best first.
+        """
+
     def finely(self) -> Machine:
         """The same, all its observations formed about the amplitudes themselves."""
 

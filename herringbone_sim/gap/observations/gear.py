@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.changes import Changes, Part
 from herringbone_sim.gap.observations.law import Change, Law, Motion, law
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
+from herringbone_sim.gap.observations.shooting import Shot
 from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import Channels as Followed
@@ -344,21 +345,33 @@ class Gear:
         wanted: Mapping[str, Sequence[str]] | None,
     ) -> Block:
         """Windows of a run about a change, at the states that fit it."""
-        given = {f: a[r] for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r])}
+        names_of = self.functions if wanted is None else wanted
+        every = names_of.get(trajectory.NAME, ())
+        change_of = self._windows_change(r, amplitudes)[0]
+        shot = self.states(r, amplitudes)
+        return self.trajectories[r].block(shot, change_of, self.law_functions, tuple(every))
+
+    def states(self, r: int, amplitudes: Amplitudes) -> Shot:
+        """States of the windows of a run that fit a change."""
+        key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
+        return self.trajectories[r].solved(tuple(key), *self._windows_change(r, amplitudes))
+
+    def squares_near(self, r: int, near: Shot, amplitudes: Amplitudes, rounds: int) -> float:
+        """Squares that some rounds leave of the windows of a run, from states near by."""
+        return self.trajectories[r].cost_near(near, *self._windows_change(r, amplitudes), rounds)
+
+    def _windows_change(
+        self, r: int, amplitudes: Amplitudes
+    ) -> tuple[Callable[[Motion], Change], dict[str, float]]:
+        """What amplitudes do to the law of a run, and those of bodies and sensors."""
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         names = {f.name for f in self.law_functions}
         of_bodies = {
-            f: float(a[0]) for f, a in given.items() if f.rpartition(" of ")[0] not in names
+            f: float(a[r][0])
+            for f, a in amplitudes.get(trajectory.NAME, {}).items()
+            if np.any(a[r]) and f.rpartition(" of ")[0] not in names
         }
-        names_of = self.functions if wanted is None else wanted
-        every = names_of.get(trajectory.NAME, ())
-        one = self.trajectories[r]
-
-        def change_of(m: Motion) -> Change:
-            return self.change_of(m, of_law)
-
-        shot = one.solved(tuple(sorted(given)), change_of, of_bodies)
-        return one.block(shot, change_of, self.law_functions, tuple(every))
+        return (lambda m: self.change_of(m, of_law)), of_bodies
 
     def with_functions(
         self,

@@ -91,7 +91,7 @@ def followed_sensors(places: Places) -> Iterator[Hypothesis]:
     if not gear.by_windows:
         return
     layout, followed = gear.model.layout, gear.followed
-    whole = np.isfinite(followed.values).all(axis=0)
+    whole = np.logical_and.reduce(np.isfinite(followed.values))
     for name, every in zip(followed.names, whole, strict=True):
         quantity, _, place = name.partition("_")
         planet = next((p for p in layout.planets if p in place), "all")

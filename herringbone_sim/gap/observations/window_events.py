@@ -132,7 +132,8 @@ def _ranked(
     bins = round(EACH * cycles)
     sought: list[tuple[Locus, Array]] = []
     for locus in known_effects()[kind].candidates(layout):
-        if meets(member, locus):
+        # What windows of less than a turn tell a planet's tooth from one of sun or ring by.
+        if meets(member, locus) and (member == "planet") == (locus.planet != "all"):
             several = np.count_nonzero(locus.mask(layout)) > 1
             ways = [late for _, late in lags(gear, member)] if several else [0.0]
             sought += [(locus, late * np.ones(layout.n_mesh)) for late in ways]
