@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gap_support import rig, without
 
 from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.registry import effects
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import shooting, window_events
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Change, law
@@ -242,3 +247,34 @@ def test_the_tooth_is_found_in_rotations_of_shafts(
     first = next(event for event in found if event.effect == effect)
     # Which of three planets that work in step can't be told.
     assert (first.member, first.locus.mesh, first.locus.side) == (member, mesh, side)
+
+
+def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:
+    """A pin 22 um off: no effect at any size is nearer where the motion still is like the nominal.
+
+    Linear about the nominal motion it takes off less than many that are not there.
+    """
+    pin = Active(effects()["pin_position"], (2.2e-5,), Locus(planet="2"))
+    whole = rig({}, actives=[pin])
+    gear = Gear([of_shafts(run) for run in whole.runs])
+    machine = GearMachine(gear)
+    null = SimpleNamespace(
+        coefficients=machine.base, mean=np.zeros(len(machine.base)), in_sample=1.0
+    )
+    kinds = ("stagger", "planet_phase", "mean_stiffness", "thermal_backlash", "pin_position")
+    ranked = [
+        (h, np.append(null.mean, [c.sd * (i == 0) for i, c in enumerate(h.coefficients)]))
+        for h in machine.hypotheses()
+        if h.effect in kinds and h.locus.side == "all"
+    ]
+    (_, best, start), *_ = machine.tried(ranked, null)
+    assert best.effect == "pin_position"
+    assert start[len(null.mean)] > 1e-5
+
+
+def of_shafts(run: PreparedRun) -> PreparedRun:
+    """A run with the rotations of suns and carrier alone."""
+    layout = run.model.layout
+    planets = tuple(b for b in layout.bodies if b.startswith("p"))
+    parts = {q: without(getattr(run, q), layout.meshes, layout.meshes) for q in "xvF"}
+    return replace(run, u=without(run.u, layout.bodies, planets), **parts)

@@ -253,6 +253,7 @@ def wanted_of(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
 ROUNDS = 20
 WORTH = 0.02  # squares a value: an effect of a detectability of one on two rows in a hundred
 SETTLED = 1e-4  # of the squares left: less between two rounds is nothing,
+REFUSED = 4  # steps one after the other, the last one of a hundredth of the first
 LIKELIER = 10.0  # and so are as many squares: 150 times as likely, among a thousand hypotheses
 
 
@@ -329,16 +330,19 @@ class Search:
         best: tuple[Array, Campaign] | None = None
         sizes: Sequence[float] = SIZES
         reach = _reach(every)
+        refused = 0
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
             if now >= least:
-                if now - least < max(SETTLED * now, LIKELIER):
+                refused += 1
+                if now - least < max(SETTLED * now, LIKELIER) or refused == REFUSED:
                     break
                 step = 0.3 * step
                 mean = best[0] + step  # type: ignore[index]
                 continue
             settled = least - now < max(SETTLED * now, LIKELIER)
+            refused = 0
             least, best = now, (mean, campaign)
             if settled:
                 break

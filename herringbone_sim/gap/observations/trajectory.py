@@ -58,7 +58,7 @@ ANY |= {f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "
 ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")}
 LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
 SQUARES_OF_A_FIT = 1.5  # a value: states that leave no more need no other start
-AGAIN = 3  # starts anew under a change, as its size comes to what it is
+ANOTHER = 0.75  # of the squares at the last start: a change that takes off so much moves otherwise
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 
 
@@ -98,7 +98,7 @@ class Trajectory:
         self.stretch = self.recorded  # without the errors of sensors last tried
         self.model = run.model
         self._found: dict[tuple[str, ...], Shot] = {}
-        self._again: dict[tuple[str, ...], int] = {}
+        self._started: dict[tuple[str, ...], float] = {}
         self._share: float | None = None
 
     @cached_property
@@ -178,14 +178,15 @@ class Trajectory:
             of_bodies: amplitudes of masses, errors of sensors, friction and ripple.
         """
         drive_at = self._drive_at(change_of, of_bodies)
+        new = key not in self._found
         shot = self._found.get(key, self.nominal)
-        rounds = LATER if key in self._found else FIRST
-        shot = fitted(self.stretch, shot.starts, drive_at(shot), rounds)
-        again = self._again.get(key, 0)
-        if again < AGAIN and shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight):
-            self._again[key] = again + 1
+        shot = fitted(self.stretch, shot.starts, drive_at(shot), FIRST if new else LATER)
+        before = self._started.get(key, self.nominal.cost)
+        another = shot.cost < ANOTHER * before or (new and shot.cost > before)
+        if another and shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight):
             anew = self._anew(drive_at(shot), self._whole.driven(change_of, of_bodies))
             shot = min(shot, anew, key=lambda one: one.cost)
+            self._started[key] = shot.cost
         self._found[key] = shot
         return shot
 
