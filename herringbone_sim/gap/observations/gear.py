@@ -25,6 +25,7 @@ from herringbone_sim.gap.observations.surroundings import about_meshes, about_ro
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import Channels as Followed
 from herringbone_sim.gap.observations.window_channels import channels
+from herringbone_sim.gap.observations.window_sensors import SWAP
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import undone
@@ -68,6 +69,7 @@ class Gear:
         self._changes = Changes(self.model, force_law.functions(self.model), {})
         self._parts_about: Amplitudes = {}
         self._plain_balances: list[Block] = []  # made once for all copies
+        self._exchanged: dict[tuple[int, str], Trajectory] = {}  # and these
 
     @property
     def law_functions(self) -> tuple[Function, ...]:
@@ -349,16 +351,31 @@ class Gear:
         every = names_of.get(trajectory.NAME, ())
         change_of = self._windows_change(r, amplitudes)[0]
         shot = self.states(r, amplitudes)
-        return self.trajectories[r].block(shot, change_of, self.law_functions, tuple(every))
+        one = self._followed_as(r, amplitudes)
+        return one.block(shot, change_of, self.law_functions, tuple(every))
 
     def states(self, r: int, amplitudes: Amplitudes) -> Shot:
         """States of the windows of a run that fit a change."""
         key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
-        return self.trajectories[r].solved(tuple(key), *self._windows_change(r, amplitudes))
+        one = self._followed_as(r, amplitudes)
+        return one.solved(tuple(key), *self._windows_change(r, amplitudes))
+
+    def _followed_as(self, r: int, amplitudes: Amplitudes) -> Trajectory:
+        """The windows of a run, of channels put back that a change says to be exchanged."""
+        for f, a in amplitudes.get(trajectory.NAME, {}).items():
+            if f.startswith(SWAP) and a[r][0] != 0.0:
+                key = r, f
+                if key not in self._exchanged:
+                    names = f.removeprefix(SWAP).split(" and ")
+                    run = undone(self.runs[r].run, "swap", names, 1.0)
+                    self._exchanged[key] = trajectory.trajectory(run)
+                return self._exchanged[key]
+        return self.trajectories[r]
 
     def squares_near(self, r: int, near: Shot, amplitudes: Amplitudes, rounds: int) -> float:
         """Squares that some rounds leave of the windows of a run, from states near by."""
-        return self.trajectories[r].cost_near(near, *self._windows_change(r, amplitudes), rounds)
+        one = self._followed_as(r, amplitudes)
+        return one.cost_near(near, *self._windows_change(r, amplitudes), rounds)
 
     def _windows_change(
         self, r: int, amplitudes: Amplitudes

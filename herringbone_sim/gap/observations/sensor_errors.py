@@ -13,6 +13,7 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, trajectory
 from herringbone_sim.gap.observations.places import Places, Weights
+from herringbone_sim.gap.observations.window_sensors import SWAP
 from herringbone_sim.gap.residuals.balance import inertia_parts
 from herringbone_sim.gap.sensors.groups import groups_of
 
@@ -109,6 +110,11 @@ def followed_sensors(places: Places) -> Iterator[Hypothesis]:
             effect = f"sensor_{error}"
             one = places.coefficient(PARAMETER[effect], weights, unit)
             yield Hypothesis(effect, (("channels", (name,)),), locus, (one,), 1)
+    for f in gear.functions[trajectory.NAME]:
+        if f.startswith(SWAP):
+            pair = tuple(f.removeprefix(SWAP).split(" and "))
+            one = places.coefficient("swap", {(trajectory.NAME, f): 1.0}, 1e-3, center=1.0)
+            yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (one,), 1)
 
 
 PARAMETER = {

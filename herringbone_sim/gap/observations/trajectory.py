@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ from herringbone_sim.gap.observations.window_columns import (
     columns,
     gratings,
 )
-from herringbone_sim.gap.observations.window_sensors import ERRORS, put_right
+from herringbone_sim.gap.observations.window_sensors import ERRORS, SWAP, put_right
 from herringbone_sim.gap.observations.window_starts import carried, first_states, started
 from herringbone_sim.gap.residuals.balance import between
 
@@ -76,6 +77,8 @@ def function_names(
     """Columns: masses, channels' errors, friction by mesh, ripple, every law on its meshes."""
     meshes = range(model.layout.n_mesh)
     names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
+    turning = [c for c in channels if c.startswith("u_")]
+    names += [f"{SWAP}{one} and {other}" for one, other in combinations(turning, 2)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
     names += [f"{f.name} of {j}" for j in meshes for f in laws if f.acts_on(j)]

@@ -15,6 +15,7 @@ from herringbone_sim.gap.observations.shooting import Shot, Stretch
 Array = NDArray[np.float64]
 
 TINY = 1e-300  # no weight, where nothing was read
+SWAP = "swap of "  # one and another; it is there or not, so that its column says nothing
 ERRORS = ("gain", "bias", "delay")
 
 

@@ -59,15 +59,23 @@ def tried(
         if size > 0.0 and all(c.sized and not c.center for c in one.coefficients):
             rest = np.zeros(len(one.coefficients) - one.mains)
             trials += [(one, np.concatenate([about, own * k / size, rest])) for k in TIMES]
+    trials += [(one, np.append(about, 1.0)) for one, _ in ranked if _exchange(one)]
 
     def share_left(r: int, i: int, rounds: int) -> float:
         """A trial that leaves more has not settled, and says nothing."""
         one, start = trials[i]
         of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
+        if _exchange(one):
+            return min(gear.states(r, of_trial).cost / near[r].cost, 1.0)
         return min(gear.squares_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0)
 
-    share, chosen = np.ones(len(trials)), list(range(len(trials)))
     used = list(zip(far, ROUNDS, strict=False))
+    for i, (one, _) in enumerate(trials if used else ()):
+        found = share_left(far[0], i, 0) if _exchange(one) else 1.0
+        if found * left[far[0]] < SQUARES_OF_A_FIT:
+            return [(float(known.in_sample * found), *trials[i])]
+    share = np.ones(len(trials))
+    chosen = [i for i, (one, _) in enumerate(trials) if not _exchange(one)]
     for r, rounds in used:
         share[chosen] *= [share_left(r, i, rounds) ** (1.0 / len(used)) for i in chosen]
         chosen = sorted(chosen, key=lambda i: float(share[i]))[:SECOND]
@@ -78,3 +86,8 @@ def tried(
         if len(best) < KEPT and len(same) < PLACES and not known_already:
             best.append((float(known.in_sample * share[i]), *trials[i]))
     return best
+
+
+def _exchange(one: Hypothesis) -> bool:
+    """Whether it is there or not: an exchange of channels."""
+    return one.effect == "channel_swap"
