@@ -97,7 +97,7 @@ def examine(
         none = Found((), search.settled(search.null))
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
-    search, ranked, most = _ranked(search, catalogue, None)
+    search, ranked = _ranked(search, catalogue, None)
     counts = {
         o: float(sum(r[o].count[_alive(r[o].energy)].sum() for r in search.campaign.runs))
         for o in search.campaign.observations
@@ -106,7 +106,7 @@ def examine(
     say("fits")
     gain = none.energy - min((r[0] for r in ranked), default=none.energy)
     idle = max(gain, _total(left)) < WORTH * count
-    singles = _fits(search, ranked, FEW if idle else most, PLACES)
+    singles = _fits(search, ranked, FEW if idle else REFINED, PLACES)
     say("what is left")
     flexible = {"none": left}
     pairs: tuple[Found, ...] = ()
@@ -170,9 +170,11 @@ def _total(left: Mapping[str, Predictable]) -> float:
 
 def _ranked(
     search: Search, catalogue: Sequence[Hypothesis], taken: Score | None
-) -> tuple[Search, Ranked, int]:
-    """Scores on top of what was taken, best first, with what the residual proposes, and how many
-    of them to fit: where they are not linear, few but those that were tried."""
+) -> tuple[Search, Ranked]:
+    """Scores on top of what was taken, best first, with what the residual proposes.
+
+    Linear ones; where nothing linear explains it, those that were tried, and few others.
+    """
     known = search.null if taken is None else taken
     made = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
     machine, proposed = search.machine.proposals(made, known)
@@ -186,7 +188,6 @@ def _ranked(
             per[one.effect] = per.get(one.effect, 0) + 1
             chosen.append(one)
     found: Ranked = []
-    most = REFINED
     for one in (*chosen, *proposed):
         score = search.screened(one.coefficients, 0.3)
         left, start = float(score.energy.sum()), score.mean
@@ -198,9 +199,9 @@ def _ranked(
     if found and found[0][0] > FAR_OFF * search.null.count:
         tried = search.machine.tried([(one, start) for _, one, start in found], search.null)
         known_better = {id(one) for _, one, _ in tried}
-        found = [*tried, *(f for f in found if id(f[1]) not in known_better)]
-        most = min(len(tried) + FEW, REFINED)
-    return search, found, most
+        rest = [f for f in found if id(f[1]) not in known_better]
+        found = [*tried, *(rest[:FEW] if tried else rest)]
+    return search, found
 
 
 def _fits(search: Search, ranked: Ranked, most: int, places: int) -> tuple[Found, ...]:
@@ -219,7 +220,7 @@ def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tup
     """The best single with the best second effects on what it leaves."""
     own = first.hypotheses[0]
     others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
-    then, ranked, _ = _ranked(search, others, first.score)
+    then, ranked = _ranked(search, others, first.score)
     different = [r for r in ranked if r[1].effect != own.effect]
     fits = _fits(then, different, PAIRED, 1)
     return tuple(Found((own, *f.hypotheses), f.score, then) for f in fits)
