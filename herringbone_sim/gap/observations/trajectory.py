@@ -187,8 +187,9 @@ class Trajectory:
         before = self._started.get(key, self.nominal.cost)
         another = shot.cost < ANOTHER * before or (new and shot.cost > before)
         if another and shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight):
-            anew = self._anew(drive_at(shot), self._whole.driven(change_of, of_bodies))
-            shot = min(shot, anew, key=lambda one: one.cost)
+            near = shot
+            anew = self._anew(drive_at(near), self._whole.driven(change_of, of_bodies))
+            shot = anew if anew is not None and anew.cost < near.cost else near
             self._started[key] = shot.cost
         self._found[key] = shot
         return shot
@@ -241,11 +242,17 @@ class Trajectory:
         mine, of_whole = (one.drive(Change(), self._masses({}), ()) for one in (self, self._whole))
         return started(self.recorded, mine, self._whole.recorded, of_whole)
 
-    def _anew(self, drive: Drive, of_whole: Drive) -> Shot:
-        """States found under a change itself: its pattern of contact may be another one."""
+    def _anew(self, drive: Drive, of_whole: Drive) -> Shot | None:
+        """States found under a change itself: its pattern of contact may be another one.
+
+        None where no motion of a gear follows what was measured under the change.
+        """
         whole = self._whole.stretch
-        starts, cost = carried(whole, of_whole, first_states(whole))
-        best = starts[int(np.argmin(cost)), self.lead :]
+        try:
+            starts, cost = carried(whole, of_whole, first_states(whole))
+        except np.linalg.LinAlgError:
+            return None
+        best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead :]
         return fitted(self.stretch, best, drive, FIRST)
 
     def _masses(self, of_bodies: Mapping[str, float]) -> Array:

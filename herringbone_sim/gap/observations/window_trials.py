@@ -66,8 +66,8 @@ def tried(
         one, start = trials[i]
         of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
         if _exchange(one):
-            return min(gear.states(r, of_trial).cost / near[r].cost, 1.0)
-        return min(gear.squares_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0)
+            return float(np.fmin(gear.states(r, of_trial).cost / near[r].cost, 1.0))
+        return float(np.fmin(gear.squares_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0))
 
     used = list(zip(far, ROUNDS, strict=False))
     for i, (one, _) in enumerate(trials if used else ()):
