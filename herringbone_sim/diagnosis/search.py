@@ -334,12 +334,12 @@ class Search:
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
-            if now >= least:
+            if best is not None and not now < least:
                 refused += 1
                 if now - least < max(SETTLED * now, LIKELIER) or refused == REFUSED:
                     break
                 step = 0.3 * step
-                mean = best[0] + step  # type: ignore[index]
+                mean = best[0] + step
                 continue
             settled = least - now < max(SETTLED * now, LIKELIER)
             refused = 0
