@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gap_support import rig, without
 
 from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.diagnosis.examine import examine
+from herringbone_sim.diagnosis.search import Score
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -239,14 +240,44 @@ def test_columns_of_sensors_are_what_their_errors_add(
 def test_the_tooth_is_found_in_rotations_of_shafts(
     seed: int, effect: str, member: str, mesh: str, side: str
 ) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        plan = draw_plan(seed, effect, d=10.0, channels="few")
-        made = as_prepared(make_campaign(plan))
-    found = window_events.proposals(Gear(made.of_role("fit")), {})
+    found = window_events.proposals(practised(seed, effect).gear, {})
     first = next(event for event in found if event.effect == effect)
     # Which of three planets that work in step can't be told.
     assert (first.member, first.locus.mesh, first.locus.side) == (member, mesh, side)
+
+
+def practised(seed: int, effect: str) -> GearMachine:
+    """A practice rig of which three rotations are recorded, d = 10."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        made = as_prepared(make_campaign(draw_plan(seed, effect, d=10.0, channels="few")))
+        return GearMachine(Gear(made.of_role("fit")))
+
+
+def test_a_late_encoder_is_named() -> None:
+    found = examine(practised(372023, "sensor_delay"))
+    first = found.singles[0]
+    assert first.hypotheses[0].effect == "sensor_delay"
+    assert first.hypotheses[0].options == (("channels", ("u_s_L",)),)
+    assert first.score.mean[-1] == pytest.approx(4.17e-6, rel=0.05)
+    assert first.energy < 1.1 * found.count < found.none.energy
+
+
+def test_exchanged_encoders_are_put_back() -> None:
+    """What they show together no motion of the gear does, so that nothing linear says it."""
+    machine = practised(372312, "channel_swap")
+    null = no_effect(machine)
+    ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
+    ((squares, best, _),) = machine.tried(ranked, null)
+    assert best.options == (("channels", ("u_s_R", "u_c")),)
+    assert squares < 0.01 * null.in_sample
+
+
+def no_effect(machine: GearMachine) -> Score:
+    """Nothing wrong at all, one square left."""
+    n = len(machine.base)
+    none = np.zeros((0, 0))
+    return Score(machine.base, np.zeros(n), none, none, none, 1.0, 0.0, 1.0, {})
 
 
 def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:
@@ -258,9 +289,7 @@ def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:
     whole = rig({}, actives=[pin])
     gear = Gear([of_shafts(run) for run in whole.runs])
     machine = GearMachine(gear)
-    null = SimpleNamespace(
-        coefficients=machine.base, mean=np.zeros(len(machine.base)), in_sample=1.0
-    )
+    null = no_effect(machine)
     kinds = ("stagger", "planet_phase", "mean_stiffness", "thermal_backlash", "pin_position")
     ranked = [
         (h, np.append(null.mean, [c.sd * (i == 0) for i, c in enumerate(h.coefficients)]))
