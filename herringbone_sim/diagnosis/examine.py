@@ -29,7 +29,8 @@ PAIRED = 3  # second effects that are fitted exactly
 SAME = 0.01  # of a gap: less between two explanations is no reason for the larger one
 FEW = 2  # where nothing is worth explaining
 ALIKE = 0.25  # of the rows of an observation have no more than their noise, at the least
-FAR_OFF = 1.5  # squares a value that the best linear fit leaves: it is not linear then
+FAR_OFF = 1.5  # squares a value: a linear fit that leaves more does not hold, an exact one is
+# short of an effect
 BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
 
 
@@ -113,7 +114,9 @@ def examine(
     if singles:
         first = _simplest(none, singles)
         flexible["single"] = _left(search, singles[0], left)
-        if _total(flexible["single"]) > WORTH * count:
+        # What is short, as the contact of a tooth, nothing beside it predicts.
+        far_off = first.score.in_sample > FAR_OFF * count
+        if far_off or _total(flexible["single"]) > WORTH * count:
             say("pairs")
             pairs = _pairs(search, catalogue, first)
             if pairs:
