@@ -14,6 +14,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.data.prepared import (
+    Measured,
     PreparedCampaign,
     PreparedRun,
     mesh_table,
@@ -98,3 +99,10 @@ def rig(
         for i, (series, point, role) in enumerate(zip(shown, POINTS, ROLES, strict=True))
     )
     return PreparedCampaign("planted", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+
+
+def without(m: Measured, names: Sequence[str], gone: Sequence[str]) -> Measured:
+    """Channels without some of them."""
+    out = np.array([name in gone for name in names])
+    values = np.where(out, np.nan, m.values)
+    return Measured(values, m.there & ~out, np.where(out, np.nan, m.sigma))

@@ -29,6 +29,8 @@ PAIRED = 3  # second effects that are fitted exactly
 SAME = 0.01  # of a gap: less between two explanations is no reason for the larger one
 FEW = 2  # where nothing is worth explaining
 ALIKE = 0.25  # of the rows of an observation have no more than their noise, at the least
+FAR_OFF = 1.5  # squares a value: a linear fit that leaves more does not hold, an exact one is
+# short of an effect
 BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
 
 
@@ -112,7 +114,9 @@ def examine(
     if singles:
         first = _simplest(none, singles)
         flexible["single"] = _left(search, singles[0], left)
-        if _total(flexible["single"]) > WORTH * count:
+        # What is short, as the contact of a tooth, nothing beside it predicts.
+        far_off = first.score.in_sample > FAR_OFF * count
+        if far_off or _total(flexible["single"]) > WORTH * count:
             say("pairs")
             pairs = _pairs(search, catalogue, first)
             if pairs:
@@ -170,7 +174,10 @@ def _total(left: Mapping[str, Predictable]) -> float:
 def _ranked(
     search: Search, catalogue: Sequence[Hypothesis], taken: Score | None
 ) -> tuple[Search, Ranked]:
-    """Linear scores on top of what was taken, best first, with what the residual proposes."""
+    """Scores on top of what was taken, best first, with what the residual proposes.
+
+    Linear ones; where nothing linear explains it, those that were tried, and few others.
+    """
     known = search.null if taken is None else taken
     made = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
     machine, proposed = search.machine.proposals(made, known)
@@ -192,6 +199,11 @@ def _ranked(
             start = np.array([*one.known_mean, *(c.center for c in one.coefficients)])
         found.append((left, one, start))
     found.sort(key=lambda f: f[0])
+    if found and found[0][0] > FAR_OFF * search.null.count:
+        tried = search.machine.tried([(one, start) for _, one, start in found], search.null)
+        known_better = {id(one) for _, one, _ in tried}
+        rest = [f for f in found if id(f[1]) not in known_better]
+        found = [*tried, *(rest[:FEW] if tried else rest)]
     return search, found
 
 

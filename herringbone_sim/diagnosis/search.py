@@ -52,6 +52,19 @@ class Machine(Protocol):
             known: fit that the amplitudes come from.
         """
 
+    def tried(
+        self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
+    ) -> list[tuple[float, Hypothesis, Array]]:
+        """Hypotheses measured at a size of theirs, where nothing linear explains a gap.
+
+        Args:
+            ranked: hypotheses with their linear fits, best first.
+            known: fit without any of them.
+
+        Returns:
+            squares left, hypothesis, where a fit starts (known coefficients first), best first.
+        """
+
     def finely(self) -> Machine:
         """The same, all its observations formed about the amplitudes themselves."""
 
@@ -240,6 +253,7 @@ def wanted_of(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
 ROUNDS = 20
 WORTH = 0.02  # squares a value: an effect of a detectability of one on two rows in a hundred
 SETTLED = 1e-4  # of the squares left: less between two rounds is nothing,
+REFUSED = 4  # steps one after the other, the last one of a hundredth of the first
 LIKELIER = 10.0  # and so are as many squares: 150 times as likely, among a thousand hypotheses
 
 
@@ -316,16 +330,19 @@ class Search:
         best: tuple[Array, Campaign] | None = None
         sizes: Sequence[float] = SIZES
         reach = _reach(every)
+        refused = 0
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.energy.sum())
-            if now >= least:
-                if now - least < max(SETTLED * now, LIKELIER):
+            if best is not None and not now < least:
+                refused += 1
+                if now - least < max(SETTLED * now, LIKELIER) or refused == REFUSED:
                     break
                 step = 0.3 * step
-                mean = best[0] + step  # type: ignore[index]
+                mean = best[0] + step
                 continue
             settled = least - now < max(SETTLED * now, LIKELIER)
+            refused = 0
             least, best = now, (mean, campaign)
             if settled:
                 break

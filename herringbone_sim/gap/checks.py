@@ -244,5 +244,10 @@ def _scope(runs: Sequence[PreparedRun]) -> list[Finding]:
     if runs and not all(run.v.complete or not run.x.there.any() for run in runs):
         limits.append("rates are not all there: damping rests on differences of displacements")
     if runs and not any(run.x.there.any() and run.u.there.any() for run in runs):
-        limits.append("x and u don't check each other: sensor errors can't be told from motion")
+        limits.append(
+            "x and u don't check each other: an error of a motion sensor shows against the law of "
+            "the gear alone"
+            if all(run.shafts_known for run in runs)
+            else "x and u don't check each other: sensor errors can't be told from motion"
+        )
     return [Finding("scope", "", (), None, text, limit=True) for text in limits]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from gap_support import rig
+from gap_support import rig, without
 
 from herringbone_sim.gap.attribution.channel_sets import (
     FEW,
@@ -18,7 +16,6 @@ from herringbone_sim.gap.attribution.channel_sets import (
     channel_set,
 )
 from herringbone_sim.gap.attribution.hypothesis import case
-from herringbone_sim.gap.data.prepared import Measured
 from herringbone_sim.gap.residuals.fusion import fuse
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -53,9 +50,3 @@ def test_a_mesh_without_force_is_named() -> None:
     (said, balance) = cannot_tell([case(one, fuse(one))])
     assert said.startswith("sp2_L, rp1_R: displacement, rate or force is missing")
     assert balance.startswith("friction and torque ripple can't be told")
-
-
-def without(m: Measured, names: Sequence[str], gone: Sequence[str]) -> Measured:
-    out = np.array([name in gone for name in names])
-    values = np.where(out, np.nan, m.values)
-    return Measured(values, m.there & ~out, np.where(out, np.nan, m.sigma))

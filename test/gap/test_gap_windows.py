@@ -7,9 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gap_support import rig, without
 
 from herringbone_sim.core.parameters import ParameterWarning
-from herringbone_sim.gap.observations import shooting
+from herringbone_sim.diagnosis.examine import examine
+from herringbone_sim.diagnosis.search import Score
+from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.registry import effects
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations import shooting, window_events
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Change, law
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -28,6 +34,7 @@ from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.trajectory import trajectory as trajectory_of
 from herringbone_sim.gap.observations.window_channels import channels, shown
 from herringbone_sim.gap.observations.window_columns import body_pushes
+from herringbone_sim.gap.observations.window_sensors import put_right
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -203,3 +210,100 @@ def check(
     block = trajectory.block(base, lambda m: Change(), gear.law_functions, (name,))
     off = np.linalg.norm(difference - block.columns[:, 0, 0])
     assert off < within * np.linalg.norm(difference)
+
+
+@pytest.mark.parametrize(
+    ("error", "step", "within"),
+    [("gain", 1e-4, 1e-3), ("bias", 1e-9, 1e-6), ("delay", 1e-8, 0.2)],
+)
+def test_columns_of_sensors_are_what_their_errors_add(
+    gear: Gear, one: tuple[Trajectory, Shot], error: str, step: float, within: float
+) -> None:
+    """What is measured, less what is measured with the error taken off: the column."""
+    trajectory, shot = one
+    s = trajectory.recorded
+    name = f"{error} of u_s_R"
+    drive = trajectory.drive(Change(), np.ones(9), ())
+    right = put_right(s, {name: step})
+    change = rows(shoot(s, shot.starts, drive)) - rows(shoot(right, shot.starts, drive))
+    block = trajectory.block(shot, lambda m: Change(), gear.law_functions, (name,))
+    column = block.columns[:, 0, 0]
+    inner = np.flatnonzero(column)[10:-10]
+    off = np.linalg.norm((change / step - column)[inner])
+    assert off < within * np.linalg.norm(column)
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "member", "mesh", "side"),
+    [(372011, "tooth_crack", "sun", "sp", "R"), (372014, "tooth_spall", "planet", "all", "L")],
+)
+def test_the_tooth_is_found_in_rotations_of_shafts(
+    seed: int, effect: str, member: str, mesh: str, side: str
+) -> None:
+    found = window_events.proposals(practised(seed, effect).gear, {})
+    first = next(event for event in found if event.effect == effect)
+    # Which of three planets that work in step can't be told.
+    assert (first.member, first.locus.mesh, first.locus.side) == (member, mesh, side)
+
+
+def practised(seed: int, effect: str) -> GearMachine:
+    """A practice rig of which three rotations are recorded, d = 10."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        made = as_prepared(make_campaign(draw_plan(seed, effect, d=10.0, channels="few")))
+        return GearMachine(Gear(made.of_role("fit")))
+
+
+def test_a_late_encoder_is_named() -> None:
+    found = examine(practised(372023, "sensor_delay"))
+    first = found.singles[0]
+    assert first.hypotheses[0].effect == "sensor_delay"
+    assert first.hypotheses[0].options == (("channels", ("u_s_L",)),)
+    assert first.score.mean[-1] == pytest.approx(4.17e-6, rel=0.05)
+    assert first.energy < 1.1 * found.count < found.none.energy
+
+
+def test_exchanged_encoders_are_put_back() -> None:
+    """What they show together no motion of the gear does, so that nothing linear says it."""
+    machine = practised(372312, "channel_swap")
+    null = no_effect(machine)
+    ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
+    ((squares, best, _),) = machine.tried(ranked, null)
+    assert best.options == (("channels", ("u_s_R", "u_c")),)
+    assert squares < 0.01 * null.in_sample
+
+
+def no_effect(machine: GearMachine) -> Score:
+    """Nothing wrong at all, one square left."""
+    n = len(machine.base)
+    none = np.zeros((0, 0))
+    return Score(machine.base, np.zeros(n), none, none, none, 1.0, 0.0, 1.0, {})
+
+
+def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:
+    """A pin 22 um off: no effect at any size is nearer where the motion still is like the nominal.
+
+    Linear about the nominal motion it takes off less than many that are not there.
+    """
+    pin = Active(effects()["pin_position"], (2.2e-5,), Locus(planet="2"))
+    whole = rig({}, actives=[pin])
+    gear = Gear([of_shafts(run) for run in whole.runs])
+    machine = GearMachine(gear)
+    null = no_effect(machine)
+    kinds = ("stagger", "planet_phase", "mean_stiffness", "thermal_backlash", "pin_position")
+    ranked = [
+        (h, np.append(null.mean, [c.sd * (i == 0) for i, c in enumerate(h.coefficients)]))
+        for h in machine.hypotheses()
+        if h.effect in kinds and h.locus.side == "all"
+    ]
+    (_, best, start), *_ = machine.tried(ranked, null)
+    assert best.effect == "pin_position"
+    assert start[len(null.mean)] > 1e-5
+
+
+def of_shafts(run: PreparedRun) -> PreparedRun:
+    """A run with the rotations of suns and carrier alone."""
+    layout = run.model.layout
+    planets = tuple(b for b in layout.bodies if b.startswith("p"))
+    parts = {q: without(getattr(run, q), layout.meshes, layout.meshes) for q in "xvF"}
+    return replace(run, u=without(run.u, layout.bodies, planets), **parts)

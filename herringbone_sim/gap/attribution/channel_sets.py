@@ -76,8 +76,8 @@ def _few(cases: Sequence[Case]) -> list[str]:
         ]
     return [
         "the motion of the planets is worked out from that of the suns and the carrier over short "
-        "windows: events of single teeth, rings and pins that move by themselves and errors of "
-        "sensors can't be told, they come out as unknown"
+        "windows: rings and pins that move by themselves and a drifting clock can't be told, they "
+        "come out as unknown"
     ]
 
 

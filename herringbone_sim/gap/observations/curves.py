@@ -24,7 +24,11 @@ from herringbone_sim.gap.observations.basis import LOADS_M, ORDERS, TURNS
 from herringbone_sim.gap.observations.common_filter import MOST
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.places import Places, Weights
-from herringbone_sim.gap.observations.sensor_errors import force_sensors, motion_sensors
+from herringbone_sim.gap.observations.sensor_errors import (
+    followed_sensors,
+    force_sensors,
+    motion_sensors,
+)
 from herringbone_sim.gap.residuals.balance import inertia_parts
 
 Array = NDArray[np.float64]
@@ -112,6 +116,7 @@ def hypotheses(places: Places, only: Collection[str] = ()) -> Iterator[Hypothesi
     yield from ripple(places)
     yield from force_sensors(places)
     yield from motion_sensors(places)
+    yield from followed_sensors(places)
 
 
 def _at(places: Places, term: Term, mask: Array, unit: float) -> Coefficient:

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 
 BINS = 6  # to a mesh cycle, which has ten samples or more
 SPAN = 1.5  # mesh cycles that a pair of teeth is in contact (contact ratio), data sheet's geometry
+WIDE = 0.5 * SPAN  # from the middle of a contact to its end
 APART = 0.125  # mesh cycles between knots of a window's curve: three samples of 24 a cycle
 KNOTS = np.arange(-9, 10, dtype=np.float64) * APART  # from the window's middle
 
@@ -55,6 +56,13 @@ def lags(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
         yield name, late
         if not np.allclose(np.rint(late), late):
             yield f"{name} in step", np.rint(late)
+
+
+def meets(member: str, locus: Locus) -> bool:
+    """Whether a tooth of a member meets just these meshes."""
+    if member == "planet":
+        return locus.planet != "all"
+    return locus.mesh == {"sun": "sp", "ring": "rp"}[member]
 
 
 @dataclass(frozen=True)
@@ -84,7 +92,7 @@ def rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         now = gear.law_of(m, of_law, ())
         residual = (m.F - now.force) / now.sigma
-        columns = {kind: c / now.sigma for kind, c in _columns(m, now).items()}
+        columns = {kind: c / now.sigma for kind, c in columns_of(m, now).items()}
         found += [
             _Row(j, m.phase, residual[:, j], {kind: c[:, j] for kind, c in columns.items()})
             for j in np.flatnonzero(np.isfinite(residual).all(axis=0)).tolist()
@@ -95,7 +103,7 @@ def rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
     return found
 
 
-def _columns(m: Motion, now: Law) -> dict[str, Array]:
+def columns_of(m: Motion, now: Law) -> dict[str, Array]:
     """(n, n_mesh) force [N] that a unit of each kind of event adds."""
     return {
         "tooth_crack": -m.k * now.f,
@@ -110,7 +118,7 @@ def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
     root = np.sqrt(block.independent)
     residual, phase = root * cleared(block), g.motion.phase[block.at]
     reach = inertia_parts(gear.model).sum(0)
-    pushed = {k: look.average(c)[::stride] for k, c in _columns(g.motion, now).items()}
+    pushed = {k: look.average(c)[::stride] for k, c in columns_of(g.motion, now).items()}
     return [
         _Row(
             j,
@@ -171,10 +179,7 @@ def _ranked(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[float, 
     A, b = summed(one.A), summed(one.b)
     ranked = []
     for locus in known_effects()[kind].candidates(layout):
-        if member == "planet":
-            if locus.planet == "all":
-                continue
-        elif locus.mesh != {"sun": "sp", "ring": "rp"}[member]:
+        if not meets(member, locus):
             continue
         mask = locus.mask(layout) > 0.0
         ways = list(lags(gear, member)) if mask.sum() > 1 else [("alone", np.zeros(layout.n_mesh))]
@@ -258,5 +263,5 @@ class Event:
         return Hypothesis(self.effect, options, self.locus, tuple(terms), len(terms), self)
 
 
-BUMP = np.where(np.abs(KNOTS) < 0.75, 0.5 + 0.5 * np.cos(np.pi * KNOTS / 0.75), 0.0)
+BUMP = np.where(np.abs(KNOTS) < WIDE, 0.5 + 0.5 * np.cos(np.pi * KNOTS / WIDE), 0.0)
 _NAMES = {"tooth_crack": "depth", "tooth_spall": "height"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -20,9 +20,12 @@ from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.changes import Changes, Part
 from herringbone_sim.gap.observations.law import Change, Law, Motion, law
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
+from herringbone_sim.gap.observations.shooting import Shot
 from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_channels import Channels as Followed
 from herringbone_sim.gap.observations.window_channels import channels
+from herringbone_sim.gap.observations.window_sensors import SWAP
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import undone
@@ -66,6 +69,7 @@ class Gear:
         self._changes = Changes(self.model, force_law.functions(self.model), {})
         self._parts_about: Amplitudes = {}
         self._plain_balances: list[Block] = []  # made once for all copies
+        self._exchanged: dict[tuple[int, str], Trajectory] = {}  # and these
 
     @property
     def law_functions(self) -> tuple[Function, ...]:
@@ -85,7 +89,9 @@ class Gear:
                 [f.name for f in self.body_functions],
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
-            trajectory.NAME: trajectory.function_names(self.model, laws, self.gauges)
+            trajectory.NAME: trajectory.function_names(
+                self.model, self.law_functions, self.followed.names
+            )
             if self.by_windows
             else (),
         }
@@ -103,9 +109,14 @@ class Gear:
         return few and all(g.run.shafts_known for g in self.runs)
 
     @cached_property
+    def followed(self) -> Followed:
+        """Channels of the first run that windows follow."""
+        return channels(self.runs[0].run)
+
+    @property
     def gauges(self) -> tuple[str, ...]:
         """Force channels that windows follow."""
-        return channels(self.runs[0].run).gauges if self.by_windows else ()
+        return self.followed.gauges if self.by_windows else ()
 
     @cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:
@@ -336,21 +347,48 @@ class Gear:
         wanted: Mapping[str, Sequence[str]] | None,
     ) -> Block:
         """Windows of a run about a change, at the states that fit it."""
-        given = {f: a[r] for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r])}
+        names_of = self.functions if wanted is None else wanted
+        every = names_of.get(trajectory.NAME, ())
+        change_of = self._windows_change(r, amplitudes)[0]
+        shot = self.states(r, amplitudes)
+        one = self._followed_as(r, amplitudes)
+        return one.block(shot, change_of, self.law_functions, tuple(every))
+
+    def states(self, r: int, amplitudes: Amplitudes) -> Shot:
+        """States of the windows of a run that fit a change."""
+        key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
+        one = self._followed_as(r, amplitudes)
+        return one.solved(tuple(key), *self._windows_change(r, amplitudes))
+
+    def _followed_as(self, r: int, amplitudes: Amplitudes) -> Trajectory:
+        """The windows of a run, of channels put back that a change says to be exchanged."""
+        for f, a in amplitudes.get(trajectory.NAME, {}).items():
+            if f.startswith(SWAP) and a[r][0] != 0.0:
+                key = r, f
+                if key not in self._exchanged:
+                    names = f.removeprefix(SWAP).split(" and ")
+                    run = undone(self.runs[r].run, "swap", names, 1.0)
+                    self._exchanged[key] = trajectory.trajectory(run)
+                return self._exchanged[key]
+        return self.trajectories[r]
+
+    def squares_near(self, r: int, near: Shot, amplitudes: Amplitudes, rounds: int) -> float:
+        """Squares that some rounds leave of the windows of a run, from states near by."""
+        one = self._followed_as(r, amplitudes)
+        return one.cost_near(near, *self._windows_change(r, amplitudes), rounds)
+
+    def _windows_change(
+        self, r: int, amplitudes: Amplitudes
+    ) -> tuple[Callable[[Motion], Change], dict[str, float]]:
+        """What amplitudes do to the law of a run, and those of bodies and sensors."""
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         names = {f.name for f in self.law_functions}
         of_bodies = {
-            f: float(a[0]) for f, a in given.items() if f.rpartition(" of ")[0] not in names
+            f: float(a[r][0])
+            for f, a in amplitudes.get(trajectory.NAME, {}).items()
+            if np.any(a[r]) and f.rpartition(" of ")[0] not in names
         }
-        names_of = self.functions if wanted is None else wanted
-        every = names_of.get(trajectory.NAME, ())
-        one = self.trajectories[r]
-
-        def change_of(m: Motion) -> Change:
-            return self.change_of(m, of_law)
-
-        shot = one.solved(tuple(sorted(given)), change_of, of_bodies)
-        return one.block(shot, change_of, self.law_functions, tuple(every))
+        return (lambda m: self.change_of(m, of_law)), of_bodies
 
     def with_functions(
         self,

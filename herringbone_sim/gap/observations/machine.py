@@ -20,6 +20,8 @@ from herringbone_sim.gap.observations import (
     force_law,
     seat_grid,
     trajectory,
+    window_events,
+    window_trials,
 )
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
@@ -61,11 +63,21 @@ class GearMachine:
         self, amplitudes: Amplitudes, known: Score
     ) -> tuple[GearMachine, list[Hypothesis]]:
         """Events of teeth, rings and pins."""
+        if self.gear.by_windows:
+            return self.with_parts(window_events.proposals(self.gear, amplitudes), amplitudes)
         if not (self.gear.has_force_law or self.gear.balanced):
             return self, []
         found: list[Event | Seat] = [*events.proposals(self.gear, amplitudes)]
         found += seat_grid.proposals(self.gear, amplitudes, known)
         return self.with_parts(found, amplitudes)
+
+    def tried(
+        self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
+    ) -> list[tuple[float, Hypothesis, Array]]:
+        """Hypotheses at their own size, of windows alone: all else is near enough to linear."""
+        if not self.gear.by_windows:
+            return []
+        return window_trials.tried(self.gear, self.rows, len(self.base), ranked, known)
 
     def with_parts(
         self, parts: Sequence[Event | Seat], about: Amplitudes | None = None

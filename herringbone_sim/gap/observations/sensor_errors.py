@@ -11,8 +11,9 @@ from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.gap.observations import balance, consistency
+from herringbone_sim.gap.observations import balance, consistency, trajectory
 from herringbone_sim.gap.observations.places import Places, Weights
+from herringbone_sim.gap.observations.window_sensors import SWAP
 from herringbone_sim.gap.residuals.balance import inertia_parts
 from herringbone_sim.gap.sensors.groups import groups_of
 
@@ -79,6 +80,41 @@ def motion_sensors(places: Places) -> Iterator[Hypothesis]:
     if gear.swap is not None:
         one = places.coefficient("swap", {(consistency.NAME, "swap"): 1.0}, 1e-3, center=1.0)
         yield Hypothesis("channel_swap", (("channels", gear.swap),), Locus(), (one,), 1)
+
+
+def followed_sensors(places: Places) -> Iterator[Hypothesis]:
+    """Errors of the channels that windows follow.
+
+    An accelerometer shows no constant; a gauge that sees a planet at times alone is not late by
+    itself, all gauges are read by one recorder.
+    """
+    gear = places.gear
+    if not gear.by_windows:
+        return
+    layout, followed = gear.model.layout, gear.followed
+    whole = np.logical_and.reduce(np.isfinite(followed.values))
+    for name, every in zip(followed.names, whole, strict=True):
+        quantity, _, place = name.partition("_")
+        planet = next((p for p in layout.planets if p in place), "all")
+        side = place[-1] if place[-2:] in ("_L", "_R") else "all"
+        locus = Locus(place[:2] if place[:2] in ("sp", "rp") else "all", planet, side)
+        units = {"gain": 0.05, "delay": 2e-6}
+        if quantity == "F":
+            units["bias"] = 50.0
+        elif quantity == "u":
+            units["bias"] = 0.05 * gear.sizes["u"]
+        for error, unit in units.items():
+            if error == "delay" and not every:
+                continue
+            weights: Weights = {(trajectory.NAME, f"{error} of {name}"): 1.0}
+            effect = f"sensor_{error}"
+            one = places.coefficient(PARAMETER[effect], weights, unit)
+            yield Hypothesis(effect, (("channels", (name,)),), locus, (one,), 1)
+    for f in gear.functions[trajectory.NAME]:
+        if f.startswith(SWAP):
+            pair = tuple(f.removeprefix(SWAP).split(" and "))
+            one = places.coefficient("swap", {(trajectory.NAME, f): 1.0}, 1e-3, center=1.0)
+            yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (one,), 1)
 
 
 PARAMETER = {

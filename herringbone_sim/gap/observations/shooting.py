@@ -73,6 +73,11 @@ class Stretch:
         """Steps of a sample."""
         return self.steps // self.samples
 
+    def in_windows(self, values: Array) -> Array:
+        """Channels (n, k) as (W, samples, k), 0 where there is no reading."""
+        W, samples, k = self.measured.shape
+        return np.nan_to_num(values[: W * samples].reshape(W, samples, k))
+
     def seen(
         self, states: Array, drive: Drive, first: NDArray[np.int64] | None = None
     ) -> tuple[Array, Array]:
@@ -298,12 +303,15 @@ def fitted(s: Stretch, starts: Array, drive: Drive, rounds: int = ROUNDS) -> Sho
     """States that fit best, by Levenberg and Marquardt; a window meets its neighbours alone."""
     shot, damping = shoot(s, starts, drive), 1e-2
     cost = shot.cost
-    for _ in range(rounds):
+    for _ in range(rounds if np.isfinite(cost) else 0):  # a change may be one that no gear stands
         band, right = _normal(s, shot)
         while damping < 1e6:
             whole = band.copy()
             whole[0] += damping * (band[0] + 1e-6)
-            step = solveh_banded(whole, right, lower=True).reshape(starts.shape) * s.scale
+            try:
+                step = solveh_banded(whole, right, lower=True).reshape(starts.shape) * s.scale
+            except np.linalg.LinAlgError:
+                return shot
             tried = shoot(s, shot.starts + step, drive)
             now = tried.cost
             if np.isfinite(now) and now < cost:

@@ -9,8 +9,8 @@ its column is the linear response of the windows to the force that it adds to a 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,9 @@ from herringbone_sim.gap.observations.shooting import (
     loads,
     residual,
     samples_of,
+    shoot,
     stretch,
+    symmetric,
     with_swing,
 )
 from herringbone_sim.gap.observations.window_columns import (
@@ -43,7 +45,8 @@ from herringbone_sim.gap.observations.window_columns import (
     columns,
     gratings,
 )
-from herringbone_sim.gap.observations.window_starts import carried, started
+from herringbone_sim.gap.observations.window_sensors import ERRORS, SWAP, put_right
+from herringbone_sim.gap.observations.window_starts import carried, first_states, started
 from herringbone_sim.gap.residuals.balance import between
 
 Array = NDArray[np.float64]
@@ -56,6 +59,7 @@ ANY |= {f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "
 ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")}
 LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
 SQUARES_OF_A_FIT = 1.5  # a value: states that leave no more need no other start
+ANOTHER = 0.75  # of the squares at the last start: a change that takes off so much moves otherwise
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 
 
@@ -68,14 +72,16 @@ def trajectory(run: PreparedRun) -> Trajectory:
 
 
 def function_names(
-    model: Model, law_names: Sequence[str], gauges: Sequence[str]
+    model: Model, laws: Sequence[Function], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Columns: masses, gauges' gains, friction by mesh, ripple, every law on every mesh."""
+    """Columns: masses, channels' errors, friction by mesh, ripple, every law on its meshes."""
     meshes = range(model.layout.n_mesh)
-    names = [*balance.MASSES, *(f"gain of {g}" for g in gauges)]
+    names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
+    turning = [c for c in channels if c.startswith("u_")]
+    names += [f"{SWAP}{one} and {other}" for one, other in combinations(turning, 2)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
-    names += [f"{f} of {j}" for j in meshes for f in law_names]
+    names += [f"{f.name} of {j}" for j in meshes for f in laws if f.acts_on(j)]
     return tuple(names)
 
 
@@ -92,9 +98,10 @@ class Trajectory:
         self.run, self.lead = run, max(0, min(lead, (len(run) - 1) // samples - windows))
         part = part_of(run, slice(self.lead * samples, None), run.name)
         self.recorded: Stretch = stretch(part, windows)
-        self.stretch = self.recorded  # with gauges put right by the gains last tried
+        self.stretch = self.recorded  # without the errors of sensors last tried
         self.model = run.model
         self._found: dict[tuple[str, ...], Shot] = {}
+        self._started: dict[tuple[str, ...], float] = {}
         self._share: float | None = None
 
     @cached_property
@@ -171,13 +178,49 @@ class Trajectory:
         Args:
             key: names of what is changed; the states are kept by it.
             change_of: what a motion makes of the law.
-            of_bodies: amplitudes of masses, friction and ripple.
+            of_bodies: amplitudes of masses, errors of sensors, friction and ripple.
         """
-        self.stretch = self._with_gains(of_bodies)
+        drive_at = self._drive_at(change_of, of_bodies)
+        new = key not in self._found
+        shot = self._found.get(key, self.nominal)
+        shot = fitted(self.stretch, shot.starts, drive_at(shot), FIRST if new else LATER)
+        before = self._started.get(key, self.nominal.cost)
+        another = shot.cost < ANOTHER * before or (new and shot.cost > before)
+        if another and shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight):
+            near = shot
+            anew = self._anew(drive_at(near), self._whole.driven(change_of, of_bodies))
+            shot = anew if anew is not None and anew.cost < near.cost else near
+            self._started[key] = shot.cost
+        self._found[key] = shot
+        return shot
+
+    def cost_near(
+        self,
+        near: Shot,
+        change_of: Callable[[Motion], Change],
+        of_bodies: Mapping[str, float],
+        rounds: int,
+    ) -> float:
+        """Squares that a few rounds leave under a change, from states without it."""
+        drive_at = self._drive_at(change_of, of_bodies)
+        return fitted(self.stretch, near.starts, drive_at(near), rounds).cost
+
+    def driven(
+        self, change_of: Callable[[Motion], Change], of_bodies: Mapping[str, float]
+    ) -> Drive:
+        """What drives the motion under a change, where none but a motion in step is known."""
+        drive_at = self._drive_at(change_of, of_bodies)
+        s = self.stretch
+        return drive_at(shoot(s, symmetric(s), self.drive(Change(), self._masses({}), ())))
+
+    def _drive_at(
+        self, change_of: Callable[[Motion], Change], of_bodies: Mapping[str, float]
+    ) -> Callable[[Shot], Drive]:
+        """What drives the motion under a change, which may follow from the motion."""
+        self.stretch = put_right(self.recorded, of_bodies)
         masses = self._masses(of_bodies)
 
         def drive_at(shot: Shot) -> Drive:
-            """What drives the motion under the change, which may follow from the motion."""
             m = self._half_steps(shot)
             change = change_of(m)
             pushes = [
@@ -186,36 +229,31 @@ class Trajectory:
             ]
             return self.drive(change, masses, pushes)
 
-        shot = self._found.get(key)
-        if shot is None:
-            shot = self._begun(self.nominal, drive_at)
-        self._found[key] = fitted(self.stretch, shot.starts, drive_at(shot), LATER)
-        return self._found[key]
+        return drive_at
+
+    @cached_property
+    def _whole(self) -> Trajectory:
+        """The same with the windows before those that count."""
+        return Trajectory(self.run, 0, self.lead + self.recorded.windows)
 
     @cached_property
     def nominal(self) -> Shot:
         """States under no change, from planets in step or out of it."""
-        whole = Trajectory(self.run, 0, self.lead + self.recorded.windows)
-        mine, of_whole = (one.drive(Change(), self._masses({}), ()) for one in (self, whole))
-        return started(self.recorded, mine, whole.stretch, of_whole)
+        mine, of_whole = (one.drive(Change(), self._masses({}), ()) for one in (self, self._whole))
+        return started(self.recorded, mine, self._whole.recorded, of_whole)
 
-    def _with_gains(self, of_bodies: Mapping[str, float]) -> Stretch:
-        """What was recorded, gauges without their gains."""
-        s = self.recorded
-        gain = np.array([1.0 + of_bodies.get(f"gain of {name}", 0.0) for name in s.channels.names])
-        return replace(s, measured=s.measured / gain, weight=s.weight * gain)
+    def _anew(self, drive: Drive, of_whole: Drive) -> Shot | None:
+        """States found under a change itself: its pattern of contact may be another one.
 
-    def _begun(self, nominal: Shot, drive_at: Callable[[Shot], Drive]) -> Shot:
-        """States under a change that was not tried before: from those of the nominal gear, and
-        from its first ones carried through all windows; the better."""
-        s = self.stretch
-        near = fitted(s, nominal.starts, drive_at(nominal), FIRST)
-        if near.cost < SQUARES_OF_A_FIT * np.count_nonzero(s.weight):
-            return near
-        drive = drive_at(near)
-        starts, _ = carried(s, drive, nominal.starts[:1])
-        far = fitted(s, starts[0], drive, FIRST)
-        return min(near, far, key=lambda shot: shot.cost)
+        None where no motion of a gear follows what was measured under the change.
+        """
+        whole = self._whole.stretch
+        try:
+            starts, cost = carried(whole, of_whole, first_states(whole))
+        except np.linalg.LinAlgError:
+            return None
+        best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead :]
+        return fitted(self.stretch, best, drive, FIRST)
 
     def _masses(self, of_bodies: Mapping[str, float]) -> Array:
         """(9,) factors on 1/M."""
@@ -233,7 +271,7 @@ class Trajectory:
         s = self.stretch
         m = self.motion(_in_line(shot), s.phase[::2])
         now = law(m, change_of(m))
-        self._last = shot, now, m
+        self.last = shot, now, m
         added = columns(s, shot, m, now, functions, wanted)
         waves_of_encoders, sizes = gratings(s)
         J = np.hstack([jacobian(s, shot), waves_of_encoders])
@@ -271,7 +309,7 @@ class Trajectory:
     def surroundings(self, block: Block, functions: Sequence[Function]) -> Surroundings:
         """What forces of many shapes would add to the rows of the block made last."""
         s = self.stretch
-        shot, now, m = self._last
+        shot, now, m = self.last
         some = [f for f in functions if f.name in ANY]
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
         made = columns(s, shot, m, now, some, wanted) / block.sigma

@@ -20,6 +20,7 @@ from herringbone_sim.gap.observations.force_law import GRATING_RAD, shafts
 from herringbone_sim.gap.observations.law import Law, Motion
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import JUMP, Shot, Stretch, loads
+from herringbone_sim.gap.observations.window_sensors import of_errors
 
 Array = NDArray[np.float64]
 
@@ -101,23 +102,14 @@ def columns(
     found = np.zeros((rows, Q))
     if at:
         size = np.stack(sizes)[:, s.first[:, None] // 2 + np.arange(s.steps + 1)]
-        response = _responses(s, shot, np.stack(directions), size, np.stack(on_meshes))
+        response = responses(s, shot, np.stack(directions), size, np.stack(on_meshes))
         np.add.at(found.T, np.array(at), response.T)
-    for name in s.channels.gauges:
-        if f"gain of {name}" in place:
-            found[:, place[f"gain of {name}"]] = _read(s, now, s.channels.names.index(name))
+    for name, value in of_errors(s, shot, place).items():
+        found[: shot.off.size, place[name]] = value
     return found
 
 
-def _read(s: Stretch, now: Law, channel: int) -> Array:
-    """(rows,) what a gauge shows, over its noise: a share of it is what a wrong gain adds."""
-    alone = np.zeros_like(s.weight)
-    force = now.force[:: s.each][: s.windows * s.samples] @ s.channels.of_F[channel]
-    alone[:, :, channel] = force.reshape(s.windows, s.samples) * s.weight[:, :, channel]
-    return np.concatenate([alone.ravel(), np.zeros((s.windows - 1) * STATES)])
-
-
-def _responses(s: Stretch, shot: Shot, direction: Array, size: Array, on_meshes: Array) -> Array:
+def responses(s: Stretch, shot: Shot, direction: Array, size: Array, on_meshes: Array) -> Array:
     """(rows, P) response to ``direction`` (P, 9) times ``size`` (P, W, steps + 1).
 
     Args:

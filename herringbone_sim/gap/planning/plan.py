@@ -38,6 +38,7 @@ NAMED = 0.9  # probability from which on an effect, or a place, counts as named
 SIZES = np.geomspace(1e-3, 10.0, 81)
 TOOTH = {"sun": "sp", "planet": "sp", "ring": "rp"}  # meshes where a tooth of a member is tried
 MIDDLE = 5.0  # mesh cycles from the start to the middle of a tooth's window: any would do
+# (where windows of the motion are followed, the middle of those of the first run)
 
 
 @dataclass(frozen=True)
@@ -129,9 +130,8 @@ def plan(
     search = Search(machine)
     hypotheses = machine.hypotheses()
     by_windows = machine.gear.by_windows
-    if not by_windows:
-        machine, events = machine.with_parts(_teeth(machine.gear))
-        hypotheses += [replace(h, mains=1) for h in events]
+    machine, events = machine.with_parts(_teeth(machine.gear))
+    hypotheses += [replace(h, mains=1) for h in events]
     search = search.onwards(machine)
     say(f"{len(hypotheses)} hypotheses")
     # What is there or not, such as exchanged channels, has no size.
@@ -141,7 +141,8 @@ def plan(
     outlooks = tuple(_outlook(i, hypotheses, found, machine.gear.model) for i in seen)
     sought = {one.effect for one in outlooks}
     others = [name for name in known_effects() if name not in sought]
-    parts = tuple(n for n in others if n in (*PARAMETERS, "channel_swap") and not by_windows)
+    known = ("channel_swap",) if by_windows else (*PARAMETERS, "channel_swap")
+    parts = tuple(n for n in others if n in known)
     return Plan(
         tuple(sensors),
         machine.formed,
@@ -155,7 +156,10 @@ def plan(
 def _teeth(gear: Gear) -> list[Event]:
     """A tooth of each member, cracked and spalled, at the first mesh that it meets."""
     layout = gear.model.layout
-    found = []
+    found, middle = [], MIDDLE
+    if gear.by_windows:
+        s = gear.trajectories[0].recorded
+        middle = float(s.phase[s.first[s.windows // 2]] / (2.0 * np.pi))
     for kind in KINDS:
         for member, mesh in TOOTH.items():
             places = [
@@ -164,7 +168,7 @@ def _teeth(gear: Gear) -> list[Event]:
                 if p.mesh == mesh and p.planet != "all" and p.side != "all"
             ]
             _, late = next(iter(lags(gear, member)))
-            found += [Event(kind, p, member, MIDDLE, tuple(late.tolist())) for p in places[:1]]
+            found += [Event(kind, p, member, middle, tuple(late.tolist())) for p in places[:1]]
     return found
 
 

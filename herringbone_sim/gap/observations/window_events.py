@@ -1,0 +1,153 @@
+"""Teeth in windows of the motion: which event once a revolution would take off most squares.
+
+An event acts through the motion, so that its trace lasts longer than the contact and reaches all
+channels: the response of the windows to a contact of every mesh at every time is formed once,
+freed of what the states take up, and summed over the turn of each member.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.gap.observations import force_law, trajectory
+from herringbone_sim.gap.observations.events import KINDS, WIDE, Event, columns_of, lags, meets
+from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_columns import responses
+
+Array = NDArray[np.float64]
+
+EACH = 4  # middles of a contact to a mesh cycle, a sixth of its length apart
+MEMBERS = ("sun", "planet", "ring")
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """What a contact of each mesh at each time would add to the windows of a run.
+
+    Attributes:
+        first: time of the first one, in ``EACH`` of a mesh cycle.
+        response: by kind (n_mesh, times, rows), over the noise, freed of what states take up.
+        residual: (rows,) of the windows, over the noise.
+    """
+
+    first: int
+    response: dict[str, Array]
+    residual: Array
+
+    def folded(self, kind: str, bins: int) -> Array:
+        """(n_mesh, bins, rows) of all turns of a member that has so many times to a turn."""
+        of = self.response[kind]
+        found = np.zeros((len(of), bins, of.shape[2]))
+        for i in range(of.shape[1]):
+            found[:, (self.first + i) % bins] += of[:, i]
+        return found
+
+
+def contacts(one: Trajectory, block: Block) -> Contacts:
+    """Contacts about the states that a block was formed at."""
+    s = one.stretch
+    shot, now, m = one.last
+    at = s.first[:, None] // 2 + np.arange(s.steps + 1)
+    cycles = m.phase[at] / (2.0 * np.pi)
+    before = np.floor((cycles[:, 0] - WIDE) * EACH).astype(int)
+    last = np.ceil((cycles[:, -1] + WIDE) * EACH).astype(int)
+    near = np.arange(int((last - before).max()) + 1)
+    away = cycles[None] - (before[None, :, None] + near[:, None, None]) / EACH
+    shape = np.where(np.abs(away) < WIDE, 0.5 + 0.5 * np.cos(np.pi * away / WIDE), 0.0)
+    M = len(s.G)
+    J = block.nuisance[:, 0]
+    inverse = np.linalg.inv(J.T @ J + np.diag(block.nuisance_sd[0] ** -2.0))
+    times = int(before.max() - before.min()) + len(near)
+    W, samples, k = s.measured.shape
+    of_window = np.repeat(np.arange(W), samples * k)
+    of_window = np.append(of_window, np.repeat(np.arange(W - 1), s.G.shape[1] * 2))
+    found = {}
+    for kind, force in columns_of(m, now).items():
+        size = shape[None] * force.T[:, at][:, None]
+        made = responses(
+            s,
+            shot,
+            np.repeat(-s.inverse * s.G, len(near), axis=0),
+            size.reshape(-1, *size.shape[2:]),
+            np.repeat(np.eye(M), len(near), axis=0),
+        ).reshape(-1, M, len(near))
+        every = np.zeros((M, times, len(made)))
+        rows = np.arange(len(made))
+        for i in near:
+            every[:, before[of_window] - before.min() + i, rows] += made[:, :, i].T
+        flat = every.reshape(-1, len(made))
+        flat = flat - ((flat @ J) @ inverse) @ J.T
+        found[kind] = (flat / block.sigma[0, 0]).reshape(every.shape)
+    return Contacts(int(before.min()), found, block.residual[:, 0] / block.sigma[0, 0])
+
+
+def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
+    """The most promising events of both kinds about a change."""
+    blocks = gear.blocks(amplitudes, {}, (trajectory.NAME,))
+    found = [
+        contacts(one, of_run[trajectory.NAME])
+        for one, of_run in zip(gear.trajectories, blocks, strict=True)
+    ]
+    chosen = []
+    for kind in KINDS:
+        ranked = [e for member in MEMBERS for e in _ranked(gear, found, kind, member)]
+        ranked.sort(key=lambda c: -c[0])
+        chosen += _apart(gear, ranked)[:per_kind]
+    return chosen
+
+
+def _apart(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[Event]:
+    """Events best first, of those that windows show the same contacts of the one on most meshes.
+
+    Where the turn brings a tooth to its other meshes while no window is there, nothing tells it
+    from a tooth that leaves them out, which none does.
+    """
+    found: dict[tuple[str, str], Event] = {}
+    for squares, event in ranked:
+        key = event.member, f"{squares:.5e}"
+        held = found.setdefault(key, event)
+        if _meshes(gear, event) > _meshes(gear, held):
+            found[key] = event
+    return list(found.values())
+
+
+def _meshes(gear: Gear, event: Event) -> int:
+    return int(np.count_nonzero(event.locus.mask(gear.model.layout)))
+
+
+def _ranked(
+    gear: Gear, runs: Sequence[Contacts], kind: str, member: str
+) -> Iterator[tuple[float, Event]]:
+    """Squares that an event at each place takes off at the time when it does most."""
+    layout = gear.model.layout
+    cycles = force_law.members(gear.model)[member]
+    bins = round(EACH * cycles)
+    sought: list[tuple[Locus, Array]] = []
+    for locus in known_effects()[kind].candidates(layout):
+        # What windows of less than a turn tell a planet's tooth from one of sun or ring by.
+        if meets(member, locus) and (member == "planet") == (locus.planet != "all"):
+            several = np.count_nonzero(locus.mask(layout)) > 1
+            ways = [late for _, late in lags(gear, member)] if several else [0.0]
+            sought += [(locus, late * np.ones(layout.n_mesh)) for late in ways]
+    A, b = np.zeros((2, len(sought), bins))
+    for one in runs:
+        folded = one.folded(kind, bins)
+        for i, (locus, late) in enumerate(sought):
+            column = sum(
+                np.roll(folded[j], -round(late[j] * EACH), axis=0)
+                for j in np.flatnonzero(locus.mask(layout))
+            )
+            A[i] += np.einsum("br,br->b", column, column)
+            b[i] += column @ one.residual
+    fall = np.where((b > 0.0) | (kind != "tooth_crack"), b**2 / np.maximum(A, 1e-300), 0.0)
+    for i, (locus, late) in enumerate(sought):
+        top = int(np.argmax(fall[i]))
+        yield float(fall[i, top]), Event(kind, locus, member, top / EACH, tuple(late.tolist()))

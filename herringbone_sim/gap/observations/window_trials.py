@@ -1,0 +1,93 @@
+"""Effects tried at their own size, where windows are too far from the nominal motion to be linear.
+
+Once another pattern of contact is met, the response about the nominal motion says neither how
+large an effect is nor which one it is. So the windows are fitted under each effect at some sizes,
+a few rounds each, on the runs whose motion is nearest to the nominal one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.search import Hypothesis, Score, amplitudes
+from herringbone_sim.diagnosis.threads import each
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.trajectory import SQUARES_OF_A_FIT
+
+Array = NDArray[np.float64]
+
+TIMES = (-3.0, -1.0, 1.0, 3.0)  # a moderate size, along what the linear screen says
+ROUNDS = (3, 8)  # on the nearest run, and on the next one
+SECOND = 24  # trials that are done on the next run as well
+KEPT, PLACES = 4, 2  # trials that are fitted, and of them with the same effect
+
+
+def tried(
+    gear: Gear,
+    rows: Mapping[str, int],
+    tolerances: int,
+    ranked: Sequence[tuple[Hypothesis, Array]],
+    known: Score,
+) -> list[tuple[float, Hypothesis, Array]]:
+    """The best trials: squares left of all runs, hypothesis, where its fit starts.
+
+    Args:
+        rows: of each observation.
+        tolerances: how many of the known coefficients are; trials leave them at their centre, as
+            they are bent by what is not explained.
+        ranked: hypotheses with their linear fit (p,), known coefficients first.
+        known: fit without them.
+    """
+    count, n = len(gear.runs), len(known.coefficients)
+    about = known.mean.copy()
+    about[:tolerances] = 0.0
+    made = amplitudes(known.coefficients, about, count, rows)
+    near = each(lambda r: gear.states(r, made), range(count))
+    left = [
+        shot.cost / np.count_nonzero(t.recorded.weight)
+        for shot, t in zip(near, gear.trajectories, strict=True)
+    ]
+    far = [r for r in np.argsort(left).tolist() if left[r] > SQUARES_OF_A_FIT]
+    trials: list[tuple[Hypothesis, Array]] = []
+    for one, linear in ranked:
+        own = linear[n : n + one.mains]
+        unit = np.array([c.sd for c in one.coefficients[: one.mains]])
+        size = float(np.linalg.norm(own / unit))
+        if size > 0.0 and all(c.sized and not c.center for c in one.coefficients):
+            rest = np.zeros(len(one.coefficients) - one.mains)
+            trials += [(one, np.concatenate([about, own * k / size, rest])) for k in TIMES]
+    trials += [(one, np.append(about, 1.0)) for one, _ in ranked if _exchange(one)]
+
+    def share_left(r: int, i: int, rounds: int) -> float:
+        """A trial that leaves more has not settled, and says nothing."""
+        one, start = trials[i]
+        of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
+        if _exchange(one):
+            return float(np.fmin(gear.states(r, of_trial).cost / near[r].cost, 1.0))
+        return float(np.fmin(gear.squares_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0))
+
+    used = list(zip(far, ROUNDS, strict=False))
+    for i, (one, _) in enumerate(trials if used else ()):
+        found = share_left(far[0], i, 0) if _exchange(one) else 1.0
+        if found * left[far[0]] < SQUARES_OF_A_FIT:
+            return [(float(known.in_sample * found), *trials[i])]
+    share = np.ones(len(trials))
+    chosen = [i for i, (one, _) in enumerate(trials) if not _exchange(one)]
+    for r, rounds in used:
+        share[chosen] *= [share_left(r, i, rounds) ** (1.0 / len(used)) for i in chosen]
+        chosen = sorted(chosen, key=lambda i: float(share[i]))[:SECOND]
+    best: list[tuple[float, Hypothesis, Array]] = []
+    for i in chosen if used else ():
+        same = [other for _, other, _ in best if other.effect == trials[i][0].effect]
+        known_already = any(trials[i][0] is other for other in same)
+        if len(best) < KEPT and len(same) < PLACES and not known_already:
+            best.append((float(known.in_sample * share[i]), *trials[i]))
+    return best
+
+
+def _exchange(one: Hypothesis) -> bool:
+    """Whether it is there or not: an exchange of channels."""
+    return one.effect == "channel_swap"
