@@ -33,7 +33,6 @@ UNNAMED = (*OUTSIDE, *OUTSIDE_SENSORS)
 WILD = 0.5  # share of the unknown causes that are random physics, not one of ``UNNAMED``
 TRUTHS = {"none": 0.2, "single": 0.4, "pair": 0.2, "unknown": 0.2}
 DETECTABILITIES = (1.0, 3.0, 10.0)
-NOISES_DB = (20.0, 40.0, 60.0)
 
 # Ranges of delta_T [K], K, T_1 [N m] and Omega of the runs of a campaign, as rigs are run.
 VARIED = (

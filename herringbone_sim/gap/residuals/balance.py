@@ -68,12 +68,6 @@ class Balance:
         chi2: Array = np.mean((self.residual / self.sigma) ** 2, axis=0)
         return chi2
 
-    @property
-    def mesh_residual(self) -> Array:
-        """The same as the twelve relative accelerations (k, n_mesh)."""
-        through: Array = self.residual @ self.meshes.T
-        return through
-
 
 @dataclass(frozen=True)
 class Force:

@@ -56,12 +56,6 @@ class Consistency:
         """Mean square of what is left over its noise: 1 where all sensors agree."""
         return self.energy / max(self.count, 1.0)
 
-    @property
-    def chi2_of_geometry(self) -> float:
-        """The same of what geometry alone leaves; 1 where it tells nothing."""
-        energy, count = self.of_geometry
-        return energy / count if count > 0.0 else 1.0
-
 
 def consistency(runs: Sequence[PreparedRun]) -> Consistency:
     """What the sensors of some runs say against each other, as normal equations."""
