@@ -170,7 +170,7 @@ def kill_after(pid: int, store: Store, left: list[int]) -> None:
 
 
 def wait_for(folder: Path, parts: int) -> None:
-    """Until so many parts are written; ten minutes at most, as the kernel may be compiled first."""
+    """Until so many parts are written; ten minutes at most: it may compile first."""
     until = time.monotonic() + 600.0
     while len(list((folder / "parts").glob("*.parquet"))) < parts and time.monotonic() < until:
         time.sleep(0.005)
