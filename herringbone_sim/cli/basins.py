@@ -134,7 +134,7 @@ def kept_sections(
 
 
 def named(kind: str, attractor: Attractor) -> str:
-    """Kind of a motion and its symmetry."""
+    """Label of an attractor: kind of motion and, if any, symmetry, as ``P2, left = right``."""
     return f"{kind}, {attractor.symmetry}" if attractor.symmetry else kind
 
 

@@ -68,12 +68,20 @@ def write_actuators(path: Path, ways: Sequence[Actuator]) -> None:
 
 
 def write_shares(path: Path, shares: Sequence[Gathered]) -> None:
-    """A row a place and motion."""
+    """CSV of the share of random starts that reach the wanted motion, a row per parameter point.
+
+    Columns: parameter values, wanted period, starts, reached (left = right), parted (left and
+    right differ), share of ``reached`` and its 95 % Wilson interval low, high.
+    """
     names = ("wanted", "starts", "reached", "parted", "share", "low", "high")
     rows = ([*one.values.values(), *(getattr(one, name) for name in names)] for one in shares)
     write_csv(path, [*shares[0].values, *names], rows)
 
 
 def write_survival(path: Path, lasting: Sequence[Survival]) -> None:
-    """A row a motion, kind and size of difference."""
+    """CSV of whether controlled motions survive left/right differences, a row per case.
+
+    A case is a motion, a parameter set apart between the halves (key of
+    ``robustness.DIFFERENCES``) and the size of the difference. Columns: fields of ``Survival``.
+    """
     write_csv(path, list(vars(lasting[0])), (vars(one).values() for one in lasting))

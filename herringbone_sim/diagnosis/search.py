@@ -46,10 +46,15 @@ class Machine(Protocol):
         """Every effect at every place with every option that functions can carry."""
 
     def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Machine, list[Hypothesis]]:
-        """Hypotheses found in the residual about a change, and a machine with their functions.
+        """Hypotheses that the residual suggests beyond the catalogue, such as a damaged tooth.
 
         Args:
-            known: fit that the amplitudes come from.
+            amplitudes: of the effects found so far; the residual is what they leave.
+            known: fit from which ``amplitudes`` were taken.
+
+        Returns:
+            A machine extended by the functions of the new hypotheses, or itself if there are none,
+            and the new hypotheses.
         """
 
     def tried(

@@ -23,15 +23,16 @@ LEAST_STRETCH = 0.02
 
 @dataclass(frozen=True)
 class Sweep:
-    """Motions over one parameter.
+    """Steady-state motion at each value of one swept parameter (data of a bifurcation diagram).
 
     Attributes:
-        values: (n,) values of the parameter, rising.
-        motions: (n,) period in mesh cycles, 0 aperiodic, -1 failed.
-        x: (n, points) x_sp_L at phase 0 of the last cycles, in b_c.
-        exponents: (n, 4) largest exponent per tau, its error, within the symmetric states, and
-            across them; NaN where none was asked for.
-        reasons: n texts, why a value failed.
+        values: (n,) parameter values, ascending.
+        motions: (n,) period in mesh cycles; 0 = aperiodic, -1 = run failed.
+        x: (n, points) relative displacement x_sp_L / b_c at mesh phase 0 in the last mesh cycles.
+        exponents: (n, 4) Lyapunov exponents per unit of tau = omega_n t: largest, its standard
+            error, largest for perturbations that keep left = right, and for those that break
+            it. NaN if not computed; the last two also if the motion's halves differ.
+        reasons: n error messages, empty where the run succeeded.
     """
 
     values: Array

@@ -24,9 +24,17 @@ def always_none(campaign: Campaign) -> dict[str, Any]:
 
 
 def largest_residual(campaign: Campaign, series: Sequence[TimeSeries]) -> dict[str, Any]:
-    """Blames the stiffness of the mesh, or of the kind of mesh, whose residual stands out.
+    """Baseline diagnosis: blame mean stiffness of the mesh whose force residual is largest.
 
-    Without forces there is no residual, and the answer is none.
+    Compares RMS residual / RMS force of each mesh, median over the fit runs: one mesh is blamed
+    from ``NOTABLE`` times the median of its kind (sun-planet or ring-planet), else all meshes of
+    the larger kind from ``LOUD`` times the noise, else none; none also if x, v or F is missing.
+
+    Args:
+        series: recorded samples, one per run of the campaign; only runs with role ``fit`` count.
+
+    Returns:
+        A gap report (dict of schema ``SCHEMA``).
     """
     fit = [
         _relative_residuals(one, run.point)

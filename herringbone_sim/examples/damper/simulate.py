@@ -59,7 +59,16 @@ def law(x, v, s, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def shaken(n, mass, P, omega, p):  # type: ignore[no-untyped-def]
-    """(n, 3) x, v and true F every STEP from near rest, by Runge and Kutta."""
+    """Response of the rig from x = 2 mm, v = 0 to P cos(omega t), by 4th-order Runge-Kutta.
+
+    Args:
+        n: number of samples, ``STEP`` apart.
+        mass, P, omega: [kg], [N], [rad/s].
+        p: (11,) numbers of the force law, in the order ``law`` unpacks them.
+
+    Returns:
+        (n, 3) x [m], v [m/s] and force F [N], without noise, gain error or offset.
+    """
     found, h = np.empty((n, 3)), STEP / FINE
     x, v, s = 2e-3, 0.0, 0.0
     for i in range(n * FINE):

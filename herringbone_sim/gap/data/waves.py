@@ -28,10 +28,15 @@ class Waves:
 
 
 def waves(model: Model, phase: Array, omega_rad_per_s: float, e_share: float = 1.0) -> Waves:
-    """Nominal k(t), e(t) and derivatives of all meshes at phases (n,) [rad].
+    """Nominal stiffness k(t) and mesh error e(t) with its first two derivatives, at phases (n,).
 
     Args:
-        e_share: what of the waves of e(t) is left.
+        phase: (n,) mesh phase [rad].
+        omega_rad_per_s: mesh frequency [rad/s], for the derivatives.
+        e_share: factor on the harmonics of e(t), not its mean; below 1 behind a low-pass filter.
+
+    Returns:
+        ``Waves``: k, e, e_rate, e_acceleration, each (n, n_mesh), SI units.
     """
     p, s = model.packed, model.scales
     orders = np.arange(1, max(len(p.k_cos), len(p.e_cos)) + 1)

@@ -135,8 +135,13 @@ def responses(s: Stretch, shot: Shot, direction: Array, size: Array, on_meshes: 
 
 
 def gratings(s: Stretch) -> tuple[Array, Array]:
-    """Waves (rows, 2 k) once a turn of the body of each encoder, over its noise, and the size
-    (2 k,) [m] that gratings off centre may give them."""
+    """Regressors and prior SDs of the once-per-revolution eccentricity error of each encoder.
+
+    Returns:
+        Columns (rows, 2 n_encoders): cos and sin of the shaft angle, divided by the noise, in the
+        rows of that encoder, 0 in other channels and in the continuity rows; and prior standard
+        deviation (2 n_encoders,) [m] of each amplitude.
+    """
     model = s.run.model
     sc = model.scales
     radius = {"s": sc.r_bs, "c": sc.r_bc, "p": sc.r_bp}

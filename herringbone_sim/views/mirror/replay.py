@@ -145,7 +145,11 @@ def block_edges(replay: Replay, burst_cycles: int, max_blocks: int) -> list[tupl
 
 
 def section_rows(samples: TimeSeries, motion: Motion, names: tuple[str, ...]) -> Array:
-    """Samples (m, c) at phase 0: x and v interpolated, parameters held, the rest NaN."""
+    """Poincaré section rows (m, c) of a recording, at mesh phase 0, columns in order of ``names``.
+
+    t and phase are exact, x and v interpolated, K, delta_T and T_1 taken from the sample before,
+    all other channels NaN.
+    """
     section = stroboscopic_section(motion)
     before = np.searchsorted(samples.times, section.times + 1e-12, side="right") - 1
     phase: Array = 2 * pi * section.cycles.astype(np.float64)
