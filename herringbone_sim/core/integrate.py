@@ -212,9 +212,13 @@ class Stepper:
         return y, tangents
 
     def own(self, y: Array) -> dict[Hashable, Array]:
-        """Own states of effects in SI units, by the keys of ``Model.own``.
+        """States that effects add to ``y``, in SI units, keyed as in ``Model.own``.
 
-        Each is (k,): displacement [m] and rate [m/s] of its coordinates in turn.
+        Args:
+            y: (n_state,) dimensionless state vector.
+
+        Returns:
+            dict of (k,) arrays: displacement [m], velocity [m/s], alternating for each coordinate.
         """
         return {key: y[at] * unit for key, at, unit in self._places()}
 

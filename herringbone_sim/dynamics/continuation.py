@@ -41,7 +41,12 @@ class Branch:
 
 @dataclass(frozen=True)
 class Steps:
-    """Arclengths and counts: first, least and most of a step, and most points of a branch."""
+    """Step-size limits of the pseudo-arclength continuation, and the point limit.
+
+    Attributes:
+        first, least, most: initial, smallest and largest arclength step.
+        points: largest number of points per direction of a branch.
+    """
 
     first: float = 1e-3
     least: float = 1e-8

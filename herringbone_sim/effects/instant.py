@@ -26,7 +26,13 @@ BEYOND = 1e-15  # m: how far inside a contact a law sees a deflection that is on
 
 @inlined
 def inside(x, b, side, margin):
-    """x moved to the region of a contact, at least ``margin`` from its borders -b and b."""
+    """Clamp a deflection x [m] into a contact state, ``margin`` [m] away from its border.
+
+    Args:
+        b: half backlash [m]; the borders are -b and b.
+        side: 1 drive contact (x >= b + margin), -1 back contact (x <= -b - margin), 0 separated
+            (abs(x) <= b - margin, or 0 where b < margin).
+    """
     if side == 0:
         edge = max(b - margin, 0.0)
         return min(max(x, -edge), edge)

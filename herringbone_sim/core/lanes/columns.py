@@ -55,7 +55,7 @@ class Near(NamedTuple):
 
 @inlined
 def work_with(w, constants, y):
-    """A scratch with other constants and states."""
+    """Work that shares every buffer of ``w`` except ``constants`` and ``y``; nothing is copied."""
     return Work(
         constants,
         y,
