@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,9 @@ class Gear:
         self._changes = Changes(self.model, force_law.functions(self.model), {})
         self._parts_about: Amplitudes = {}
         self._plain_balances: list[Block] = []  # made once for all copies
-        self._exchanged: dict[tuple[int, str], Trajectory] = {}  # and these
+        self._trajectories: dict[int, Trajectory] = {}  # and these
+        self._exchanged: dict[tuple[int, str], Trajectory] = {}
+        self.numbers = count()  # of parts, each once for all copies
 
     @property
     def law_functions(self) -> tuple[Function, ...]:
@@ -118,9 +121,24 @@ class Gear:
         """Force channels that windows follow."""
         return self.followed.gauges if self.by_windows else ()
 
-    @cached_property
+    def windows_of(self, r: int) -> Trajectory:
+        """Windows of a run, made once for all copies."""
+        if r not in self._trajectories:
+            self._trajectories[r] = trajectory.trajectory(self.runs[r].run)
+        return self._trajectories[r]
+
+    @property
     def trajectories(self) -> tuple[Trajectory, ...]:
-        return tuple(each(lambda g: trajectory.trajectory(g.run), self.runs))
+        return tuple(each(self.windows_of, range(len(self.runs))))
+
+    def of_runs(self, runs: Sequence[PreparedRun]) -> Gear:
+        """The same rig in other runs, at every sample; windows of runs known here are kept."""
+        found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
+        known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
+        kept = {r: known.get(id(run)) for r, run in enumerate(runs)}
+        found._trajectories.update({r: t for r, t in kept.items() if t is not None})
+        found.numbers = self.numbers
+        return found
 
     @cached_property
     def omegas(self) -> Array:
@@ -370,7 +388,7 @@ class Gear:
                     run = undone(self.runs[r].run, "swap", names, 1.0)
                     self._exchanged[key] = trajectory.trajectory(run)
                 return self._exchanged[key]
-        return self.trajectories[r]
+        return self.windows_of(r)
 
     def squares_near(self, r: int, near: Shot, amplitudes: Amplitudes, rounds: int) -> float:
         """Squares that some rounds leave of the windows of a run, from states near by."""
@@ -415,7 +433,7 @@ class Gear:
     def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
         """What is measured about the rows of a block of a run."""
         if observation == trajectory.NAME:
-            return self.trajectories[r].surroundings(block, self.law_functions)
+            return self.windows_of(r).surroundings(block, self.law_functions)
         g = self.runs[r]
         cycles = (1.0, *force_law.members(self.model).values())
         if observation == force_law.NAME:

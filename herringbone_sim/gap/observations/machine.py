@@ -83,8 +83,7 @@ class GearMachine:
         self, parts: Sequence[Event | Seat], about: Amplitudes | None = None
     ) -> tuple[GearMachine, list[Hypothesis]]:
         """A machine with the functions of some events and parts, and their hypotheses."""
-        first = len(self.gear.law_functions)
-        labels = [f"part {first + i}" for i in range(len(parts))]
+        labels = [f"part {number}" for number, _ in zip(self.gear.numbers, parts, strict=False)]
         every = [
             f
             for p, label in zip(parts, labels, strict=True)
@@ -103,8 +102,7 @@ class GearMachine:
 
     def of_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
         """The machine of other runs of the same rig, at every sample."""
-        gear = self.gear
-        return GearMachine(Gear(runs, gear.drift, 1, gear.swap, gear.gain_tolerance))
+        return GearMachine(self.gear.of_runs(runs))
 
     def same(self, hypotheses: Sequence[Hypothesis]) -> tuple[GearMachine, list[Hypothesis]]:
         """Hypotheses of another machine of the rig here."""
@@ -142,7 +140,7 @@ class GearMachine:
 
     def cycles(self, observation: str, r: int) -> Array:
         if observation == trajectory.NAME:
-            return self.gear.trajectories[r].cycles()
+            return self.gear.windows_of(r).cycles()
         g = self.gear.runs[r]
         phase = (g.some if observation == force_law.NAME else g.motion).phase
         return np.asarray((phase - phase[0]) / (2.0 * np.pi))
