@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STATES = 18
+BODIES = STATES // 2
+MOST = 3  # bodies that a mesh moves with: two gears and the carrier
 
 
 class Drive(NamedTuple):
@@ -57,52 +59,45 @@ def roll(
     W = len(starts)
     states, tangents = np.empty((W, steps + 1, STATES)), np.empty((W, steps, STATES, STATES))
     whole = Drive(*(np.ascontiguousarray(one) for one in drive))
-    touched = [np.flatnonzero(row) for row in whole.G]
-    most = max(len(one) for one in touched)
-    bodies = np.full((len(touched), most), -1)
-    for row, one in zip(bodies, touched, strict=True):
-        row[: len(one)] = one
-    _roll(np.ascontiguousarray(starts), first, h, whole, bodies, states, tangents)
+    moved = np.argsort(whole.G == 0.0, axis=1, kind="stable")[:, :MOST]
+    _roll(np.ascontiguousarray(starts), first, h, whole, moved, states, tangents)
     return states, tangents
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
-def _roll(starts, first, h, drive, touched, states, tangents):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
+def _roll(starts, first, h, drive, moved, states, tangents):  # type: ignore[no-untyped-def]
     """Window by window, step by step; the tangent is that of the step itself."""
     G, inverse, tau, k, c, offset, rate, plus, minus, more = drive
-    meshes, bodies = G.shape
-    size = 2 * bodies
-    slopes, K = np.empty((4, size)), np.empty((4, size, size))
-    y, z, T = np.empty(size), np.empty(size), np.empty((size, size))
-    pull = np.empty(size)
+    meshes = len(G)
+    slopes, K = np.zeros((4, STATES)), np.zeros((4, STATES, STATES))
+    y, z, T = np.empty(STATES), np.empty(STATES), np.zeros((STATES, STATES))
+    pull = np.empty(STATES)
     sixth = h / 6.0
     for w in range(len(starts)):
         y[:] = starts[w]
         states[w, 0] = y
+        slopes[0], K[0] = 0.0, 0.0  # what a window that diverged has left
         for q in range(tangents.shape[1]):
             for s in range(4):
                 j = first[w] + 2 * q + (0 if s == 0 else (2 if s == 3 else 1))
                 way = 0.0 if s == 0 else (h if s == 3 else 0.5 * h)
-                for i in range(size):
-                    z[i] = y[i] + (way * slopes[s - 1, i] if s > 0 else 0.0)
-                    if s == 0:
-                        T[i, :] = 0.0
-                    else:
-                        for n in range(size):
-                            T[i, n] = way * K[s - 1, i, n]
+                last = max(s - 1, 0)
+                for i in range(STATES):
+                    z[i] = y[i] + way * slopes[last, i]
+                    for n in range(STATES):
+                        T[i, n] = way * K[last, i, n]
                     T[i, i] += 1.0
-                for i in range(bodies):
-                    slopes[s, i] = z[bodies + i]
-                    slopes[s, bodies + i] = inverse[i] * tau[j, i]
-                    for n in range(size):
-                        K[s, i, n] = T[bodies + i, n]
-                        K[s, bodies + i, n] = 0.0
+                for i in range(BODIES):
+                    slopes[s, i] = z[BODIES + i]
+                    slopes[s, BODIES + i] = inverse[i] * tau[j, i]
+                    for n in range(STATES):
+                        K[s, i, n] = T[BODIES + i, n]
+                        K[s, BODIES + i, n] = 0.0
                 for m in range(meshes):
-                    x, v = offset[j, m], rate[j, m]
-                    for i in touched[m]:
-                        if i >= 0:
-                            x += G[m, i] * z[i]
-                            v += G[m, i] * z[bodies + i]
+                    a, b, d = moved[m, 0], moved[m, 1], moved[m, 2]
+                    ga, gb, gd = G[m, a], G[m, b], G[m, d]
+                    x = offset[j, m] + ga * z[a] + gb * z[b] + gd * z[d]
+                    v = rate[j, m] + ga * z[BODIES + a] + gb * z[BODIES + b] + gd * z[BODIES + d]
                     on, damp = 0.0, c[j, m]
                     force = damp * v + more[j, m]
                     if x > plus[j, m]:
@@ -111,22 +106,29 @@ def _roll(starts, first, h, drive, touched, states, tangents):  # type: ignore[n
                     elif x < -minus[j, m]:
                         on = k[j, m]
                         force += on * (x + minus[j, m])
-                    pull[:] = 0.0
-                    for i in touched[m]:
-                        if i >= 0:
-                            of_x, of_v = G[m, i] * on, G[m, i] * damp
-                            for n in range(size):
-                                pull[n] += of_x * T[i, n] + of_v * T[bodies + i, n]
-                    for i in touched[m]:
-                        if i >= 0:
-                            share = inverse[i] * G[m, i]
-                            slopes[s, bodies + i] -= share * force
-                            for n in range(size):
-                                K[s, bodies + i, n] -= share * pull[n]
-            for i in range(size):
+                    if on != 0.0:
+                        for n in range(STATES):
+                            pull[n] = on * (ga * T[a, n] + gb * T[b, n] + gd * T[d, n]) + damp * (
+                                ga * T[BODIES + a, n]
+                                + gb * T[BODIES + b, n]
+                                + gd * T[BODIES + d, n]
+                            )
+                    else:
+                        for n in range(STATES):
+                            pull[n] = damp * (
+                                ga * T[BODIES + a, n]
+                                + gb * T[BODIES + b, n]
+                                + gd * T[BODIES + d, n]
+                            )
+                    for i in moved[m]:
+                        share = inverse[i] * G[m, i]
+                        slopes[s, BODIES + i] -= share * force
+                        for n in range(STATES):
+                            K[s, BODIES + i, n] -= share * pull[n]
+            for i in range(STATES):
                 y[i] += sixth * (slopes[0, i] + 2.0 * (slopes[1, i] + slopes[2, i]) + slopes[3, i])
                 states[w, q + 1, i] = y[i]
-                for n in range(size):
+                for n in range(STATES):
                     tangents[w, q, i, n] = sixth * (
                         K[0, i, n] + 2.0 * (K[1, i, n] + K[2, i, n]) + K[3, i, n]
                     )

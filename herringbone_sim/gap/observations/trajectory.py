@@ -8,6 +8,7 @@ its column is the linear response of the windows to the force that it adds to a 
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import combinations
@@ -201,9 +202,13 @@ class Trajectory:
         of_bodies: Mapping[str, float],
         rounds: int,
     ) -> float:
-        """Squares that a few rounds leave under a change, from states without it."""
-        drive_at = self._drive_at(change_of, of_bodies)
-        return fitted(self.stretch, near.starts, drive_at(near), rounds).cost
+        """Squares that a few rounds leave under a change, from states without it.
+
+        Several threads may ask at once.
+        """
+        own = copy.copy(self)
+        drive_at = own._drive_at(change_of, of_bodies)
+        return fitted(own.stretch, near.starts, drive_at(near), rounds).cost
 
     def driven(
         self, change_of: Callable[[Motion], Change], of_bodies: Mapping[str, float]

@@ -77,7 +77,8 @@ def tried(
     share = np.ones(len(trials))
     chosen = [i for i, (one, _) in enumerate(trials) if not _exchange(one)]
     for r, rounds in used:
-        share[chosen] *= [share_left(r, i, rounds) ** (1.0 / len(used)) for i in chosen]
+        left_of_run = each(lambda i, r=r, rounds=rounds: share_left(r, i, rounds), chosen)  # type: ignore[misc]
+        share[chosen] *= np.array(left_of_run) ** (1.0 / len(used))
         chosen = sorted(chosen, key=lambda i: float(share[i]))[:SECOND]
     best: list[tuple[float, Hypothesis, Array]] = []
     for i in chosen if used else ():
