@@ -70,7 +70,8 @@ class Changes:
         """What functions at amplitudes (n_mesh,) do to the law of a run.
 
         Args:
-            between: the same run between samples, where parts are integrated; None: they rest.
+            between: the same run between samples, where parts are integrated; None: they rest;
+                ``m`` itself where its steps are fine enough.
             wanted: functions whose columns will be formed (None: all).
         """
         change = Change(displacements=self._displacements(m, between, amplitudes, wanted))
@@ -106,6 +107,8 @@ class Changes:
             rest = np.zeros_like(m.x)
             names = [n for x in on for n in (x, *(f"{x} {p}" for p in self.parts[x].names))]
             return dict.fromkeys(names, (rest, rest))
+        if between is m:
+            return self._integrated(m, amplitudes, on, asked)
         there = sorted((name, a.tobytes()) for name, a in amplitudes.items() if np.any(a))
         key = tuple(on), tuple(there)
         last = self._last.get(m.name)

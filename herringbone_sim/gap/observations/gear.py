@@ -93,7 +93,7 @@ class Gear:
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
             trajectory.NAME: trajectory.function_names(
-                self.model, self.law_functions, self.followed.names
+                self.model, (*self.law_functions, *self.body_functions), self.followed.names
             )
             if self.by_windows
             else (),
@@ -278,7 +278,7 @@ class Gear:
         """What functions at amplitudes (n_mesh,) do to the law of a run."""
         r = self._number.get(m.name)
         between = None if r is None or not self._changes.parts else self.runs[r].dense
-        return self._changes.of(m, between, amplitudes, wanted)
+        return self._changes.of(m, m if self.by_windows else between, amplitudes, wanted)
 
     @cached_property
     def _number(self) -> dict[str, int]:
@@ -367,10 +367,15 @@ class Gear:
         """Windows of a run about a change, at the states that fit it."""
         names_of = self.functions if wanted is None else wanted
         every = names_of.get(trajectory.NAME, ())
-        change_of = self._windows_change(r, amplitudes)[0]
+        functions = [f.name for f in self.law_functions]
+        if wanted is not None:
+            used = {name.rpartition(" of ")[0] for name in every}
+            functions = [name for name in functions if name in used]
+        change_of = self._windows_change(r, amplitudes, functions)[0]
         shot = self.states(r, amplitudes)
         one = self._followed_as(r, amplitudes)
-        return one.block(shot, change_of, self.law_functions, tuple(every))
+        every_one = (*self.law_functions, *self.body_functions)
+        return one.block(shot, change_of, every_one, tuple(every))
 
     def states(self, r: int, amplitudes: Amplitudes) -> Shot:
         """States of the windows of a run that fit a change."""
@@ -396,9 +401,13 @@ class Gear:
         return one.cost_near(near, *self._windows_change(r, amplitudes), rounds)
 
     def _windows_change(
-        self, r: int, amplitudes: Amplitudes
-    ) -> tuple[Callable[[Motion], Change], dict[str, float]]:
-        """What amplitudes do to the law of a run, and those of bodies and sensors."""
+        self, r: int, amplitudes: Amplitudes, wanted: Sequence[str] = ()
+    ) -> tuple[Callable[[Motion], Change], dict[str, float], tuple[Function, ...]]:
+        """What amplitudes do to the law of a run, those of bodies and sensors, their functions.
+
+        Args:
+            wanted: functions of the law whose columns will be formed.
+        """
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         names = {f.name for f in self.law_functions}
         of_bodies = {
@@ -406,7 +415,7 @@ class Gear:
             for f, a in amplitudes.get(trajectory.NAME, {}).items()
             if np.any(a[r]) and f.rpartition(" of ")[0] not in names
         }
-        return (lambda m: self.change_of(m, of_law)), of_bodies
+        return (lambda m: self.change_of(m, of_law, wanted)), of_bodies, self.body_functions
 
     def with_functions(
         self,

@@ -21,6 +21,7 @@ from herringbone_sim.gap.observations import (
     seat_grid,
     trajectory,
     window_events,
+    window_parts,
     window_trials,
 )
 from herringbone_sim.gap.observations.events import Event
@@ -64,10 +65,12 @@ class GearMachine:
     ) -> tuple[GearMachine, list[Hypothesis]]:
         """Events of teeth, rings and pins."""
         if self.gear.by_windows:
-            return self.with_parts(window_events.proposals(self.gear, amplitudes), amplitudes)
+            found: list[Event | Seat] = [*window_events.proposals(self.gear, amplitudes)]
+            found += window_parts.proposals(self.gear, amplitudes, known)
+            return self.with_parts(found, amplitudes)
         if not (self.gear.has_force_law or self.gear.balanced):
             return self, []
-        found: list[Event | Seat] = [*events.proposals(self.gear, amplitudes)]
+        found = [*events.proposals(self.gear, amplitudes)]
         found += seat_grid.proposals(self.gear, amplitudes, known)
         return self.with_parts(found, amplitudes)
 

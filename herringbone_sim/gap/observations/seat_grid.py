@@ -58,8 +58,12 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
     """
     if any(g.dense is None for g in gear.runs):
         return []
-    trial = Trial(gear, amplitudes, known)
-    layout = gear.model.layout
+    return most_promising(Trial(gear, amplitudes, known))
+
+
+def most_promising(trial: Trial) -> list[Seat]:
+    """The part of each grid that removes most squares."""
+    layout = trial.gear.model.layout
     found = []
     for effect, grid in GRIDS:
         places = list(known_effects()[effect].candidates(layout))
@@ -77,11 +81,11 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
 
 # Observation, row, residuals over their noise without and with a part, (n,) each, and the noise
 # that columns are over, over that of the residuals.
-_Row = tuple[str, int, Array, Array, Array]
+Row = tuple[str, int, Array, Array, Array]
 
 
 @dataclass(frozen=True)
-class _Run:
+class TriedRun:
     """A run with what all but the part does to it.
 
     Attributes:
@@ -114,14 +118,8 @@ class Trial:
     def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
         self.gear = gear
         looked = range(0, len(gear.runs), every)
-        formed = {
-            force_law.NAME: gear.has_force_law,
-            balance.NAME: gear.balanced,
-            consistency.NAME: gear.relations > 0,
-        }
-        names = [name for name, there in formed.items() if there]
         self._known = known.coefficients
-        blocks = gear.blocks(amplitudes, wanted_of(self._known), names)
+        blocks = gear.blocks(amplitudes, wanted_of(self._known), self._observations())
         every_one = [{o: products(b) for o, b in one.items()} for one in blocks]
         campaign = Campaign(every_one, self._known)
         self._A = campaign.base_A[list(looked)].sum(axis=0)
@@ -129,17 +127,27 @@ class Trial:
         self._sd = np.array([c.sd for c in self._known]) * np.sqrt(len(gear.runs) / len(looked))
         self._bound = np.array([c.bound for c in self._known])
         self._start = known.mean - np.array([c.center for c in self._known])
-        self._runs: list[_Run] = []
-        for r in looked:
-            some, dense = gear.runs[r].some, gear.runs[r].dense
-            assert dense is not None
-            of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
-            at = np.rint((some.times - dense.times[0]) / (dense.times[1] - dense.times[0]))
-            changes = gear.change_of(some, of_law), gear.change_of(dense, of_law)
-            own = _Run(r, some, changes[0], dense, changes[1], at.astype(int), blocks[r])
-            self._runs.append(own)
+        self._runs = [self._run(r, amplitudes, blocks[r]) for r in looked]
         self._drives: dict[tuple[Locus, int], Drive] = {}
         self._columns: dict[tuple[int, str, int], Array] = {}
+
+    def _observations(self) -> list[str]:
+        """Names of those that are formed."""
+        gear = self.gear
+        formed = {
+            force_law.NAME: gear.has_force_law,
+            balance.NAME: gear.balanced,
+            consistency.NAME: gear.relations > 0,
+        }
+        return [name for name, there in formed.items() if there]
+
+    def _run(self, r: int, amplitudes: Amplitudes, blocks: Mapping[str, Block]) -> TriedRun:
+        some, dense = self.gear.runs[r].some, self.gear.runs[r].dense
+        assert dense is not None
+        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+        at = np.rint((some.times - dense.times[0]) / (dense.times[1] - dense.times[0]))
+        changes = self.gear.change_of(some, of_law), self.gear.change_of(dense, of_law)
+        return TriedRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)
 
     def fall(self, seat: Seat) -> float:
         """Squares that a part removes."""
@@ -185,7 +193,7 @@ class Trial:
         )
         return self.with_load(seat.at(found.x))
 
-    def _drive(self, run: _Run, seat: Seat) -> Drive:
+    def _drive(self, run: TriedRun, seat: Seat) -> Drive:
         key = seat.locus, run.number
         if key not in self._drives:
             self._drives[key] = Drive(
@@ -193,7 +201,7 @@ class Trial:
             )
         return self._drives[key]
 
-    def _rows(self, run: _Run, seat: Seat) -> Iterator[_Row]:
+    def _rows(self, run: TriedRun, seat: Seat) -> Iterator[Row]:
         """Every row that a part changes."""
         gear = self.gear
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
@@ -218,8 +226,8 @@ class Trial:
         yield from self._pushed(run, block, more, at)
 
     def _pushed(
-        self, run: _Run, block: Block, more: Array, at: NDArray[np.int64]
-    ) -> Iterator[_Row]:
+        self, run: TriedRun, block: Block, more: Array, at: NDArray[np.int64]
+    ) -> Iterator[Row]:
         """Rows of the balance without and with more force (n, k) on some meshes."""
         g = self.gear.runs[run.number]
         look = window_of(g.run, self.gear.width)
@@ -234,7 +242,7 @@ class Trial:
             left = without - pushed[:, row] * weight[:, row]
             yield balance.NAME, row, without, left, np.ones(len(left))
 
-    def _columns_of(self, run: _Run, o: str, row: int) -> Array:
+    def _columns_of(self, run: TriedRun, o: str, row: int) -> Array:
         """(n, p) what each coefficient adds to a row, over the noise."""
         key = run.number, o, row
         if key not in self._columns:

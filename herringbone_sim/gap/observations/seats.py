@@ -83,6 +83,9 @@ class Seat:
             push = np.zeros(len(model.layout.bodies))
             push[2] = 1.0
             weights[balance.NAME, f"{label} carrier"] = balance.accelerations(model) @ push
+            weights.update(
+                dict.fromkeys([(o, f"{label} carrier") for o in places.of_windows], 1.0)
+            )
         every = [places.coefficient("present", weights, PRESENT, center=1.0)]
         every += [places.coefficient(n, {f"{label} {n}": mask}, FAR, REACH) for n in self.names]
         every = [replace(c, sized=False) for c in every]

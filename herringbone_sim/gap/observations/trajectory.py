@@ -75,15 +75,20 @@ def trajectory(run: PreparedRun) -> Trajectory:
 def function_names(
     model: Model, laws: Sequence[Function], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Columns: masses, channels' errors, friction by mesh, ripple, every law on its meshes."""
+    """Columns: masses, channels' errors, friction by mesh, ripple, every law on its meshes.
+
+    Args:
+        laws: functions of the force law, and those that push the carrier.
+    """
     meshes = range(model.layout.n_mesh)
     names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
     turning = [c for c in channels if c.startswith("u_")]
     names += [f"{SWAP}{one} and {other}" for one, other in combinations(turning, 2)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
-    names += [f"{f.name} of {j}" for j in meshes for f in laws if f.acts_on(j)]
-    return tuple(names)
+    of_meshes = [f for f in laws if f.slot != "body"]
+    names += [f"{f.name} of {j}" for j in meshes for f in of_meshes if f.acts_on(j)]
+    return (*names, *(f.name for f in laws if f.slot == "body"))
 
 
 class Trajectory:
@@ -173,15 +178,18 @@ class Trajectory:
         key: tuple[str, ...],
         change_of: Callable[[Motion], Change],
         of_bodies: Mapping[str, float],
+        on_carrier: Sequence[Function] = (),
     ) -> Shot:
         """States under a change.
 
         Args:
             key: names of what is changed; the states are kept by it.
             change_of: what a motion makes of the law.
-            of_bodies: amplitudes of masses, errors of sensors, friction and ripple.
+            of_bodies: amplitudes of masses, errors of sensors, friction and ripple, and of what
+                pushes the carrier.
+            on_carrier: functions that push it.
         """
-        drive_at = self._drive_at(change_of, of_bodies)
+        drive_at = self._drive_at(change_of, of_bodies, on_carrier)
         new = key not in self._found
         shot = self._found.get(key, self.nominal)
         shot = fitted(self.stretch, shot.starts, drive_at(shot), FIRST if new else LATER)
@@ -189,7 +197,7 @@ class Trajectory:
         another = shot.cost < ANOTHER * before or (new and shot.cost > before)
         if another and shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight):
             near = shot
-            anew = self._anew(drive_at(near), self._whole.driven(change_of, of_bodies))
+            anew = self._anew(drive_at(near), self._whole.driven(change_of, of_bodies, on_carrier))
             shot = anew if anew is not None and anew.cost < near.cost else near
             self._started[key] = shot.cost
         self._found[key] = shot
@@ -200,6 +208,7 @@ class Trajectory:
         near: Shot,
         change_of: Callable[[Motion], Change],
         of_bodies: Mapping[str, float],
+        on_carrier: Sequence[Function],
         rounds: int,
     ) -> float:
         """Squares that a few rounds leave under a change, from states without it.
@@ -207,19 +216,25 @@ class Trajectory:
         Several threads may ask at once.
         """
         own = copy.copy(self)
-        drive_at = own._drive_at(change_of, of_bodies)
+        drive_at = own._drive_at(change_of, of_bodies, on_carrier)
         return fitted(own.stretch, near.starts, drive_at(near), rounds).cost
 
     def driven(
-        self, change_of: Callable[[Motion], Change], of_bodies: Mapping[str, float]
+        self,
+        change_of: Callable[[Motion], Change],
+        of_bodies: Mapping[str, float],
+        on_carrier: Sequence[Function],
     ) -> Drive:
         """What drives the motion under a change, where none but a motion in step is known."""
-        drive_at = self._drive_at(change_of, of_bodies)
+        drive_at = self._drive_at(change_of, of_bodies, on_carrier)
         s = self.stretch
         return drive_at(shoot(s, symmetric(s), self.drive(Change(), self._masses({}), ())))
 
     def _drive_at(
-        self, change_of: Callable[[Motion], Change], of_bodies: Mapping[str, float]
+        self,
+        change_of: Callable[[Motion], Change],
+        of_bodies: Mapping[str, float],
+        on_carrier: Sequence[Function],
     ) -> Callable[[Shot], Drive]:
         """What drives the motion under a change, which may follow from the motion."""
         self.stretch = put_right(self.recorded, of_bodies)
@@ -230,7 +245,7 @@ class Trajectory:
             change = change_of(m)
             pushes = [
                 (push, of_bodies[push.name])
-                for push in body_pushes(self.model, m, law(m, change), of_bodies)
+                for push in body_pushes(self.model, m, law(m, change), of_bodies, on_carrier)
             ]
             return self.drive(change, masses, pushes)
 

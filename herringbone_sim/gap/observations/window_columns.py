@@ -34,8 +34,15 @@ class Push:
     size: Array
 
 
-def body_pushes(model: Model, m: Motion, now: Law, wanted: Iterable[str]) -> Iterator[Push]:
+def body_pushes(
+    model: Model,
+    m: Motion,
+    now: Law,
+    wanted: Iterable[str],
+    on_carrier: Sequence[Function] = (),
+) -> Iterator[Push]:
     """Forces on bodies of those of the functions wanted that push bodies, at unit amplitude."""
+    of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}
     shapes = balance.friction_shapes(m.phase)
     p = model.parameters
@@ -53,6 +60,8 @@ def body_pushes(model: Model, m: Motion, now: Law, wanted: Iterable[str]) -> Ite
         elif kind == "ripple":
             trig = np.cos if rest[1] == "cos" else np.sin
             yield Push(name, drive, trig(int(rest[0]) * m.phase / turn))
+        elif name in of_carrier:
+            yield Push(name, np.eye(STATES // 2)[2], of_carrier[name].values(m, now))
 
 
 def columns(
@@ -67,7 +76,8 @@ def columns(
 
     Args:
         m: the meshes at every step of the windows, ``now`` the law there.
-        functions: of the force law, that names ``FUNCTION of MESH`` stand for.
+        functions: of the force law, that names ``FUNCTION of MESH`` stand for, and those that
+            push the carrier.
     """
     inverse = s.inverse
     directions: list[Array] = []
@@ -83,7 +93,8 @@ def columns(
         at.append(i)
 
     place = {name: i for i, name in enumerate(wanted)}
-    for push in body_pushes(s.run.model, m, now, wanted):
+    on_carrier = [f for f in functions if f.slot == "body"]
+    for push in body_pushes(s.run.model, m, now, wanted, on_carrier):
         add(place[push.name], inverse * push.direction, push.size)
     for f in functions:
         of = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]

@@ -1,0 +1,84 @@
+"""Rings and pins in windows of the motion: how many squares each would remove.
+
+The displacement of a part follows from the motion of the windows by its own equation; the force
+that it takes off its meshes acts through the motion, as any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.search import Score
+from herringbone_sim.gap.observations import force_law, trajectory
+from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.law import law
+from herringbone_sim.gap.observations.seat_grid import Row, Trial, TriedRun, most_promising
+from herringbone_sim.gap.observations.seats import Seat, pin_meshes
+from herringbone_sim.gap.observations.window_columns import responses
+
+Array = NDArray[np.float64]
+
+
+def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
+    """The most promising ring and pin about a change."""
+    return most_promising(WindowTrial(gear, amplitudes, known))
+
+
+class WindowTrial(Trial):
+    """Squares that a part removes of the windows, at the states that were found without it."""
+
+    def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
+        self._inverses: dict[int, Array] = {}
+        super().__init__(gear, amplitudes, known, every)
+
+    def _observations(self) -> list[str]:
+        return [trajectory.NAME]
+
+    def _run(self, r: int, amplitudes: Amplitudes, blocks: Mapping[str, Block]) -> TriedRun:
+        _, _, m = self.gear.windows_of(r).last
+        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+        change = self.gear.change_of(m, of_law)
+        return TriedRun(r, m, change, m, change, np.arange(len(m.times)), blocks)
+
+    def _rows(self, run: TriedRun, seat: Seat) -> Iterator[Row]:
+        """The one row of the windows, freed of what their states take up."""
+        model, one = self.gear.model, self.gear.windows_of(run.number)
+        s, shot = one.stretch, one.last[0]
+        drive = self._drive(run, seat)
+        at = np.flatnonzero(drive.share.any(axis=0))
+        q = drive.motion(seat)
+        reach = -model.scales.cos_beta * drive.share
+        change = replace(
+            run.change,
+            d=run.change.d + q[:, :, 0] @ reach,
+            d_rate=run.change.d_rate + q[:, :, 1] @ reach,
+        )
+        more = (law(run.some, change).force - law(run.some, run.change).force)[:, at]
+        directions, on_meshes = -s.inverse * s.G[at], np.eye(len(s.G))[at]
+        if seat.effect == "bearing_clearance":
+            _, mass = pin_meshes(model, seat.locus)
+            push = -mass * np.gradient(q[:, 0, 1], run.some.times)
+            more = np.column_stack([more, push])
+            directions = np.vstack([directions, s.inverse * np.eye(len(s.inverse))[2]])
+            on_meshes = np.vstack([on_meshes, np.zeros(len(s.G))])
+        size = more.T[:, s.first[:, None] // 2 + np.arange(s.steps + 1)]
+        pushed = responses(s, shot, directions, size, on_meshes).sum(axis=1)
+        block = run.blocks[trajectory.NAME]
+        weight = np.sqrt(block.independent) / block.sigma[:, 0]
+        before = self._freed(run, block.residual[:, 0] * weight)
+        after = before - self._freed(run, pushed * weight)
+        yield trajectory.NAME, 0, before, after, np.ones(len(before))
+
+    def _freed(self, run: TriedRun, values: Array) -> Array:
+        """Values (rows,) over the noise, less what states and gratings take of them."""
+        block = run.blocks[trajectory.NAME]
+        N = block.nuisance[:, 0] * (np.sqrt(block.independent) / block.sigma[:, 0])[:, None]
+        if run.number not in self._inverses:
+            normal = N.T @ N + np.diag(block.nuisance_sd[0] ** -2.0)
+            self._inverses[run.number] = np.linalg.inv(normal)
+        return np.asarray(values - N @ (self._inverses[run.number] @ (N.T @ values)))
