@@ -25,9 +25,9 @@ from herringbone_sim.dynamics.basins import (
     gear_sections,
     random_starts,
 )
+from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
-from herringbone_sim.dynamics.opinions import identify
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.kept import Kept
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     all_attractors = (plane[1] if plane else shared).attractors
     shared = Basins(all_attractors, shared.labels)
     last = args.transient + args.points - 1
-    known = [identify(model, one, at=last) for one in all_attractors]
+    known = [identify_motion(model, one, at=last) for one in all_attractors]
     names = [named(kind, one) for (kind, _), one in zip(known, all_attractors, strict=True)]
     rows = table(names, [growth for _, growth in known], shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
