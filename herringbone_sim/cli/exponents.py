@@ -21,7 +21,7 @@ from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compar
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.exponents import exponents_figure
 from herringbone_sim.views.figures.style import PARAMETER_SYMBOLS, save
 from herringbone_sim.views.tables.csv_file import write_csv

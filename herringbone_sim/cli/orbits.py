@@ -16,7 +16,7 @@ from herringbone_sim.dynamics.flow import GearFlow
 from herringbone_sim.dynamics.gear_family import SWEPT, GearCache, gear_family
 from herringbone_sim.dynamics.starts import find_start
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.orbits import orbit_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.orbits import summary, write_orbits

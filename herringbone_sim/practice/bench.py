@@ -24,7 +24,7 @@ from herringbone_sim.practice.pool import pool
 from herringbone_sim.practice.trial import Setting, sources, trial, truth_of
 from herringbone_sim.recording import safe_json
 from herringbone_sim.recording.safe_json import JsonError
-from herringbone_sim.sweeps.kept import make_folder, whole
+from herringbone_sim.sweeps.output import make_folder, whole_file
 from herringbone_sim.version import VERSION
 
 Say = Callable[[str], None]
@@ -215,7 +215,7 @@ def _json(content: Mapping[str, Any]) -> str:
 
 
 def _write(file: Path, text: str) -> None:
-    with whole(file) as handle:
+    with whole_file(file) as handle:
         handle.write(text.encode())
 
 
