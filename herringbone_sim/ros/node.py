@@ -26,7 +26,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.effects.sensors import check_effects
 from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import HerringboneError, ParameterError, RecordingError
-from herringbone_sim.recording.node_parameters import check, known, unknown
+from herringbone_sim.recording.node_parameters import check, is_known, unknown_message
 from herringbone_sim.recording.parameter_file import EFFECTS
 from herringbone_sim.ros import parameters as ros_parameters
 from herringbone_sim.ros.guarded import GuardedNode, with_names
@@ -167,7 +167,7 @@ class SimulatorNode(GuardedNode):
         """
         strangers = [p.name for p in parameter_list if not self.has_parameter(p.name)]
         if strangers:
-            result = SetParametersResult(reason=unknown(strangers[0]))
+            result = SetParametersResult(reason=unknown_message(strangers[0]))
         else:
             wanted = [ros_parameters.adapted(p) for p in parameter_list]
             news = [p for p in wanted if not ros_parameters.stands(self, p)]
@@ -181,7 +181,7 @@ class SimulatorNode(GuardedNode):
 
     def _check(self, values: dict[str, Any]) -> None:
         for name, value in values.items():
-            if known(name):
+            if is_known(name):
                 check(name, value)
         of_model = {k: v for k, v in values.items() if k in core.live_names()}
         factor = values.get("real_time_factor", self._get("real_time_factor"))

@@ -22,11 +22,11 @@ from herringbone_sim.effects.written import read_effects
 from herringbone_sim.recording.node_parameters import (
     OF_NODE,
     check,
+    converted,
     default_of,
-    fitted,
-    known,
+    is_known,
+    is_unset,
     meaning_of,
-    unset,
     warning_of,
 )
 from herringbone_sim.recording.parameter_file import EFFECTS
@@ -64,7 +64,7 @@ def descriptor(name: str) -> ParameterDescriptor:
 def adapted(parameter: Parameter) -> Parameter:
     """The parameter in the type of its declaration, where a tool of ROS guessed another."""
     name = parameter.name
-    value = fitted(name, parameter.value)
+    value = converted(name, parameter.value)
     if value is parameter.value:
         return parameter
     return Parameter(name, Parameter.Type(TYPES[type(default_of(name))]), value)
@@ -81,9 +81,9 @@ def declare(node: Node) -> None:
         warning = warning_of(name, override.value)
         if warning:
             node.get_logger().warning(warning)
-        if not known(name):
+        if not is_known(name):
             continue
-        if unset(override.value):
+        if is_unset(override.value):
             del overrides[name]
         else:
             overrides[name] = adapted(override)

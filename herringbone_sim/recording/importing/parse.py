@@ -1,4 +1,6 @@
-"""Read a spec: every wrong entry is one error: its place, the rule, what was got, the remedy."""
+"""Parse a spec; an invalid entry raises an error with its place, the rule, the value, the
+remedy.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ from herringbone_sim.recording.importing.spec import (
     ImportSpec,
     RunSpec,
     TimeSpec,
-    made_of,
+    recorded_name,
 )
 from herringbone_sim.recording.importing.units import channel_names, si_unit
 from herringbone_sim.recording.parameter_file import load_parameters
@@ -39,10 +41,10 @@ FILE = ("path", "kind", "time", "channels", "resample", "options")
 
 
 def read_spec(file: Path) -> ImportSpec:
-    """Read and check a spec; files are looked for, not opened.
+    """Read and check a spec; the data files must exist but are not opened.
 
     Raises:
-        RecordingError: no such spec, or a wrong entry; it begins with the file.
+        RecordingError: no such spec, or an invalid entry; the message begins with the file.
     """
     try:
         return _spec(file.parent, read_yaml(file))
@@ -75,6 +77,9 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
 
 
 def _phase(value: Any) -> tuple[str, float]:
+    """Shaft that the mesh phase comes from, empty if none, and the phase [rad] at its zero
+    angle.
+    """
     if value is None:
         return "", 0.0
     entry = Entry(value, "phase", ("angle", "offset"))
@@ -82,7 +87,7 @@ def _phase(value: Any) -> tuple[str, float]:
 
 
 def _check_filled(run: RunSpec, shaft: str) -> None:
-    """The mesh phase is there, and no channel is filled twice."""
+    """Check that the mesh phase is given and that no channel is given twice."""
     named = [channel.name for file in run.files for channel in file.channels]
     if (shaft or "phase") not in named:
         raise RecordingError(
@@ -90,7 +95,7 @@ def _check_filled(run: RunSpec, shaft: str) -> None:
             "name the column of the mesh phase, or in `phase: {angle: ...}` a shaft of which it "
             f"is made ({listed(SHAFTS)})"
         )
-    filled = [made_of(name) for name in named] + (["phase"] if shaft else [])
+    filled = [recorded_name(name) for name in named] + (["phase"] if shaft else [])
     twice = [name for name in filled if filled.count(name) > 1]
     if twice:
         raise RecordingError(
@@ -129,7 +134,7 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
     taken = tuple(
         _channel(name, one, place, names)
         for many, value in channels.items()
-        for name, one in _each(str(many), value, names)
+        for name, one in _expanded(str(many), value, names)
     )
     resample = entry.choice("resample", (False, True), False)
     time = _time(entry.take("time"), f"{entry.where}.time", kind)
@@ -151,8 +156,8 @@ def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
     return found
 
 
-def _each(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
-    """Channels that a name with a star stands for; the star in the column is what it stands for.
+def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
+    """Expand a channel name with a star; the star in its column stands for the same text.
 
     ``F_*: {column: force *, unit: kN}`` is the force of every mesh; pins are ``F_pin*``.
     """
