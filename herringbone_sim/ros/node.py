@@ -1,4 +1,7 @@
-"""The node: parameters, commands and services around the loop; streams, recorder and mirror."""
+"""The node: parameters, commands and services around the loop; streams, recorder and mirror.
+
+Slightly over 300 lines: every callback of the node stands here, the work in the other modules.
+"""
 
 from __future__ import annotations
 
@@ -49,10 +52,10 @@ COMPILING_EFFECTS = (
 
 
 class SimulatorNode(GuardedNode):
-    """Integrates a herringbone planetary gear in real time and lets others steer it.
+    """Simulates a herringbone planetary gear in real time, controlled by topics and services.
 
     Raises:
-        ParameterError: parameters that can't be.
+        ParameterError: invalid parameters.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -60,7 +63,7 @@ class SimulatorNode(GuardedNode):
         ros_parameters.declare(self)
         self._target = ros_parameters.read_model(self)
         actives = ros_parameters.read_actives(self)
-        self.fault = self._told = ""
+        self.fault = self._last_said = ""
         model = build(self._target)
         factor = self._get("real_time_factor")
         check_pace(model, factor)
@@ -87,9 +90,9 @@ class SimulatorNode(GuardedNode):
         return {name: self._get(name) for name in names}
 
     def _open(self) -> None:
-        """Callbacks, services, timers, threads: last, when all they use is there."""
+        """Create callbacks, services, timers and threads, after everything that they use."""
         self.add_on_set_parameters_callback(self._validate)
-        self.add_post_set_parameters_callback(self._act)
+        self.add_post_set_parameters_callback(self._apply)
         for name in COMMANDS:
             open_subscription(self, Float64, f"~/cmd/{name}", self._command(name), STREAM)
         group, group_of_step = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
@@ -116,7 +119,7 @@ class SimulatorNode(GuardedNode):
             self._sim_clock.tick()
 
     def _offer(self, name: str, serve: Callable[[], str], group: CallbackGroup) -> None:
-        """A service around a verb that returns its answer or raises."""
+        """Create a service from a function that returns its message or raises."""
 
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
@@ -142,6 +145,7 @@ class SimulatorNode(GuardedNode):
         self.streams.put(delivery)
 
     def _mirror_on(self, deliveries: list[Delivery], regime: Regime) -> None:
+        """Pass deliveries to the mirror."""
         self._decimate.speed = self.loop.pace.reached or 1.0
         self.mirror.show(deliveries, regime)
 
@@ -154,6 +158,7 @@ class SimulatorNode(GuardedNode):
         self.get_logger().error(text)
 
     def _validate(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Callback of rclpy before parameters are set: refuse invalid ones."""
         try:
             self._check(ros_parameters.plain(parameters))
         except ParameterError as error:
@@ -161,16 +166,16 @@ class SimulatorNode(GuardedNode):
         return SetParametersResult(successful=True)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As in rclpy; every refusal, also of a name, type or range, is counted and answered.
+        """Like rclpy's; every refusal, also of a name, type or range, is counted and answered.
 
-        A read-only parameter may be set to what it is: that changes nothing.
+        A read-only parameter may be set to its present value, which changes nothing.
         """
         strangers = [p.name for p in parameter_list if not self.has_parameter(p.name)]
         if strangers:
             result = SetParametersResult(reason=unknown_message(strangers[0]))
         else:
             wanted = [ros_parameters.adapted(p) for p in parameter_list]
-            news = [p for p in wanted if not ros_parameters.stands(self, p)]
+            news = [p for p in wanted if not ros_parameters.is_unchanged(self, p)]
             if wanted and not news:
                 return SetParametersResult(successful=True)
             result = super().set_parameters_atomically(news)
@@ -180,6 +185,7 @@ class SimulatorNode(GuardedNode):
         return result
 
     def _check(self, values: dict[str, Any]) -> None:
+        """Check new values together with those in force; ParameterError if the gear is invalid."""
         for name, value in values.items():
             if is_known(name):
                 check(name, value)
@@ -189,7 +195,8 @@ class SimulatorNode(GuardedNode):
         check_pace(model, factor)
         check_effects(model, read_effects(values.get(EFFECTS, self._get(EFFECTS))))
 
-    def _act(self, parameters: Sequence[Parameter]) -> None:
+    def _apply(self, parameters: Sequence[Parameter]) -> None:
+        """Callback of rclpy after parameters were set: pass them to the loop."""
         values = ros_parameters.plain(parameters)
         of_model = {k: v for k, v in values.items() if k in core.live_names()}
         recorded = of_model | {k: v for k, v in values.items() if k in (*PACE, EFFECTS)}
@@ -239,7 +246,7 @@ class SimulatorNode(GuardedNode):
         return f"reset to t = 0 s{said}"
 
     def _reset_now(self, name: str) -> str:
-        """Reset in any case; what came of a recording that was running."""
+        """Reset the loop; returns a text on the recording that was running."""
         ended = self.recorder.end() if self.recorder.path else None
         self.loop.reset()
         self.fault = ""
@@ -285,17 +292,17 @@ class SimulatorNode(GuardedNode):
         self._diagnostics.publish(message)
 
     def _say_once(self, text: str) -> None:
-        if text != self._told:
-            self._told = text
+        if text != self._last_said:
+            self._last_said = text
             self.get_logger().info(text)
 
     @property
     def real_time_factor(self) -> float:
-        """Simulation over wall time, as wanted."""
+        """Requested simulation time over wall time."""
         return float(self._get("real_time_factor"))
 
     def destroy_node(self) -> None:
-        """End the loop, finish the recording and the mirror, then the node."""
+        """Stop the loop, finish the recording and the mirror, then destroy the node."""
         self.loop.close()
         if self.recorder.path:
             ended = self.recorder.end()
