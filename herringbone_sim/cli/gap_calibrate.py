@@ -11,8 +11,8 @@ from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.bench import check_seeds, run_bench
 from herringbone_sim.practice.calibrate import (
+    bench_evidence,
     calibrate,
-    practised,
     read_evidence,
     write_evidence,
     write_weights,
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         seen = check_seeds(seeds, True)
         workers, scheduler = workers_from(args), args.scheduler
         run_bench(args.folder, seeds, setting_from(args), seen, workers, scheduler)
-        campaigns = practised(args.folder)
+        campaigns = bench_evidence(args.folder)
         write_evidence(args.folder / "evidence.jsonl", campaigns)
     found = calibrate(campaigns)
     write_weights(args.out, found, campaigns, sources())

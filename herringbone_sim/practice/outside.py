@@ -1,4 +1,4 @@
-"""Effects that no catalogue holds: what a tool must not give a name to."""
+"""Effects outside the catalogue, which a diagnosis should call unknown."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
-from herringbone_sim.practice.machine import Machine
+from herringbone_sim.practice.rig_model import RigModel
 
 
-def _phase_by_load(p: Machine, c: Cause, _: Point) -> Machine:
+def _phase_by_load(p: RigModel, c: Cause, _: Point) -> RigModel:
     return p._replace(phase_by_load=c.size * c.meshes)
 
 
-def _half_order(p: Machine, c: Cause, _: Point) -> Machine:
+def _half_order(p: RigModel, c: Cause, _: Point) -> RigModel:
     return p._replace(k_half=c.size * c.meshes)
 
 
-def _drift(p: Machine, c: Cause, _: Point) -> Machine:
+def _drift(p: RigModel, c: Cause, _: Point) -> RigModel:
     return p._replace(k_drift=c.sign * c.size * c.meshes)
 
 
-def _cross(p: Machine, c: Cause, _: Point) -> Machine:
+def _cross(p: RigModel, c: Cause, _: Point) -> RigModel:
     return p._replace(cross=c.size * c.meshes)
 
 
-def _plate(p: Machine, c: Cause, _: Point) -> Machine:
+def _plate(p: RigModel, c: Cause, _: Point) -> RigModel:
     free, mass = p.free.copy(), p.mass.copy()
     free[14] = 1.0
     mass[2] -= mass[14]
@@ -35,15 +35,15 @@ def _plate(p: Machine, c: Cause, _: Point) -> Machine:
     return p._replace(free=free, mass=mass, plate=np.array([1.0 / c.size, damper]))
 
 
-def _stick_slip(p: Machine, c: Cause, _: Point) -> Machine:
+def _stick_slip(p: RigModel, c: Cause, _: Point) -> RigModel:
     return p._replace(output=np.array([c.size, c.shape["speed"]]))
 
 
-def _shock(p: Machine, c: Cause, _: Point) -> Machine:
+def _shock(p: RigModel, c: Cause, _: Point) -> RigModel:
     return p._replace(shock=np.array([c.size, c.shape["cycles"], c.shape["width"]]))
 
 
-def _gyro(p: Machine, c: Cause, _: Point) -> Machine:
+def _gyro(p: RigModel, c: Cause, _: Point) -> RigModel:
     return p._replace(gyro=c.size)
 
 

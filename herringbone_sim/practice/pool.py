@@ -1,4 +1,4 @@
-"""Processes that compute on one thread each, or a Dask cluster, as an executor."""
+"""Executor of single-threaded processes, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ THREADS = (
 
 @contextmanager
 def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor, int]]:
-    """An executor and the number of its cores.
+    """Executor and its number of cores.
 
-    Processes are started afresh: only so do their libraries heed the number of threads.
+    Processes are spawned, because libraries read the number of threads only at start.
 
     Raises:
-        AnalysisError: no scheduler there, no workers, or no Dask.
+        AnalysisError: no scheduler answers, it has no workers, or Dask is not installed.
     """
     if scheduler is not None:
         with cluster(scheduler) as found:
@@ -41,12 +41,13 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor,
 
 
 def _end_quietly() -> None:
-    """A worker just ends on Ctrl-C, which reaches all of a terminal, and with its parent."""
+    """Initialise a worker: end on Ctrl-C without a traceback, and when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
+    """Exit the process when its parent has ended."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -55,6 +56,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _single_threads() -> Iterator[None]:
+    """Context in which the environment limits numerical libraries to one thread."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:

@@ -1,4 +1,4 @@
-"""Why a figure of the bench is what it is: the commonest confusions, counted."""
+"""Most frequent confusions behind each figure of a bench."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ def reasons(figure: str, cases: Sequence[Outcome]) -> list[str]:
 
 
 def _counted(texts: Sequence[str], head: str) -> list[str]:
+    """A sentence with the most frequent texts and their counts."""
     if not texts:
         return []
     common = Counter(texts).most_common(MOST)
@@ -113,6 +114,7 @@ def _closures(cases: Sequence[Outcome]) -> list[str]:
 def _by_effect(
     cases: Sequence[Outcome], value: Callable[[Outcome], float | None]
 ) -> dict[str, list[float]]:
+    """Values of the cases by the effect that was named first."""
     found: dict[str, list[float]] = {}
     for c in cases:
         got = value(c)
@@ -122,6 +124,7 @@ def _by_effect(
 
 
 def _ranked(values: dict[str, float], found: dict[str, list[float]], head: str) -> list[str]:
+    """A sentence with the largest values by effect."""
     worst = sorted(values, key=lambda name: -values[name])[:MOST]
     told = "; ".join(f"{name} {values[name]:.3f} (n = {len(found[name])})" for name in worst)
     return [f"{head}, worst first: {told}"] if told else []
@@ -147,7 +150,7 @@ _REASONS: dict[str, Callable[[Sequence[Outcome]], list[str]]] = {
 
 
 def by_cause(cases: Sequence[Outcome]) -> list[list[str]]:
-    """A line a cause: single ones, those outside the catalogue, none, pairs, as text cells."""
+    """Table rows by cause: single effects, effects outside the catalogue, none, pairs."""
     groups: dict[str, list[Outcome]] = {}
     for c in cases:
         if c.kind == "pair":

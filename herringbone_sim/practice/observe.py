@@ -1,4 +1,4 @@
-"""One run of a practice rig: as it moved, then as its sensors show it."""
+"""One run of a practice rig: the simulated motion, then its measured channels."""
 
 from __future__ import annotations
 
@@ -9,53 +9,63 @@ import numpy as np
 
 from herringbone_sim.practice.cause import Cause
 from herringbone_sim.practice.chain import deterministic, gauged, measured
-from herringbone_sim.practice.machine import NOMINAL, Array, Constants, Machine, machine
 from herringbone_sim.practice.measure import RunMeasure, measure_run
 from herringbone_sim.practice.plan import KINDS, Plan
 from herringbone_sim.practice.record import (
     Motion,
-    Recorded,
-    Watch,
+    Sampling,
+    SimulatedRun,
     channels_of,
-    record_motion,
+    simulate_motion,
 )
+from herringbone_sim.practice.rig_model import NOMINAL, Array, Constants, RigModel, rig_model
 from herringbone_sim.practice.sensors import distort
 
 
 @dataclass(frozen=True)
-class Take:
-    """One run with its measured channels, all of them, before a set is chosen."""
+class ObservedRun:
+    """One run with all measured channels, before a channel set is selected.
+
+    Attributes:
+        motion: the true motion.
+        measured: channels by name.
+        measure: residuals and detectability.
+    """
 
     motion: Motion
     measured: Mapping[str, Array]
-    found: RunMeasure
+    measure: RunMeasure
 
 
-def move(
-    plan: Plan, rig: Constants, causes: tuple[Cause, ...], i: int, watch: Watch | None = None
-) -> Recorded:
-    """Run number i with these effects, as it was.
+def simulate_run(
+    plan: Plan, rig: Constants, causes: tuple[Cause, ...], i: int, sampling: Sampling | None = None
+) -> SimulatedRun:
+    """Simulate run number i of a plan with the given causes.
 
     Args:
-        watch: how many cycles; given, the run is not sampled for a filter, which is no noise.
+        sampling: if given, the run is not sampled for a filter, which adds no noise.
     """
     lags = tuple(c.size for c in causes if c.internal == "sensor_delay")
-    delay = plan.noise.parts.get("filter", {}).get("delay_s") if watch is None else None
-    watch = replace(watch or Watch(), lags=lags, delay=delay)
-    span = span_of(plan.points[i], watch.transient + watch.cycles)
-    p = equipped(machine(rig, plan.points[i], span), causes, plan.points[i])
-    return record_motion(p, plan.phases[i], plan.starts[i], watch)
+    delay = plan.noise.parts.get("filter", {}).get("delay_s") if sampling is None else None
+    sampling = replace(sampling or Sampling(), lags=lags, delay=delay)
+    span = span_of(plan.points[i], sampling.transient + sampling.cycles)
+    p = equipped(rig_model(rig, plan.points[i], span), causes, plan.points[i])
+    return simulate_motion(p, plan.phases[i], plan.starts[i], sampling)
 
 
-def take(
+def observe_run(
     plan: Plan,
     rig: Constants,
     causes: tuple[Cause, ...],
     i: int,
-    moved: Recorded,
+    moved: SimulatedRun,
     most: Mapping[str, float],
-) -> Take:
-    """Run number i, measured: filter and encoders, then faults, noise, gauges and converters."""
+) -> ObservedRun:
+    """Measure run number i: filter and encoders, then faults, noise, gauges and converters.
+
+    Args:
+        most: largest value of each quantity over the campaign, see ``largest``.
+    """
     motion, exact = moved.now, channels_of(moved.now)
     smooth, counted = deterministic(plan.noise, motion, moved.fine)
     faulty = [_with_faults(causes, moved, one) for one in (exact, smooth, counted)]
@@ -64,13 +74,13 @@ def take(
     rng = np.random.default_rng([plan.seed, 0x51, i])
     noisy = measured(plan.noise, shown, motion.times, rng, most) | clock
     found = measure_run(rig, plan.points[i], motion, seen, quiet, noisy, causes)
-    return Take(motion, noisy, found)
+    return ObservedRun(motion, noisy, found)
 
 
 def _with_faults(
-    causes: tuple[Cause, ...], moved: Recorded, channels: Mapping[str, Array]
+    causes: tuple[Cause, ...], moved: SimulatedRun, channels: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """Channels as sensors with faults show them."""
+    """Channels with the faults of sensors."""
     seen = dict(channels)
     for cause in causes:
         if KINDS[cause.internal].sense == "sensor":
@@ -79,20 +89,20 @@ def _with_faults(
     return seen
 
 
-def equipped(p: Machine, causes: tuple[Cause, ...], point: Mapping[str, float]) -> Machine:
-    """The machine with its effects."""
+def equipped(p: RigModel, causes: tuple[Cause, ...], point: Mapping[str, float]) -> RigModel:
+    """The rig model with all causes applied."""
     for cause in causes:
         p = KINDS[cause.internal].apply(p, cause, point)
     return p
 
 
 def span_of(point: Mapping[str, float], cycles: int) -> float:
-    """Time [s] that what drifts goes by: a fifth longer than a run of so many mesh cycles."""
-    return float(1.2 * cycles * 2.0 * np.pi / machine(NOMINAL, point).omega)
+    """Duration [s] that drifting effects refer to: 1.2 times that of the mesh cycles."""
+    return float(1.2 * cycles * 2.0 * np.pi / rig_model(NOMINAL, point).omega)
 
 
 def largest(motions: Sequence[Motion]) -> dict[str, float]:
-    """Largest x, v, F, u and a of some runs, what converters are chosen for."""
+    """Largest x, v, F, u and a over some runs, by which converter ranges are chosen."""
     values = {"x": "x", "v": "v", "F": "force", "u": "u", "a": "a"}
     return {
         short: max(float(np.abs(getattr(one, long)).max()) for one in motions)
@@ -101,5 +111,5 @@ def largest(motions: Sequence[Motion]) -> dict[str, float]:
 
 
 def pooled(found: Sequence[RunMeasure]) -> float:
-    """Detectability of the first cause over some runs."""
+    """Detectability of the first cause over some runs (root mean square)."""
     return float(max(np.sqrt(np.mean([one.d[0] ** 2 for one in found])), 1e-9))
