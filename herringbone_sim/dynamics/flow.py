@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.batch import alike_halves
-from herringbone_sim.core.batch import layout_mirror as mirror
 from herringbone_sim.core.integrate import stepper
+from herringbone_sim.core.mirror import has_equal_halves
+from herringbone_sim.core.mirror import layout_mirror as mirror
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import LIMIT, TWO_PI
 from herringbone_sim.errors import DivergenceError, ParameterError
@@ -167,7 +167,7 @@ def symmetry(model: Model) -> NDArray[np.int64] | None:
 
     Also None for a gear with further states of effects, which section points do not hold.
     """
-    return mirror(model.layout) if not model.n_own and alike_halves(model) else None
+    return mirror(model.layout) if not model.n_own and has_equal_halves(model) else None
 
 
 def settle(flow: Flow, y: Array, periods: int, at: int = 0) -> Array:

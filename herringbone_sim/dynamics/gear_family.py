@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Sequence
 
-from herringbone_sim.core.batch import layout_mirror
+from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.dynamics.boundaries import Watch
 from herringbone_sim.dynamics.curve import Family

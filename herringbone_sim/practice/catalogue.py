@@ -8,7 +8,15 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.practice import equip
-from herringbone_sim.practice.cause import ALL, Cause, Kind, anywhere, at, by_kind, sign
+from herringbone_sim.practice.cause import (
+    ALL,
+    Cause,
+    Kind,
+    at,
+    draw_kind_locus,
+    draw_locus,
+    draw_sign,
+)
 from herringbone_sim.practice.equip import CYCLES
 
 Drawn = tuple[dict[str, Any], dict[str, Any]]
@@ -55,7 +63,7 @@ def _draw_damping(rng: Generator, _: tuple[str, ...]) -> Drawn:
     deflection.
     """
     power = float(rng.choice([0.0, 1.0, rng.uniform(0.2, 1.0)]))
-    return by_kind(rng), {"power": power, "depth": float(rng.uniform(1.5e-5, 4e-5))}
+    return draw_kind_locus(rng), {"power": power, "depth": float(rng.uniform(1.5e-5, 4e-5))}
 
 
 def _ripple_draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
@@ -76,17 +84,17 @@ def _wave_parameters(unit: str) -> Any:
 
 def _draw_waves(least: int) -> Any:
     return lambda rng, _: (
-        anywhere(rng),
+        draw_locus(rng),
         {"order": int(rng.integers(least, 5)), "angle": _angle(rng)},
     )
 
 
 def _signed(locus: Any) -> Any:
-    return lambda rng, _: (locus(rng), {"sign": sign(rng)})
+    return lambda rng, _: (locus(rng), {"sign": draw_sign(rng)})
 
 
 def _anywhere_or_all(rng: Generator) -> dict[str, Any]:
-    return dict(ALL) if rng.random() < 0.25 else anywhere(rng)
+    return dict(ALL) if rng.random() < 0.25 else draw_locus(rng)
 
 
 def _one_planet(rng: Generator) -> dict[str, Any]:
@@ -98,7 +106,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         0.05,
         0.5,
-        _signed(anywhere),
+        _signed(draw_locus),
         equip.mean_stiffness,
         lambda c: {"factor": (1.0 + c.sign * c.size, "-")},
     ),
@@ -164,7 +172,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         4e-8,
         3e-7,
-        _signed(by_kind),
+        _signed(draw_kind_locus),
         equip.thermal_backlash,
         _size_parameter("rate", "m/K", True),
     ),
@@ -172,7 +180,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         1e-3,
         1e-2,
-        lambda rng, _: (by_kind(rng), {}),
+        lambda rng, _: (draw_kind_locus(rng), {}),
         equip.thermal_stiffness,
         _size_parameter("rate", "1/K"),
     ),
@@ -180,7 +188,7 @@ CATALOGUE: dict[str, Kind] = {
         "body",
         0.05,
         0.4,
-        lambda rng, _: (by_kind(rng), {}),
+        lambda rng, _: (draw_kind_locus(rng), {}),
         equip.tooth_friction,
         _size_parameter("mu", "-"),
     ),
@@ -188,7 +196,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         0.03,
         0.5,
-        lambda rng, _: (by_kind(rng), {}),
+        lambda rng, _: (draw_kind_locus(rng), {}),
         equip.contact_nonlinearity,
         lambda c: {"exponent": (1.0 + c.size, "-")},
     ),

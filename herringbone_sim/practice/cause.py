@@ -87,12 +87,12 @@ def at(mesh: str = "all", planet: int | str = "all", side: str = "all") -> dict[
     return {"mesh": mesh, "planet": str(planet), "side": side}
 
 
-def sign(rng: Generator) -> float:
+def draw_sign(rng: Generator) -> float:
     """Draw -1 or 1."""
     return float(rng.choice([-1.0, 1.0]))
 
 
-def anywhere(rng: Generator) -> dict[str, Any]:
+def draw_locus(rng: Generator) -> dict[str, Any]:
     """Draw a locus: all meshes of a kind, those of one planet, or a single mesh."""
     mesh, planet = str(rng.choice(["sp", "rp"])), int(rng.integers(1, 4))
     which = int(rng.integers(3))
@@ -101,6 +101,6 @@ def anywhere(rng: Generator) -> dict[str, Any]:
     return at(mesh, planet, "all" if which == 1 else str(rng.choice(["L", "R"])))
 
 
-def by_kind(rng: Generator) -> dict[str, Any]:
+def draw_kind_locus(rng: Generator) -> dict[str, Any]:
     """Draw a locus: all meshes, or all of a kind."""
     return at(str(rng.choice(["all", "sp", "rp"])))

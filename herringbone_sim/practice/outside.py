@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
+from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, at, draw_kind_locus, draw_locus
 from herringbone_sim.practice.rig_model import RigModel
 
 
@@ -52,18 +52,20 @@ def _size(unit: str) -> Any:
 
 
 def _drift_draw(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    return anywhere(rng), {"sign": float(rng.choice([-1.0, 1.0]))}
+    return draw_locus(rng), {"sign": float(rng.choice([-1.0, 1.0]))}
 
 
 OUTSIDE: dict[str, Kind] = {
     "phase_by_load": Kind(
-        "law", 0.1, 1.2, lambda rng, _: (by_kind(rng), {}), _phase_by_load, _size("rad")
+        "law", 0.1, 1.2, lambda rng, _: (draw_kind_locus(rng), {}), _phase_by_load, _size("rad")
     ),
     "half_order_stiffness": Kind(
-        "law", 0.05, 0.5, lambda rng, _: (anywhere(rng), {}), _half_order, _size("-")
+        "law", 0.05, 0.5, lambda rng, _: (draw_locus(rng), {}), _half_order, _size("-")
     ),
     "drifting_stiffness": Kind("law", 0.1, 0.6, _drift_draw, _drift, _size("-")),
-    "side_coupling": Kind("law", 0.05, 0.5, lambda rng, _: (by_kind(rng), {}), _cross, _size("-")),
+    "side_coupling": Kind(
+        "law", 0.05, 0.5, lambda rng, _: (draw_kind_locus(rng), {}), _cross, _size("-")
+    ),
     "carrier_flexibility": Kind(
         "law", 1e-12, 5e-10, lambda rng, _: (at(side="R"), {}), _plate, _size("m/N")
     ),

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import Cause, Kind, Point, anywhere, at, by_kind
+from herringbone_sim.practice.cause import Cause, Kind, Point, at, draw_kind_locus, draw_locus
 from herringbone_sim.practice.equip import CYCLES
 from herringbone_sim.practice.rig_model import BODIES, Array, RigModel
 
@@ -93,7 +93,7 @@ def _length(name: str, rng: Generator) -> float:
 def _place(rng: Generator) -> dict[str, Any]:
     """Draw a locus: a mesh kind or both, a planet, a side, or one mesh."""
     planet, side = int(rng.integers(1, 4)), str(rng.choice(["L", "R"]))
-    places = (by_kind(rng), at(planet=planet), at(side=side), anywhere(rng))
+    places = (draw_kind_locus(rng), at(planet=planet), at(side=side), draw_locus(rng))
     return places[int(rng.integers(len(places)))]
 
 

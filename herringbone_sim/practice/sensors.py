@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import Cause, Kind, Point, at, sign
+from herringbone_sim.practice.cause import Cause, Kind, Point, at, draw_sign
 from herringbone_sim.practice.record import Motion, channels_of
 from herringbone_sim.practice.rig_model import BODIES, MESHES, Array, RigModel
 
@@ -32,7 +32,7 @@ def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
 def draw_channel(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Draw one of the channels, and sign, unit and frequency of its fault."""
     name = str(rng.choice(list(among)))
-    shape = {"sign": sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
+    shape = {"sign": draw_sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
     return channel_locus((name,)), shape | {"hertz": float(rng.uniform(900.0, 1900.0))}
 
 

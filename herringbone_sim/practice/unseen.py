@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
+from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, at, draw_kind_locus, draw_locus
 from herringbone_sim.practice.rig_model import RigModel
 from herringbone_sim.practice.sensors import sensor
 
@@ -50,11 +50,11 @@ def _size(unit: str) -> Any:
 
 
 def _anywhere(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    return anywhere(rng), {}
+    return draw_locus(rng), {}
 
 
 def _by_kind(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    return by_kind(rng), {}
+    return draw_kind_locus(rng), {}
 
 
 UNSEEN: dict[str, Kind] = {

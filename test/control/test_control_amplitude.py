@@ -17,7 +17,7 @@ from herringbone_sim.control.amplitude import (
 )
 from herringbone_sim.control.runs import Look, Motions, Runs, repeats
 from herringbone_sim.control.starts import Starts, start_states
-from herringbone_sim.core.batch import layout_mirror
+from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
