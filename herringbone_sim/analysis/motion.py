@@ -110,10 +110,10 @@ def _turns(series: TimeSeries) -> Array:
     return turns
 
 
-def _why_no_motion(series: TimeSeries, found: list[str]) -> str:
+def _why_no_motion(series: TimeSeries, meshes: list[str]) -> str:
     """Error message for a series without a usable displacement."""
-    if found:
-        names = ", ".join(f"x_{mesh}" for mesh in found)
+    if meshes:
+        names = ", ".join(f"x_{mesh}" for mesh in meshes)
         return f"every displacement holds NaN or infinity ({names}): record at least one whole"
     return (
         "no displacement to analyse: at least one channel x_sp..., x_rp... is needed, got "
@@ -139,9 +139,9 @@ def _rates(series: TimeSeries, x: Array, rates: dict[str, Array | None]) -> Arra
 
 
 def _notes(
-    found: list[str], whole: tuple[str, ...], rates: dict[str, Array | None]
+    meshes: list[str], whole: tuple[str, ...], rates: dict[str, Array | None]
 ) -> tuple[str, ...]:
-    broken = [f"x_{mesh}" for mesh in found if mesh not in whole]
+    broken = [f"x_{mesh}" for mesh in meshes if mesh not in whole]
     derived = [f"v_{mesh}" for mesh, rate in rates.items() if rate is None]
     notes = []
     if broken:

@@ -186,7 +186,7 @@ def _empty(n: int, points: int, layout: Layout, n_all: int) -> Batch:
 
 
 def _run_lanes(
-    found: Batch,
+    batch: Batch,
     chosen: Indices,
     models: Sequence[Model],
     begin: tuple[Array, Indices],
@@ -232,24 +232,24 @@ def _run_lanes(
         Results(sections, end, growth, contact, failed),
     )
     whole = from_left_half(models[0]) if sides == 1 else taken
-    found.sections[chosen] = sections[..., whole[: layout.n_state]]
-    found.end[chosen] = end[..., whole]
+    batch.sections[chosen] = sections[..., whole[: layout.n_state]]
+    batch.end[chosen] = end[..., whole]
     if near is not None:
         for i, one, columns in zip(chosen, along, near.found, strict=True):
-            found.columns[i] = one.from_kernel(found.end[i], columns[:, whole])
-        found.columns[chosen[failed]] = np.nan
-    _put_exponents(found, chosen, models, growth, length)
+            batch.columns[i] = one.from_kernel(batch.end[i], columns[:, whole])
+        batch.columns[chosen[failed]] = np.nan
+    _put_exponents(batch, chosen, models, growth, length)
     _put_contact(
-        found.contact, chosen, contact / (values.steps * length.cycles)[:, None, None], sides
+        batch.contact, chosen, contact / (values.steps * length.cycles)[:, None, None], sides
     )
     for name in ("exponents", "exponent_errors", "within", "transverse", "contact"):
-        getattr(found, name)[chosen[failed]] = np.nan
-    found.sections[chosen[failed]], found.end[chosen[failed]] = np.nan, np.nan
+        getattr(batch, name)[chosen[failed]] = np.nan
+    batch.sections[chosen[failed]], batch.end[chosen[failed]] = np.nan, np.nan
     return ["diverged" if bad else "" for bad in failed]
 
 
 def _put_exponents(
-    found: Batch,
+    batch: Batch,
     chosen: Indices,
     models: Sequence[Model],
     growth: Array,
@@ -266,12 +266,12 @@ def _put_exponents(
     errors = rates.std(axis=1, ddof=1) / np.sqrt(length.batches)
     largest = np.argmax(means, axis=1)
     rows = np.arange(len(models))
-    found.exponents[chosen], found.exponent_errors[chosen] = (
+    batch.exponents[chosen], batch.exponent_errors[chosen] = (
         means[rows, largest],
         errors[rows, largest],
     )
     if length.tangents == 2:
-        found.within[chosen], found.transverse[chosen] = means.T
+        batch.within[chosen], batch.transverse[chosen] = means.T
 
 
 def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> None:
@@ -286,7 +286,7 @@ def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> 
 
 
 def _run_by_laws(
-    found: Batch,
+    batch: Batch,
     chosen: Indices,
     models: Sequence[Model],
     begin: tuple[Array, Indices],
@@ -296,14 +296,14 @@ def _run_by_laws(
     look = length.transient, length.cycles, length.points
     tangents = min(length.tangents, 1)
     result = models[0].integrator.run_batch(models, *begin, look, tangents)
-    found.sections[chosen] = result.sections[..., : models[0].layout.n_state]
-    found.end[chosen] = result.end
+    batch.sections[chosen] = result.sections[..., : models[0].layout.n_state]
+    batch.end[chosen] = result.end
     with np.errstate(invalid="ignore"):  # of a value that has failed
-        found.contact[chosen] = result.contact / result.contact[:, :1].sum(axis=2, keepdims=True)
+        batch.contact[chosen] = result.contact / result.contact[:, :1].sum(axis=2, keepdims=True)
     if tangents:
-        _put_exponents(found, chosen, models, _by_batches(result.growth, length), length)
+        _put_exponents(batch, chosen, models, _by_batches(result.growth, length), length)
     for name in ("sections", "end", "contact", "exponents", "exponent_errors"):
-        getattr(found, name)[chosen[result.failed]] = np.nan
+        getattr(batch, name)[chosen[result.failed]] = np.nan
     return ["diverged" if bad else "" for bad in result.failed]
 
 
@@ -319,7 +319,7 @@ def _has_no_lanes(model: Model) -> bool:
 
 
 def _run_singly(
-    found: Batch,
+    batch: Batch,
     chosen: Indices,
     models: Sequence[Model],
     begin: tuple[Array, Indices],
@@ -328,12 +328,12 @@ def _run_singly(
 ) -> list[str]:
     """Integrate models one after another, with at most one tangent; without tangents for rk4."""
     return [
-        _run_one(found, i, model, y, int(cycle), length)
+        _run_one(batch, i, model, y, int(cycle), length)
         for i, model, y, cycle in zip(chosen, models, *begin, strict=True)
     ]
 
 
-def _run_one(found: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
+def _run_one(batch: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
     """Integrate one model and enter its results; returns the reason of a failure."""
     gear_stepper, per_cycle = stepper(model), model.parameters.samples_per_cycle
     k = min(length.tangents, 1) if model.integrator else 0
@@ -348,10 +348,10 @@ def _run_one(found: Batch, i: int, model: Model, y: Array, cycle: int, length: _
             return "diverged"
     kept = states[length.cycles - length.points : length.cycles]
     m = model.layout.n_state
-    found.sections[i] = np.array([state.y[:m] for state in kept]).reshape(found.sections[i].shape)
-    found.end[i] = states[-1].y
-    found.contact[i] = contact / contact[0].sum()
+    batch.sections[i] = np.array([state.y[:m] for state in kept]).reshape(batch.sections[i].shape)
+    batch.end[i] = states[-1].y
+    batch.contact[i] = contact / contact[0].sum()
     if k:
         growth = np.diff([state.growth[0] for state in states]).reshape(1, -1, 1)
-        _put_exponents(found, np.array([i]), [model], _by_batches(growth, length), length)
+        _put_exponents(batch, np.array([i]), [model], _by_batches(growth, length), length)
     return ""

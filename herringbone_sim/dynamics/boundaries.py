@@ -97,10 +97,10 @@ def find_boundaries(curve: Curve, branch: Branch, watch: Watch | None = None) ->
     return found
 
 
-def _merged(found: list[Boundary]) -> list[Boundary]:
+def _merged(boundaries: list[Boundary]) -> list[Boundary]:
     """Merge grazings of several edges by one and the same orbit; the order is kept."""
     merged: list[Boundary] = []
-    for one in found:
+    for one in boundaries:
         last = merged[-1] if merged else one
         apart = float(np.abs(one.point.z - last.point.z).max()) > 10 * NARROW
         if one is last or apart or one.kind != "grazing" or last.kind != "grazing":

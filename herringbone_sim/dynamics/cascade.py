@@ -164,31 +164,31 @@ def _trimmed(curve: Curve, branch: Branch) -> Branch:
     return Branch(tuple(points), branch.ends)
 
 
-def _simpler_ends(one: Followed) -> list[tuple[BranchPoint, Array]]:
+def _simpler_ends(traced: Followed) -> list[tuple[BranchPoint, Array]]:
     """Last orbits of a branch and the halved or symmetrised orbits (period, n) that it ends in."""
-    mirror, found = one.curve.family.mirror, []
-    for i, end in zip((0, -1), one.branch.ends, strict=True):
-        point = one.branch.points[i]
+    mirror, found = traced.curve.family.mirror, []
+    for i, end in zip((0, -1), traced.branch.ends, strict=True):
+        point = traced.branch.points[i]
         points = point.orbit.points
         if end == "halved":
-            half = one.period // 2
+            half = traced.period // 2
             found.append((point, 0.5 * (points[:half] + points[half:])))
         elif end == "mirrored" and mirror is not None:
             found.append((point, 0.5 * (points + points[:, mirror])))
     return found
 
 
-def _to_simpler(one: Followed) -> Iterator[BranchStart]:
+def _to_simpler(traced: Followed) -> Iterator[BranchStart]:
     """Yield starts of the branches of half the period, or of equal sides, that a branch ends
     in.
     """
-    family = one.curve.family
-    for point, junction in _simpler_ends(one):
+    family = traced.curve.family
+    for point, junction in _simpler_ends(traced):
         for aside in (-OFF, OFF):
             with suppress(AnalysisError, ParameterError):
                 value = point.value + aside * (family.high - family.low)
                 curve, start = begin(family, _cleaned(junction, family), value)
-                yield BranchStart(curve, start, f"end of P{one.period}", True, junction)
+                yield BranchStart(curve, start, f"end of P{traced.period}", True, junction)
                 break
 
 
@@ -199,34 +199,34 @@ def _cleaned(points: Array, family: Family) -> Array:
     return 0.5 * (points + points[:, family.mirror])
 
 
-def _to_doubled(one: Followed, options: CascadeOptions) -> Iterator[BranchStart]:
+def _to_doubled(traced: Followed, options: CascadeOptions) -> Iterator[BranchStart]:
     """Yield starts of the branches that leave at flips and, if asked, at transverse +1
     crossings.
     """
-    for boundary in one.boundaries:
+    for boundary in traced.boundaries:
         sort = "+1" if boundary.detail.endswith("+1") else "-1"
         parts = boundary.kind == "transverse" and abs(boundary.multiplier.imag) < 1e-9
         times = 2 if sort == "-1" else 1
         wanted = boundary.kind == "flip" or (parts and options.asymmetric)
-        if not wanted or times * one.period > options.max_period:
+        if not wanted or times * traced.period > options.max_period:
             continue
-        mode = critical_mode(one.curve, boundary)
-        origin = f"{boundary.kind} of P{one.period} at {boundary.value:.6g}"
+        mode = critical_mode(traced.curve, boundary)
+        origin = f"{boundary.kind} of P{traced.period} at {boundary.value:.6g}"
         for off in (OFF, 10 * OFF, 100 * OFF):
             with suppress(AnalysisError):
-                curve, start = branch_off(one.curve, boundary.point, mode, times, off)
+                curve, start = branch_off(traced.curve, boundary.point, mode, times, off)
                 yield BranchStart(curve, start, origin, False, boundary.point.orbit.points)
                 break
 
 
-def _is_known(one: Followed, opening: BranchStart) -> bool:
+def _is_known(traced: Followed, opening: BranchStart) -> bool:
     """Tell whether a start lies on a branch that was continued already."""
-    if (one.period, one.symmetric) != (opening.curve.period, opening.curve.symmetric):
+    if (traced.period, traced.symmetric) != (opening.curve.period, opening.curve.symmetric):
         return False
     if not len(opening.junction):
-        return any(_between(a, b, opening.start) for a, b in pairwise(one.branch.points))
-    meets = [points for _, points in _simpler_ends(one)]
-    meets += [boundary.point.orbit.points for boundary in one.boundaries]
+        return any(_between(a, b, opening.start) for a, b in pairwise(traced.branch.points))
+    meets = [points for _, points in _simpler_ends(traced)]
+    meets += [boundary.point.orbit.points for boundary in traced.boundaries]
     return any(_same(points, opening.junction) for points in meets)
 
 
@@ -241,7 +241,7 @@ def _between(a: BranchPoint, b: BranchPoint, point: BranchPoint) -> bool:
     return _same(points, point.orbit.points)
 
 
-def _same(one: Array, other: Array) -> bool:
+def _same(a: Array, b: Array) -> bool:
     """Tell whether two orbits (period, n) are equal up to a cyclic shift."""
-    shifts = (np.roll(one, i, axis=0) for i in range(len(one)))
-    return one.shape == other.shape and any(np.abs(s - other).max() < SAME for s in shifts)
+    shifts = (np.roll(a, i, axis=0) for i in range(len(a)))
+    return a.shape == b.shape and any(np.abs(s - b).max() < SAME for s in shifts)

@@ -119,12 +119,12 @@ def _step(curve: Curve, point: BranchPoint, ds: float) -> tuple[BranchPoint, boo
     return new, last
 
 
-def _multiplier_change(one: Multipliers, other: Multipliers) -> float:
+def _multiplier_change(previous: Multipliers, following: Multipliers) -> float:
     """Change of the largest modulus from one orbit to the next, relative if above 1, else
     absolute.
     """
-    before = [float(np.abs(part[:1]).sum()) for part in (one.within, one.transverse)]
-    after = [float(np.abs(part[:1]).sum()) for part in (other.within, other.transverse)]
+    before = [float(np.abs(part[:1]).sum()) for part in (previous.within, previous.transverse)]
+    after = [float(np.abs(part[:1]).sum()) for part in (following.within, following.transverse)]
     return max(abs(a - b) / max(a, b, 1.0) for a, b in zip(before, after, strict=True))
 
 
@@ -140,7 +140,7 @@ def _end_reached(curve: Curve, points: list[BranchPoint], new: BranchPoint) -> s
     )
 
 
-def passes_simpler(curve: Curve, one: BranchPoint, other: BranchPoint, what: str) -> bool:
+def passes_simpler(curve: Curve, before: BranchPoint, after: BranchPoint, what: str) -> bool:
     """Tell whether a simpler orbit lies between two: one of half the period, or of equal sides.
 
     Args:
@@ -150,8 +150,8 @@ def passes_simpler(curve: Curve, one: BranchPoint, other: BranchPoint, what: str
     return (
         float(
             np.sum(
-                half_and_side_differences(curve, one)[k]
-                * half_and_side_differences(curve, other)[k]
+                half_and_side_differences(curve, before)[k]
+                * half_and_side_differences(curve, after)[k]
             )
         )
         < 0.0

@@ -30,24 +30,24 @@ def distort(series: TimeSeries, actives: tuple[Active, ...]) -> TimeSeries:
     return series
 
 
-def channels_of(series: TimeSeries, one: Active) -> tuple[str, ...]:
+def channels_of(series: TimeSeries, sensor_effect: Active) -> tuple[str, ...]:
     """Channels that a sensor effect applies to; ParameterError if the series lacks one."""
-    named = names_of(series.names, one)
+    named = names_of(series.names, sensor_effect)
     missing = [name for name in named if name not in series]
     if missing:
         raise ParameterError(
-            f"{one.effect.id} concerns {listed(missing)}, the recording has "
+            f"{sensor_effect.effect.id} concerns {listed(missing)}, the recording has "
             f"{listed(series.names)}: name channels that it has"
         )
     return named
 
 
-def names_of(known: Sequence[str], one: Active) -> tuple[str, ...]:
+def names_of(known: Sequence[str], sensor_effect: Active) -> tuple[str, ...]:
     """Channels that a sensor effect applies to: those it names, or those known at its locus."""
-    wanted = one.chosen.get("channels", ())
+    wanted = sensor_effect.chosen.get("channels", ())
     named: list[str] = []
     for name in (wanted,) if isinstance(wanted, str) else wanted:
-        named += _of_locus(known, one, name) if name in PREFIXES else [name]
+        named += _of_locus(known, sensor_effect, name) if name in PREFIXES else [name]
     return tuple(named)
 
 
@@ -62,9 +62,9 @@ def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active
     return tuple(found)
 
 
-def _of_locus(known: Sequence[str], one: Active, prefix: str) -> list[str]:
+def _of_locus(known: Sequence[str], sensor_effect: Active, prefix: str) -> list[str]:
     """Channels of a quantity at the locus of an effect."""
-    place = one.locus
+    place = sensor_effect.locus
     found = []
     for name in known:
         kind, _, side = name.removeprefix(f"{prefix}_").partition("_")

@@ -131,10 +131,12 @@ def pointers(
     return excite, react, drive
 
 
-def _site(model: Model, one: Active) -> Array:
+def _site(model: Model, active_effect: Active) -> Array:
     """Rows (rows, n_mesh) of one effect."""
-    mask = one.locus.mask(model.layout)
-    rows: Array = np.ascontiguousarray(one.effect.place(model, mask, one.chosen), dtype=float)
+    mask = active_effect.locus.mask(model.layout)
+    rows: Array = np.ascontiguousarray(
+        active_effect.effect.place(model, mask, active_effect.chosen), dtype=float
+    )
     return rows
 
 

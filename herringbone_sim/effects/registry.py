@@ -31,7 +31,7 @@ def effects() -> dict[str, Effect]:
     Raises:
         ParameterError: a file without ``EFFECT``, or two effects with one name.
     """
-    return dict(_found(os.environ.get(VARIABLE, "")))
+    return dict(_all_effects(os.environ.get(VARIABLE, "")))
 
 
 def effect(name: str) -> Effect:
@@ -46,7 +46,7 @@ def effect(name: str) -> Effect:
 
 
 @functools.cache
-def _found(paths: str) -> tuple[tuple[str, Effect], ...]:
+def _all_effects(paths: str) -> tuple[tuple[str, Effect], ...]:
     """All effects for a value of the environment variable."""
     modules = [
         importlib.import_module(f"{catalogue.__name__}.{module.name}")

@@ -87,22 +87,22 @@ def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Directi
 
 
 def _changed(
-    parameters: Parameters, actives: Sequence[Active], one: _Named, value: float
+    parameters: Parameters, actives: Sequence[Active], named: _Named, value: float
 ) -> Model:
     """Model with another value of a parameter; may exceed its bounds by the step of the
     difference.
     """
-    if one.effect >= 0:
+    if named.effect >= 0:
         others = list(actives)
-        theta = list(others[one.effect].theta)
-        theta[one.entry] = value
-        others[one.effect] = others[one.effect].with_theta(theta)
+        theta = list(others[named.effect].theta)
+        theta[named.entry] = value
+        others[named.effect] = others[named.effect].with_theta(theta)
         return build_with(parameters, others)
-    values = list(one.values)
+    values = list(named.values)
     if values:
-        values[one.entry] = value
+        values[named.entry] = value
     moved = copy(parameters)
-    vars(moved)[one.field] = tuple(values) if values else value
+    vars(moved)[named.field] = tuple(values) if values else value
     return build_with(moved, actives)
 
 
@@ -178,20 +178,25 @@ def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
     return _Named(name, value, _size(p, value), effect=number, entry=entry)
 
 
-def _off_neutral(model: Model, one: Active) -> Active:
+def _off_neutral(model: Model, active_effect: Active) -> Active:
     """Effect with parameters at their neutral value moved off it by a little of their size.
 
     At the neutral value its events, powers or friction would be left out of the gear.
     """
-    parameters = one.effect.parameters
-    if all(v != p.neutral for p, v in zip(parameters, one.theta, strict=True)):
-        return one
-    sized = [p.start if v == p.neutral else v for p, v in zip(parameters, one.theta, strict=True)]
-    law = build_with(model.parameters, [one.with_theta(sized)]).packed.law
+    parameters = active_effect.effect.parameters
+    if all(v != p.neutral for p, v in zip(parameters, active_effect.theta, strict=True)):
+        return active_effect
+    sized = [
+        p.start if v == p.neutral else v
+        for p, v in zip(parameters, active_effect.theta, strict=True)
+    ]
+    law = build_with(model.parameters, [active_effect.with_theta(sized)]).packed.law
     bends = np.any((law[1] != 1.0) | ((law[2] != 0.0) & (law[3] != 0.0)))
     small = SMALL_POWER if bends else SMALL
-    pairs = zip(parameters, one.theta, strict=True)
-    return one.with_theta([v + small * _size(p, v) if v == p.neutral else v for p, v in pairs])
+    pairs = zip(parameters, active_effect.theta, strict=True)
+    return active_effect.with_theta(
+        [v + small * _size(p, v) if v == p.neutral else v for p, v in pairs]
+    )
 
 
 def _size(p: Parameter, value: float) -> float:

@@ -70,13 +70,13 @@ class Trajectory:
         found: Array = through + np.array(own).reshape(-1, *self.rows.shape).transpose(1, 2, 0)
         return found
 
-    def _direct(self, one: Direction) -> Array:
+    def _direct(self, direction: Direction) -> Array:
         """(n, n_channels) derivative of the samples by a parameter at fixed states in SI."""
         sides = []
-        for gear in (one.plus, one.minus):
+        for gear in (direction.plus, direction.minus):
             states = in_units_of(gear, self.model, self.states)
             sides.append(Stepper(gear).read(states, self._places_in(gear)))
-        whole: Array = (sides[0] - sides[1]) / (2.0 * one.step)
+        whole: Array = (sides[0] - sides[1]) / (2.0 * direction.step)
         return whole
 
     def _places_in(self, gear: Model) -> NDArray[np.int64]:

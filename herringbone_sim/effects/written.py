@@ -90,10 +90,13 @@ def _read(entry: Any) -> Active:
     return active(effect(str(entry["effect"])), place, values)
 
 
-def parameter_values(one: Active) -> dict[str, Any]:
+def parameter_values(active_effect: Active) -> dict[str, Any]:
     """Parameters and options of an effect by name."""
-    numbers = {p.name: value for p, value in zip(one.effect.parameters, one.theta, strict=True)}
-    options = {k: list(v) if isinstance(v, tuple) else v for k, v in one.chosen.items()}
+    numbers = {
+        p.name: value
+        for p, value in zip(active_effect.effect.parameters, active_effect.theta, strict=True)
+    }
+    options = {k: list(v) if isinstance(v, tuple) else v for k, v in active_effect.chosen.items()}
     return numbers | options
 
 
@@ -102,10 +105,12 @@ def effects_text(actives: Sequence[Active]) -> str:
     return "; ".join(_text(one) for one in actives)
 
 
-def _text(one: Active) -> str:
-    place = "/".join((one.locus.mesh, one.locus.planet, one.locus.side))
-    pairs = [f"{name}={_plain(value)}" for name, value in parameter_values(one).items()]
-    return f"{one.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
+def _text(active_effect: Active) -> str:
+    place = "/".join(
+        (active_effect.locus.mesh, active_effect.locus.planet, active_effect.locus.side)
+    )
+    pairs = [f"{name}={_plain(value)}" for name, value in parameter_values(active_effect).items()]
+    return f"{active_effect.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
 
 
 def _plain(value: Any) -> str:

@@ -225,10 +225,10 @@ def left_out(campaigns: Sequence[CaseEvidence], penalty: float) -> Array:
     return found
 
 
-def judged(one: CaseEvidence, weights: Array) -> tuple[float, float, float]:
+def judged(case: CaseEvidence, weights: Array) -> tuple[float, float, float]:
     """Probability on the truth, of the first explanation, and whether that is right."""
-    told = judge.chances(one.evidence, weights)
-    truth = tuple(sorted(one.truth))
+    told = judge.chances(case.evidence, weights)
+    truth = tuple(sorted(case.truth))
     effects = [tuple(sorted(c.effects)) for c in told]
     on_truth = sum(c.probability for c, e in zip(told, effects, strict=True) if e == truth)
     groups: dict[tuple[str, ...], float] = {}
@@ -250,17 +250,17 @@ def headline(chances: Array) -> dict[str, float]:
 
 
 def write_weights(
-    path: Path, found: Calibration, campaigns: Sequence[CaseEvidence], sources: str
+    path: Path, calibration: Calibration, campaigns: Sequence[CaseEvidence], sources: str
 ) -> None:
     """Write the weights file of the judge: weights, seeds, sources and achieved figures."""
     seeds = sorted({c.seed for c in campaigns})
     content = {
-        "weights": dict(zip(judge.NAMES, map(float, found.weights), strict=True)),
-        "relative error of a size": found.relative,
-        "coverage of 90 % intervals, left out": found.covered,
-        "penalty": found.penalty,
+        "weights": dict(zip(judge.NAMES, map(float, calibration.weights), strict=True)),
+        "relative error of a size": calibration.relative,
+        "coverage of 90 % intervals, left out": calibration.covered,
+        "penalty": calibration.penalty,
         "seeds": [[seeds[0], seeds[-1] + 1]],
         "sources": sources,
-        "figures of campaigns left out": found.figures,
+        "figures of campaigns left out": calibration.figures,
     }
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

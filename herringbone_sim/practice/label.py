@@ -106,23 +106,23 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _run(run: CampaignRun, rig: Constants, motion: Motion, one: RunMeasure) -> dict[str, Any]:
+def _run(run: CampaignRun, rig: Constants, motion: Motion, measure: RunMeasure) -> dict[str, Any]:
     """Entry of one run."""
     return {
         "path": run.path.name,
         "role": run.role,
         "residual_N": {
-            "nominal": one.nominal,
-            "nominal_clean": one.nominal_clean,
-            "own_constants": one.own,
-            "own_constants_clean": one.own_clean,
-            "noise_floor": one.floor,
+            "nominal": measure.nominal,
+            "nominal_clean": measure.nominal_clean,
+            "own_constants": measure.own,
+            "own_constants_clean": measure.own_clean,
+            "noise_floor": measure.floor,
         },
         "rms_F": rms(motion.force),
         "mean_F": float(motion.force.mean()),
         "period": period(motion),
         "contact": contact(rig, run.point, motion),
-        "law_d": list(one.d),
+        "law_d": list(measure.d),
     }
 
 

@@ -110,6 +110,6 @@ def largest(motions: Sequence[Motion]) -> dict[str, float]:
     }
 
 
-def pooled(found: Sequence[RunMeasure]) -> float:
+def pooled(measures: Sequence[RunMeasure]) -> float:
     """Detectability of the first cause over some runs (root mean square)."""
-    return float(max(np.sqrt(np.mean([one.d[0] ** 2 for one in found])), 1e-9))
+    return float(max(np.sqrt(np.mean([one.d[0] ** 2 for one in measures])), 1e-9))

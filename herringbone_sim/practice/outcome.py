@@ -208,16 +208,16 @@ def _right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Jso
     return None
 
 
-def _same_place(told: Json, cause: Json) -> bool:
+def _same_place(entry: Json, cause: Json) -> bool:
     """Whether the channels agree (sensors), or else mesh, planet, side and member."""
-    found, true = cause.get("locus") or {}, told["locus"]
+    found, true = cause.get("locus") or {}, entry["locus"]
     if "channels" in true:
         said = found.get("channels") or _value(cause, "channels") or _value(cause, "channel") or ()
         named = [said] if isinstance(said, str) else said
         return {name for one in named for name in _expanded(one, found)} == set(true["channels"])
     places = ("mesh", "planet", "side")
     same = all(str(found.get(name, "all")) == str(true.get(name, "all")) for name in places)
-    member = _value(told, "member")
+    member = _value(entry, "member")
     return same and (member is None or _value(cause, "member") in (member, None))
 
 
@@ -239,10 +239,10 @@ def _value(cause: Json, name: str) -> Any:
     return entry.get("value") if isinstance(entry, Mapping) else entry
 
 
-def _size_error(told: Json, cause: Json) -> float | None:
+def _size_error(entry: Json, cause: Json) -> float | None:
     """Relative error of the size; None if it can't be computed."""
-    names, neutral = SIZES.get(told["effect"], ((), 0.0))
-    true, found = ([_value(one, name) for name in names] for one in (told, cause))
+    names, neutral = SIZES.get(entry["effect"], ((), 0.0))
+    true, found = ([_value(one, name) for name in names] for one in (entry, cause))
     if not names or any(not _number(value) for value in (*true, *found)):
         return None
     distance = float(np.hypot.reduce(np.subtract(found, true)))
@@ -254,12 +254,12 @@ def _number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _covered(told: Json, cause: Json) -> tuple[bool, ...]:
+def _covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
     """For each parameter of the size with an interval, whether it holds the truth."""
     held = []
-    for name in SIZES.get(told["effect"], ((), 0.0))[0]:
+    for name in SIZES.get(true_effect["effect"], ((), 0.0))[0]:
         entry = (cause.get("parameters") or {}).get(name) or {}
-        interval, true = entry.get("ci90"), _value(told, name)
+        interval, true = entry.get("ci90"), _value(true_effect, name)
         if interval is not None and _number(true):
             held.append(bool(interval[0] <= true <= interval[1]))
     return tuple(held)

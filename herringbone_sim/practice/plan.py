@@ -190,9 +190,11 @@ def _pair(rng: Generator) -> tuple[str, str]:
             return one, other
 
 
-def _clash(one: str, other: str) -> bool:
+def _clash(first: str, second: str) -> bool:
     """Whether two effects use the same fields of the rig model, or are both of sensors."""
-    return {one, other} == {"tooth_crack", "tooth_spall"} or (one in SENSORS and other in SENSORS)
+    return {first, second} == {"tooth_crack", "tooth_spall"} or (
+        first in SENSORS and second in SENSORS
+    )
 
 
 def draw_cause(rng: Generator, name: str, names: tuple[str, ...], law: str = "both") -> Cause:

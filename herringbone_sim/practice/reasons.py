@@ -123,10 +123,10 @@ def _by_effect(
     return found
 
 
-def _ranked(values: dict[str, float], found: dict[str, list[float]], head: str) -> list[str]:
+def _ranked(values: dict[str, float], by_effect: dict[str, list[float]], head: str) -> list[str]:
     """A sentence with the largest values by effect."""
     worst = sorted(values, key=lambda name: -values[name])[:MOST]
-    told = "; ".join(f"{name} {values[name]:.3f} (n = {len(found[name])})" for name in worst)
+    told = "; ".join(f"{name} {values[name]:.3f} (n = {len(by_effect[name])})" for name in worst)
     return [f"{head}, worst first: {told}"] if told else []
 
 

@@ -57,16 +57,16 @@ def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
     return (name,) if kept else ("none",)
 
 
-def _report(rig: str, found: Sequence[str]) -> Report:
+def _report(rig: str, effects: Sequence[str]) -> Report:
     causes = [
-        {"effect": name, "locus": {}, "probability": 1.0 / len(found), "parameters": {}}
-        for name in found
+        {"effect": name, "locus": {}, "probability": 1.0 / len(effects), "parameters": {}}
+        for name in effects
     ]
     return {
         "schema": SCHEMA,
         "campaign": rig,
-        "verdict": found[0],
-        "effects": [] if found[0] in ("none", "unknown") else list(found),
+        "verdict": effects[0],
+        "effects": [] if effects[0] in ("none", "unknown") else list(effects),
         "causes": causes,
         "ambiguous_with": [],
         "gap": {"closure": None},

@@ -107,15 +107,15 @@ def _accelerate(
     force: Array,
     extra: Array,
     depth: Array,
-    found: Array,
+    accelerations: Array,
 ) -> None:
     """Fill ``found`` (n, 9) with second derivatives of the bodies."""
     half = p.mass.size
     for i in range(times.size):
         # Pass the phase at t = 0 and the time, as some laws depend on time alone.
         rate(p, times[i], phase[i] - p.omega * times[i], states[i], slope, force, extra, depth)
-        for k in range(found.shape[1]):
-            found[i, k] = slope[half + k]
+        for k in range(accelerations.shape[1]):
+            accelerations[i, k] = slope[half + k]
 
 
 accelerate: Any = compiled(_accelerate)

@@ -72,15 +72,15 @@ class _Samples:
         self.names: tuple[str, ...] = ()
         self.n = 0
 
-    def decode(self, found: ScannedMessage) -> tuple[tuple[str, ...], Array]:
-        names, rows = decode_samples(found.message)
+    def decode(self, scanned: ScannedMessage) -> tuple[tuple[str, ...], Array]:
+        names, rows = decode_samples(scanned.message)
         if not self.topic:
-            self.topic, self.names = found.topic.name, names
+            self.topic, self.names = scanned.topic.name, names
             self._check_names()
-        if found.topic.name != self.topic:
+        if scanned.topic.name != self.topic:
             raise RecordingError(
                 f"a run must hold the samples of one node, {self.path} has "
-                f"{listed([self.topic])} and {listed([found.topic.name])}: record each into a "
+                f"{listed([self.topic])} and {listed([scanned.topic.name])}: record each into a "
                 "run of its own"
             )
         if names != self.names:
@@ -166,25 +166,25 @@ class _Loading:
                 "read_recording(path, most_bytes=...) more where it is known to be good"
             )
 
-    def _guarded(self, take: Callable[[ScannedMessage], None], found: ScannedMessage) -> None:
+    def _guarded(self, take: Callable[[ScannedMessage], None], scanned: ScannedMessage) -> None:
         """Take a message; one that can't be decoded is noted and left out."""
         try:
-            take(found)
+            take(scanned)
         except RecordingError as error:
             self._n_left_out += 1
             if self._n_left_out <= MOST_NOTES:
                 self.raw.notes.append(
-                    f"a message of {listed([found.topic.name])} is left out: {error}"
+                    f"a message of {listed([scanned.topic.name])} is left out: {error}"
                 )
 
-    def _take_channels(self, found: ScannedMessage) -> None:
+    def _take_channels(self, scanned: ScannedMessage) -> None:
         """Keep the first ``channels`` message of a run: its state is that at the first sample."""
         if not self.raw.channels.content:
-            self.raw.channels, notes = read_channels(decode_string(found.message))
+            self.raw.channels, notes = read_channels(decode_string(scanned.message))
             self.raw.notes += notes
 
-    def _take_event(self, found: ScannedMessage) -> None:
-        event = decode_parameter_event(found.message)
+    def _take_event(self, scanned: ScannedMessage) -> None:
+        event = decode_parameter_event(scanned.message)
         change = ParameterChange(event.stamp_ns / 1e9, event.stamp_ns, event.node, event.changed)
         self.changes.append(change)
 

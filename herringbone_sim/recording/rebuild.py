@@ -80,14 +80,14 @@ def _key(topic: Topic) -> tuple[str, str]:
     return topic.name, topic.type_name
 
 
-def _count_samples(found: Survey, message: ScannedMessage) -> None:
+def _count_samples(survey_so_far: Survey, message: ScannedMessage) -> None:
     """Add the samples of a message to the survey."""
     names, rows = decode_samples(message.message)
-    found.samples += len(rows)
+    survey_so_far.samples += len(rows)
     if len(rows) and "t" in names:
         times = rows[:, names.index("t")]
-        first = found.span_s[0] if found.span_s else float(times[0])
-        found.span_s = (first, float(times[-1]))
+        first = survey_so_far.span_s[0] if survey_so_far.span_s else float(times[0])
+        survey_so_far.span_s = (first, float(times[-1]))
 
 
 def _with_good_qos(topic: Topic) -> tuple[Topic, list[str]]:

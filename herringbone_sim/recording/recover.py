@@ -222,20 +222,26 @@ def _beside(file: Path, ending: str) -> Path:
     return file.with_name(f"{file.name}.{ending}")
 
 
-def _check_original_name(one: Survey) -> None:
+def _check_original_name(file_survey: Survey) -> None:
     """Raise RecordingError if the name for the original is taken by another file."""
-    kept = _beside(one.file, "cut")
-    if one.loses_data and os.path.lexists(kept) and not _is_original(one.file, kept):
+    kept = _beside(file_survey.file, "cut")
+    if (
+        file_survey.loses_data
+        and os.path.lexists(kept)
+        and not _is_original(file_survey.file, kept)
+    ):
         raise RecordingError(
             f"{kept} exists, from a recovery before this one: move it away, then recover again"
         )
 
 
-def _is_original(file: Path, kept: Path) -> bool:
+def _is_original(file: Path, original: Path) -> bool:
     """Whether the second name of a file exists already, from a recovery that was killed after
     it.
     """
-    return kept.is_file() and (file.samefile(kept) or filecmp.cmp(file, kept, shallow=False))
+    return original.is_file() and (
+        file.samefile(original) or filecmp.cmp(file, original, shallow=False)
+    )
 
 
 def _keep_original(file: Path) -> Path:

@@ -272,9 +272,9 @@ def _label(
     }
 
 
-def _with_units(one: Active) -> dict[str, Any]:
-    units = {p.name: p.unit for p in one.effect.parameters}
-    values = parameter_values(one)
+def _with_units(active_effect: Active) -> dict[str, Any]:
+    units = {p.name: p.unit for p in active_effect.effect.parameters}
+    values = parameter_values(active_effect)
     return {name: {"value": v, "unit": units.get(name, "-")} for name, v in values.items()}
 
 

@@ -168,12 +168,12 @@ def _boundaries(side: GearSweeps, way: str, kind: str) -> list[Boundary]:
     return boundaries(kind, side.axis.values, labels)
 
 
-def _matched(way: str, mine: list[Boundary], other: list[Boundary]) -> list[BoundaryShift]:
+def _matched(way: str, nominal: list[Boundary], augmented: list[Boundary]) -> list[BoundaryShift]:
     """Pair boundaries with equal labels before and after, the nearest first; each is used once."""
     pairs = sorted(
         (abs(a.value - b.value), i, j)
-        for i, a in enumerate(mine)
-        for j, b in enumerate(other)
+        for i, a in enumerate(nominal)
+        for j, b in enumerate(augmented)
         if (a.before, a.after) == (b.before, b.after)
     )
     partner: dict[int, int] = {}
@@ -181,11 +181,11 @@ def _matched(way: str, mine: list[Boundary], other: list[Boundary]) -> list[Boun
         if i not in partner and j not in partner.values():
             partner[i] = j
     both = [
-        BoundaryShift(way, a, other[partner[i]] if i in partner else None)
-        for i, a in enumerate(mine)
+        BoundaryShift(way, a, augmented[partner[i]] if i in partner else None)
+        for i, a in enumerate(nominal)
     ]
     taken = set(partner.values())
-    return both + [BoundaryShift(way, None, b) for j, b in enumerate(other) if j not in taken]
+    return both + [BoundaryShift(way, None, b) for j, b in enumerate(augmented) if j not in taken]
 
 
 def shares(nominal: GearSweeps, augmented: GearSweeps, way: str) -> dict[str, tuple[float, float]]:

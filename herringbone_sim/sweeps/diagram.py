@@ -92,28 +92,28 @@ def diagram_of(results: Sequence[Result]) -> Diagram:
     return Diagram(axis, sweeps[0].observation.mesh, tuple(map(_branch, results)))
 
 
-def differ(one: Branch, other: Branch) -> NDArray[np.bool_]:
+def differ(a: Branch, b: Branch) -> NDArray[np.bool_]:
     """Whether (n,) two branches end in different motions; False where either failed.
 
     Motions differ if their periods differ, if only one of them has equal left and right, or if the
     section points of two periodic motions differ by more than 0.01 b_c. Two aperiodic motions are
     not distinguished by their points.
     """
-    known = np.isfinite(one.period) & np.isfinite(other.period)
-    periods = one.period != other.period
-    sides = (one.asymmetry > SAME) != (other.asymmetry > SAME)
-    apart: NDArray[np.bool_] = known & (periods | sides | _orbits_apart(one, other))
+    known = np.isfinite(a.period) & np.isfinite(b.period)
+    periods = a.period != b.period
+    sides = (a.asymmetry > SAME) != (b.asymmetry > SAME)
+    apart: NDArray[np.bool_] = known & (periods | sides | _orbits_apart(a, b))
     return apart
 
 
-def _orbits_apart(one: Branch, other: Branch) -> NDArray[np.bool_]:
+def _orbits_apart(first: Branch, second: Branch) -> NDArray[np.bool_]:
     """Whether (n,) the sorted section points of two motions of equal period differ by more than
     SAME.
     """
-    apart = np.zeros(len(one.values), dtype=bool)
-    for i in np.flatnonzero((one.period > 0) & (one.period == other.period)):
-        p = int(one.period[i])
-        a, b = np.sort(one.points[i, -p:]), np.sort(other.points[i, -p:])
+    apart = np.zeros(len(first.values), dtype=bool)
+    for i in np.flatnonzero((first.period > 0) & (first.period == second.period)):
+        p = int(first.period[i])
+        a, b = np.sort(first.points[i, -p:]), np.sort(second.points[i, -p:])
         apart[i] = np.abs(a - b).max() > SAME
     return apart
 

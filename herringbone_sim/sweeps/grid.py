@@ -229,10 +229,10 @@ def sweep_from_json(text: str) -> Sweep:
         raise ParameterError(f"no description of a sweep: {error}") from None
 
 
-def _axis(found: Mapping[str, Any]) -> Axis:
-    name, values = found["name"], found["values"]
+def _axis(entry: Mapping[str, Any]) -> Axis:
+    name, values = entry["name"], entry["values"]
     if not isinstance(name, str) or not isinstance(values, list):
-        raise TypeError(f"an axis must have a name and a list of values, got {shown(found)}")
+        raise TypeError(f"an axis must have a name and a list of values, got {shown(entry)}")
     if not all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in values):
         raise TypeError(f"the values of {shown(name)} must be numbers, got {shown(values)}")
     return Axis(name, tuple(float(one) for one in values))
@@ -284,9 +284,9 @@ def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:
     return base.changed({name: value for name, value in steps.items() if name not in chosen})
 
 
-def differences(one: Sweep, other: Sweep) -> list[str]:
+def differences(first: Sweep, second: Sweep) -> list[str]:
     """Differences between two sweeps, as texts ``name: value, value``."""
-    pairs = zip(_flat(one).items(), _flat(other).values(), strict=True)
+    pairs = zip(_flat(first).items(), _flat(second).values(), strict=True)
     return [f"{name}: {_short(a)}, {_short(b)}" for (name, a), b in pairs if a != b]
 
 

@@ -167,17 +167,17 @@ def contact_loss(contact: Array) -> Array:
     return result
 
 
-def _starts(one: ObservationRequest, built: Sequence[Model | None]) -> Array:
+def _starts(request: ObservationRequest, built: Sequence[Model | None]) -> Array:
     """Start states (k, n_state) of the k values whose model could be built."""
     rows = [i for i, model in enumerate(built) if model is not None]
-    own = np.zeros((len(rows), one.sweep.n_state))
+    own = np.zeros((len(rows), request.sweep.n_state))
     for i, row in enumerate(rows):
         model = built[row]
         if model is not None:
             own[i, : model.layout.n_state] = initial_state(model)
-    if one.starts is None:
+    if request.starts is None:
         return own
-    given = one.starts[rows]
+    given = request.starts[rows]
     result: Array = np.where(np.isnan(given).any(axis=1, keepdims=True), own, given)
     return result
 

@@ -83,17 +83,19 @@ def _grows(points: Any, period: int) -> Any:
 _compiled_grows = compiled(_grows)
 
 
-def _find_all(sections: Any, largest: int, tolerance: float, aperiodic: float, found: Any) -> None:
+def _find_all(
+    sections: Any, largest: int, tolerance: float, aperiodic: float, periods: Any
+) -> None:
     """Write the period of each section (n, m, k) into ``found`` (n,), ``aperiodic`` if there is
     none.
     """
     for i in range(sections.shape[0]):
         if np.isnan(sections[i, 0, 0]):
             continue
-        found[i] = aperiodic
+        periods[i] = aperiodic
         for period in range(1, largest + 1):
             if _compiled_spread(sections[i], period) <= tolerance:
-                found[i] = 0.0 if _compiled_grows(sections[i], period) else period
+                periods[i] = 0.0 if _compiled_grows(sections[i], period) else period
                 break
 
 
