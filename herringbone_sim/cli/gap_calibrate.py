@@ -17,6 +17,7 @@ from herringbone_sim.practice.calibrate import (
     write_evidence,
     write_weights,
 )
+from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.seeds import parse_seeds
 from herringbone_sim.practice.trial import sources
 
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         seeds = parse_seeds(args.seeds)
         seen = check_seeds(seeds, True)
         workers, scheduler = workers_from(args), args.scheduler
-        run_bench(args.folder, seeds, setting_from(args), seen, workers, scheduler)
+        run_bench(args.folder, seeds, setting_from(args), seen, Resources(workers, scheduler))
         campaigns = bench_evidence(args.folder)
         write_evidence(args.folder / "evidence.jsonl", campaigns)
     found = calibrate(campaigns)

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from herringbone_sim.errors import AnalysisError, shown
 from herringbone_sim.practice.frozen import Frozen, frozen, overlap
 from herringbone_sim.practice.label import read_label
-from herringbone_sim.practice.pool import pool
+from herringbone_sim.practice.pool import Resources, pool
 from herringbone_sim.practice.trial import Setting, diagnose_case, label_of_seed, sources
 from herringbone_sim.recording import safe_json
 from herringbone_sim.recording.safe_json import JsonError
@@ -82,17 +82,15 @@ def run_bench(
     seeds: Sequence[int],
     setting: Setting,
     seed_overlap: SeedOverlap,
-    workers: int = 2,
-    scheduler: str | None = None,
+    resources: Resources = Resources(),  # noqa: B008
     again: bool = False,
     say: Say = print,
 ) -> None:
     """Seal the labels of all seeds, then diagnose the campaigns that have no report.
 
     Args:
+        resources: processes on this machine, or a Dask cluster.
         again: repeat diagnoses whose report came from other sources of the diagnosis.
-        workers: processes on this machine, each with one thread.
-        scheduler: address of a Dask scheduler to run on instead.
 
     Raises:
         AnalysisError: a folder with another setting, or no scheduler.
@@ -100,7 +98,7 @@ def run_bench(
     """
     make_folder(folder)
     _note(folder, seeds, setting, seed_overlap)
-    with pool(workers, scheduler) as (executor, cores):
+    with pool(resources.workers, resources.scheduler) as (executor, cores):
         seal_labels(folder, seeds, setting, executor, cores, say)
         seals = read_seals(folder)
         wanted = [(s, seals[name_of(s)]) for s in seeds if name_of(s) in seals]

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from herringbone_sim.sweeps.cluster import cluster
 
@@ -19,6 +20,19 @@ THREADS = (
     "NUMBA_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
+
+
+@dataclass(frozen=True)
+class Resources:
+    """Where to compute.
+
+    Attributes:
+        workers: processes on this machine, each with one thread.
+        scheduler: address of a Dask scheduler to run on instead; None for this machine.
+    """
+
+    workers: int = 2
+    scheduler: str | None = None
 
 
 @contextmanager
