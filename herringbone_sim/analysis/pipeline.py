@@ -1,5 +1,6 @@
-"""Analysis of a run: one result per segment with section, period, exponent, spectrum and
-contact.
+"""Analysis of a run: one result per segment with section, period, exponent, spectrum, contact.
+
+Over 300 lines: all steps of ``analyze_segment`` stand in their order.
 """
 
 from __future__ import annotations

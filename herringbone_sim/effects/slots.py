@@ -2,6 +2,8 @@
 
 An effect that only changes slots runs in the kernel of the gear itself, at its speed and with all
 its methods; other effects have compiled laws of their own, see ``effects.law``.
+
+Over 300 lines: every slot stands beside its translation for the kernel.
 """
 
 from __future__ import annotations

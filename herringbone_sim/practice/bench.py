@@ -20,7 +20,7 @@ from tqdm import tqdm
 from herringbone_sim.errors import AnalysisError, shown
 from herringbone_sim.practice.frozen import Frozen, frozen, overlap
 from herringbone_sim.practice.label import read_label
-from herringbone_sim.practice.pool import Resources, pool
+from herringbone_sim.practice.pool import LOCAL, Resources, pool
 from herringbone_sim.practice.trial import Setting, diagnose_case, label_of_seed, sources
 from herringbone_sim.recording import safe_json
 from herringbone_sim.recording.safe_json import JsonError
@@ -82,7 +82,7 @@ def run_bench(
     seeds: Sequence[int],
     setting: Setting,
     seed_overlap: SeedOverlap,
-    resources: Resources = Resources(),  # noqa: B008
+    resources: Resources = LOCAL
     again: bool = False,
     say: Say = print,
 ) -> None:

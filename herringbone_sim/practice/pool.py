@@ -35,6 +35,9 @@ class Resources:
     scheduler: str | None = None
 
 
+LOCAL = Resources()
+
+
 @contextmanager
 def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor, int]]:
     """Executor and its number of cores.

@@ -139,9 +139,7 @@ class Scan:
         self.intact_bytes = stream.tell()
 
     def _read_summary(self, stream: BinaryIO) -> None:
-        """Read the topics of a finished file from its summary, as their first copy may be
-        damaged.
-        """
+        """Read topics of a finished file from its summary, as their first copy may be damaged."""
         start = stream.tell()
         at = max(self.size - _TAIL, start)
         stream.seek(at)

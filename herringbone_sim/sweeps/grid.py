@@ -62,8 +62,7 @@ class Observation:
 
     Attributes:
         transient: mesh cycles left out first.
-        cycles: mesh cycles that exponents and contact shares are averaged over; in a ramp, the
-            cycles from one value to the next.
+        cycles: mesh cycles that are averaged over; in a ramp, from one value to the next.
         points: section points, from the last cycles; a period is detected from 5 repeats in them.
         exponents: whether to compute Lyapunov exponents.
         mesh: name such as ``sp_L`` whose section displacements are stored, or "" for none.
