@@ -82,7 +82,7 @@ def run_bench(
     seeds: Sequence[int],
     setting: Setting,
     seed_overlap: SeedOverlap,
-    resources: Resources = LOCAL
+    resources: Resources = LOCAL,
     again: bool = False,
     say: Say = print,
 ) -> None:

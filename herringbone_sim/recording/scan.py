@@ -1,7 +1,6 @@
 """Read an MCAP file of any origin, finished or cut, from front to back.
 
-The readers of ``mcap`` stop at the first invalid byte. This one returns every intact record before
-the end of the file, and skips and reports damaged chunks.
+The readers of ``mcap`` stop at the first invalid byte; this one skips damaged chunks and notes it.
 """
 
 from __future__ import annotations

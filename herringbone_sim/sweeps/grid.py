@@ -92,8 +92,7 @@ class Sweep:
         observation: what is computed at each value.
         start: ``fixed``: every value starts from the initial state of the gear; ``up``, ``down``:
             from the final state of the value before it on the first axis; ``ramp_up``,
-            ``ramp_down``: one motion continues while the parameter of the first axis changes every
-            mesh cycle.
+            ``ramp_down``: one motion, with the parameter of the first axis changed every cycle.
         chunk: number of values that are computed and stored together.
         effects: of the gear, as YAML text (``effects.written``); empty for none.
 
