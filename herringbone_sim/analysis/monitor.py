@@ -79,6 +79,7 @@ class RegimeMonitor:
         return (end - start) * model.packed.Omega / (TWO_PI * (to_cycle - from_cycle))
 
     def _label(self, exponent: float) -> str:
+        """Label of the motion, see ``Regime``."""
         if len(self._points) < LEAST:
             return "settling"
         period = find_period(np.array(self._points), tolerance=TOLERANCE)
@@ -87,6 +88,7 @@ class RegimeMonitor:
         return "chaotic" if exponent > 0.0 and self._cycles >= EXPONENT_WINDOW else "aperiodic"
 
     def _shares(self) -> Array:
+        """Contact shares (n_mesh, 3) over the last blocks."""
         counts = np.sum(np.array(self._contact), axis=0) if self._contact else np.zeros((1, 3))
         shares: Array = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
         return shares

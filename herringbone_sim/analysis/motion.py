@@ -141,6 +141,7 @@ def _rates(series: TimeSeries, x: Array, rates: dict[str, Array | None]) -> Arra
 def _notes(
     meshes: list[str], whole: tuple[str, ...], rates: dict[str, Array | None]
 ) -> tuple[str, ...]:
+    """Sentences on displacements left out and velocities derived from displacements."""
     broken = [f"x_{mesh}" for mesh in meshes if mesh not in whole]
     derived = [f"v_{mesh}" for mesh, rate in rates.items() if rate is None]
     notes = []

@@ -250,6 +250,7 @@ def _after(motion: Motion, section: Section, dropped: int) -> Motion:
 
 
 def _period(points: Array, segment: Segment, noise: float, options: Options) -> Period:
+    """Period of the section points; none within a ramp."""
     if segment.ramp:
         return Period(None, float("nan"), float("nan"), f"{segment.ramp} moves all the time")
     return find_period(points, noise, options.max_period)
@@ -258,6 +259,7 @@ def _period(points: Array, segment: Segment, noise: float, options: Options) -> 
 def _exponent(
     points: Array, segment: Segment, period: Period, noise: float, options: Options
 ) -> Exponent:
+    """Largest exponent from the section points; none within a ramp or for a periodic motion."""
     if segment.ramp:
         return no_exponent(f"{segment.ramp} moves all the time")
     if period.value:

@@ -232,6 +232,7 @@ def active(
 
 
 def _number(effect: Effect, p: Parameter, value: Any) -> float:
+    """Value of a parameter as a float; ParameterError unless it is a number within its bounds."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ParameterError(f"{p.name} of {effect.id} must be a number, got {shown(value)}")
     if value != p.neutral and not p.low <= value <= p.high:
@@ -243,6 +244,7 @@ def _number(effect: Effect, p: Parameter, value: Any) -> float:
 
 
 def _choice(effect: Effect, option: Option, value: Any) -> Any:
+    """Value of an option; ParameterError unless it is one of the choices."""
     value = tuple(value) if isinstance(value, list) else value
     if option.choices and value not in option.choices:
         raise ParameterError(

@@ -88,6 +88,9 @@ class LawStepper(Stepper):
     def _sample(
         self, moving: Moving, t: float, rows: Array
     ) -> tuple[float, int, int, NDArray[Any]]:
+        """Fill rows and advance ``moving`` in place; returns time, rows filled, switches and
+        contact time.
+        """
         p = self.model.parameters
         spent = self.gear.r.spent
         spent[:] = 0.0

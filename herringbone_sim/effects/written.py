@@ -106,6 +106,7 @@ def effects_text(actives: Sequence[Active]) -> str:
 
 
 def _text(active_effect: Active) -> str:
+    """Text of one effect."""
     place = "/".join(
         (active_effect.locus.mesh, active_effect.locus.planet, active_effect.locus.side)
     )

@@ -24,6 +24,7 @@ Parameters = dict[str, tuple[Any, str]]
 
 
 def _angle(rng: Generator) -> float:
+    """Draw an angle in -pi .. pi."""
     return float(rng.uniform(-np.pi, np.pi))
 
 
@@ -44,12 +45,14 @@ def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
 
 
 def _event_parameters(c: Cause, name: str, unit: str) -> Parameters:
+    """Parameters of a tooth event."""
     member = c.shape["member"]
     found: Parameters = {name: (c.size, unit), "member": (member, "-")}
     return found | ({"order": (CYCLES[member], "-")} if name == "depth" else {})
 
 
 def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    """Draw member, phase and meshes of a run-out."""
     member = str(rng.choice(list(CYCLES)))
     shape = {"member": member, "phase": _angle(rng)}
     side = str(rng.choice(["L", "R", "all"]))
@@ -67,14 +70,17 @@ def _draw_damping(rng: Generator, _: tuple[str, ...]) -> Drawn:
 
 
 def _ripple_draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    """Draw order and phase of a torque ripple."""
     return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": _angle(rng)}
 
 
 def _size_parameter(name: str, unit: str, signed: bool = False) -> Any:
+    """Function that returns the size, with its sign if asked, as the only parameter."""
     return lambda c: {name: (c.size * (c.sign if signed else 1.0), unit)}
 
 
 def _wave_parameters(unit: str) -> Any:
+    """Function that returns order, cosine and sine of a harmonic."""
     return lambda c: {
         "order": (c.shape["order"], "-"),
         "cos": (c.size * np.cos(c.shape["angle"]), unit),
@@ -83,6 +89,7 @@ def _wave_parameters(unit: str) -> Any:
 
 
 def _draw_waves(least: int) -> Any:
+    """Function that draws meshes, order and angle of a harmonic."""
     return lambda rng, _: (
         draw_locus(rng),
         {"order": int(rng.integers(least, 5)), "angle": _angle(rng)},
@@ -90,6 +97,7 @@ def _draw_waves(least: int) -> Any:
 
 
 def _signed(locus: Any) -> Any:
+    """Function that draws a locus and a sign."""
     return lambda rng, _: (locus(rng), {"sign": draw_sign(rng)})
 
 

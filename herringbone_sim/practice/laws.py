@@ -129,6 +129,7 @@ def friction(curve: Curve) -> Array:
 
 
 def _contact(rng: Generator) -> Curve:
+    """Contact law of one of four forms."""
     form = str(rng.choice(["rounded power", "polynomial", "saturating", "second stage"]))
     return {
         "form": form,

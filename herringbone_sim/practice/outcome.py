@@ -119,6 +119,7 @@ def outcome(label: Json, report: Json, name: str = "") -> Outcome:
 
 
 def _outcome(label: Json, report: Json, name: str) -> Outcome:
+    """Score a report that follows the schema."""
     p = probabilities(report)
     truth = tuple(sorted(label["truth"]))
     kind = "pair" if len(truth) > 1 else (truth[0] if truth[0] in OUTSIDE_CATALOGUE else "single")

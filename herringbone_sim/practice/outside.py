@@ -12,22 +12,27 @@ from herringbone_sim.practice.rig_model import RigModel
 
 
 def _phase_by_load(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Shift the phase of the stiffness with the load."""
     return p._replace(phase_by_load=c.size * c.meshes)
 
 
 def _half_order(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add a stiffness harmonic of half the mesh order."""
     return p._replace(k_half=c.size * c.meshes)
 
 
 def _drift(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Let the stiffness grow during the run."""
     return p._replace(k_drift=c.sign * c.size * c.meshes)
 
 
 def _cross(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Couple the spring forces of the left and right side."""
     return p._replace(cross=c.size * c.meshes)
 
 
 def _plate(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Let the right plate of the carrier move on a spring; the size is the compliance [m/N]."""
     free, mass = p.free.copy(), p.mass.copy()
     free[14] = 1.0
     mass[2] -= mass[14]
@@ -36,14 +41,17 @@ def _plate(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def _stick_slip(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add dry friction with stick-slip to the output."""
     return p._replace(output=np.array([c.size, c.shape["speed"]]))
 
 
 def _shock(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add periodic shocks to the carrier."""
     return p._replace(shock=np.array([c.size, c.shape["cycles"], c.shape["width"]]))
 
 
 def _gyro(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Couple sun and planet 1 on the left by a skew-symmetric damping."""
     return p._replace(gyro=c.size)
 
 

@@ -58,6 +58,7 @@ def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _report(rig: str, effects: Sequence[str]) -> Report:
+    """Gap report with equal probabilities on the effects."""
     causes = [
         {"effect": name, "locus": {}, "probability": 1.0 / len(effects), "parameters": {}}
         for name in effects

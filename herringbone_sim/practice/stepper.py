@@ -109,7 +109,7 @@ def _accelerate(
     depth: Array,
     accelerations: Array,
 ) -> None:
-    """Fill ``found`` (n, 9) with second derivatives of the bodies."""
+    """Write second derivatives (n, 9) of the bodies into ``accelerations``."""
     half = p.mass.size
     for i in range(times.size):
         # Pass the phase at t = 0 and the time, as some laws depend on time alone.

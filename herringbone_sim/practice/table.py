@@ -107,6 +107,7 @@ def table_markdown(bench: Bench, seed_overlap: SeedOverlap | None = None) -> str
 
 
 def _head(bench: Bench, seed_overlap: SeedOverlap | None) -> str:
+    """Title and facts of the bench."""
     note = bench.note
     frozen = note.get("calibration") or {}
     known = f"{frozen['file']} {frozen['sha256'][:16]}" if frozen else "no file of thresholds"
@@ -131,6 +132,7 @@ def _head(bench: Bench, seed_overlap: SeedOverlap | None) -> str:
 
 
 def _setting(setting: Mapping[str, Any]) -> str:
+    """Setting of the bench as text."""
     return "; ".join(
         f"{name} {', '.join(map(str, value)) if isinstance(value, list) else value or 'by shares'}"
         for name, value in setting.items()
@@ -138,6 +140,7 @@ def _setting(setting: Mapping[str, Any]) -> str:
 
 
 def _aim_part(bench: Bench) -> str:
+    """Section on the cases that the targets are for."""
     names = list(bench.rivals)
     inside = aimed(bench.cases)
     others = {name: rows_of(aimed(cases), AIM) for name, cases in bench.rivals.items()}
@@ -150,6 +153,7 @@ def _aim_part(bench: Bench) -> str:
 
 
 def _one_part(cases: Outcomes) -> str:
+    """Section on the cases at d = 1."""
     inside = at_one(cases)
     if not inside:
         return ""
@@ -190,6 +194,7 @@ def _why_part(cases: Outcomes) -> str:
 
 
 def _strata_part(cases: Outcomes) -> str:
+    """Tables of every figure by stratum."""
     parts = []
     for name in STRATA:
         values = sorted({case.strata[name] for case in cases})
@@ -219,6 +224,7 @@ def _cell_part(cases: Outcomes) -> str:
 
 
 def _cause_part(cases: Outcomes) -> str:
+    """Table by cause."""
     head = ["cause", "n", "right first", "in class", "locus", "error", "closure", "else named"]
     return "## All campaigns by cause\n\n" + _markdown(head, by_cause(cases))
 
@@ -245,6 +251,7 @@ def write_cases(cases: Outcomes, file: Path) -> None:
 
 
 def _case_row(case: Outcome) -> dict[str, Any]:
+    """Cells of a case by column."""
     texts = {name: " + ".join(getattr(case, name)) for name in ("truth", "internal", "said")}
     rest = {name: value for name, value in vars(case).items() if name not in ("strata", *texts)}
     given = {name: value for name, value in case.strata.items() if name != "truth"}

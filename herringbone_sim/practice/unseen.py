@@ -18,30 +18,37 @@ Drawn = tuple[dict[str, Any], dict[str, Any]]
 
 
 def _hysteresis(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add material hysteresis to the mesh springs."""
     return p._replace(hysteresis=c.size * c.meshes)
 
 
 def _square_damping(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add damping proportional to the squared velocity."""
     return p._replace(c_square=c.size * c.meshes)
 
 
 def _film(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add squeeze-film damping near the flanks."""
     return p._replace(film=c.size * c.meshes)
 
 
 def _turn(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Vary the stiffness once a turn of the sun."""
     return p._replace(k_turn=c.size * c.meshes)
 
 
 def _second_pair(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add the stiffness of a second tooth pair at large deflection."""
     return p._replace(k_second=c.size * c.meshes)
 
 
 def _bar(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Connect the halves of the sun by a preloaded torsion spring."""
     return p._replace(bar=c.size)
 
 
 def _windage(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add drag on the planets by their squared velocity."""
     return p._replace(windage=c.size)
 
 

@@ -104,6 +104,7 @@ def _word(value: Any) -> str:
 
 
 def _units(value: Any) -> dict[str, str]:
+    """Unit by channel name; ValueError with the rule."""
     try:
         return {_word(entry["name"]): _word(entry.get("unit") or "") for entry in value}
     except (AttributeError, KeyError, TypeError, ValueError):
@@ -111,6 +112,7 @@ def _units(value: Any) -> dict[str, str]:
 
 
 def _mapping(value: Any) -> dict[str, Any]:
+    """A JSON object; ValueError with the rule."""
     if not isinstance(value, dict):
         raise ValueError("names and values")
     return value
@@ -129,6 +131,7 @@ def _count(value: Any) -> int:
 
 
 def _state(value: Any) -> StoredState:
+    """State at the first sample; ValueError with the rule."""
     try:
         y = tuple(_number(one) for one in value["y"])
         return StoredState(y, _count(value["cycle"]), _count(value["index"]), _number(value["t"]))
@@ -137,6 +140,7 @@ def _state(value: Any) -> StoredState:
 
 
 def _clock(value: Any) -> Clock:
+    """Clock of the sensors; ValueError with the rule."""
     try:
         return Clock(**{name: _number(one) for name, one in _mapping(value).items()})
     except (TypeError, ValueError):

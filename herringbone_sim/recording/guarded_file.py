@@ -69,6 +69,7 @@ class GuardedFile:
         self.close()
 
     def write(self, content: Buffer) -> int:
+        """Append all bytes; returns their number."""
         rest = memoryview(content)
         while rest:
             written = os.write(self.handle, rest)
@@ -77,9 +78,11 @@ class GuardedFile:
         return len(content)
 
     def tell(self) -> int:
+        """Number of bytes written."""
         return self.position
 
     def flush(self) -> None:
+        """Write the file to the disk (fsync)."""
         os.fsync(self.handle)
 
     def rename(self, path: Path) -> None:

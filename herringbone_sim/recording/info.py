@@ -139,6 +139,7 @@ def summarise(raw: RawRecording) -> RunInfo:
 
 
 def _median_step(values: Array) -> float | None:
+    """Median difference of successive values; None unless it is positive and finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(values)
     middle = float(np.median(steps)) if len(steps) else float("nan")
@@ -146,12 +147,14 @@ def _median_step(values: Array) -> float | None:
 
 
 def _phase_step(raw: RawRecording) -> float | None:
+    """Median step of the phase [rad]; None without ``phase``."""
     if "phase" not in raw.names:
         return None
     return _median_step(raw.rows[:, raw.names.index("phase")])
 
 
 def _channels(raw: RawRecording) -> tuple[Channel, ...]:
+    """Summary of every column."""
     units = raw.channels.units
     return tuple(
         _channel(name, units.get(name, ""), raw.rows[:, column])
@@ -160,6 +163,7 @@ def _channels(raw: RawRecording) -> tuple[Channel, ...]:
 
 
 def _channel(name: str, unit: str, values: Array) -> Channel:
+    """Summary of one column."""
     finite = values[np.isfinite(values)]
     nans = len(values) - len(finite)
     if not len(finite):
@@ -170,6 +174,7 @@ def _channel(name: str, unit: str, values: Array) -> Channel:
 
 
 def _jump_notes(times: Array, jump: int | None) -> list[str]:
+    """A sentence on the first time that does not increase."""
     if jump is None:
         return []
     return [
@@ -178,6 +183,7 @@ def _jump_notes(times: Array, jump: int | None) -> list[str]:
 
 
 def _channel_notes(channels: tuple[Channel, ...]) -> list[str]:
+    """Sentences on channels with values that are not finite, and on constant ones."""
     broken = [f"{channel.name} ({channel.nans})" for channel in channels if channel.nans]
     still = [c.name for c in channels if c.constant and c.name not in OPERATING]
     notes = [f"no finite number in some samples of {listed(broken)}"] if broken else []

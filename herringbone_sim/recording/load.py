@@ -73,6 +73,7 @@ class _Samples:
         self.n = 0
 
     def decode(self, scanned: ScannedMessage) -> tuple[tuple[str, ...], Array]:
+        """Names (c,) and rows (n, c) of a message; RecordingError if topic or channels change."""
         names, rows = decode_samples(scanned.message)
         if not self.topic:
             self.topic, self.names = scanned.topic.name, names
@@ -93,6 +94,7 @@ class _Samples:
         return names, rows
 
     def _check_names(self) -> None:
+        """Raise RecordingError unless the names are unique, printable and include ``t``."""
         odd = not all(name.isprintable() for name in self.names)
         if "t" not in self.names or odd or len(set(self.names)) < len(self.names):
             raise RecordingError(
@@ -151,6 +153,7 @@ class _Loading:
         return raw
 
     def _take_rows(self, rows: Array) -> None:
+        """Append samples."""
         n, c = rows.shape
         self._take_memory(n * (c + _COLUMNS_AT_WORK) * rows.itemsize)
         self._content += np.ascontiguousarray(rows).data.cast("B") if n else b""
@@ -184,11 +187,13 @@ class _Loading:
             self.raw.notes += notes
 
     def _take_event(self, scanned: ScannedMessage) -> None:
+        """Append a parameter change."""
         event = decode_parameter_event(scanned.message)
         change = ParameterChange(event.stamp_ns / 1e9, event.stamp_ns, event.node, event.changed)
         self.changes.append(change)
 
     def _take_scan(self, scan: Scan) -> None:
+        """Take notes, completeness, topics and counts of a file that was read."""
         raw = self.raw
         raw.notes += scan.notes + scan.end_notes()
         raw.complete &= scan.complete

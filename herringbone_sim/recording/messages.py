@@ -183,6 +183,7 @@ def _type_of(value: object) -> str:
 
 
 def _write_value(out: CdrWriter, value: Value) -> None:
+    """Append a rcl_interfaces/ParameterValue."""
     kind = "none" if value is None else _type_of(value)
     held: dict[str, Any] = {kind: value}
     out.pack("B", _TYPES.index(kind))
@@ -196,6 +197,7 @@ def _write_value(out: CdrWriter, value: Value) -> None:
 
 
 def _read_value(source: CdrReader) -> Value:
+    """Read a rcl_interfaces/ParameterValue."""
     kind = source.scalar("B")
     scalars = (None, bool(source.scalar("B")), source.scalar("q"), source.double(), source.text())
     arrays = (

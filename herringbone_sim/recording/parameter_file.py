@@ -162,6 +162,7 @@ def read_values(path: Path) -> dict[str, Any]:
 
 
 def _values(document: Mapping[Any, Any]) -> dict[str, Any]:
+    """Names and values of a parsed file; ParameterError if its structure is another one."""
     values: dict[str, Any] = {}
     for node, content in document.items():
         if str(node).rsplit("/", 1)[-1] not in (NODE, "*", "**"):

@@ -94,6 +94,7 @@ def content_notes(raw: RawRecording) -> list[str]:
 
 
 def _change_notes(raw: RawRecording) -> list[str]:
+    """A sentence on parameter changes outside of the samples, empty list if there are none."""
     times = raw.times
     outside = [change for change in raw.changes if not times[0] <= change.t_s <= times[-1]]
     if not outside:

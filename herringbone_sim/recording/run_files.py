@@ -158,6 +158,7 @@ class RunFiles:
         self.ended = f"the recording {self.folder} is closed: start another"
 
     def _write_metadata(self) -> None:
+        """Write ``metadata.yaml``; RecordingError says how to repair the run if that fails."""
         files = {one.file.path.name: one.tallies for one in self._finished}
         try:
             write_metadata(self.folder, split_metadata(files))
@@ -171,6 +172,7 @@ class RunFiles:
             raise RecordingError(said) from error
 
     def _finish(self, health: Mapping[str, str]) -> None:
+        """Flush, end and close the current file."""
         self.flush()
         with self._writing():
             self._end(health)
@@ -179,6 +181,7 @@ class RunFiles:
         self._finished.append(_Finished(written, self._bag.tallies, self._counts[-1]))
 
     def _end(self, health: Mapping[str, str]) -> None:
+        """Append the metadata record and the index, unless the file has them."""
         if not self._bag.complete:
             counts = {"samples_written": str(self._counts[-1].written)}
             self._bag.add_record(RECORD_NAME, {**health, **counts})

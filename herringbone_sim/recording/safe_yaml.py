@@ -86,6 +86,7 @@ def parse_yaml(text: str) -> Any:
 
 
 def _text(path: Path) -> str:
+    """Text of a file; YamlError if it is too long or not UTF-8."""
     try:
         return file_text(path, MOST_BYTES)
     except ValueError as error:
@@ -138,6 +139,7 @@ class _Measure:
         return self.sizes[event.anchor]
 
     def _scalar(self, event: Any) -> None:
+        """Check and count a scalar."""
         _check_tag(event)
         if len(event.value) > MOST_CHARACTERS:
             raise _refused(event, f"a text may have {MOST_CHARACTERS} characters, got more")
@@ -149,6 +151,7 @@ class _Measure:
         self._add(1)
 
     def _key(self, event: Any) -> None:
+        """Check that a key is not repeated."""
         keys = self.open[-1].keys
         assert keys is not None
         if event.value in keys:
@@ -156,6 +159,7 @@ class _Measure:
         keys.add(event.value)
 
     def _begin(self, event: Any) -> None:
+        """Check the nesting depth and open a list or mapping."""
         _check_tag(event)
         if self.open and self.open[-1].key_comes:
             raise _refused(event, "a key must be a text, got a list or mapping")
@@ -171,18 +175,21 @@ class _Measure:
             self.sizes[anchor] = n_nodes
 
     def _add(self, n_nodes: int) -> None:
+        """Add nodes to the enclosing list or mapping."""
         if self.open:
             self.open[-1].n_nodes += n_nodes
             self.open[-1].n_entries += 1
 
 
 def _check(events: Iterable[Any]) -> None:
+    """Measure all events of a text; YamlError where a limit is exceeded."""
     measure = _Measure()
     for event in events:
         measure.take(event)
 
 
 def _check_tag(event: Any) -> None:
+    """Refuse explicit type tags."""
     if event.tag not in (None, "!", f"{_TAG}str", f"{_TAG}seq", f"{_TAG}map"):
         raise _refused(event, f"no type may be given to a value, got {shown(event.tag)}")
 
@@ -192,6 +199,7 @@ def _is_number(text: str) -> bool:
 
 
 def _refused(event: Any, rule: str) -> YamlError:
+    """Error with a rule and the line."""
     return YamlError(f"{rule}, in line {event.start_mark.line + 1}")
 
 

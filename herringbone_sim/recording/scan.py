@@ -129,6 +129,7 @@ class Scan:
             ) from error
 
     def _check_magic(self, stream: BinaryIO) -> None:
+        """Raise RecordingError unless the file starts as MCAP does."""
         start = stream.read(len(MCAP0_MAGIC))
         if start != MCAP0_MAGIC:
             raise RecordingError(
@@ -211,6 +212,7 @@ class Scan:
             )
 
     def _message(self, body: memoryview) -> tuple[ScannedMessage] | tuple[()]:
+        """The message of a record, none if its channel is undefined."""
         channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
         self._n_messages += 1
         topic = self.topics.get(channel)
@@ -220,6 +222,7 @@ class Scan:
         return (ScannedMessage(topic, log_ns, publish_ns, body[_MESSAGE.size :]),)
 
     def _note_record(self, opcode: int, body: memoryview) -> None:
+        """Take a metadata, statistics, schema or channel record."""
         if opcode == Opcode.METADATA:
             record = Metadata.read(_fields(body))
             self.metadata.append((record.name, record.metadata))

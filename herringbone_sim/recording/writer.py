@@ -254,6 +254,7 @@ class RunWriter:
             self._files.close(health or {})
 
     def _stamp(self, t_s: float) -> int:
+        """Time [s] in nanoseconds; RecordingError if it is not finite."""
         if not np.isfinite(t_s):
             raise RecordingError(
                 f"the time of a message must be finite, got {t_s!r} s: record nothing of a "
@@ -262,10 +263,12 @@ class RunWriter:
         return stamp_ns(t_s)
 
     def _write(self, topic: int, t_s: float, message: Buffer, publish_ns: int | None) -> None:
+        """Append a message to a topic."""
         log_ns = self._log_ns(t_s)
         self._files.write(topic, log_ns, log_ns if publish_ns is None else publish_ns, message)
 
     def _log_ns(self, t_s: float) -> int:
+        """Wall time [ns] of a simulation time [s]."""
         return self._start_ns + self._stamp(t_s)
 
 

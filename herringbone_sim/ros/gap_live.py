@@ -145,6 +145,7 @@ class _Listener:
             self._samples = self._subscribe()
 
     def _subscribe(self) -> Any:
+        """Subscription with the present reliability."""
         kind = ReliabilityPolicy.RELIABLE if self._reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(reliability=kind, history=HistoryPolicy.KEEP_LAST, depth=DEPTH)
         return self._node.create_subscription(

@@ -83,6 +83,7 @@ class SimulatorNode(GuardedNode):
         self._open()
 
     def _get(self, name: str) -> Any:
+        """Value of a parameter."""
         return self.get_parameter(name).value
 
     def _mirror_options(self) -> dict[str, Any]:
@@ -134,6 +135,7 @@ class SimulatorNode(GuardedNode):
         self.create_service(Trigger, f"~/{name}", answer, callback_group=group)
 
     def _record_first(self) -> None:
+        """Start the recording that ``record: true`` asks for; log a failure."""
         try:
             path = self._start_recording(self.loop.model, self.loop.state)
             self.get_logger().info(f"recording to {path}")
@@ -141,6 +143,7 @@ class SimulatorNode(GuardedNode):
             self.get_logger().error(f"not recording: {error}; the simulation goes on")
 
     def _deliver(self, delivery: Delivery) -> None:
+        """Pass a delivery of the loop to recorder and streams."""
         self.recorder.put(delivery)
         self.streams.put(delivery)
 
@@ -210,6 +213,8 @@ class SimulatorNode(GuardedNode):
             self._decimate.publish_rate = values["publish_rate"]
 
     def _command(self, name: str) -> Any:
+        """Callback of a command topic: set the parameter of that name."""
+
         def take(message: Float64) -> None:
             parameter = Parameter(name, Parameter.Type.DOUBLE, message.data)
             self.set_parameters_atomically([parameter])
@@ -217,16 +222,19 @@ class SimulatorNode(GuardedNode):
         return take
 
     def _pause(self) -> str:
+        """Service ``pause``."""
         self.loop.pause()
         return f"paused at t = {self.loop.call(lambda _, state: state.t):.9g} s"
 
     def _resume(self) -> str:
+        """Service ``resume``."""
         if self.fault:
             raise HerringboneError(f"{self.fault}: call reset first")
         self.loop.resume()
         return f"running from t = {self.loop.t_s:.9g} s"
 
     def _step(self) -> str:
+        """Service ``step``: advance by ``step_cycles`` mesh cycles."""
         if self.fault:
             raise HerringboneError(f"{self.fault}: call reset first")
         wanted = self._get("step_cycles")
@@ -240,6 +248,7 @@ class SimulatorNode(GuardedNode):
         return f"advanced {wanted} mesh cycles to t = {came.t_s:.9g} s"
 
     def _reset(self) -> str:
+        """Service ``reset``."""
         name = self._next_name()
         said = self.loop.call(lambda *_: self._reset_now(name))
         self._tell_time()
@@ -262,11 +271,13 @@ class SimulatorNode(GuardedNode):
         return f"{said}; recording goes on in {path}"
 
     def _record_start(self) -> str:
+        """Service ``record/start``."""
         name = self._next_name()
         path = self.loop.call(lambda model, state: self._start_recording(model, state, name))
         return f"recording to {path}"
 
     def _start_recording(self, model: Model, state: State, name: str = "") -> Path:
+        """Start a recording at a state; returns its folder."""
         try:
             folder = Path(self._get("record_dir")).expanduser()
         except RuntimeError as error:
@@ -279,12 +290,14 @@ class SimulatorNode(GuardedNode):
         return run_name(str(self._get("record_name")), bool(self.recorder.path))
 
     def _record_stop(self) -> str:
+        """Service ``record/stop``."""
         outcome = self.recorder.stop()
         if outcome.lost:
             raise RecordingError(str(outcome))
         return str(outcome)
 
     def _diagnose(self) -> None:
+        """Publish ``/diagnostics``."""
         if self.loop.compiling:
             self._say_once(COMPILING_EFFECTS if self.loop.ready else COMPILING)
         message = DiagnosticArray(status=[simulator_status(self)])

@@ -159,6 +159,7 @@ class _Player:
     clock: Any = None
 
     def __post_init__(self) -> None:
+        """Create the publishers and find the section points."""
         node, series = self.node, self.recording.samples
         self.channels = node.create_publisher(String, "~/channels", LATCHED)
         self.samples = node.create_publisher(Float64MultiArray, "~/samples", STREAM)

@@ -170,6 +170,7 @@ class Session:
         self._thread.start()
 
     def _create(self, name: str, model: Model, content: dict[str, Any], t_s: float) -> RunWriter:
+        """Writer of a new run."""
         place, names = self._place, model.layout.channels
         start = self._start_ns
         return RunWriter.create(
@@ -277,6 +278,7 @@ class Session:
             self._warn(f"recording goes on in {self.path}")
 
     def _write(self, delivery: Delivery) -> None:
+        """Write parameter changes, samples and decimated states of a delivery."""
         block, layout, writer = delivery.block, delivery.model.layout, self._runs[-1]
         now = time.time_ns()
         for change in delivery.changes:

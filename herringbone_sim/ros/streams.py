@@ -142,6 +142,7 @@ class Streams:
         self._publish_channels(content, delivery.changes)
 
     def _publish_channels(self, content: dict[str, Any], changes: Sequence[Change]) -> None:
+        """Publish the content of ``~/channels`` with the latest parameter changes."""
         content["changes"] = [{"t": c.t_s, "values": dict(c.values)} for c in changes]
         self._channels.publish(String(data=json.dumps(content)))
 
@@ -179,6 +180,7 @@ class Streams:
             self._publish_state(delivery.model, block.rows[i])
 
     def _publish_section(self, delivery: Delivery) -> None:
+        """Publish the samples at phase 0."""
         n = delivery.model.layout.n_mesh
         names = delivery.model.layout.channels
         keep = [0, 1, *range(5, 5 + 2 * n)]
@@ -190,6 +192,7 @@ class Streams:
     def _publish_state(
         self, model: Model, row: np.ndarray[tuple[int], np.dtype[np.float64]]
     ) -> None:
+        """Publish displacement, velocity and force of all meshes of one sample."""
         n = model.layout.n_mesh
         x, v, force = row[5 : 5 + n], row[5 + n : 5 + 2 * n], row[5 + 2 * n : 5 + 3 * n]
         sample = StateSample(stamp_ns(float(row[0])), model.layout.meshes, x, v, force)

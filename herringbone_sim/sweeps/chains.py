@@ -120,6 +120,7 @@ def _observe(jobs: Sequence[Job], step: int) -> list[Table]:
 
 
 def _request(job: Job, row: range, place: int) -> ObservationRequest:
+    """Request for the values of one group of a job."""
     look = job.sweep.observation
     return ObservationRequest(
         job.sweep, row, _starts(job, row), place * (look.transient + look.cycles)

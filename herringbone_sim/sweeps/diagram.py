@@ -119,6 +119,7 @@ def _orbits_apart(first: Branch, second: Branch) -> NDArray[np.bool_]:
 
 
 def _branch(result: Result) -> Branch:
+    """Branch of a diagram from the result of one sweep."""
     values = np.array(result.sweep.axes[0].values)
     points = result["points"]
     return Branch(

@@ -228,6 +228,7 @@ def sweep_from_json(text: str) -> Sweep:
 
 
 def _axis(entry: Mapping[str, Any]) -> Axis:
+    """Axis from its JSON entry; TypeError unless it has a name and a list of numbers."""
     name, values = entry["name"], entry["values"]
     if not isinstance(name, str) or not isinstance(values, list):
         raise TypeError(f"an axis must have a name and a list of values, got {shown(entry)}")

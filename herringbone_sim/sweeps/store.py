@@ -129,6 +129,7 @@ class Result:
         return sorted(found, key=lambda one: -one.count)
 
     def _failure(self, indices: list[int]) -> Failure:
+        """Failure of the values at some flat indices."""
         places = np.unravel_index(indices, self.sweep.shape)
         ranges = {
             axis.name: (axis.values[int(at.min())], axis.values[int(at.max())])
@@ -223,6 +224,7 @@ def checksum(table: Table) -> str:
 
 
 def _content(values: NDArray[Any]) -> bytes:
+    """Bytes of a column for the checksum, all NaNs made equal."""
     if values.dtype == object:
         return json.dumps(values.tolist(), default=str).encode()
     if values.dtype.kind == "f":
@@ -231,12 +233,14 @@ def _content(values: NDArray[Any]) -> bytes:
 
 
 def _column(values: NDArray[Any]) -> Any:
+    """Arrow array of a column, (n,) or (n, k)."""
     if values.ndim == 1:
         return pa.array(values)
     return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
 
 
 def _array(column: Any) -> Any:
+    """NumPy array of an Arrow column."""
     whole = column.combine_chunks()
     if pa.types.is_fixed_size_list(whole.type):
         flat = whole.flatten().to_numpy(zero_copy_only=False)

@@ -85,10 +85,12 @@ _Found = tuple[dict[str, Read], dict[str, Values]]
 
 
 def _arrow(table: Any) -> dict[str, Read]:
+    """Readers of the columns of an Arrow table."""
     return {name: table.column(i).to_numpy for i, name in enumerate(table.column_names)}
 
 
 def _csv(path: Path, options: Mapping[str, Any]) -> _Found:
+    """Readers of the columns of a text table."""
     csv = package("pyarrow.csv", "pyarrow", "tables of text")
     table = csv.read_csv(
         path,
@@ -109,6 +111,7 @@ def _parquet(path: Path, _: Mapping[str, Any]) -> _Found:
 
 
 def _mat(path: Path, _: Mapping[str, Any]) -> _Found:
+    """Readers of the arrays of a MATLAB file."""
     with path.open("rb") as file:
         if file.read(10) == b"MATLAB 7.3":
             return _of_hdf5(path, matlab=True), {}
@@ -177,6 +180,7 @@ def _column(read: Read, j: int) -> Values:
 
 
 def _tdms(path: Path, _: Mapping[str, Any]) -> _Found:
+    """Readers of the channels of a TDMS file, and their clocks."""
     file = package("nptdms", "npTDMS", "TDMS files").TdmsFile.read(path)
     every = {f"{c.group_name}/{c.name}": c for group in file.groups() for c in group.channels()}
     clocks = {

@@ -34,6 +34,7 @@ class Entry:
         return RecordingError(f"{self._place(key)} must be {rule}, got {shown(value)}: {do}")
 
     def _place(self, key: str) -> str:
+        """Place of a key in the spec."""
         return ".".join(part for part in (self.where, key) if part) or "the spec"
 
     def take(self, key: str, default: Any = None) -> Any:
@@ -73,6 +74,7 @@ class Entry:
         return self._converted(key, lambda: factor(unit, si))
 
     def _converted(self, key: str, read: Callable[[], float]) -> float:
+        """Result of ``read``; RecordingError with the place instead of ValueError."""
         try:
             return read()
         except ValueError as error:

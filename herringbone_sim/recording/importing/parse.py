@@ -57,6 +57,7 @@ def read_spec(file: Path) -> ImportSpec:
 
 
 def _spec(folder: Path, content: Any) -> ImportSpec:
+    """Specification from the parsed YAML."""
     known = ("rig", "nominal", "phase", "files", "runs", "noise", "sensors")
     top = Entry(content, "", known)
     nominal = load_parameters(folder / top.text("nominal")) if "nominal" in top else Parameters()
@@ -105,6 +106,7 @@ def _check_filled(run: RunSpec, shaft: str) -> None:
 
 
 def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str]) -> RunSpec:
+    """Specification of one run."""
     entry = Entry(value, where, ("name", "role", *POINT, "files"))
     name = entry.text("name")
     try:
@@ -122,6 +124,7 @@ def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str])
 
 
 def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpec:
+    """Specification of one file of a run."""
     path = folder / entry.text("path").replace("{run}", run)
     if not path.exists():
         raise entry.wrong("path", "a file beside the spec", str(path), "no such file")
@@ -142,6 +145,7 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
 
 
 def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
+    """Checked options of a csv file."""
     given = Entry(entry.take("options", {}), f"{entry.where}.options", tuple(OPTIONS))
     if kind != "csv" and "options" in entry:
         raise entry.wrong("options", "left out, as only csv has options", kind)
@@ -176,6 +180,7 @@ def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, An
 
 
 def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> ChannelSpec:
+    """Specification of one channel: column, unit and linear conversion to SI."""
     if name not in names:
         near = difflib.get_close_matches(name, names, 3) or names[:3]
         raise RecordingError(
@@ -193,6 +198,7 @@ def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> Channel
 
 
 def _time(value: Any, where: str, kind: str) -> TimeSpec:
+    """Specification of the clock of a file."""
     own = kind in ("tdms", "rosbag2")
     entry = Entry(value or {}, where, ("column", "unit", "rate", "start", "trigger_offset"))
     named = ("column" in entry) + ("rate" in entry)
