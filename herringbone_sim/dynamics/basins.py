@@ -27,7 +27,7 @@ class Basins:
     """Attractors that a set of initial states leads to.
 
     Attributes:
-        attractors: in descending order of their shares.
+        attractors: known ones first, as given to ``explore``; without any, by descending share.
         labels: index into ``attractors`` for each initial state, (n_starts,) or (n, n) for a plane
             of them; -1 where the run failed.
     """

@@ -24,7 +24,7 @@ from herringbone_sim.dynamics.boundaries import (
 )
 from herringbone_sim.dynamics.continuation import (
     Branch,
-    Steps,
+    StepControl,
     branch_off,
     follow,
     follow_both,
@@ -78,7 +78,7 @@ class CascadeOptions:
 
     max_period: int = 4
     asymmetric: bool = False
-    steps: Steps = field(default_factory=Steps)
+    steps: StepControl = field(default_factory=StepControl)
     branches: int = 40
 
 
@@ -141,7 +141,7 @@ def _first(family: Family, points: Array, value: float) -> BranchStart:
     return BranchStart(curve, start, f"start at {value:g}", True, start.orbit.points[:0])
 
 
-def _trace(opening: BranchStart, watch: Watch | None, steps: Steps) -> Followed:
+def _trace(opening: BranchStart, watch: Watch | None, steps: StepControl) -> Followed:
     """Continue a branch from its start and locate its boundaries."""
     curve = opening.curve
     branch = _trimmed(

@@ -41,7 +41,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Steps:
+class StepControl:
     """Step-size limits of the pseudo-arclength continuation, and the point limit.
 
     Attributes:
@@ -55,9 +55,9 @@ class Steps:
     points: int = 2000
 
 
-def follow(curve: Curve, start: BranchPoint, steps: Steps | None = None) -> Branch:
+def follow(curve: Curve, start: BranchPoint, steps: StepControl | None = None) -> Branch:
     """Continue a branch from an orbit along its tangent to the end of the parameter range."""
-    steps = steps or Steps()
+    steps = steps or StepControl()
     points, ds = [start], steps.first
     while len(points) < steps.points:
         try:
@@ -78,7 +78,7 @@ def follow(curve: Curve, start: BranchPoint, steps: Steps | None = None) -> Bran
     return Branch(tuple(points), ("start", f"{steps.points} points"))
 
 
-def follow_both(curve: Curve, start: BranchPoint, steps: Steps | None = None) -> Branch:
+def follow_both(curve: Curve, start: BranchPoint, steps: StepControl | None = None) -> Branch:
     """Continue a branch in both directions; its points are ordered along the tangent of the
     start.
     """

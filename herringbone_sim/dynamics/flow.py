@@ -24,7 +24,7 @@ from herringbone_sim.errors import DivergenceError, ParameterError
 Array = NDArray[np.float64]
 
 MOST_ORDER = 64  # largest denominator of the order of the control (cycles until it repeats)
-MOST_CYCLES = 2100  # longest forcing period; two shafts of the nominal rig need 2079 at most
+MOST_CYCLES = 2100  # longest forcing period; two members of the nominal rig need 2079 at most
 
 
 class Flow(Protocol):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.packed import inlined
-from herringbone_sim.effects.instant import FREE, inside
+from herringbone_sim.effects.instant import FREE, clamp_to_contact
 from herringbone_sim.effects.law import PLAY, SHIFT, law
 from herringbone_sim.effects.run import LENGTH, slope_of
 
@@ -103,7 +103,9 @@ def stage(m, i, cycle, phase):
     slope(m, cycle, phase, r.y[i], r.rate[i])
     for j in range(w.x.size):
         x = m.g.x[j] + w.law[SHIFT, j]
-        r.hold[i, j] = inside(x, w.law[PLAY, j], w.side[j], 4.0 * APART * m.si[LENGTH]) - x
+        r.hold[i, j] = (
+            clamp_to_contact(x, w.law[PLAY, j], w.side[j], 4.0 * APART * m.si[LENGTH]) - x
+        )
 
 
 @law

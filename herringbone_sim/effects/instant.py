@@ -25,7 +25,7 @@ BEYOND = 1e-15  # m: margin by which a deflection on an edge is moved into its c
 
 
 @inlined
-def inside(x, b, side, margin):
+def clamp_to_contact(x, b, side, margin):
     """Clamp a deflection x [m] into a contact state, ``margin`` [m] away from its border.
 
     Args:
@@ -72,7 +72,7 @@ def instant(e, site, theta, gear, now, own, x, v, w):
             w.x[m] = shown + w.hold[m]
             f = play(w.x[m], b)
         else:
-            w.x[m] = inside(shown, b, side, BEYOND)
+            w.x[m] = clamp_to_contact(shown, b, side, BEYOND)
             f = shown - side * b if side != 0 else 0.0
         w.force[m] = w.law[STIFFNESS, m] * f + w.law[DAMPING, m] * w.v[m]
     w.torque[:] = 0.0

@@ -1,7 +1,7 @@
 """Arguments of the compiled laws of effects: one instant, all meshes, SI units.
 
-An effect has up to three laws, each compiled by ``law``, with one of these signatures; all write
-into their last arguments, starting with ``law`` for excite and react::
+An effect has up to three laws, each compiled by ``law``, with one of these signatures. They work
+in place: excite changes ``law``, react changes ``force`` and ``torque``, drive writes ``slope``::
 
     excite(theta, site, gear, now, own, law)
     react(theta, site, gear, now, own, x, v, law, force, torque)

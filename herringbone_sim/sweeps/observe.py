@@ -11,7 +11,7 @@ The columns of a table, n rows:
                         for a motion whose left and right differ
     asymmetry           RMS of left minus right displacements over the section, b_c
     sun_back, sun_separated, sun_drive, ring_...    shares of the time, mean of the meshes
-    contact_loss        0 never, 1 on the drive flank, 2 impacts on both flanks of some mesh
+    contact_loss        0 never, 1 lost on one flank, 2 contact on both flanks of some mesh
     points              (n, points) section displacements of one mesh, b_c, if requested
     end                 (n, n_state) final states, those of effects included, if the next value
                         starts from them

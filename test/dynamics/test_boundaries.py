@@ -20,7 +20,7 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.boundaries import find_boundaries
 from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
-from herringbone_sim.dynamics.continuation import Steps
+from herringbone_sim.dynamics.continuation import StepControl
 from herringbone_sim.dynamics.curve import Family
 from herringbone_sim.dynamics.flow import GearFlow, mirror, settle
 from herringbone_sim.dynamics.gear_family import gear_family
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 
 
 def test_the_flip_and_the_fold_of_the_henon_map():
-    curve, branch = branch_of(henon, -0.5, 0.5, [0.7, 0.2], 0.2, steps=Steps(points=250))
+    curve, branch = branch_of(henon, -0.5, 0.5, [0.7, 0.2], 0.2, steps=StepControl(points=250))
     found = {one.kind: one for one in find_boundaries(curve, branch)}
     assert set(found) == {"flip", "fold"}
     assert found["fold"].value == pytest.approx(-(0.7**2) / 4, abs=1e-9)
