@@ -27,8 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.reference import Reference, in_si, integrate
-from herringbone_sim.core.batch import alike_halves, run_batch
+from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper, stepper
+from herringbone_sim.core.mirror import has_equal_halves
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.effects.assemble import build_with, by_laws
@@ -122,7 +123,7 @@ def row(text: str, rounds: int) -> tuple[float, float, float, bool]:
     one = best(lambda: stepper.advance(start, n), rounds) / CYCLES
     gears = [gear(text, delta_T=value) for value in np.linspace(0.0, 100.0, VALUES)]
     lanes = best(lambda: run_batch(gears, transient=LENGTH, cycles=LENGTH, points=1), rounds)
-    return error, one, lanes, alike_halves(model)
+    return error, one, lanes, has_equal_halves(model)
 
 
 def law_row(text: str, slots: bool, rounds: int) -> tuple[list[float], list[float]]:

@@ -27,7 +27,7 @@ import numpy as np
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, for_sweeps
+from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.store import open_store
 
 PAPER = Path(__file__).resolve().parents[1] / "config" / "paper.yaml"
@@ -42,7 +42,7 @@ def sweep_of(size: int, mesh: str = "", chunk: int = 64) -> Sweep:
         for name, high in (("delta_T", 100.0), ("K", 0.6))
     )
     look = Observation(mesh=mesh)
-    return Sweep(for_sweeps(load_parameters(PAPER), {}), axes, look, chunk=chunk)
+    return Sweep(with_sweep_steps(load_parameters(PAPER), {}), axes, look, chunk=chunk)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, for_sweeps
+from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.store import Result, load_result, open_store
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -20,7 +20,7 @@ def gear(**values: object) -> Parameters:
     reading = {"gamma": 1.2e-5, "thermal_rp": "sun", "projection": "torque"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
-        return for_sweeps(Parameters(), {}).changed(reading | values)
+        return with_sweep_steps(Parameters(), {}).changed(reading | values)
 
 
 def axis(name: str, low: float, high: float, count: int) -> Axis:

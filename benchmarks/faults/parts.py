@@ -11,8 +11,8 @@ import numpy as np
 
 from benchmarks.faults.trial import Trial
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, for_sweeps
-from herringbone_sim.sweeps.kept import Kept
+from herringbone_sim.sweeps.array_cache import ArrayCache
+from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import open_store
 
@@ -60,7 +60,7 @@ def _table(rng: np.random.Generator) -> Table:
 
 def _parquet(rng: np.random.Generator, folder: Path) -> tuple[int, str]:
     axis = Axis("delta_T", tuple(float(value) for value in np.linspace(0.0, 90.0, COUNT)))
-    base = for_sweeps(Parameters(planet_angle=(0.0, 120.0, 240.0)), {})
+    base = with_sweep_steps(Parameters(planet_angle=(0.0, 120.0, 240.0)), {})
     look = Observation(12, 10, 8, True, "sp_L")
     store = open_store(folder, Sweep(base, (axis,), look, "up", COUNT))
     table = _table(rng)
@@ -73,12 +73,12 @@ def _parquet(rng: np.random.Generator, folder: Path) -> tuple[int, str]:
 
 def _kept(rng: np.random.Generator, folder: Path) -> tuple[int, str]:
     table = {name: values for name, values in _table(rng).items() if name != "reason"}
-    Kept(folder).once(["a"], lambda: table)
+    ArrayCache(folder).get(["a"], lambda: table)
     (path,) = folder.iterdir()
     bad, said = spoilt(path.read_bytes(), rng)
     path.write_bytes(bad)
     with contextlib.redirect_stderr(io.StringIO()):
-        read = Kept(folder).once(["a"], lambda: table)
+        read = ArrayCache(folder).get(["a"], lambda: table)
     return differing(table, read), f"npz: {said}"
 
 

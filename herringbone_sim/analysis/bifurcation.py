@@ -1,4 +1,4 @@
-"""Bifurcation diagram: section points and exponents over the one parameter that differs."""
+"""Bifurcation diagram from recorded segments: section points and exponents over one parameter."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ class BifurcationDiagram:
     """Long-term motion over one parameter.
 
     Attributes:
-        parameter: name of the parameter, as in the operating points.
-        values: (n,) its values, in the order of the runs.
+        parameter: its name, as in the operating points.
+        values: (n,) its values, in the order of the segments.
         points: n arrays of section displacements of one mesh, m.
-        point_values: n arrays, the value at each point: it moves within a ramp.
+        point_values: n arrays of the parameter value at each point, which changes within a ramp.
         mesh: name such as ``sp_L``.
-        exponents: (n, 3) from data: value, low, high, per mesh cycle.
-        model_exponents: (n, 2) of the model: value, standard error, per mesh cycle.
-        periods: n periods, None where there is none to be had.
-        cycles_per_tau: (n,) Omega / 2 pi, NaN when unknown.
+        exponents: (n, 3) estimated from the data: value and 90 % interval (low, high), per mesh
+            cycle.
+        model_exponents: (n, 2) of the nominal model: value, standard error, per mesh cycle.
+        periods: n periods in mesh cycles, 0 = aperiodic, None where none could be determined.
+        cycles_per_tau: (n,) Omega / 2 pi, NaN if unknown.
     """
 
     parameter: str
@@ -45,7 +46,9 @@ class BifurcationDiagram:
 
     @property
     def falling(self) -> NDArray[np.bool_]:
-        """Which of the n were reached from a larger value: the way back of a hysteresis."""
+        """Whether (n,) each value was reached from a larger one: the downward branch of a
+        hysteresis.
+        """
         falling = np.zeros(len(self.values), dtype=bool)
         for i in range(1, len(self.values)):
             step = self.values[i] - self.values[i - 1]
@@ -56,15 +59,17 @@ class BifurcationDiagram:
 def bifurcation_diagram(
     results: Sequence[SegmentResult], mesh: str | None = None, least_values: int = 3
 ) -> BifurcationDiagram:
-    """Diagram over the parameter that takes most values; the others stay at their commonest.
+    """Diagram over the parameter with the most values, from segments with equal other parameters.
+
+    Where the other parameters differ too, the segments with their most frequent values are used.
 
     Args:
         results: segments of one run, or of several.
-        mesh: whose displacement; the first one by default.
-        least_values: fewer different values than this make no diagram.
+        mesh: the mesh whose displacement is taken; the first one by default.
+        least_values: smallest number of different values.
 
     Raises:
-        AnalysisError: no parameter differs enough, or several differ from run to run.
+        AnalysisError: no parameter takes enough values, or several differ from run to run.
     """
     used = [result for result in results if len(result.section)]
     parameter, chosen = _one_parameter(used, least_values)
@@ -86,6 +91,7 @@ def bifurcation_diagram(
 
 
 def _points(result: SegmentResult, mesh: str) -> Array:
+    """Up to 400 section displacements of a segment; all successive ones if it is periodic."""
     x = result.section.x[:, result.motion.meshes.index(mesh)]
     stride = 1 if result.period.value else max(len(x) // MAX_POINTS, 1)
     points: Array = x[-MAX_POINTS * stride :: stride].copy()
@@ -93,6 +99,7 @@ def _points(result: SegmentResult, mesh: str) -> Array:
 
 
 def _point_values(result: SegmentResult, parameter: str, count: int) -> Array:
+    """Parameter value at each of ``count`` section points."""
     if result.segment.ramp == parameter:
         return np.linspace(*result.segment.ramp_ends, count)
     return np.full(count, result.segment.point[parameter])
@@ -101,6 +108,7 @@ def _point_values(result: SegmentResult, parameter: str, count: int) -> Array:
 def _one_parameter(
     results: Sequence[SegmentResult], least_values: int
 ) -> tuple[str, list[SegmentResult]]:
+    """Name of the parameter with the most values, and the segments in which only it differs."""
     keys = [{name: _key(name, value) for name, value in r.segment.point.items()} for r in results]
     names = list(dict.fromkeys(name for key in keys for name in key))
     counts = {name: len({key.get(name) for key in keys}) for name in names}
@@ -122,14 +130,15 @@ def _one_parameter(
 
 
 def _list(counts: dict[str, int]) -> str:
+    """Number of values of each parameter that differs, as text."""
     many = [f"{name}: {count} values" for name, count in counts.items() if count > 1]
     return ", ".join(many) or "no parameter that differs"
 
 
 def _key(name: str, value: float) -> float | None:
-    """Value rounded so that the same setting is the same key; None for NaN.
+    """Value rounded so that equal settings have equal keys; None for NaN.
 
-    A setting counts to 6 digits, the mesh frequency, which is measured, to 4.
+    Settings are rounded to 6 significant digits, the measured mesh frequency to 4.
     """
     if not np.isfinite(value):
         return None

@@ -1,4 +1,4 @@
-"""Share of time in drive contact, separated and in back contact."""
+"""Shares of time that a mesh spends in drive contact, separated and in back contact."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from herringbone_sim.analysis.motion import Motion
 
 @dataclass(frozen=True)
 class ContactShares:
-    """Shares of time of one mesh; they add up to 1, or are all NaN without a backlash.
+    """Shares of time of one mesh; their sum is 1, or all are NaN if the backlash is unknown.
 
     Attributes:
         mesh: name such as ``sp_L``.
-        drive: x > b', the loaded flanks touch.
+        drive: x > b', contact on the drive flank.
         separated: |x| <= b'.
-        back: x < -b', the back flanks touch.
+        back: x < -b', contact on the back flank.
     """
 
     mesh: str
@@ -30,9 +30,9 @@ class ContactShares:
 def contact_shares(
     motion: Motion, half_backlash_m: Mapping[str, float] | None
 ) -> tuple[ContactShares, ...]:
-    """Contact of every mesh from its displacement and half-backlash (Eqs. 1, 3).
+    """Contact shares of every mesh from its displacement and half-backlash (Eqs. 1, 3).
 
-    The force does not tell: its damping part c v acts in separation too.
+    The mesh force can't be used: its damping part c v acts in separation too.
 
     Args:
         motion: displacements in m.
@@ -46,6 +46,7 @@ def contact_shares(
 
 
 def _shares(motion: Motion, column: int, half_backlash: float) -> ContactShares:
+    """Contact shares of the mesh in one column of the motion."""
     x, mesh = motion.x[:, column], motion.meshes[column]
     if not np.isfinite(half_backlash):
         return ContactShares(mesh, float("nan"), float("nan"), float("nan"))

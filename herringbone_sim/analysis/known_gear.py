@@ -1,4 +1,6 @@
-"""What a recording, or a parameter file, tells of the gear: scales, backlash, model exponent."""
+"""Scales, backlash and Lyapunov exponent of the nominal gear, from recorded or given
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -28,21 +30,22 @@ Sets = Sequence[tuple[Active, ...]]
 
 
 def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),)) -> Gear:
-    """Gear of a parameter set; an empty set is an unknown gear.
+    """Gear data of a parameter set; an empty set gives an unknown gear.
 
     Args:
-        parameters: by name; names that the model does not know are left out.
-        with_model: whether to work out the model's own exponent too.
-        sets: of effects that the gear had in turn; ``effects`` of a point is the number of one.
+        parameters: by name; unknown names are ignored.
+        with_model: whether to compute the largest Lyapunov exponent of the model too.
+        sets: effects that were active one after the other; ``effects`` of an operating point is
+            the index of a set.
 
     Raises:
-        ParameterError: a set that no gear can have.
+        ParameterError: no gear can have the parameters.
     """
     known = {name: value for name, value in parameters.items() if name in names()}
     if not known:
         return Gear()
     with warnings.catch_warnings():
-        # The run was recorded all the same: whether such a gear can be built is not the question.
+        # The run exists, so warnings about an implausible gear do not help here.
         warnings.simplefilter("ignore", ParameterWarning)
         p = from_mapping(known)
         model = build(p)
@@ -67,6 +70,7 @@ def model_at(p: Parameters, point: Mapping[str, float]) -> Model:
 
 
 def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float] | None:
+    """b' of ``sp`` and ``rp`` in m at an operating point; None if no gear can have it."""
     try:
         half = model_at(p, point).half_backlash_m
     except ParameterError:
@@ -77,26 +81,29 @@ def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float
 def _exponent(
     p: Parameters, sets: Sets, point: Mapping[str, float], section: Section
 ) -> tuple[float, float]:
-    """Largest exponent per tau and its error over the recorded stretch; NaN when it fails.
+    """Largest exponent per tau and its standard error over the recorded segment; NaN if it fails.
 
-    From the first recorded state, over as many cycles: of several motions at one operating point
-    it is then the recorded one, and a chaos that dies out is measured while it lives.
+    The model starts from the first recorded state and runs for as many cycles as the segment, so
+    that of several coexisting motions the recorded one is measured, and a chaotic transient while
+    it lasts.
     """
     try:
         model = model_at(p, point)
         y = _recorded_state(model, section)
         cycles = int(np.clip(len(section) - ALIGNING_CYCLES, LEAST_CYCLES, MOST_CYCLES))
-        machine = stepper(model, sets[int(point.get(EFFECTS, 0.0))])
-        start = machine.start()
-        y = np.concatenate([y, start.y[len(y) :]])  # own states of effects begin at rest
+        gear_stepper = stepper(model, sets[int(point.get(EFFECTS, 0.0))])
+        start = gear_stepper.start()
+        y = np.concatenate([y, start.y[len(y) :]])  # further states of effects start at rest
         start = replace(start, y=y, cycle=int(section.cycles[0]))
-        return largest_exponent(machine.model, cycles, ALIGNING_CYCLES, start)
+        return largest_exponent(gear_stepper.model, cycles, ALIGNING_CYCLES, start)
     except (ParameterError, DivergenceError):
         return float("nan"), float("nan")
 
 
 def _recorded_state(model: Model, section: Section) -> Any:
-    """First section point as a state of the model; its own initial state for other meshes."""
+    """First section point as a state of the model; the initial state if the recorded meshes
+    differ.
+    """
     if section.meshes != model.layout.meshes or section.phase != 0.0:
         return initial_state(model)
     scales = model.scales

@@ -1,4 +1,4 @@
-"""Largest Lyapunov exponent from data: a tangent vector carried along by locally fitted maps."""
+"""Largest Lyapunov exponent from data: growth of a tangent vector under locally fitted maps."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from scipy.spatial import cKDTree
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.core.timeseries import Array
 
+# Steps of the orbit used, at most and at least; steps left out while the vector aligns.
 MAX_STEPS = 6000
 MIN_STEPS = 80
 SKIP = 20
-CUT = 1e-3
-NOISE_CUT = 3.0
-REACH = 10.0
-MAX_NOISY = 3000
-LARGEST_REACH = 0.3
-BLOCKS = 30
+CUT = 1e-3  # smallest singular value used, as a share of the largest
+NOISE_CUT = 3.0  # smallest singular value used, as a multiple of the noise
+REACH = 10.0  # smallest spread of the neighbours, as a multiple of the noise
+MAX_NOISY = 3000  # candidates for neighbours when there is noise
+LARGEST_REACH = 0.3  # above it the fits are not local, see Exponent.reach
+BLOCKS = 30  # of the bootstrap
 RESAMPLES = 400
-LONGEST = 64  # period that is looked for before anything is fitted
+LONGEST = 64  # longest period in cycles that is looked for before maps are fitted
 
 
 @dataclass(frozen=True)
@@ -29,12 +30,12 @@ class Exponent:
 
     Attributes:
         value: per step of the points (per mesh cycle for a section); NaN with a ``reason``.
-        low, high: 90 % interval from resampling blocks of the orbit. It holds the scatter along
-            the orbit, not the bias of the local fits (which reads low: by some per cent on
-            a few hundred clean points, by tens of per cent under a noise of 1 %).
+        low, high: 90 % interval from a block bootstrap along the orbit. It covers the scatter
+            along the orbit but not the bias of the local fits, which is towards low values: some
+            per cent for a few hundred clean points, tens of per cent at a noise of 1 %.
         steps: steps of the orbit used.
-        reach: median distance of the farthest neighbour of a fit over the RMS distance of two
-            points of the orbit: the fits are local where it is small against 1.
+        reach: median distance of the farthest neighbour of a fit, divided by the RMS distance of
+            two points of the orbit; the fits are local if it is much smaller than 1.
         reason: why there is no value, in words.
     """
 
@@ -47,22 +48,22 @@ class Exponent:
 
 
 def no_exponent(reason: str) -> Exponent:
-    """NaN with its reason."""
+    """Missing exponent (NaN) with its reason."""
     return Exponent(float("nan"), float("nan"), float("nan"), reason=reason)
 
 
 def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0) -> Exponent:
     """Mean logarithmic growth of a tangent vector under locally fitted linear maps.
 
-    After Sano and Sawada (1985) and Eckmann et al. (1986): where a point goes tells where its
-    nearest neighbours go; the linear map from the one set of differences to the other stands for
-    the Jacobian. Unlike the divergence of neighbour pairs, the vector has the whole orbit to
-    turn into the fastest direction. Growth across the directions in which the data do not extend
-    (a symmetry between left and right, say) is out of reach.
+    After Sano and Sawada (1985) and Eckmann et al. (1986): the Jacobian at a point is estimated as
+    the linear map from the differences to its nearest neighbours to the same differences one step
+    later. Unlike the divergence of neighbour pairs, the tangent vector has the whole orbit to
+    align with the fastest direction. Growth in directions in which the data have no extent
+    (left-right antisymmetric perturbations of a symmetric motion, say) can't be seen.
 
     Args:
         points: (m, k) successive states, coordinates in comparable units.
-        rng: draws the resampling of the interval.
+        rng: draws the bootstrap resamples of the interval.
         noise: RMS of the measurement noise per coordinate, in the units of ``points``.
     """
     if len(points) < MIN_STEPS + SKIP:
@@ -89,7 +90,9 @@ def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0
 
 
 def _extended_directions(points: Array, noise: float) -> Array:
-    """Coordinates (m, d) along the principal directions that stand out of rounding and noise."""
+    """Coordinates (m, d) along the principal directions whose spread exceeds rounding and
+    noise.
+    """
     centred = points - points.mean(axis=0)
     _, sizes, axes = np.linalg.svd(centred[:MAX_STEPS], full_matrices=False)
     spread = sizes / np.sqrt(min(len(points), MAX_STEPS))
@@ -99,10 +102,11 @@ def _extended_directions(points: Array, noise: float) -> Array:
 
 
 def _local_maps(points: Array, noise: float) -> tuple[Array, float] | None:
-    """Linear maps (n, d, d), fitted to where the neighbours go in one step, and their reach.
+    """Linear maps (n, d, d), each fitted from neighbours to their images one step later, and
+    reach.
 
-    As few neighbours as a fit needs (2 d); with noise as many as reach 10 times beyond it, or
-    None where the data end before that.
+    Uses 2 d neighbours; with noise as many as are needed for them to reach 10 times beyond it.
+    Returns None if there are too few points for that.
     """
     n, d = min(len(points) - 1, MAX_STEPS), points.shape[1]
     stride = 1 if noise == 0 else -(-(len(points) - 1) // MAX_NOISY)
@@ -118,7 +122,7 @@ def _local_maps(points: Array, noise: float) -> tuple[Array, float] | None:
     else:
         return None
     floor = np.maximum(CUT * sizes[:, :1], NOISE_CUT * noise * np.sqrt(count))
-    floor = np.minimum(floor, sizes[:, :1])  # the widest direction always counts
+    floor = np.minimum(floor, sizes[:, :1])  # keep at least the widest direction
     inverse = np.where(sizes >= floor, 1 / np.maximum(sizes, 1e-300), 0.0)
     behind = points[near + 1] - points[1 : n + 1, None]
     maps: Array = (right.transpose(0, 2, 1) * inverse[:, None]) @ left.transpose(0, 2, 1) @ behind
@@ -127,7 +131,7 @@ def _local_maps(points: Array, noise: float) -> tuple[Array, float] | None:
 
 
 def _growth(points: Array, maps: Array) -> Array:
-    """Logarithmic growth (n,) of one tangent vector along the maps."""
+    """Log growth (n,) of one tangent vector under the maps; NaN if it vanishes."""
     vector = np.ones(points.shape[1])
     growth = np.empty(len(maps))
     for step, one in enumerate(maps):
@@ -141,7 +145,8 @@ def _growth(points: Array, maps: Array) -> Array:
 
 
 def _with_interval(growth: Array, reach: float, rng: np.random.Generator) -> Exponent:
-    # Blocks of the orbit: successive growths depend on each other.
+    # Blocks, because successive growth values are correlated.
+    """Exponent with its 90 % interval by a block bootstrap."""
     edges = np.linspace(0, len(growth), BLOCKS + 1).astype(int)
     sums, lengths = np.add.reduceat(growth, edges[:-1]), np.diff(edges)
     draws = rng.integers(0, BLOCKS, (RESAMPLES, BLOCKS))

@@ -1,4 +1,4 @@
-"""What the motion is right now: period, running largest exponent, contact shares."""
+"""Current motion of a running simulation: period, running largest exponent, contact shares."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from herringbone_sim.core.packed import TWO_PI
 
 Array = NDArray[np.float64]
 
-WINDOW = 96
-LEAST = 48
-EXPONENT_WINDOW = 400
-TOLERANCE = 1e-4
+WINDOW = 96  # section points kept
+LEAST = 48  # section points needed for a label
+EXPONENT_WINDOW = 400  # mesh cycles
+TOLERANCE = 1e-4  # of find_period; samples of a simulation have no noise
 
 
 @dataclass(frozen=True)
 class Regime:
-    """The motion over the last mesh cycles.
+    """Motion over the last mesh cycles.
 
     Attributes:
-        label: ``P1``, ``P2``, ...; ``chaotic``; ``aperiodic`` where no period is seen and the
-            exponent is not positive (yet); ``settling`` when there are too few cycles.
+        label: ``P1``, ``P2``, ...; ``chaotic``; ``aperiodic`` if no period is found and the
+            exponent is not positive (yet); ``settling`` if there are too few cycles.
         exponent: running largest Lyapunov exponent per dimensionless time; NaN while settling.
         contact: (n_mesh, 3) shares of time in back contact, separated, in drive contact.
-        cycles: mesh cycles since the last change of parameters.
+        cycles: mesh cycles since the last parameter change.
     """
 
     label: str
@@ -40,20 +40,22 @@ class Regime:
 
 
 class RegimeMonitor:
-    """Follows a run block by block; starts afresh at every change of parameters."""
+    """Running classification of the motion, block by block; restarted at every parameter
+    change.
+    """
 
     def __init__(self) -> None:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what was seen."""
+        """Discard all data."""
         self._points: deque[Array] = deque(maxlen=WINDOW)
         self._growth: deque[tuple[int, float]] = deque()
         self._contact: deque[NDArray[np.int64]] = deque(maxlen=16)
         self._cycles = 0
 
     def update(self, block: Block, model: Model) -> None:
-        """Take in a block of the given model."""
+        """Add a block that was computed with the given model."""
         n, s = model.layout.n_mesh, model.scales
         points = block.rows[block.section, 5 : 5 + 2 * n]
         unit = np.repeat([s.b_c, s.velocity_m_per_s], n)
@@ -65,17 +67,19 @@ class RegimeMonitor:
             self._growth.popleft()
 
     def regime(self, model: Model) -> Regime:
-        """What has been seen, for the model in force."""
+        """Classify the motion since the last restart, for the current model."""
         exponent = self._exponent(model)
         return Regime(self._label(exponent), exponent, self._shares(), self._cycles)
 
     def _exponent(self, model: Model) -> float:
+        """Mean growth per tau of the tangent vector over the last EXPONENT_WINDOW cycles."""
         if len(self._growth) < 2 or self._growth[-1][0] == self._growth[0][0]:
             return float("nan")
         (from_cycle, start), (to_cycle, end) = self._growth[0], self._growth[-1]
         return (end - start) * model.packed.Omega / (TWO_PI * (to_cycle - from_cycle))
 
     def _label(self, exponent: float) -> str:
+        """Label of the motion, see ``Regime``."""
         if len(self._points) < LEAST:
             return "settling"
         period = find_period(np.array(self._points), tolerance=TOLERANCE)
@@ -84,6 +88,7 @@ class RegimeMonitor:
         return "chaotic" if exponent > 0.0 and self._cycles >= EXPONENT_WINDOW else "aperiodic"
 
     def _shares(self) -> Array:
+        """Contact shares (n_mesh, 3) over the last blocks."""
         counts = np.sum(np.array(self._contact), axis=0) if self._contact else np.zeros((1, 3))
         shares: Array = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
         return shares

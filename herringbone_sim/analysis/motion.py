@@ -1,4 +1,4 @@
-"""What moves: the mesh phase and the displacements and rates of the meshes of a series."""
+"""Mesh phase, relative displacements and velocities of the meshes in a time series."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Motion:
     Attributes:
         times: (n,) seconds.
         turns: (n,) mesh phase in cycles, strictly increasing.
-        x: (n, k) displacements, m.
-        v: (n, k) rates, m/s.
+        x: (n, k) relative displacements, m.
+        v: (n, k) relative velocities, m/s.
         meshes: k names such as ``sp_L``.
-        notes: channels left out and rates worked out, in words.
+        notes: sentences on channels left out and velocities derived from displacements.
     """
 
     times: Array
@@ -42,11 +42,12 @@ class Motion:
 
     @property
     def samples_per_cycle(self) -> float:
+        """Mean number of samples per mesh cycle."""
         return (len(self) - 1) / self.cycles if self.cycles else float("nan")
 
     @property
     def frequency_hz(self) -> float:
-        """Mesh frequency."""
+        """Mean mesh frequency."""
         return self.cycles / float(self.times[-1] - self.times[0])
 
     def rows(self, start: int, stop: int) -> Motion:
@@ -58,10 +59,10 @@ class Motion:
 
 
 def motion_of(series: TimeSeries) -> Motion:
-    """Phase, displacements and rates of all meshes whose channel is whole.
+    """Extract phase, displacements and velocities of all meshes with a finite ``x`` channel.
 
-    A displacement without its ``v`` channel gets a rate by central differences. A displacement
-    with a NaN or an infinity in it is left out, with a note.
+    A mesh without a ``v`` channel gets its velocity by central differences. A displacement that
+    contains NaN or infinity is left out, with a note.
 
     Raises:
         AnalysisError: fewer than 32 samples, no usable phase, or no usable ``x`` channel.
@@ -83,7 +84,7 @@ def motion_of(series: TimeSeries) -> Motion:
 
 
 def with_phase(series: TimeSeries, frequency_hz: float) -> TimeSeries:
-    """The series with a phase channel that turns at one mesh frequency, 0 at the first sample."""
+    """Time series with a phase channel added that rises at a constant mesh frequency from 0."""
     phase = 2 * np.pi * frequency_hz * (series.times - series.times[0])
     return TimeSeries(
         series.times, np.column_stack((series.data, phase)), (*series.names, "phase")
@@ -91,6 +92,7 @@ def with_phase(series: TimeSeries, frequency_hz: float) -> TimeSeries:
 
 
 def _turns(series: TimeSeries) -> Array:
+    """Mesh phase (n,) in cycles; AnalysisError unless it is finite and strictly increasing."""
     if "phase" not in series:
         raise AnalysisError(
             "no channel 'phase', and nothing tells the mesh cycles without it: record the phase, "
@@ -108,9 +110,10 @@ def _turns(series: TimeSeries) -> Array:
     return turns
 
 
-def _why_no_motion(series: TimeSeries, found: list[str]) -> str:
-    if found:
-        names = ", ".join(f"x_{mesh}" for mesh in found)
+def _why_no_motion(series: TimeSeries, meshes: list[str]) -> str:
+    """Error message for a series without a usable displacement."""
+    if meshes:
+        names = ", ".join(f"x_{mesh}" for mesh in meshes)
         return f"every displacement holds NaN or infinity ({names}): record at least one whole"
     return (
         "no displacement to analyse: at least one channel x_sp..., x_rp... is needed, got "
@@ -119,6 +122,7 @@ def _why_no_motion(series: TimeSeries, found: list[str]) -> str:
 
 
 def _recorded_rate(series: TimeSeries, mesh: str) -> Array | None:
+    """Velocity channel (n,) of a mesh; None if it is missing or not finite."""
     name = f"v_{mesh}"
     if name not in series or not np.isfinite(series[name]).all():
         return None
@@ -126,6 +130,7 @@ def _recorded_rate(series: TimeSeries, mesh: str) -> Array | None:
 
 
 def _rates(series: TimeSeries, x: Array, rates: dict[str, Array | None]) -> Array:
+    """Velocities (n, k): recorded, else differentiated from the displacements x (n, k)."""
     columns = [
         rate if rate is not None else np.gradient(x[:, column], series.times)
         for column, rate in enumerate(rates.values())
@@ -134,9 +139,10 @@ def _rates(series: TimeSeries, x: Array, rates: dict[str, Array | None]) -> Arra
 
 
 def _notes(
-    found: list[str], whole: tuple[str, ...], rates: dict[str, Array | None]
+    meshes: list[str], whole: tuple[str, ...], rates: dict[str, Array | None]
 ) -> tuple[str, ...]:
-    broken = [f"x_{mesh}" for mesh in found if mesh not in whole]
+    """Sentences on displacements left out and velocities derived from displacements."""
+    broken = [f"x_{mesh}" for mesh in meshes if mesh not in whole]
     derived = [f"v_{mesh}" for mesh, rate in rates.items() if rate is None]
     notes = []
     if broken:

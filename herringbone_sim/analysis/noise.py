@@ -1,4 +1,4 @@
-"""How much white measurement noise a channel carries."""
+"""RMS of the white measurement noise of a channel."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ WINDOWS = 12
 def white_noise_rms(data: Array) -> Array:
     """RMS (k,) of the white noise in evenly sampled channels (n, k), an upper estimate.
 
-    The median power of the highest fifth of the band stands for a noise that fills the band
-    evenly; a median leaves the lines of a periodic motion out. A motion that still has power at
-    the highest frequencies counts as noise, hence upper. NaN below 64 samples.
+    Estimated from the median power in the highest fifth of the band; a median is not affected by
+    the spectral lines of a periodic motion. Broad-band motion at these frequencies counts as
+    noise, so the estimate is an upper one. NaN for fewer than 64 samples.
     """
     n = len(data)
     if n < 64:
@@ -31,9 +31,10 @@ def white_noise_rms(data: Array) -> Array:
 
 
 def noise_floor(data: Array) -> Array:
-    """Lower quartile (k,) of the white noise RMS in 12 stretches of 4096 samples of a run (n, k).
+    """Lower quartile (k,) of the white noise RMS over 12 windows of 4096 samples of a run (n, k).
 
-    Noise of the measurement is there all the time; broad-band motion and steps are not.
+    Measurement noise is stationary, so it is present in the quietest windows too; broad-band
+    motion and steps are not.
     """
     starts = np.linspace(0, max(len(data) - WINDOW, 0), WINDOWS).astype(int)
     stretches = [white_noise_rms(data[start : start + WINDOW]) for start in np.unique(starts)]

@@ -9,11 +9,11 @@ import numpy as np
 from herringbone_sim.core.timeseries import Array
 
 MAX_PERIOD = 16
-TOLERANCE = 1e-3  # of the scale of the motion
-NOISE_MARGIN = 1.15
+TOLERANCE = 1e-3  # largest RMS distance of repeats, in units of the scale of the motion
+NOISE_MARGIN = 1.15  # largest RMS distance of repeats, as a multiple of the noise
 MIN_REPEATS = 5
-GROWTH = 3.0
-LEAST_LARGEST = 8
+GROWTH = 3.0  # factor from the first third to the last by which repeats may part
+LEAST_LARGEST = 8  # periods to have tried before a motion is called aperiodic
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,11 @@ class Period:
     """Period of a motion.
 
     Attributes:
-        value: mesh cycles; 0 = aperiodic; None = not to be had, see ``reason``.
-        residual: RMS distance of the section points from the centres of their ``value`` groups
-            (smallest of all periods tried when aperiodic), per coordinate, in units of the scale.
-        threshold: residual up to which a motion counts as periodic.
+        value: mesh cycles; 0 = aperiodic; None = could not be determined, see ``reason``.
+        residual: RMS distance of the section points from the centres of their ``value`` groups,
+            per coordinate, in units of the scale; for an aperiodic motion the smallest of all
+            periods tried.
+        threshold: largest residual of a periodic motion.
         reason: why there is no period, or why it is 0, in words.
     """
 
@@ -44,9 +45,9 @@ def find_period(
 ) -> Period:
     """Smallest p for which every p-th section point is the same over the whole window.
 
-    All points n, n + p, n + 2p, ... must gather around one centre: slow drift and slow chaos pass
-    from point to point, but not over the window. The distance from one repeat to the next must
-    not grow either: a motion that leaves an unstable orbit is not periodic.
+    The points n, n + p, n + 2p, ... must all lie near one centre: slow drift and slow chaos differ
+    little from point to point, but do over the window. The distance between repeats must not grow
+    either, as it does when a motion leaves an unstable orbit.
 
     Args:
         points: (m, k) section points, each coordinate in units of the scale of the motion.
@@ -74,13 +75,16 @@ def find_period(
 
 
 def spread_of_repeats(points: Array, period: int) -> float:
-    """RMS distance per coordinate from the centres of the groups n mod period."""
+    """RMS distance per coordinate of the points (m, k) from the centres of the groups n mod
+    period.
+    """
     groups = (points[first::period] for first in range(period))
     squares = sum(float(np.sum((group - group.mean(0)) ** 2)) for group in groups)
     return float(np.sqrt(squares / ((len(points) - period) * points.shape[1])))
 
 
 def _grows(points: Array, period: int, noise: float) -> bool:
+    """Whether the distance between repeats is larger in the last third than in the first."""
     returns = np.sqrt(np.mean((points[period:] - points[:-period]) ** 2, axis=1))
     third = max(len(returns) // 3, 1)
     early, late = float(np.median(returns[:third])), float(np.median(returns[-third:]))

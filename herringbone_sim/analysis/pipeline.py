@@ -1,4 +1,7 @@
-"""From a run to one result a segment: section, period, exponent, spectrum, contact."""
+"""Analysis of a run: one result per segment with section, period, exponent, spectrum, contact.
+
+Over 300 lines: all steps of ``analyze_segment`` stand in their order.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +28,17 @@ from herringbone_sim.analysis.transients import settling_cycles
 from herringbone_sim.core.timeseries import Array, TimeSeries
 
 MIN_CYCLES = 6
-RESOLVED_NOISE = 4e-3
-WIDE_REACH = 0.12
+RESOLVED_NOISE = 4e-3  # share of the RMS below which estimated noise counts as none
+WIDE_REACH = 0.12  # Exponent.reach from which a note says that the exponent reads low
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the user may choose.
+    """Choices of the user.
 
     Attributes:
-        transient_cycles: cycles dropped at the start of each segment; None = measured.
-        noise_share: RMS of the measurement noise as a share of each channel's RMS; None =
+        transient_cycles: cycles dropped at the start of each segment; None = detected.
+        noise_share: RMS of the measurement noise as a share of the RMS of each channel; None =
             estimated from the top of the spectrum.
         max_period: largest period looked for, mesh cycles.
         phase: phase of the stroboscopic section, rad.
@@ -51,15 +54,15 @@ class Options:
 
 @dataclass(frozen=True)
 class Gear:
-    """What is known of the gear besides the samples.
+    """Data of the gear that the samples do not contain.
 
     Attributes:
-        b_c_m: displacement scale, m; None when unknown.
-        omega_n: natural frequency, rad/s; None when unknown.
+        b_c_m: displacement scale, m; None if unknown.
+        omega_n: natural frequency, rad/s; None if unknown.
         base: parameters in force from the start that are no channel (xi, control_phase).
-        half_backlash_m: operating point -> b' of ``sp`` and ``rp`` in m.
-        model_exponent: operating point and section (the model starts from its first point) ->
-            largest exponent of the model per tau, and its standard error.
+        half_backlash_m: maps an operating point to b' of ``sp`` and ``rp`` in m.
+        model_exponent: maps an operating point and a section (whose first point is the initial
+            state) to the largest exponent of the model per tau and its standard error.
     """
 
     b_c_m: float | None = None
@@ -71,7 +74,7 @@ class Gear:
 
 @dataclass(frozen=True)
 class SegmentResult:
-    """What one segment says.
+    """Results of one segment.
 
     Attributes:
         number: 1, 2, ... within the run.
@@ -82,15 +85,16 @@ class SegmentResult:
         dropped_cycles: cycles dropped as transient.
         noise: RMS of the noise per coordinate, in units of the scale of the motion.
         period: in mesh cycles.
-        exponent: from the data, per mesh cycle.
-        model_exponent: of the model, per mesh cycle, and its standard error; NaN when unknown.
-        spectrum: None when there are too few cycles.
-        lines: at h / n of all meshes.
-        off_lines: (k,) share of power off the lines.
-        half_backlash_m: b' of ``sp`` and ``rp`` in m; None when unknown.
-        contact: of every mesh.
-        cycles_per_tau: Omega / 2 pi, NaN when omega_n is unknown.
-        notes: what a reader must know, in words.
+        exponent: estimated from the data, per mesh cycle.
+        model_exponent: of the nominal model, per mesh cycle, and its standard error; NaN if
+            unknown.
+        spectrum: None if there are too few cycles.
+        lines: spectral lines at the mesh orders h / n of all meshes, n the period.
+        off_lines: (k,) share of the power off these lines.
+        half_backlash_m: b' of ``sp`` and ``rp`` in m; None if unknown.
+        contact: contact shares of every mesh.
+        cycles_per_tau: Omega / 2 pi, NaN if omega_n is unknown.
+        notes: sentences on how far the results can be trusted.
     """
 
     number: int
@@ -125,17 +129,17 @@ def analyze_series(
     gear: Gear | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[SegmentResult]:
-    """Cut a run at its changes and analyse each segment.
+    """Cut a run at its parameter changes and analyse each segment.
 
     Args:
-        series: the run, channels as in ``core.layout``; ``phase`` and one ``x`` are needed.
+        series: the run, channels as in ``core.layout``; ``phase`` and one ``x`` are required.
         changes: (time in s, new values) of parameters that are no channel.
-        options: what the user chose.
-        gear: what is known besides the samples.
-        progress: told (segments done, segments in all).
+        options: choices of the user.
+        gear: data of the gear.
+        progress: called with (segments done, number of segments).
 
     Raises:
-        AnalysisError: too short, no phase, no whole displacement.
+        AnalysisError: too short, no phase, no finite displacement.
     """
     options, gear = options or Options(), gear or Gear()
     motion = motion_of(series)
@@ -156,7 +160,9 @@ def analyze_segment(
     options: Options,
     gear: Gear,
 ) -> SegmentResult:
-    """One segment of a run; what can't be had is NaN or None with its reason."""
+    """Analyse one segment of a run; a result that can't be computed is NaN or None with its
+    reason.
+    """
     whole = motion.rows(segment.start, segment.stop)
     scales = _scales(whole)
     noise = _noise(whole, sample_noise, scales, options.phase)
@@ -191,22 +197,22 @@ def analyze_segment(
 
 
 def _scales(motion: Motion) -> tuple[float, float]:
-    """Common scale of all displacements, and of all rates: root mean variance."""
+    """Common scale of all displacements and of all velocities: root of the mean variance."""
     return _scale(motion.x), _scale(motion.v)
 
 
 def _scale(data: Array) -> float:
-    # Rounding of a gear at rest is no motion.
+    # The variance of a gear at rest is rounding error: do not scale by it.
     least = 1e-9 * float(np.abs(data).max())
     return max(float(np.sqrt(np.mean(np.var(data, axis=0)))), least) or 1.0
 
 
 def sample_noise(motion: Motion, share: float | None) -> tuple[Array, Array]:
-    """RMS noise (k,) in m and (k,) in m/s of the samples: a share of each RMS, or estimated."""
+    """RMS noise of the samples, (k,) in m and (k,) in m/s: a share of each RMS, or estimated."""
     if share is not None:
         return share * _rms(motion.x), share * _rms(motion.v)
     x, v = noise_floor(motion.x), noise_floor(motion.v)
-    # Clean impacts fill the top of the band as a little noise would: less is taken for them.
+    # Impacts of a noise-free motion fill the top of the band too: below this it is no noise.
     weak = not np.nanmax(np.append(x / _rms(motion.x), v / _rms(motion.v))) > RESOLVED_NOISE
     return (np.zeros_like(x), np.zeros_like(v)) if weak else (x, v)
 
@@ -219,28 +225,32 @@ def _rms(data: Array) -> Array:
 def _noise(
     motion: Motion, samples: tuple[Array, Array], scales: tuple[float, float], phase: float
 ) -> float:
-    """RMS noise per coordinate of the section, in units of the scales."""
+    """RMS noise per coordinate of the section points, in units of the scales."""
     rms = section_noise(motion, samples, phase) / np.repeat(scales, len(samples[0]))
     return float(np.sqrt(np.mean(rms**2)))
 
 
 def _points(section: Section, scales: tuple[float, float]) -> Array:
+    """Section points (m, 2 k) of x and v in units of the scales."""
     return np.hstack((section.x / scales[0], section.v / scales[1]))
 
 
 def _dropped(points: Array, segment: Segment, options: Options) -> tuple[int, bool]:
+    """Section points to drop as transient, and whether the motion settled by half of them."""
     if options.transient_cycles is not None:
         return min(options.transient_cycles, max(len(points) - 1, 0)), True
     return (0, True) if segment.ramp else settling_cycles(points)
 
 
 def _after(motion: Motion, section: Section, dropped: int) -> Motion:
+    """Samples from the section point number ``dropped`` on; all if that is out of range."""
     if not dropped or dropped >= len(section):
         return motion
     return motion.rows(int(np.searchsorted(motion.times, section.times[dropped])), len(motion))
 
 
 def _period(points: Array, segment: Segment, noise: float, options: Options) -> Period:
+    """Period of the section points; none within a ramp."""
     if segment.ramp:
         return Period(None, float("nan"), float("nan"), f"{segment.ramp} moves all the time")
     return find_period(points, noise, options.max_period)
@@ -249,6 +259,7 @@ def _period(points: Array, segment: Segment, noise: float, options: Options) -> 
 def _exponent(
     points: Array, segment: Segment, period: Period, noise: float, options: Options
 ) -> Exponent:
+    """Largest exponent from the section points; none within a ramp or for a periodic motion."""
     if segment.ramp:
         return no_exponent(f"{segment.ramp} moves all the time")
     if period.value:
@@ -259,6 +270,11 @@ def _exponent(
 def _model_exponent(
     segment: Segment, section: Section, gear: Gear, rate: float
 ) -> tuple[float, float]:
+    """Largest exponent of the model per mesh cycle and its standard error; NaN if unknown.
+
+    Args:
+        rate: mesh cycles per tau.
+    """
     if gear.model_exponent is None or not np.isfinite(rate) or not len(section):
         return float("nan"), float("nan")
     value, error = gear.model_exponent(segment.point, section)
@@ -268,6 +284,7 @@ def _model_exponent(
 def _notes(
     motion: Motion, segment: Segment, settled: bool, noise: float, exponent: Exponent
 ) -> Iterator[str]:
+    """Yield sentences on what limits the results of a segment."""
     yield from motion.notes
     if not settled:
         yield "still settling at half-time: the first half was dropped, results are of the rest"
@@ -285,6 +302,7 @@ def _notes(
 
 
 def _sides_alike(motion: Motion) -> bool:
+    """Whether the displacements of left and right meshes are equal to rounding."""
     left = [i for i, mesh in enumerate(motion.meshes) if mesh.endswith("_L")]
     pairs = [
         (i, motion.meshes.index(motion.meshes[i][:-1] + "R"))

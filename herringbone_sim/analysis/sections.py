@@ -1,4 +1,4 @@
-"""Stroboscopic section: the state each time the mesh phase passes one value."""
+"""Stroboscopic section: the state at every passage of the mesh phase through one value."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Section:
     Attributes:
         cycles: (m,) number of the cycle, counted by the phase channel.
         times: (m,) seconds.
-        x: (m, k) displacements, m.
-        v: (m, k) rates, m/s.
+        x: (m, k) relative displacements, m.
+        v: (m, k) relative velocities, m/s.
         meshes: k names such as ``sp_L``.
         phase: of the section, rad.
     """
@@ -49,11 +49,11 @@ class Section:
 
 
 def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
-    """State (x, v) at every passage of ``phase`` [rad], modulo 2 pi.
+    """Interpolate the state (x, v) at every passage of ``phase`` [rad], modulo 2 pi.
 
-    A sample within 1e-6 cycles of the phase is taken as it is. Between samples, x is the cubic
-    through both neighbours with v as its slope, v the cubic with central differences of v as its
-    slope. The phase may start anywhere. A single sample has no section.
+    A sample within 1e-6 cycles of the phase is taken as it is. Between two samples x is the cubic
+    Hermite polynomial with the slopes v, and v the one with its central differences as slopes. The
+    phase may start anywhere. A single sample gives an empty section.
     """
     if len(motion) < 2:
         none = np.zeros(0, dtype=np.int64)
@@ -76,9 +76,9 @@ def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
 
 
 def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0) -> Array:
-    """RMS noise (2 k,) of section points x, v from the white noise (k,), (k,) of x and v samples.
+    """RMS noise (2 k,) of section points x, v from that of the samples, (k,) for x and (k,) for v.
 
-    Interpolation averages neighbours: up to a third of the noise is gone between two samples.
+    Interpolation averages neighbours, which removes up to a third of the noise.
     """
     if len(motion) < 2:
         return np.concatenate(noise)
@@ -99,13 +99,17 @@ def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0
 def _shares(
     turns: Array, cycles: NDArray[np.int64], left: NDArray[np.intp], right: NDArray[np.intp]
 ) -> Array:
-    """Where between its neighbours (0 = left, 1 = right) each passage lies, snapped to them."""
+    """Relative position (m,) of each passage between its neighbours, 0 = left, 1 = right.
+
+    Positions within ``SNAP`` cycles of a sample are set to 0 or 1.
+    """
     share: Array = (cycles - turns[left]) / (turns[right] - turns[left])
     share = np.where(np.abs(turns[left] - cycles) < SNAP, 0.0, share)
     return np.where(np.abs(turns[right] - cycles) < SNAP, 1.0, share)
 
 
 def _central_differences(motion: Motion, rows: NDArray[np.intp]) -> Array:
+    """Accelerations (m, k) at some rows, from central differences of the velocities."""
     before, behind = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(motion) - 1)
     span = (motion.times[behind] - motion.times[before])[:, None]
     slopes: Array = (motion.v[behind] - motion.v[before]) / span

@@ -1,4 +1,4 @@
-"""Cut a run where its parameters change: steps, staircases, ramps, gaps."""
+"""Cut a run into segments where its parameters change: steps, staircases, ramps, gaps."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ EVENTS = (
     *COLUMNS,
 )  # changes of anything else are no change of the gear
 FREQUENCY = "mesh_frequency_hz"
-MIN_RAMP = 8
-MIN_DWELL_CYCLES = 8.0
+MIN_RAMP = 8  # changes in one direction
+MIN_DWELL_CYCLES = 8.0  # a value held for less is part of a ramp
 BIN_CYCLES = 40.0
 MAX_BINS = 240
 
@@ -37,7 +37,7 @@ class Segment:
         start, stop: first row, and the row after the last.
         point: parameters in force, and the measured mesh frequency in Hz.
         cycles: length in mesh cycles.
-        ramp: parameter that moves all the time within the segment, or "".
+        ramp: parameter that changes continuously within the segment, or "".
         ramp_ends: its value in the first and in the last row.
     """
 
@@ -51,7 +51,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Track:
-    """Values of one parameter: ``values[i]`` from row ``rows[i]`` on; ``rows[0]`` is 0."""
+    """One parameter over a run: ``values[i]`` holds from row ``rows[i]`` on; ``rows[0]`` is 0."""
 
     name: str
     rows: Rows
@@ -64,20 +64,20 @@ def cut(
     changes: Sequence[Change] = (),
     base: Mapping[str, float] | None = None,
 ) -> tuple[Segment, ...]:
-    """Segments of constant parameters, in order, without overlap.
+    """Cut a run into segments of constant parameters, in order, without overlap.
 
-    Cuts are the changes of the channels K, delta_T and T_1, of the mesh frequency, the given
-    changes of xi, control_phase and the number of the effects (and of K, delta_T, T_1 where they
-    are no channel), and gaps in the phase. More than 8 successive changes of one parameter in one
-    direction are a ramp: with dwells of at least 8 cycles each dwell is a segment, else the ramp
-    is cut into bins of about 40 cycles. A channel that changes to and fro more than once a cycle
-    is a measurement, not a setting: it cuts nothing and gives its mean.
+    A cut is made where a channel K, delta_T or T_1, or the mesh frequency, changes, at the given
+    changes of xi, control_phase and the number of the effects (and of K, delta_T, T_1 if they are
+    no channel), and at gaps in the phase. More than 8 successive changes of one parameter in one
+    direction are a ramp: if each value is held for at least 8 cycles, each becomes a segment, else
+    the ramp is cut into bins of about 40 cycles. A channel that changes up and down more than once
+    a cycle is a measurement, not a setting: it makes no cut and its mean is used.
 
     Args:
         series: the run.
         motion: the same samples.
         changes: (time in s, new values) of parameters, in order.
-        base: parameters in force from the start, where no channel tells.
+        base: parameters in force from the start that have no channel.
     """
     tracks = _tracks(series, motion, changes, base or {})
     cuts: set[int] = {int(row) for row in _gaps(motion)}
@@ -93,6 +93,7 @@ def cut(
 def _tracks(
     series: TimeSeries, motion: Motion, changes: Sequence[Change], base: Mapping[str, float]
 ) -> list[Track]:
+    """Tracks of all parameters: from channels, from the mesh frequency, from given changes."""
     columns = [name for name in COLUMNS if name in series and np.isfinite(series[name]).all()]
     tracks = [_track_of_column(name, series[name], motion) for name in columns]
     tracks.append(_track_of_frequency(motion))
@@ -102,6 +103,7 @@ def _tracks(
 
 
 def _track_of_column(name: str, values: Array, motion: Motion) -> Track:
+    """Track of a parameter that is a channel (n,); constant at its mean if it is a measurement."""
     steps = np.diff(values)
     rows = np.flatnonzero(steps) + 1
     both_ways = rows.size and 0.1 < np.mean(steps[rows - 1] > 0) < 0.9
@@ -112,11 +114,14 @@ def _track_of_column(name: str, values: Array, motion: Motion) -> Track:
 
 
 def _track_of_frequency(motion: Motion) -> Track:
+    """Track of the mesh frequency: a new value where the slope of the phase jumps, gaps left
+    out.
+    """
     slopes = np.diff(motion.turns) / np.diff(motion.times)
     relative = np.abs(np.diff(slopes)) / slopes[:-1]
     tolerance = 1e-6 + 20 * float(np.median(relative))
     rows = np.flatnonzero(relative > tolerance) + 1
-    # A change within a sample interval shows as two steps: the second one counts.
+    # A change between two samples appears as two steps of the slope: use the second one.
     rows = rows[np.append(np.diff(rows) > 1, True)] if rows.size else rows
     gaps = _gaps(motion)
     rows = rows[~np.isin(rows, np.concatenate((gaps - 1, gaps)))]
@@ -127,6 +132,9 @@ def _track_of_frequency(motion: Motion) -> Track:
 def _track_of_events(
     name: str, times: Array, changes: Sequence[Change], base: Mapping[str, float]
 ) -> Track:
+    """Track of a parameter from its given changes; NaN before the first if ``base`` has no
+    value.
+    """
     rows, values = [0], [base.get(name, float("nan"))]
     for time, change in changes:
         if name in change and change[name] != values[-1]:
@@ -140,12 +148,13 @@ def _track_of_events(
 
 
 def _gaps(motion: Motion) -> Rows:
+    """First rows after gaps in the phase, longer than 3 sample steps and a quarter of a cycle."""
     steps = np.diff(motion.turns)
     return np.flatnonzero(steps > max(3 * float(np.median(steps)), 0.25)) + 1
 
 
 def _cuts_of(track: Track, motion: Motion) -> tuple[Rows, list[tuple[int, int, str]]]:
-    """Rows at which one parameter cuts the run, and the stretches within which it moves."""
+    """Rows at which one parameter cuts the run, and its ramps as (first row, last row, name)."""
     rows, moving = track.rows[1:], []
     kept = np.ones(len(rows), dtype=bool)
     bins: list[int] = []
@@ -176,6 +185,7 @@ def _segment(
     ramps: Sequence[tuple[int, int, str]],
     motion: Motion,
 ) -> Segment:
+    """Segment from its first row and the row after the last."""
     ramp = next((name for first, last, name in ramps if first <= start and stop <= last), "")
     point = {track.name: _mean(track, start, stop) for track in tracks}
     cycles = motion.rows(start, stop).cycles
@@ -189,11 +199,12 @@ def _segment(
 
 
 def _value(track: Track, row: int) -> float:
+    """Value of a parameter in force at a row."""
     return float(track.values[np.searchsorted(track.rows, row, "right") - 1])
 
 
 def _mean(track: Track, start: int, stop: int) -> float:
-    """Mean of the parameter over rows, each value weighted by the rows it is in force."""
+    """Mean of a parameter over rows, weighted by the number of rows that each value holds."""
     first = int(np.searchsorted(track.rows, start, "right")) - 1
     last = int(np.searchsorted(track.rows, stop, "left"))
     if last - first <= 1:

@@ -1,4 +1,4 @@
-"""Amplitude spectrum in mesh orders, and its lines at h Omega / n."""
+"""Amplitude spectrum over mesh orders, and its lines at the orders h / n."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from herringbone_sim.analysis.motion import Motion
 from herringbone_sim.core.timeseries import Array
 
 BLOCK_CYCLES = 240
-LINE_BINS = 2
+LINE_BINS = 2  # half-width of a line with the Hann window
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Spectrum:
 
     Attributes:
         orders: (n,) frequency in units of the mesh frequency.
-        amplitudes: (n, k) amplitude of a sine at that order, m; mean squares over blocks.
+        amplitudes: (n, k) amplitude of a sine at that order, m; RMS over the blocks.
         meshes: k names such as ``sp_L``.
         block_cycles: mesh cycles in one block, the inverse of the resolution.
     """
@@ -34,7 +34,7 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Line:
-    """Amplitude [m] of one mesh at the mesh order ``h / n``."""
+    """Amplitude [m] of the displacement of one mesh at the mesh order ``h / n``."""
 
     mesh: str
     h: int
@@ -43,23 +43,24 @@ class Line:
 
     @property
     def order(self) -> float:
+        """Frequency in units of the mesh frequency."""
         return self.h / self.n
 
     @property
     def label(self) -> str:
-        """Lowest terms: ``1/3``, ``2``."""
+        """Order in lowest terms: ``1/3``, ``2``."""
         return str(Fraction(self.h, self.n))
 
 
 def amplitude_spectrum(motion: Motion, period: int = 1) -> Spectrum:
-    """Spectra of the displacements, Hann window, amplitude-correct.
+    """Amplitude spectra of the displacements, Hann window, corrected to sine amplitudes.
 
-    Blocks of up to 240 cycles, a multiple of the period, so that the lines h / n fall on bins;
-    over the blocks the squares are averaged. The mean of each channel is taken off.
+    Blocks have up to 240 cycles and a multiple of the period, so that the lines h / n fall on
+    bins; squares are averaged over the blocks. The mean of each channel is removed.
 
     Args:
-        motion: at least one period long; samples evenly spaced in phase or not.
-        period: in mesh cycles, 0 or 1 when there is none.
+        motion: at least one period long; samples need not be evenly spaced in phase.
+        period: in mesh cycles, 0 or 1 if there is none.
     """
     x = _evenly_in_phase(motion)
     repeat = max(period, 1)
@@ -74,6 +75,9 @@ def amplitude_spectrum(motion: Motion, period: int = 1) -> Spectrum:
 
 
 def _evenly_in_phase(motion: Motion) -> Array:
+    """Displacements (n, k), interpolated to even steps of the phase if they are not even
+    already.
+    """
     steps = np.diff(motion.turns)
     if np.ptp(steps) < 1e-3 * steps.mean():
         return motion.x
@@ -82,7 +86,7 @@ def _evenly_in_phase(motion: Motion) -> Array:
 
 
 def lines(spectrum: Spectrum, period: int, up_to_order: int = 6) -> tuple[Line, ...]:
-    """Lines h / n of all meshes, h = 1 ... n up_to_order, n the period (1 when there is none)."""
+    """Amplitudes at the orders h / n of all meshes, h = 1 ... n up_to_order, n the period or 1."""
     n = max(period, 1)
     wanted = np.arange(1, n * up_to_order + 1)
     wanted = wanted[wanted / n <= spectrum.orders[-1]]
@@ -95,7 +99,7 @@ def lines(spectrum: Spectrum, period: int, up_to_order: int = 6) -> tuple[Line, 
 
 
 def share_off_lines(spectrum: Spectrum, period: int) -> Array:
-    """Share (k,) of the mean-free power that lies off the lines h / n, n the period."""
+    """Share (k,) of the power without the mean that lies off the orders h / n, n the period."""
     power = spectrum.amplitudes**2
     spacing = 1 / max(period, 1) / spectrum.orders[1]
     bins = np.arange(len(power))
@@ -110,4 +114,5 @@ def share_off_lines(spectrum: Spectrum, period: int) -> Array:
 
 
 def _peak(amplitudes: Array, at: int) -> float:
+    """Largest amplitude in a bin and its two neighbours."""
     return float(amplitudes[max(at - 1, 0) : at + 2].max())

@@ -1,4 +1,4 @@
-"""How many cycles a motion takes to settle on what it does in the end."""
+"""Length of the transient of a motion in mesh cycles."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ RESOLUTION = 1e-4
 
 
 def settling_cycles(points: Array) -> tuple[int, bool]:
-    """Section points to drop, and whether the motion has settled by half of them.
+    """Number of section points to drop as transient, and whether the motion settled by half of
+    them.
 
-    The second half stands for the settled motion. A point of the first half is astray when it is
-    farther from the second half than 2 times what the second half's points are from each other
-    (99th percentile), and farther than 1e-4 of the scale. All is dropped up to the last stretch of
-    25 points of which more than 20 % stray; at least 5 % of the points, up to 50.
+    The second half of the points represents the settled motion. A point of the first half counts
+    as transient if it is farther from the second half than 1e-4 of the scale and than twice the
+    99th percentile of the nearest-neighbour distances within the second half. All points up to the
+    last window of 25 with more than 20 % transient points are dropped, and at least 5 % of all
+    points or 50.
 
     Args:
         points: (m, k) section points in units of the scale of the motion.

@@ -1,8 +1,8 @@
-"""0-1 test for chaos: a second opinion from one recorded channel, without a phase space.
+"""0-1 test for chaos on one recorded channel, without phase-space reconstruction.
 
 Gottwald and Melbourne, SIAM J. Appl. Dyn. Syst. 8 (2009) 129-145, Eqs. (3.1)-(3.9), correlation
-method: the series drives a walk in the plane, p += phi cos(j c), q += phi sin(j c). It diffuses
-when the motion is chaotic (K near 1) and stays bounded when it is regular (K near 0).
+method: the series drives a walk in the plane, p += phi cos(j c), q += phi sin(j c). The walk
+diffuses if the motion is chaotic (K near 1) and stays bounded if it is regular (K near 0).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class ZeroOne:
     Attributes:
         K: median of the correlations, near 0 for regular and near 1 for chaotic motion.
         frequencies: (m,) c of each walk [rad per step].
-        correlations: (m,) correlation of its mean square displacement with time.
+        correlations: (m,) correlation of the mean square displacement of each walk with time.
     """
 
     K: float
@@ -38,20 +38,19 @@ class ZeroOne:
 def zero_one_test(
     series: Array, rng: np.random.Generator, frequencies: int = FREQUENCIES
 ) -> ZeroOne:
-    """Whether a scalar series is chaotic.
+    """Test a scalar series for chaos.
 
-    Sample once a mesh cycle, or as rarely as keeps the motion: a series sampled much faster than
-    it changes looks regular (K near 0) whatever it is. A motion that repeats exactly on a section
-    of one point is constant, and K is 0 by definition. Weak chaos needs a longer series, and
-    noise raises K.
+    Sample once a mesh cycle: a series sampled much faster than it changes looks regular (K near 0)
+    in any case. A series that is constant (a P1 motion) has K = 0 by definition. Weak chaos needs
+    a longer series, and noise raises K.
 
     Args:
-        series: (n,) at equal intervals, n at least 300; 1000 and more tell clearly.
-        rng: draws the frequencies c from pi/5 .. 4 pi/5, away from resonances with sampling.
-        frequencies: number of them.
+        series: (n,) at equal intervals, n at least 300, better 1000.
+        rng: draws the frequencies c from pi/5 .. 4 pi/5, away from resonances with the sampling.
+        frequencies: number of frequencies.
 
     Raises:
-        AnalysisError: too short a series, or one that is not finite.
+        AnalysisError: the series is too short or not finite.
     """
     phi = np.asarray(series, dtype=float)
     if phi.ndim != 1 or len(phi) < LEAST or not np.isfinite(phi).all():
@@ -67,19 +66,20 @@ def zero_one_test(
 
 
 def walks(series: Array, frequencies: Array) -> NDArray[np.complex128]:
-    """p + i q (n, m) of the walks that a series (n,) drives at each frequency (m,)."""
+    """Walks p + i q (n, m) driven by a series (n,) at the frequencies (m,)."""
     angle = np.outer(np.arange(1, len(series) + 1), frequencies)
     walk: NDArray[np.complex128] = np.cumsum(series[:, None] * np.exp(1j * angle), axis=0)
     return walk
 
 
 def _correlations(phi: Array, c: Array) -> Array:
+    """Correlation (m,) of the mean square displacement with time, for each frequency c (m,)."""
     walk = walks(phi, c)
     longest = len(phi) // 10
     lags = np.arange(1, longest + 1)
     kept = len(phi) - longest
     squares = np.array([np.mean(np.abs(walk[n : n + kept] - walk[:kept]) ** 2, 0) for n in lags])
-    # The mean of the series alone makes the walk swing: taken off, Eq. (3.5).
+    # Subtract the oscillation caused by the mean of the series, Eq. (3.5).
     swing = phi.mean() ** 2 * (1.0 - np.cos(np.outer(lags, c))) / (1.0 - np.cos(c))
     growth = squares - swing
     centred = growth - growth.mean(axis=0)

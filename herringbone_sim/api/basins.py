@@ -12,8 +12,8 @@ from herringbone_sim.api.gear import Gear, any_gear, model_of
 from herringbone_sim.api.shown import Picture, Shown, frame
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import Basins, explore, gear_sections, random_starts
+from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import symmetry
-from herringbone_sim.dynamics.opinions import identify
 from herringbone_sim.views.figures.basins import basins_figure
 
 
@@ -81,6 +81,6 @@ def basins(
     sections_of = gear_sections(model, transient, points, os.cpu_count() or 1)
     drawn = random_starts(model, starts, np.random.default_rng(seed))
     found = explore(sections_of, drawn, symmetry(model))
-    kinds = ((identify(model, one, at=last)[0], one.symmetry) for one in found.attractors)
+    kinds = ((identify_motion(model, one, at=last)[0], one.symmetry) for one in found.attractors)
     names = tuple(f"{kind}, {sides}" if sides else kind for kind, sides in kinds)
     return Attractors(model, names, found, last)

@@ -17,7 +17,7 @@ from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.diagram import Branch, Diagram, diagram_of
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import CHUNK, STARTS, Axis, Observation, Sweep, for_sweeps
+from herringbone_sim.sweeps.grid import CHUNK, STARTS, Axis, Observation, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.store import load_result, open_store
 from herringbone_sim.views.figures.diagram import diagram_figure
 
@@ -124,7 +124,7 @@ def bifurcation(
         raise ParameterError(f"start must be of {', '.join(STARTS)}, got {start!r}")
     parameters, actives = parts_of(gear, effects)
     others = {key: given for key, given in values.items() if key not in swept}
-    base = for_sweeps(parameters.changed(others), others)
+    base = with_sweep_steps(parameters.changed(others), others)
     axis = Axis(name, tuple(float(one) for one in along))
     look = Observation(transient, cycles, min(cycles, 100), mesh=base.layout.meshes[0])
     with tempfile.TemporaryDirectory() as unkept:

@@ -16,7 +16,7 @@ from herringbone_sim.gap.report import write_report
 from herringbone_sim.gap.verdict.augmented import Augmented, save_augmented
 from herringbone_sim.recording import campaign as recorded
 from herringbone_sim.recording.parameter_file import load_parameters
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.figures.gap_arrays import gap_arrays
 from herringbone_sim.views.pages.gap.page import write_gap_page

@@ -10,7 +10,7 @@ import numpy as np
 from herringbone_sim.api.gear import Gear, any_gear, model_of
 from herringbone_sim.api.shown import Picture, Shown
 from herringbone_sim.core import integrate
-from herringbone_sim.dynamics.opinions import Opinions, all_opinions
+from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compare_exponents
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.views.figures.exponents import exponents_figure
 
@@ -47,7 +47,7 @@ class Exponents(Shown):
         methods: spectrum of the tangent flow, two trajectories, left and right, series, 0-1 test.
     """
 
-    methods: Opinions
+    methods: ExponentComparison
 
     @property
     def spectrum(self) -> Any:
@@ -80,4 +80,4 @@ def exponents(
     **changes: Any,
 ) -> Exponents:
     """Tell chaos from order by every method at once; arguments and errors as ``simulate``."""
-    return Exponents(all_opinions(model_of(gear, effects, changes), cycles, transient))
+    return Exponents(compare_exponents(model_of(gear, effects, changes), cycles, transient))

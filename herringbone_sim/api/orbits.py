@@ -9,8 +9,8 @@ from typing import Any
 from herringbone_sim.api.gear import Gear, any_gear, parts_of
 from herringbone_sim.api.shown import Picture, Shown, frame
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.dynamics.cascade import Followed, Options, explore
-from herringbone_sim.dynamics.gear_family import Gears, gear_family
+from herringbone_sim.dynamics.cascade import CascadeOptions, Followed, trace_cascade
+from herringbone_sim.dynamics.gear_family import GearCache, gear_family
 from herringbone_sim.dynamics.starts import find_start
 from herringbone_sim.views.figures.orbits import orbit_figure, stability_of
 
@@ -97,8 +97,8 @@ def orbits(
     parameters, actives = parts_of(gear, effects)
     parameters = parameters.changed(changes)
     family, watch = gear_family(parameters, over, *between, actives)
-    gears = Gears(parameters, over, actives)
+    gears = GearCache(parameters, over, actives)
     pairs = [one if isinstance(one, tuple) else (one, None) for one in start]
     starts = [(value, find_start(gears, family, value, period)) for value, period in pairs]
-    found = explore(family, starts, watch, Options(max_period=max_period))
+    found = trace_cascade(family, starts, watch, CascadeOptions(max_period=max_period))
     return Orbits(over, tuple(found), parameters)

@@ -25,12 +25,12 @@ from herringbone_sim.dynamics.basins import (
     gear_sections,
     random_starts,
 )
+from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
-from herringbone_sim.dynamics.opinions import identify
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.kept import Kept
+from herringbone_sim.sweeps.array_cache import ArrayCache
 from herringbone_sim.views.figures.basins import basins_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.csv_file import write_csv
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     all_attractors = (plane[1] if plane else shared).attractors
     shared = Basins(all_attractors, shared.labels)
     last = args.transient + args.points - 1
-    known = [identify(model, one, at=last) for one in all_attractors]
+    known = [identify_motion(model, one, at=last) for one in all_attractors]
     names = [named(kind, one) for (kind, _), one in zip(known, all_attractors, strict=True)]
     rows = table(names, [growth for _, growth in known], shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
@@ -122,12 +122,12 @@ def kept_sections(
     folder: Path, model: Model, transient: int, points: int, workers: int = 1
 ) -> Sections:
     """``gear_sections`` that are kept in a folder, and found there."""
-    sections_of, kept = gear_sections(model, transient, points, workers), Kept(folder)
+    sections_of, kept = gear_sections(model, transient, points, workers), ArrayCache(folder)
 
     def remembering(starts: Array) -> Array:
         effects = effects_text(model.effects)
         parts = ["sections", model.parameters, effects, transient, points, starts]
-        found: Array = kept.once(parts, lambda: {"sections": sections_of(starts)})["sections"]
+        found: Array = kept.get(parts, lambda: {"sections": sections_of(starts)})["sections"]
         return found
 
     return remembering

@@ -25,9 +25,15 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.parameter_file import load_gear
-from herringbone_sim.sweeps.compare import Move, Side, coexisting, moves, shares
-from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, axis_from_text, for_sweeps
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.compare import (
+    BoundaryShift,
+    GearSweeps,
+    coexisting,
+    match_boundaries,
+    shares,
+)
+from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, axis_from_text, with_sweep_steps
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.sweeps.store import Store, load_result, open_store
 from herringbone_sim.views.figures.compare import compare_figure, starts_figure
 from herringbone_sim.views.figures.style import save
@@ -95,7 +101,7 @@ def compare(args: argparse.Namespace) -> int:
     stores = {name: open_stores(args, name, gear, axis, look) for name, gear in gears.items()}
     run_all([store for ways in stores.values() for store in ways.values()], args)
     sides = [
-        Side(name, {way: load_result(store) for way, store in ways.items()}, forcing[name])
+        GearSweeps(name, {way: load_result(store) for way, store in ways.items()}, forcing[name])
         for name, ways in stores.items()
     ]
     write(args, sides[0], sides[1], facts(args, gears, sides))
@@ -109,7 +115,7 @@ def both_gears(args: argparse.Namespace) -> dict[str, Gear]:
     whole = any(base.model == "full" for base, _ in found.values()) and "model" not in chosen
     more = {**chosen, **({"model": "full"} if whole else {})}
     return {
-        name: (for_sweeps(base.changed(more), chosen), actives)
+        name: (with_sweep_steps(base.changed(more), chosen), actives)
         for name, (base, actives) in found.items()
     }
 
@@ -146,7 +152,9 @@ def open_stores(
     }
 
 
-def facts(args: argparse.Namespace, gears: Mapping[str, Gear], sides: list[Side]) -> list[str]:
+def facts(
+    args: argparse.Namespace, gears: Mapping[str, Gear], sides: list[GearSweeps]
+) -> list[str]:
     """Lines about both gears: files, effects, parameters that differ, how long they are run."""
     lines = [f"nominal: {args.nominal}; augmented: {args.augmented}"]
     for side in sides:
@@ -172,11 +180,13 @@ def _short(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def write(args: argparse.Namespace, nominal: Side, augmented: Side, lines: list[str]) -> None:
+def write(
+    args: argparse.Namespace, nominal: GearSweeps, augmented: GearSweeps, lines: list[str]
+) -> None:
     """Page, figures and tables, and the same in short on the terminal."""
     axis, out = nominal.axis, args.out
     ways = [way for way in nominal.results if way in HELD]
-    by_way = {way: moves(nominal, augmented, way) for way in ways}
+    by_way = {way: match_boundaries(nominal, augmented, way) for way in ways}
     pictures = draw(out, nominal, augmented, ways[0])
     unit = meaning(axis.name).unit
     told = Told(
@@ -195,7 +205,7 @@ def write(args: argparse.Namespace, nominal: Side, augmented: Side, lines: list[
     print(f"written: {out / 'report.html'}, {out / 'boundaries.csv'}, {out / 'values.csv'}")
 
 
-def draw(out: Path, nominal: Side, augmented: Side, way: str) -> list[Picture]:
+def draw(out: Path, nominal: GearSweeps, augmented: GearSweeps, way: str) -> list[Picture]:
     """Both figures, as files and for the page."""
     folder = make_folder(out / "figures")
     over, _ = save(compare_figure(nominal, augmented, way), folder, "compare")
@@ -211,7 +221,10 @@ def draw(out: Path, nominal: Side, augmented: Side, way: str) -> list[Picture]:
 
 
 def write_tables(
-    out: Path, nominal: Side, augmented: Side, by_way: Mapping[str, list[Move]]
+    out: Path,
+    nominal: GearSweeps,
+    augmented: GearSweeps,
+    by_way: Mapping[str, list[BoundaryShift]],
 ) -> None:
     """``boundaries.csv``, a line a boundary; ``values.csv``, a line a value of each sweep."""
     head = ["start", "kind", "before", "after"]
@@ -219,7 +232,7 @@ def write_tables(
         (
             *(way, one.boundary.kind, one.boundary.before, one.boundary.after),
             *(b.value if b else None for b in (one.nominal, one.augmented)),
-            *(one.shift, one.error),
+            *(one.shift, one.uncertainty),
         )
         for way, found in by_way.items()
         for one in found
@@ -239,7 +252,7 @@ def as_json(name: str, told: Told) -> dict[str, Any]:
     """What the page says, as plain values; null where there is none."""
     found = [
         {k: v for k, v in asdict(one).items()}
-        | {"shift": one.shift if one.shift == one.shift else None, "error": one.error}
+        | {"shift": one.shift if one.shift == one.shift else None, "error": one.uncertainty}
         for moved in told.moves.values()
         for one in moved
     ]
@@ -267,6 +280,6 @@ def text(told: Told) -> list[str]:
     return lines
 
 
-def _line(move: Move) -> str:
+def _line(move: BoundaryShift) -> str:
     name, nominal, augmented, shift = cells(move)
     return f"  {move.boundary.kind:8s}{name:32s}{nominal:>10s}{augmented:>10s}   {shift}"

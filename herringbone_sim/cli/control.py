@@ -20,7 +20,7 @@ from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.control.runs import Runs
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.grid import for_sweeps
+from herringbone_sim.sweeps.grid import with_sweep_steps
 
 DESCRIPTION = """\
 Ask of the control K cos(order Omega tau + phase) what its paper did not: the least K that reaches
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         raise AnalysisError(f"--only takes {', '.join(PARTS)}, got {', '.join(sorted(unknown))}")
     workers = workers_from(args)
     base, actives = gear_from(args)
-    base = for_sweeps(base, settings(args.set))
+    base = with_sweep_steps(base, settings(args.set))
     if base.model != "reduced":
         raise AnalysisError("control needs model: reduced, got full: its K is that of Eq. (22)")
     tell_gear(build_with(base, actives))

@@ -17,11 +17,11 @@ from herringbone_sim.cli.parameter_options import (
     tell_gear,
 )
 from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compare_exponents
 from herringbone_sim.dynamics.growth import Growth
-from herringbone_sim.dynamics.opinions import Opinions, all_opinions
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.exponents import exponents_figure
 from herringbone_sim.views.figures.style import PARAMETER_SYMBOLS, save
 from herringbone_sim.views.tables.csv_file import write_csv
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
             bar.set_description(name)
             bar.update()
 
-        found = all_opinions(model, args.cycles, args.transient, args.seed, step)
+        found = compare_exponents(model, args.cycles, args.transient, args.seed, step)
     rows = table(found)
     title = ",  ".join(
         f"{PARAMETER_SYMBOLS.get(name, name)} = {value}"
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def table(found: Opinions) -> list[Row]:
+def table(found: ExponentComparison) -> list[Row]:
     """All results, one a row."""
     spectrum, symmetric = found.spectrum, found.symmetric
     name, growth = "tangent flow", spectrum
@@ -137,7 +137,7 @@ def text(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def write(folder: Path, rows: Sequence[Row], found: Opinions, title: str) -> None:
+def write(folder: Path, rows: Sequence[Row], found: ExponentComparison, title: str) -> None:
     """``exponents.csv``, ``convergence.csv`` and the figure."""
     running = found.spectrum.running
     names = [f"exponent_{j}" for j in range(1, running.shape[1] + 1)]

@@ -27,7 +27,7 @@ from herringbone_sim.gap.verification.verify import Gap
 from herringbone_sim.recording.campaign import Campaign, CampaignRun, read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap_arrays import gap_arrays
 from herringbone_sim.views.pages.gap.page import write_gap_page
 

@@ -10,6 +10,7 @@ from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.practice.bench import check_seeds, read_json, run_bench
 from herringbone_sim.practice.noise import NOISES
+from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.record import CHANNEL_SETS
 from herringbone_sim.practice.score import write_table
 from herringbone_sim.practice.seeds import parse_seeds
@@ -83,8 +84,7 @@ def bench(args: argparse.Namespace) -> int:
             seeds,
             setting,
             seen,
-            workers_from(args),
-            args.scheduler,
+            Resources(workers_from(args), args.scheduler),
             args.again,
             lambda text: print(text, flush=True),
         )

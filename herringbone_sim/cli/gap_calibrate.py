@@ -11,12 +11,13 @@ from herringbone_sim.cli.workers import add_workers, workers_from
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.bench import check_seeds, run_bench
 from herringbone_sim.practice.calibrate import (
+    bench_evidence,
     calibrate,
-    practised,
     read_evidence,
     write_evidence,
     write_weights,
 )
+from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.seeds import parse_seeds
 from herringbone_sim.practice.trial import sources
 
@@ -55,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
         seeds = parse_seeds(args.seeds)
         seen = check_seeds(seeds, True)
         workers, scheduler = workers_from(args), args.scheduler
-        run_bench(args.folder, seeds, setting_from(args), seen, workers, scheduler)
-        campaigns = practised(args.folder)
+        run_bench(args.folder, seeds, setting_from(args), seen, Resources(workers, scheduler))
+        campaigns = bench_evidence(args.folder)
         write_evidence(args.folder / "evidence.jsonl", campaigns)
     found = calibrate(campaigns)
     write_weights(args.out, found, campaigns, sources())

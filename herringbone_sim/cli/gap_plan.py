@@ -24,7 +24,7 @@ from herringbone_sim.gap.planning.summary import (
 )
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.rig import POINTS
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.plan import size, write_plan_page
 
 DESCRIPTION = f"""\

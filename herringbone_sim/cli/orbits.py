@@ -11,12 +11,12 @@ from tqdm import tqdm
 from herringbone_sim.cli.parameter_options import add_parameter_options, gear_from, tell_gear
 from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.dynamics.cascade import Options, explore
+from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
 from herringbone_sim.dynamics.flow import GearFlow
-from herringbone_sim.dynamics.gear_family import SWEPT, Gears, gear_family
+from herringbone_sim.dynamics.gear_family import SWEPT, GearCache, gear_family
 from herringbone_sim.dynamics.starts import find_start
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.orbits import orbit_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.orbits import summary, write_orbits
@@ -72,14 +72,14 @@ def run(args: argparse.Namespace) -> int:
     """Follow the orbits of ``args`` and write them; errors of the package when it can't be."""
     p, actives = gear_from(args)
     family, watch = gear_family(p, args.over, args.low, args.high, actives)
-    mesh, gears = _mesh(args.mesh, p), Gears(p, args.over, actives)
+    mesh, gears = _mesh(args.mesh, p), GearCache(p, args.over, actives)
     _tell(gears(args.low))
     starts = [(v, find_start(gears, family, v, n, args.settle)) for v, n in args.start]
     make_folder(args.out)
-    options = Options(max_period=args.max_period, asymmetric=args.asymmetric)
+    options = CascadeOptions(max_period=args.max_period, asymmetric=args.asymmetric)
 
     with tqdm(desc="branches", unit="", disable=None) as bar:
-        found = explore(family, starts, watch, options, lambda _: bar.update())
+        found = trace_cascade(family, starts, watch, options, lambda _: bar.update())
     write_orbits(args.out, found, p)
     save(orbit_figure(found, args.over, mesh, p.layout.meshes[mesh]), args.out, "orbits")
     print(summary(found, args.over))

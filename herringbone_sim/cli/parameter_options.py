@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from herringbone_sim.core.batch import alike_halves
+from herringbone_sim.core.mirror import has_equal_halves
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.effects.assemble import build_with
@@ -82,7 +82,7 @@ def tell_gear(model: Model) -> None:
     """
     if model.effects:
         print(f"with effects: {effects_text(model.effects)}")
-    if not alike_halves(model):
+    if not has_equal_halves(model):
         print(UNLIKE)
 
 

@@ -33,7 +33,7 @@ from herringbone_sim.paper.scenarios import (
 )
 from herringbone_sim.paper.staircase import Reading
 from herringbone_sim.recording.parameter_file import load_gear
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures import motion as figures
 from herringbone_sim.views.figures import paper as paper_figures
 from herringbone_sim.views.figures import style

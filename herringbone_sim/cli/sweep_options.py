@@ -17,7 +17,7 @@ from herringbone_sim.effects.assemble import build_with, in_slots
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import CHUNK, Axis, Observation, for_sweeps
+from herringbone_sim.sweeps.grid import CHUNK, Axis, Observation, with_sweep_steps
 from herringbone_sim.sweeps.store import Result, Store
 
 CHAIN = 16
@@ -73,7 +73,7 @@ def chunk_from(args: argparse.Namespace, start: str = "fixed", effects: str = ""
 def swept_gear(args: argparse.Namespace) -> tuple[Parameters, str]:
     """The gear asked for, with the steps of a sweep where the user set no others; its effects."""
     base, actives = gear_from(args)
-    return for_sweeps(base, settings(args.set)), effects_text(actives)
+    return with_sweep_steps(base, settings(args.set)), effects_text(actives)
 
 
 def observation_from(args: argparse.Namespace, mesh: str, forcing: int = 1) -> Observation:

@@ -18,7 +18,7 @@ from herringbone_sim.effects.assemble import acting, build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.sweeps.kept import Kept
+from herringbone_sim.sweeps.array_cache import ArrayCache
 from herringbone_sim.sweeps.observe import asymmetries, contact_loss
 from herringbone_sim.sweeps.periods import find_periods
 
@@ -120,7 +120,7 @@ class Runs:
         done: Callable[[int], object] = lambda runs: None,
         actives: Sequence[Active] = (),
     ) -> None:
-        self._kept, self._workers = Kept(folder), workers
+        self._kept, self._workers = ArrayCache(folder), workers
         self._planned, self._done = planned, done
         self._actives = acting(actives)
 
@@ -149,7 +149,7 @@ class Runs:
 
     def _chunk(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
         parts = [NAMES, sets, effects_text(self._actives), starts, look]
-        return Motions(**self._kept.once(parts, lambda: vars(self._run(sets, starts, look))))
+        return Motions(**self._kept.get(parts, lambda: vars(self._run(sets, starts, look))))
 
     def _run(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
         """One chunk; a gear that can't exist is NaN throughout."""

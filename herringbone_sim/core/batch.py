@@ -1,7 +1,9 @@
-"""Many parameter values at once: sections, exponents and contact of each, from arrays of models.
+"""Integrate many models at once: section, exponents and contact shares of each.
 
-The unit of work of every sweep and map. Values do not see each other: the result of one is the
-same to the bit, alone or among others, in whatever order.
+The unit of work of every sweep and map. Models do not influence each other: the result of one is
+bitwise the same, alone or among others, in any order.
+
+Over 300 lines: the three ways to integrate a batch stand beside the code that fills its arrays.
 """
 
 from __future__ import annotations
@@ -17,11 +19,17 @@ from herringbone_sim.core.lanes.packed import (
     chosen_own,
     constants,
     make_work,
-    own_mirror,
     shape_of,
 )
 from herringbone_sim.core.lanes.run import Results, Values, run_any_lanes, run_lanes
 from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.mirror import (
+    from_left_half,
+    has_equal_halves,
+    left_half,
+    own_images,
+    state_mirror,
+)
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.sensitivity import Direction, Directions, near_of
@@ -34,22 +42,22 @@ BATCHES = 10
 
 @dataclass(frozen=True)
 class Batch:
-    """What was observed of n values; a failed value is NaN throughout, with its reason.
+    """Results of n models; a failed one is NaN throughout, with its reason.
 
     Attributes:
         sections: (n, points, n_state) states at phase 0 of the last cycles, dimensionless.
         end: (n, n_state + 2 s) states after the last cycle, those of s further coordinates of
             effects behind the others.
-        exponents: (n,) largest Lyapunov exponent per tau; NaN when none was asked for.
+        exponents: (n,) largest Lyapunov exponent per tau; NaN if not requested.
         exponent_errors: (n,) standard error of its mean over 10 batches of cycles.
-        within: (n,) the same for perturbations that keep left and right alike; NaN for a motion
-            whose halves differ.
-        transverse: (n,) the same for perturbations that part left and right; NaN as above.
+        within: (n,) the same of left-right symmetric perturbations; NaN for a motion whose halves
+            differ.
+        transverse: (n,) the same of antisymmetric perturbations; NaN as above.
         contact: (n, n_mesh, 3) share of the time in back contact, separated, in drive contact;
             with method rk4 shares of the samples.
-        reasons: n texts, empty where all went well.
-        columns: (n, p, n_state + 2 s) derivatives of ``end`` by parameters, from zero at the
-            start on, see ``sensitivity``.
+        reasons: n texts, empty where nothing failed.
+        columns: (n, p, n_state + 2 s) derivatives of ``end`` with respect to parameters, zero at
+            the start, see ``sensitivity``.
     """
 
     sections: Array
@@ -65,6 +73,8 @@ class Batch:
 
 @dataclass(frozen=True)
 class _Length:
+    """Mesh cycles of transient and run, section points and tangent vectors of a batch."""
+
     transient: int
     cycles: int
     points: int
@@ -85,25 +95,25 @@ def run_batch(
     before: Indices | None = None,
     directions: Sequence[Sequence[Direction]] | None = None,
 ) -> Batch:
-    """Run every model for ``transient`` and then ``cycles`` mesh cycles.
+    """Integrate every model for ``transient`` and then ``cycles`` mesh cycles.
 
-    A value whose halves are alike, in the model and at the start, is integrated as one half;
-    its largest exponent is the larger one of ``within`` and ``transverse``.
+    A model with equal halves and an initial state with equal halves is integrated as one half; its
+    largest exponent is the larger one of ``within`` and ``transverse``.
 
     Args:
         models: n models of one layout and order; n may be 0 only with ``starts``.
         starts: (n, n_state) states at phase 0, or (n, n_state + 2 s) with s further coordinates;
-            the models' own initial states by default, further coordinates at rest.
-        transient: mesh cycles left out before anything is observed.
+            by default the models' own initial states, further coordinates at rest.
+        transient: mesh cycles left out first.
         cycles: mesh cycles over which exponents and contact are averaged, at least 1.
-        points: section points kept, of the last cycles; at most ``cycles``.
-        exponents: whether to carry tangent vectors along.
-        before: (n,) mesh cycles that each has run earlier, 0 by default: the control, and effects
-            once a revolution, go on from there.
-        directions: n times the same number of parameters, whose columns run along.
+        points: section points, from the last cycles; at most ``cycles``.
+        exponents: whether to compute Lyapunov exponents.
+        before: (n,) mesh cycles that each has run before, 0 by default: the phase of the control,
+            and of effects once a revolution, continues from there.
+        directions: for each model the same number of parameters to differentiate by.
 
     Raises:
-        ValueError: the models differ in layout, order or method, or the lengths make no sense.
+        ValueError: the models differ in layout, order or method, or the lengths are invalid.
     """
     _check(models, transient, cycles, points)
     layout = models[0].layout
@@ -118,11 +128,11 @@ def run_batch(
         along = [Directions(*pair) for pair in zip(models, directions, strict=True)]
         found = replace(found, columns=np.full((len(models), len(directions[0]), n_all), np.nan))
     mirror = state_mirror(models[0]) if len(models) else np.zeros(0, dtype=np.int64)
-    alike = np.array(
+    equal = np.array(
         [
             np.array_equal(y, y[mirror])
             and all(
-                alike_halves(one) and np.array_equal(mirror, state_mirror(one))
+                has_equal_halves(one) and np.array_equal(mirror, state_mirror(one))
                 for one in (m, *(along[i].models() if along else ()))
             )
             for i, (m, y) in enumerate(zip(models, starts, strict=True))
@@ -131,7 +141,7 @@ def run_batch(
     reasons = np.array([""] * len(models), dtype=object)
     before = np.zeros(len(models), dtype=np.int64) if before is None else before
     for sides in (1, 2):
-        chosen = np.flatnonzero(alike == (sides == 1))
+        chosen = np.flatnonzero(equal == (sides == 1))
         if len(chosen):
             length = _Length(transient, cycles, points, (3 - sides) * exponents)
             group = [models[int(i)] for i in chosen]
@@ -148,6 +158,7 @@ def run_batch(
 
 
 def _check(models: Sequence[Model], transient: int, cycles: int, points: int) -> None:
+    """Raise ValueError for invalid lengths, or models that can't share a batch."""
     if not (transient >= 0 and cycles >= 1 and 0 <= points <= cycles):
         raise ValueError(
             f"a batch needs transient >= 0, cycles >= 1 and points from 0 to cycles, got "
@@ -164,48 +175,8 @@ def _check(models: Sequence[Model], transient: int, cycles: int, points: int) ->
         )
 
 
-def layout_mirror(layout: Layout) -> Indices:
-    """Indices (n_state,) that exchange left and right in a state."""
-    m = layout.n_coordinate
-    half = np.concatenate([[1, 0], np.roll(np.arange(2, m), layout.n_classes)])
-    return np.concatenate([half, m + half])
-
-
-def state_mirror(model: Model) -> Indices:
-    """Indices (n_state,) that exchange left and right in a state with its further coordinates."""
-    first, own = model.layout.n_state, own_mirror(model)
-    return np.concatenate([layout_mirror(model.layout), first + own, first + model.n_own + own])
-
-
-def alike_halves(model: Model) -> bool:
-    """Whether left and right of a gear, effects included, are the same to the bit.
-
-    Laws that no slot holds are taken for unlike.
-    """
-    p, c = model.packed, model.layout.n_classes
-    n, m, own = model.layout.n_mesh, model.layout.n_coordinate, own_mirror(model)
-    one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
-    many = (p.k_cos, p.k_sin, p.e_cos, p.e_sin, p.d_cos, p.d_sin, p.window_k, p.window_d, p.law)
-    by_mesh = np.concatenate([np.array(one), *many]).reshape(-1, 2, 2, c)
-    by_side = (p.inv_M_s, p.inv_M_p, p.load_q, p.control_q, p.control_r)
-    loads = np.concatenate([p.load_cos, p.load_sin])
-    mesh = np.arange(n).reshape(2, 2, c)[:, ::-1].ravel()
-    mirror = np.concatenate([layout_mirror(model.layout)[:m], m + own])
-    to = np.concatenate([mirror, [m + len(own)]])
-    return (
-        model.integrator is None
-        and np.array_equal(own[own], np.arange(len(own)))
-        and np.array_equal(p.seat[own], p.seat)
-        and np.array_equal(p.own_shift[own][:, mesh], p.own_shift)
-        and np.array_equal(p.push[:, to][:, :, np.concatenate([mesh, n + own])], p.push)
-        and np.array_equal(by_mesh[:, :, 0], by_mesh[:, :, 1])
-        and all(np.array_equal(row[0], row[1]) for row in by_side)
-        and np.array_equal(loads, loads[:, mirror])
-    )
-
-
 def _empty(n: int, points: int, layout: Layout, n_all: int) -> Batch:
-    """Arrays of NaN."""
+    """Results filled with NaN."""
 
     def none(*shape: int) -> Array:
         return np.full((n, *shape), np.nan)
@@ -214,31 +185,8 @@ def _empty(n: int, points: int, layout: Layout, n_all: int) -> Batch:
     return Batch(sections, none(n_all), none(), none(), none(), none(), contact, ())
 
 
-def _one_half(model: Model) -> Indices:
-    """Indices of the left half in a state, with what lies on the mirror."""
-    m, c, own = model.layout.n_coordinate, model.layout.n_classes, chosen_own(model, 1)
-    half = np.concatenate([[0], np.arange(2, 2 + c)])
-    return np.concatenate([half, m + half, 2 * m + own, 2 * m + model.n_own + own])
-
-
-def _from_half(model: Model) -> Indices:
-    """Indices that make a whole state from its left half."""
-    c, own = model.layout.n_classes, chosen_own(model, 1)
-    half = np.concatenate([[0, 0], np.tile(np.arange(1, 1 + c), 2)])
-    image = np.minimum(own_mirror(model), np.arange(model.n_own))
-    rest = 2 * (1 + c) + np.searchsorted(own, image)
-    return np.concatenate([half, 1 + c + half, rest, len(own) + rest])
-
-
-def _on_mirror(model: Model) -> Indices:
-    """Indices in a half state of what a perturbation that parts the halves leaves at rest."""
-    own, first = chosen_own(model, 1), 2 * (1 + model.layout.n_classes)
-    alone = np.flatnonzero(own_mirror(model)[own] == own)
-    return np.concatenate([first + alone, first + len(own) + alone])
-
-
 def _run_lanes(
-    found: Batch,
+    batch: Batch,
     chosen: Indices,
     models: Sequence[Model],
     begin: tuple[Array, Indices],
@@ -246,9 +194,9 @@ def _run_lanes(
     length: _Length,
     along: Sequence[Directions],
 ) -> list[str]:
-    """Values of one kind through the lanes into ``found``; returns their reasons."""
+    """Integrate models of one kind in the lanes and enter their results; returns their reasons."""
     layout, n, order = models[0].layout, len(models), models[0].parameters.order
-    taken = _one_half(models[0]) if sides == 1 else np.arange(models[0].n_state)
+    taken = left_half(models[0]) if sides == 1 else np.arange(models[0].n_state)
     others = [other for one in along for other in one.models()]
     shape = shape_of([*models, *others], len(chosen_own(models[0], sides)))
     every = constants([*models, *others], sides, shape)
@@ -258,7 +206,7 @@ def _run_lanes(
     starts[:, 0] = begin[0][:, taken]
     starts[:, 1:] = np.random.default_rng(0).normal(size=size)
     if sides == 1 and length.tangents:
-        starts[:, 2, _on_mirror(models[0])] = 0.0
+        starts[:, 2, own_images(models[0])] = 0.0
     sections = np.full((n, length.points, size), np.nan)
     end, contact = np.full((n, size), np.nan), np.full((n, n_mesh, 2), np.nan)
     growth = np.zeros((n, length.batches + 1, length.tangents))
@@ -268,7 +216,7 @@ def _run_lanes(
     near = None
     if along:
         zeros = np.zeros((len(along[0].step), begin[0].shape[1]))
-        inner = [one.asked(y, zeros) for one, y in zip(along, begin[0], strict=True)]
+        inner = [one.to_kernel(y, zeros) for one, y in zip(along, begin[0], strict=True)]
         near = near_of(along, work, every[n:], np.array(inner)[:, :, taken])
     values = Values(
         table, np.array([model.parameters.steps for model in models]), starts, begin[1]
@@ -283,31 +231,31 @@ def _run_lanes(
         (length.transient, length.cycles),
         Results(sections, end, growth, contact, failed),
     )
-    whole = _from_half(models[0]) if sides == 1 else taken
-    found.sections[chosen] = sections[..., whole[: layout.n_state]]
-    found.end[chosen] = end[..., whole]
+    whole = from_left_half(models[0]) if sides == 1 else taken
+    batch.sections[chosen] = sections[..., whole[: layout.n_state]]
+    batch.end[chosen] = end[..., whole]
     if near is not None:
         for i, one, columns in zip(chosen, along, near.found, strict=True):
-            found.columns[i] = one.told(found.end[i], columns[:, whole])
-        found.columns[chosen[failed]] = np.nan
-    _put_exponents(found, chosen, models, growth, length)
+            batch.columns[i] = one.from_kernel(batch.end[i], columns[:, whole])
+        batch.columns[chosen[failed]] = np.nan
+    _put_exponents(batch, chosen, models, growth, length)
     _put_contact(
-        found.contact, chosen, contact / (values.steps * length.cycles)[:, None, None], sides
+        batch.contact, chosen, contact / (values.steps * length.cycles)[:, None, None], sides
     )
     for name in ("exponents", "exponent_errors", "within", "transverse", "contact"):
-        getattr(found, name)[chosen[failed]] = np.nan
-    found.sections[chosen[failed]], found.end[chosen[failed]] = np.nan, np.nan
+        getattr(batch, name)[chosen[failed]] = np.nan
+    batch.sections[chosen[failed]], batch.end[chosen[failed]] = np.nan, np.nan
     return ["diverged" if bad else "" for bad in failed]
 
 
 def _put_exponents(
-    found: Batch,
+    batch: Batch,
     chosen: Indices,
     models: Sequence[Model],
     growth: Array,
     length: _Length,
 ) -> None:
-    """Growth (n, batches + 1, tangents) as exponents per tau."""
+    """Enter exponents per tau from growth (n, batches + 1, tangents)."""
     if not length.tangents:
         return
     edges = np.ceil(np.arange(length.batches + 1) * length.cycles / length.batches)
@@ -318,16 +266,18 @@ def _put_exponents(
     errors = rates.std(axis=1, ddof=1) / np.sqrt(length.batches)
     largest = np.argmax(means, axis=1)
     rows = np.arange(len(models))
-    found.exponents[chosen], found.exponent_errors[chosen] = (
+    batch.exponents[chosen], batch.exponent_errors[chosen] = (
         means[rows, largest],
         errors[rows, largest],
     )
     if length.tangents == 2:
-        found.within[chosen], found.transverse[chosen] = means.T
+        batch.within[chosen], batch.transverse[chosen] = means.T
 
 
 def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> None:
-    """Shares of the time (n, n_mesh, 2) in back and in drive contact, of one half or both."""
+    """Enter contact shares from the time (n, n_mesh, 2) in back and drive contact, of one half or
+    both.
+    """
     n, n_mesh, _ = contact.shape
     halves = contact.reshape(n, 2, sides, n_mesh // (2 * sides), 2)
     whole = np.repeat(halves, 2 // sides, axis=2).reshape(n, -1, 2)
@@ -336,70 +286,72 @@ def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> 
 
 
 def _run_by_laws(
-    found: Batch,
+    batch: Batch,
     chosen: Indices,
     models: Sequence[Model],
     begin: tuple[Array, Indices],
     length: _Length,
 ) -> list[str]:
-    """The same in the lanes of gears by their effects' own laws, with one tangent."""
+    """Integrate gears by the laws of their effects in lanes, with at most one tangent."""
     look = length.transient, length.cycles, length.points
     tangents = min(length.tangents, 1)
-    told = models[0].integrator.run_batch(models, *begin, look, tangents)
-    found.sections[chosen] = told.sections[..., : models[0].layout.n_state]
-    found.end[chosen] = told.end
+    result = models[0].integrator.run_batch(models, *begin, look, tangents)
+    batch.sections[chosen] = result.sections[..., : models[0].layout.n_state]
+    batch.end[chosen] = result.end
     with np.errstate(invalid="ignore"):  # of a value that has failed
-        found.contact[chosen] = told.contact / told.contact[:, :1].sum(axis=2, keepdims=True)
+        batch.contact[chosen] = result.contact / result.contact[:, :1].sum(axis=2, keepdims=True)
     if tangents:
-        _put_exponents(found, chosen, models, _by_batches(told.growth, length), length)
+        _put_exponents(batch, chosen, models, _by_batches(result.growth, length), length)
     for name in ("sections", "end", "contact", "exponents", "exponent_errors"):
-        getattr(found, name)[chosen[told.failed]] = np.nan
-    return ["diverged" if bad else "" for bad in told.failed]
+        getattr(batch, name)[chosen[result.failed]] = np.nan
+    return ["diverged" if bad else "" for bad in result.failed]
 
 
 def _by_batches(growth: Array, length: _Length) -> Array:
-    """Growth (n, cycles, tangents) of single cycles as ``_put_exponents`` takes it."""
+    """Growth (n, cycles, tangents) of single cycles in the form that ``_put_exponents`` takes."""
     parts = [part.sum(axis=1) for part in np.array_split(growth, length.batches, axis=1)]
     return np.pad(np.stack(parts, axis=1), ((0, 0), (0, 1), (0, 0)))
 
 
 def _has_no_lanes(model: Model) -> bool:
+    """Whether a model can only be integrated alone."""
     return model.parameters.method == "rk4" or model.integrator is not None
 
 
 def _run_singly(
-    found: Batch,
+    batch: Batch,
     chosen: Indices,
     models: Sequence[Model],
     begin: tuple[Array, Indices],
     sides: int,
     length: _Length,
 ) -> list[str]:
-    """The same one value after another, with one tangent; by the paper's method without."""
+    """Integrate models one after another, with at most one tangent; without tangents for rk4."""
     return [
-        _run_one(found, i, model, y, int(cycle), length)
+        _run_one(batch, i, model, y, int(cycle), length)
         for i, model, y, cycle in zip(chosen, models, *begin, strict=True)
     ]
 
 
-def _run_one(found: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
-    machine, per_cycle = stepper(model), model.parameters.samples_per_cycle
+def _run_one(batch: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
+    """Integrate one model and enter its results; returns the reason of a failure."""
+    gear_stepper, per_cycle = stepper(model), model.parameters.samples_per_cycle
     k = min(length.tangents, 1) if model.integrator else 0
-    start = replace(machine.start(k), y=y, cycle=cycle)
-    block = machine.advance(start, length.transient * per_cycle)
+    start = replace(gear_stepper.start(k), y=y, cycle=cycle)
+    block = gear_stepper.advance(start, length.transient * per_cycle)
     states, contact = [block.end], np.zeros((model.layout.n_mesh, 3))
     for _ in range(length.cycles):
-        block = machine.advance(states[-1], per_cycle)
+        block = gear_stepper.advance(states[-1], per_cycle)
         states.append(block.end)
         contact += block.contact
         if block.diverged:
             return "diverged"
     kept = states[length.cycles - length.points : length.cycles]
     m = model.layout.n_state
-    found.sections[i] = np.array([state.y[:m] for state in kept]).reshape(found.sections[i].shape)
-    found.end[i] = states[-1].y
-    found.contact[i] = contact / contact[0].sum()
+    batch.sections[i] = np.array([state.y[:m] for state in kept]).reshape(batch.sections[i].shape)
+    batch.end[i] = states[-1].y
+    batch.contact[i] = contact / contact[0].sum()
     if k:
         growth = np.diff([state.growth[0] for state in states]).reshape(1, -1, 1)
-        _put_exponents(found, np.array([i]), [model], _by_batches(growth, length), length)
+        _put_exponents(batch, np.array([i]), [model], _by_batches(growth, length), length)
     return ""

@@ -1,6 +1,7 @@
-"""Keeps the compiler's cache true: compiled code is forgotten when its sources have changed.
+"""Discard compiled code whose sources have changed.
 
-Numba looks only at the file of the function it loads, not at those that were compiled into it.
+Numba checks only the file of the function that it loads, not those of the functions inlined into
+it or called by it.
 """
 
 from __future__ import annotations
@@ -16,17 +17,17 @@ from numba import config
 from herringbone_sim.core.numba_private import event
 
 STAMP = "sources.sha256"
-ROOMS = (  # of functions and their constants
+ROOMS = (  # folders with compiled functions or their constants
     *("core", "analysis", "dynamics", "sweeps", "effects"),
     *("gap/verification", "practice"),
 )
 
 
 def forget_stale(package: Path, *sources: Path) -> None:
-    """Remove compiled code of a package unless the sources are those it was compiled from.
+    """Remove compiled code of a package unless it was compiled from the present sources.
 
-    It lies in the folders ``__pycache__``, or below ``NUMBA_CACHE_DIR`` where that is set. Nothing
-    happens where nothing can be written: an installed package does not change in place.
+    It is stored in the folders ``__pycache__``, or below ``NUMBA_CACHE_DIR`` if that is set. Does
+    nothing in a folder that can't be written: an installed package does not change in place.
     """
     now = digest(*sources)
     _forget(package / "__pycache__", package.rglob("__pycache__/*.nbi"), now)
@@ -49,22 +50,21 @@ class _OnStart(event.Listener):  # type: ignore[misc]
 
 
 @contextlib.contextmanager
-def told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """Call ``tell`` as soon as a function is compiled within the block, and at each further one.
-
-    A function that is loaded from the cache is not told of.
+def on_compiling(call: Callable[[], None]) -> Iterator[None]:
+    """Context in which ``call`` is called at each compilation; not for code loaded from the
+    cache.
     """
-    with event.install_listener("numba:compile", _OnStart(tell)):
+    with event.install_listener("numba:compile", _OnStart(call)):
         yield
 
 
 def compiled_from(package: Path) -> list[Path]:
-    """Folders whose sources are compiled, or give constants to what is."""
+    """Folders with compiled functions, or with constants that these use."""
     return [package / room for room in ROOMS if (package / room).is_dir()]
 
 
 def digest(*sources: Path) -> str:
-    """Of the names and contents of all Python files below some folders."""
+    """SHA-256 of the names and contents of all Python files below some folders."""
     found = hashlib.sha256()
     for folder in sources:
         for source in sorted(folder.rglob("*.py")):
@@ -75,7 +75,9 @@ def digest(*sources: Path) -> str:
 
 
 def _forget(folder: Path, indices: Iterable[Path], now: str) -> None:
-    """Remove indices unless the stamp in a folder is that of now; then stamp it."""
+    """Remove cache indices unless the stamp in a folder is the present digest; then write the
+    stamp.
+    """
     stamp = folder / STAMP
     with contextlib.suppress(OSError):
         if stamp.is_file() and stamp.read_text() == now:
@@ -87,6 +89,6 @@ def _forget(folder: Path, indices: Iterable[Path], now: str) -> None:
 
 
 def _name(folder: Path) -> str:
-    """What Numba calls a folder of sources below ``NUMBA_CACHE_DIR``."""
+    """Name that Numba gives a source folder below ``NUMBA_CACHE_DIR``."""
     path = str(folder.absolute())
     return f"{folder.name}_{hashlib.sha1(path.encode()).hexdigest()}"

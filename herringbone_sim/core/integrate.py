@@ -1,8 +1,9 @@
-"""Integration in blocks of samples: state goes in and comes out, samples in SI units beside it.
+"""Integrate in blocks of samples: a state goes in, samples in SI units and a state come out.
 
 The same stepper serves real time, sweeps, tangent flow and replay. Steps lie on a fixed grid of
-the mesh phase, so a run does not depend on how it was cut into blocks: same input, same output,
-bit for bit.
+the mesh phase, so a run is bitwise independent of its division into blocks.
+
+Over 300 lines: the stepper and the functions on it are one interface.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.core.run import Kernel
+from herringbone_sim.core.run import Kernel, Moving
 from herringbone_sim.core.sensitivity import Direction, Directions, need_series
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError, ParameterError
@@ -27,16 +28,16 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class State:
-    """Where a run stands: all that the future depends on.
+    """State of a run: everything that its future depends on.
 
     Attributes:
         y: (n_state,) displacements then velocities, dimensionless.
         cycle: whole mesh cycles since the start.
-        index: steps into the cycle, on the grid of ``Parameters.steps``.
+        index: step within the cycle, on the grid of ``Parameters.steps``.
         t: simulation time [s].
-        tangents: (k, n_state) orthonormal tangent vectors that run along, or none.
-        growth: (k,) sums of the logarithms of their growth.
-        columns: (p, n_state) derivatives by the parameters that the stepper was given.
+        tangents: (k, n_state) orthonormal tangent vectors, or none.
+        growth: (k,) sums of the logarithms of their growth factors.
+        columns: (p, n_state) derivatives with respect to the stepper's parameters.
     """
 
     y: Array
@@ -61,10 +62,10 @@ class Block:
         start: state at the first sample.
         end: state at the sample after the last one.
         section: indices of the rows at phase 0.
-        contact: (n_mesh, 3) samples in back contact, separated, in drive contact; of a gear by
-            the laws of its effects the time there, in sample periods.
-        switches: contact switches located.
-        diverged: whether the last row left the range of any physical motion; ``end`` is there.
+        contact: (n_mesh, 3) number of samples in back contact, separated, in drive contact; for a
+            gear by the laws of its effects the time there, in sample periods.
+        switches: number of contact switches.
+        diverged: whether the last row left the range of any physical motion, at ``end``.
     """
 
     rows: Array
@@ -77,17 +78,17 @@ class Block:
 
 
 class Stepper:
-    """Advances states of one model; holds the scratch, nothing of the run.
+    """Advances states of one model; holds work arrays, but no state of a run.
 
-    What a gear is run by: everything takes this class. This one runs the kernel of the core, and
-    is the base of those that run a gear by another method; ``stepper`` makes the right one.
+    Base class and common interface of all steppers; this one uses the kernel of the core.
+    ``stepper`` returns the right one for a model.
 
     Args:
         model: see ``model.build``.
-        directions: parameters whose columns run along, see ``sensitivity``.
+        directions: parameters to differentiate by, see ``sensitivity``.
 
     Raises:
-        ParameterError: a gear by its effects' own laws, which this would leave out.
+        ParameterError: a gear by its effects' own laws, which this kernel can't represent.
     """
 
     def __init__(self, model: Model, directions: Sequence[Direction] = ()) -> None:
@@ -105,12 +106,12 @@ class Stepper:
         self._carrier = carrier_row(model) * s.b_c
 
     @property
-    def compiled(self) -> bool:
-        """Whether this process has the kernel of such a gear ready."""
-        return self._kernel.compiled
+    def is_compiled(self) -> bool:
+        """Whether this process has compiled the kernel for such a gear."""
+        return self._kernel.is_compiled
 
     def alike(self, other: object) -> bool:
-        """Whether another stepper runs on the same kernel."""
+        """Whether another stepper uses the same kernel."""
         return isinstance(other, Stepper) and bool(other._code == self._code)
 
     @property
@@ -118,7 +119,7 @@ class Stepper:
         return self._kernel.code
 
     def start(self, tangents: int = 0) -> State:
-        """Initial state, with so many tangent vectors; own states of effects at rest."""
+        """Initial state with ``tangents`` tangent vectors; further states of effects at rest."""
         n, m = self.model.n_state, self.model.layout.n_state
         frame = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0][:tangents]
         y = np.concatenate([initial_state(self.model), np.zeros(n - m)])
@@ -132,16 +133,19 @@ class Stepper:
     def advance(self, state: State, n_samples: int) -> Block:
         """The next samples from a state on, the first one at the state itself.
 
-        Same state, same model: same samples to the bit, in blocks of whatever size.
+        The same state and model give bitwise the same samples, in blocks of any size.
         """
         p = self.model.parameters
         rows = np.empty((n_samples, len(self.model.layout.channels)))
-        place = np.array([state.cycle, state.index], dtype=np.int64)
-        y, tangents, growth = state.y.copy(), state.tangents.copy(), state.growth.copy()
-        columns = state.columns.copy()
-        t, filled, switches, contact = self._sample(
-            y, tangents, columns, growth, place, state.t, rows
+        moving = Moving(
+            y=state.y.copy(),
+            tangents=state.tangents.copy(),
+            columns=state.columns.copy(),
+            growth=state.growth.copy(),
+            place=np.array([state.cycle, state.index], dtype=np.int64),
         )
+        t, filled, switches, contact = self._sample(moving, state.t, rows)
+        y, tangents, columns, growth, place = moving
         stride = p.steps // p.samples_per_cycle
         end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth, columns)
         moved = (end.cycle - state.cycle) * p.steps + end.index - state.index
@@ -157,26 +161,21 @@ class Stepper:
         )
 
     def _sample(
-        self,
-        y: Array,
-        tangents: Array,
-        columns: Array,
-        growth: Array,
-        place: Indices,
-        t: float,
-        rows: Array,
+        self, moving: Moving, t: float, rows: Array
     ) -> tuple[float, int, int, NDArray[Any]]:
-        """Fill rows and move all else in place; time, rows filled, switches and contact."""
+        """Fill rows and advance ``moving`` in place; returns time, rows filled, switches and
+        contact.
+        """
         contact = np.zeros((self.model.layout.n_mesh, 3), dtype=np.int64)
         rest = self._head(), self._si, self._carrier, rows, contact
-        return (*self._kernel.run(y, tangents, columns, growth, place, t, rest), contact)
+        return (*self._kernel.run(moving, t, rest), contact)
 
     def trace(self, state: State, n_samples: int) -> tuple[Array, Array, Array, Indices]:
         """States, tangents and columns at the next samples, the first one at the state itself.
 
         Returns:
-            (n, n_state), (n, k, n_state) tangents as they have grown, (n, p, n_state), and the
-            place (n, 2) of each sample, its mesh cycle and step, for ``read``.
+            states (n, n_state), tangents (n, k, n_state) not orthonormalised, columns (n, p,
+            n_state), and the place (n, 2) of each sample (mesh cycle and step), for ``read``.
 
         Raises:
             ParameterError: ``method: rk4``, or effects by their own laws.
@@ -204,8 +203,8 @@ class Stepper:
     def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
         """State (n,) and tangents (k, n) after whole mesh cycles, from phase 0 to phase 0.
 
-        Tangents are neither scaled nor turned. A motion that leaves all range ends in numbers
-        that do.
+        Tangents are neither scaled nor orthogonalised. A motion that diverges returns numbers that
+        show it.
         """
         y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float)
         self._kernel.cross(y, tangents, cycle, cycles)
@@ -223,7 +222,7 @@ class Stepper:
         return {key: y[at] * unit for key, at, unit in self._places()}
 
     def with_own(self, y: Array, own: Mapping[Hashable, Array]) -> Array:
-        """A state (n,) with other own states in it, where it has any of that key and size."""
+        """State (n,) with further states replaced where key and size agree."""
         y = y.copy()
         for key, at, unit in self._places():
             if key in own and own[key].shape == at.shape:
@@ -231,7 +230,7 @@ class Stepper:
         return y
 
     def _places(self) -> Iterator[tuple[Hashable, Indices, Array]]:
-        """Keys of the own states, their indices in a state and units."""
+        """Yield key, indices in a state, and units of the further states of each effect."""
         model, s = self.model, self.model.scales
         order = model.layout.n_state + self._own_order()
         unit = np.resize([s.b_c, s.velocity_m_per_s], order.size)
@@ -241,13 +240,15 @@ class Stepper:
             first += size
 
     def _own_order(self) -> Indices:
-        """Order of the further states in which displacement and rate of a coordinate meet."""
+        """Order of the further states in which displacement and rate of a coordinate are
+        neighbours.
+        """
         order: Indices = np.arange(2 * self.model.n_own).reshape(2, -1).T.ravel()
         return order
 
 
 def stepper(model: Model) -> Stepper:
-    """The stepper of a gear: that of the core, or what its effects ask for."""
+    """Stepper of a model: that of the core, or the one that its effects need."""
     made: Stepper = (model.integrator or Stepper)(model)
     return made
 
@@ -260,9 +261,9 @@ def carrier_row(model: Model) -> Array:
 
 
 def change(old: Model, new: Model, state: State) -> State:
-    """State with which a run goes on after a change of live parameters, at the same phase.
+    """State that continues a run after a change of live parameters, at the same phase.
 
-    The grid may change only at phase 0 (``samples_per_cycle``); the index is kept otherwise.
+    The phase grid (``samples_per_cycle``) may change only at phase 0; the index is kept otherwise.
     """
     steps_old, steps_new = old.parameters.steps, new.parameters.steps
     y = carry_over(old, new, state.y, state.phase(steps_old))
@@ -270,13 +271,15 @@ def change(old: Model, new: Model, state: State) -> State:
 
 
 def simulate(model: Model, cycles: int, state: State | None = None) -> tuple[TimeSeries, State]:
-    """Samples of whole mesh cycles, as a time series, and the state after them.
+    """Samples of whole mesh cycles as a time series, and the state after them.
 
     Raises:
-        DivergenceError: the motion left the range of any gear.
+        DivergenceError: the state left the range of any physical motion.
     """
-    machine = stepper(model)
-    block = machine.advance(state or machine.start(), cycles * model.parameters.samples_per_cycle)
+    gear_stepper = stepper(model)
+    block = gear_stepper.advance(
+        state or gear_stepper.start(), cycles * model.parameters.samples_per_cycle
+    )
     if block.diverged:
         raise DivergenceError(
             f"the motion diverged at t = {block.rows[-1, 0]:.6g} s with {model.parameters}"
@@ -287,23 +290,24 @@ def simulate(model: Model, cycles: int, state: State | None = None) -> tuple[Tim
 def largest_exponent(
     model: Model, cycles: int = 500, transient: int = 200, state: State | None = None
 ) -> tuple[float, float]:
-    """Largest Lyapunov exponent per dimensionless time, by the tangent flow, and its error.
+    """Largest Lyapunov exponent per dimensionless time from the tangent flow, and its standard
+    error.
 
     Args:
-        cycles: mesh cycles averaged over, in 10 batches; the error is that of their mean.
+        cycles: mesh cycles averaged over, in 10 batches.
         transient: mesh cycles left out before.
 
     Raises:
-        DivergenceError: the motion left the range of any gear.
+        DivergenceError: the state left the range of any physical motion.
     """
-    machine = stepper(model)
+    gear_stepper = stepper(model)
     n = model.parameters.samples_per_cycle
-    now = machine.start(tangents=1)
+    now = gear_stepper.start(tangents=1)
     if state is not None:
         now = replace(state, tangents=now.tangents, growth=now.growth)
     growth = []
     for length in [transient] + [max(cycles // 10, 1)] * 10:
-        block = machine.advance(now, length * n)
+        block = gear_stepper.advance(now, length * n)
         if block.diverged:
             raise DivergenceError(f"the motion diverged at t = {block.rows[-1, 0]:.6g} s")
         growth.append(float(block.end.growth[0] - now.growth[0]))
@@ -314,6 +318,6 @@ def largest_exponent(
 
 
 def warm_up(model: Model) -> Any:
-    """Compile (or load from the cache) all that ``Stepper.advance`` needs; returns the block."""
-    machine = stepper(model)
-    return machine.advance(machine.start(tangents=1), 1)
+    """Compile all that ``Stepper.advance`` needs, or load it from the cache; returns the block."""
+    gear_stepper = stepper(model)
+    return gear_stepper.advance(gear_stepper.start(tangents=1), 1)

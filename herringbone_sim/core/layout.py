@@ -1,4 +1,4 @@
-"""Index <-> name: sides, planets, meshes, bodies, the state vector and the recorded channels.
+"""Indices and names of sides, planets, meshes, bodies, states and recorded channels.
 
 Arrays over meshes have the axes (kind, side, planet), flattened in this order: kind 0 is
 sun-planet ``sp``, kind 1 is ring-planet ``rp``; side 0 is ``L``, side 1 is ``R``. The state ``y``
@@ -29,13 +29,13 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class Layout:
-    """Names and sizes of a model with ``n_classes`` planets that are told apart.
+    """Names and sizes of a model with ``n_classes`` distinguished planets.
 
-    The reduced model has one class that stands for all planets and leaves the number out.
+    The reduced model has one class that represents all planets; its names have no number.
 
     Attributes:
-        n_classes: planets told apart, 1 in the reduced model.
-        numbered: whether names carry the planet's number (full model).
+        n_classes: number of distinguished planets, 1 in the reduced model.
+        numbered: whether names contain the number of the planet (full model).
     """
 
     n_classes: int
@@ -43,18 +43,22 @@ class Layout:
 
     @property
     def planets(self) -> tuple[str, ...]:
+        """Number of each planet as text, or one empty text."""
         return tuple(str(i + 1) for i in range(self.n_classes)) if self.numbered else ("",)
 
     @property
     def n_mesh(self) -> int:
+        """Number of meshes."""
         return 4 * self.n_classes
 
     @property
     def n_coordinate(self) -> int:
+        """Number of displacements in the state."""
         return 2 + 2 * self.n_classes
 
     @property
     def n_state(self) -> int:
+        """Length of the state."""
         return 2 * self.n_coordinate
 
     @property
@@ -87,7 +91,7 @@ class Layout:
 
 
 def unit_of(channel: str) -> str:
-    """Unit of a recorded channel, ``-`` for a number; KeyError for a foreign name."""
+    """Unit of a recorded channel, ``-`` for a dimensionless one; KeyError for an unknown name."""
     return UNITS[channel] if channel in UNITS else PREFIX_UNITS[channel.split("_")[0]]
 
 

@@ -1,6 +1,6 @@
-"""The mesh: backlash and its thermal loss, stiffness, error, damping. One function, one equation.
+"""The mesh: backlash and its thermal loss, stiffness, error, damping; one function per equation.
 
-Plain NumPy functions in SI units; the kernel's compiled forms are tested against them.
+Plain NumPy functions in SI units; the compiled kernel is tested against them.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ def backlash(x: Array | float, b: Array | float) -> Array:
 def thermal_backlash_loss(
     delta_T: float, gamma: float, m_t: float, teeth: int, alpha_w: float
 ) -> float:
-    """Loss Delta b [m] of the whole backlash by a temperature rise, Eq. (2).
+    """Reduction Delta b [m] of the total backlash by a temperature rise, Eq. (2).
 
     Args:
         delta_T: temperature rise [K].
-        gamma: linear expansion [1/K].
+        gamma: coefficient of linear expansion [1/K].
         m_t: transverse module [m].
-        teeth: z_s + z_p for a sun mesh. For a ring mesh the paper prints z_r + z_p, and this is
-            kept; the centre distance of an internal mesh would ask for z_r - z_p.
+        teeth: z_s + z_p for a sun mesh. For a ring mesh the paper prints z_r + z_p, which is kept;
+            the centre distance of an internal mesh would require z_r - z_p.
         alpha_w: working pressure angle alpha' [rad].
     """
     strain = delta_T * gamma
@@ -39,9 +39,9 @@ def thermal_backlash_loss(
 
 
 def half_backlash(b: float, b_c: float, loss: float) -> float:
-    """Half-backlash b' [m] when hot, Eq. (3).
+    """Half-backlash b' [m] at temperature, Eq. (3).
 
-    Misprint corrected: the paper takes metres off the dimensionless b; b b_c [m] is meant.
+    Misprint corrected: the paper subtracts metres from the dimensionless b; b b_c [m] is meant.
     """
     return b * b_c - loss / 2.0
 
@@ -65,20 +65,21 @@ def single_pair_stiffness(
 
 
 def double_pair_stiffness(first: float, second: float) -> float:
-    """Stiffness of two tooth pairs [N/m], Eq. (6): two of Eq. (5) side by side."""
+    """Stiffness of two tooth pairs in parallel [N/m], Eq. (6)."""
     return first + second
 
 
 def stiffness(
     phase: Array | float, k_m: float, k_amp: Sequence[float], phi_a: float = 0.0
 ) -> Array:
-    """k(t) [N/m] at a mesh phase [rad], Eq. (7); one harmonic of share 0.25 is Eq. (8).
+    """k(t) [N/m] at a mesh phase [rad], Eq. (7); with one harmonic of amplitude 0.25 it is Eq.
+    (8).
 
     Args:
         phase: mesh phase omega t.
         k_m: mean [N/m].
-        k_amp: amplitudes of orders 1, 2, ... as shares of the mean.
-        phi_a: initial phase [rad], the same for every order as the paper has it.
+        k_amp: amplitudes of orders 1, 2, ... relative to the mean.
+        phi_a: initial phase [rad], the same for every order as in the paper.
     """
     phase = np.asarray(phase, dtype=float)
     terms = [a * np.cos((j + 1) * phase + phi_a) for j, a in enumerate(k_amp)]
@@ -89,7 +90,7 @@ def stiffness(
 def mesh_error(
     phase: Array | float, amplitudes: Sequence[float], mean: float = 0.0, phi_b: float = 0.0
 ) -> Array:
-    """e(t) [m] at a mesh phase [rad], Eq. (9); one harmonic and no mean is Eq. (10).
+    """e(t) [m] at a mesh phase [rad], Eq. (9); with one harmonic and no mean it is Eq. (10).
 
     Misprint corrected: Eq. (10) gives the ring meshes e_mspi; they have their own amplitude.
     """

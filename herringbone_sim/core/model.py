@@ -1,7 +1,9 @@
 """The equations of motion: Eqs. (12)-(16) of the bodies, Eqs. (18)-(22) of the reduced system.
 
-``build`` packs a parameter set for the kernel. The functions with plain NumPy are the equations
-as the paper writes them, misprints corrected; the tests hold the kernel against them.
+``build`` packs a parameter set for the kernel. The plain NumPy functions are the equations as in
+the paper, with misprints corrected; the tests compare the kernel with them.
+
+Over 300 lines, so that the equations and what the kernel makes of them are read side by side.
 """
 
 from __future__ import annotations
@@ -26,20 +28,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Model:
-    """A gear ready to run.
+    """A gear ready to be integrated.
 
     Attributes:
-        parameters: what it was built from.
+        parameters: that it was built from.
         layout: names and sizes.
         scales: radii, masses, scales (SI).
-        half_backlash_m: (n_mesh,) b' in force [m], Eq. (3).
+        half_backlash_m: (n_mesh,) b' [m], Eq. (3).
         damping_n_s_per_m: (n_mesh,) c [N s/m], Eq. (11).
-        bare: the same for the kernel, dimensionless, without effects.
-        packed: what the kernel runs: ``bare`` with what effects change in it.
-        effects: what changed it, as ``effects.assemble`` was given them; empty for the gear alone.
-        own: keys of their own states, and how many each has.
-        integrator: makes the stepper of a gear that ``packed`` does not hold all of; None for
-            that of the core. Where it has ``run_batch``, batches of such gears go by that.
+        bare: dimensionless data for the kernel, without effects.
+        packed: data that the kernel uses: ``bare`` with the changes by effects.
+        effects: active effects, as given to ``effects.assemble``; empty without any.
+        own: key and number of the states of each effect.
+        integrator: makes the stepper of a gear that ``packed`` can't fully represent; None for
+            that of the core. If it has ``run_batch``, batches of such gears use that.
     """
 
     parameters: Parameters
@@ -55,13 +57,13 @@ class Model:
 
     @property
     def n_own(self) -> int:
-        """Coordinates that effects add to those of the layout."""
+        """Number of coordinates that effects add to those of the layout."""
         return len(self.packed.seat)
 
     @property
     def n_state(self) -> int:
-        """Numbers of a state: as ``Layout.state_names``, then the further coordinates, their
-        displacements and their rates.
+        """Length of a state: ``Layout.state_names``, then displacements and rates of further
+        coordinates.
         """
         own = sum(size for _, size in self.own) if self.integrator else 2 * self.n_own
         return self.layout.n_state + own
@@ -71,7 +73,7 @@ def build(p: Parameters) -> Model:
     """Model of a parameter set.
 
     Raises:
-        ParameterError: heating takes more backlash than there is (b' < 0).
+        ParameterError: the temperature rise takes more backlash than there is (b' < 0).
     """
     s = scales(p)
     half = half_backlashes(p, s)
@@ -81,7 +83,7 @@ def build(p: Parameters) -> Model:
 
 
 def half_backlashes(p: Parameters, s: Scales) -> Array:
-    """Half-backlash b' [m] of each mesh (n_mesh,), Eqs. (2), (3); ParameterError below zero."""
+    """Half-backlash b' [m] of each mesh (n_mesh,), Eqs. (2), (3); ParameterError if negative."""
     alpha_w = float(np.radians(p.alpha_w))
     losses = [
         mesh.thermal_backlash_loss(p.delta_T, p.gamma, s.m_t, z + p.z_p, alpha_w)
@@ -110,7 +112,7 @@ def mesh_damping(p: Parameters, s: Scales) -> Array:
 
 
 def mesh_phases(p: Parameters) -> Array:
-    """Phase shift [rad] (n_mesh,) of k and e together: ``mesh_phase``, and geometry if wanted.
+    """Phase shift [rad] (n_mesh,) of k and e: ``mesh_phase``, plus geometric phasing if chosen.
 
     With planets at angles psi, the sun meshes shift by z_s psi and the ring meshes by -z_r psi.
     """
@@ -132,6 +134,7 @@ def mean_stiffness(p: Parameters) -> Array:
 
 
 def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
+    """Dimensionless data for the kernel."""
     layout = p.layout
     n = layout.n_mesh
     shift = mesh_phases(p)
@@ -192,7 +195,7 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
 
 
 def _rows(amplitudes: list[Array], h: int, n: int) -> Array:
-    """Amplitudes (h, n) of the harmonics, zero for those that are not given."""
+    """Amplitudes (h, n) of the harmonics, zero for missing ones."""
     rows = np.zeros((h, n))
     rows[: len(amplitudes)] = np.array(amplitudes).reshape(-1, n)
     return rows
@@ -201,7 +204,7 @@ def _rows(amplitudes: list[Array], h: int, n: int) -> Array:
 def errors_at(model: Model, phase: float) -> tuple[Array, Array]:
     """e and de/dtau (n_mesh,) of all meshes at a phase [rad], in units of b_c, Eqs. (9), (10).
 
-    They are the gear's own: what effects displace is no part of x and v.
+    Without effects: displacements by effects are not contained in x and v.
     """
     p = model.bare
     orders = p.orders[:, None]
@@ -212,7 +215,8 @@ def errors_at(model: Model, phase: float) -> tuple[Array, Array]:
 
 
 def relative(model: Model, y: Array, phase: float) -> tuple[Array, Array]:
-    """Relative displacements x and rates v (n_mesh,) of a state, Eqs. (15), (16), dimensionless.
+    """Relative displacements x and velocities v (n_mesh,) of a state, Eqs. (15), (16),
+    dimensionless.
 
     Args:
         y: (n_state,) as ``Layout.state_names``.
@@ -224,12 +228,14 @@ def relative(model: Model, y: Array, phase: float) -> tuple[Array, Array]:
 
 
 def _deflect(coordinates: Array) -> Array:
+    """Deflections (n_mesh,) without errors from coordinates (n_coordinate,)."""
     sides = np.repeat(coordinates[:2], (len(coordinates) - 2) // 2)
     return np.concatenate([sides - coordinates[2:], coordinates[2:]])
 
 
 def state(model: Model, x: Array, v: Array, phase: float) -> Array:
-    """State y (n_state,) from relative displacements and rates (n_mesh,): inverse of ``relative``.
+    """State y (n_state,) from relative displacements and velocities (n_mesh,), inverse of
+    ``relative``.
 
     The sun meshes of planets 2.. follow from geometry; their entries in x and v are not read.
     """
@@ -238,13 +244,14 @@ def state(model: Model, x: Array, v: Array, phase: float) -> Array:
 
 
 def _coordinates(deflection: Array) -> Array:
+    """Coordinates (n_coordinate,) from deflections (n_mesh,) without errors."""
     sun, ring = np.split(deflection, 2)
     c = len(ring) // 2
     return np.concatenate([[sun[0] + ring[0], sun[c] + ring[c]], ring])
 
 
 def initial_state(model: Model) -> Array:
-    """State y (n_state,) at phase 0 by initial_x, initial_v and the seeded initial_noise."""
+    """State y (n_state,) at phase 0 from initial_x, initial_v and the seeded initial_noise."""
     p = model.parameters
     c = model.layout.n_classes
     x = np.repeat(spread(p.initial_x, 4), c)
@@ -256,10 +263,10 @@ def initial_state(model: Model) -> Array:
 
 
 def carry_over(old: Model, new: Model, y: Array, phase: float) -> Array:
-    """State for changed parameters that keeps relative displacements and rates as they are.
+    """State for changed parameters with the same relative displacements and velocities.
 
-    A change of the error or of Omega moves e and de/dtau, so the coordinates move with them.
-    With errors that differ between planets only the ring meshes and planet 1 are kept to the bit.
+    A change of the error or of Omega changes e and de/dtau, and the coordinates accordingly. With
+    errors that differ between planets only the ring meshes and planet 1 keep theirs bitwise.
     """
     same = all(
         np.array_equal(getattr(old.bare, name), getattr(new.bare, name))
@@ -271,8 +278,8 @@ def carry_over(old: Model, new: Model, y: Array, phase: float) -> Array:
 def body_displacements(model: Model, y: Array) -> Array:
     """u = r_b theta of all bodies (n_bodies,) in units of b_c, rigid rotation removed.
 
-    The rigid rotation (2 on the suns, 1 elsewhere) carries no part of the momentum sum
-    2 M_s u_s + M_p u_p + M_c u_c, which is therefore zero.
+    The rigid rotation (2 on the suns, 1 elsewhere) is chosen such that the momentum sum 2 M_s u_s
+    + M_p u_p + M_c u_c is zero.
     """
     s = model.scales
     share = model.packed.multiplicity
@@ -303,11 +310,11 @@ def body_accelerations(model: Model, force_n: Array) -> Array:
 def reduced_accelerations(model: Model, x: Array, v: Array, phase: float) -> Array:
     """Second derivatives of (x_sp_L, x_sp_R, x_rp_L, x_rp_R), Eqs. (18) and (22), dimensionless.
 
-    Misprints corrected: Eq. (22) writes k y for k f(y); k_sp, c_sp stand before y3, y4 in its
-    line of y6; the planet's part of k_rp in its line of y8 is added. Eq. (18) is right.
+    Misprints corrected: Eq. (22) writes k y for k f(y); its line of y6 contains k_sp, c_sp before
+    y3, y4; the planet's part of k_rp is missing in its line of y8. Eq. (18) is correct.
 
     Args:
-        x, v: (4,) relative displacements and their rates.
+        x, v: (4,) relative displacements and velocities.
         phase: mesh phase [rad] = Omega tau.
     """
     s, p, N = model.scales, model.parameters, model.parameters.n_planets
@@ -341,7 +348,9 @@ def reduced_accelerations(model: Model, x: Array, v: Array, phase: float) -> Arr
 
 
 def jacobian(model: Model, y: Array, phase: float) -> Array:
-    """Derivative (n_state, n_state) of dy/dtau by y, off the kinks of the backlash function."""
+    """Derivative (n_state, n_state) of dy/dtau with respect to y, away from the kinks of the
+    backlash.
+    """
     packed = model.packed
     m = model.layout.n_coordinate
     n = model.layout.n_mesh

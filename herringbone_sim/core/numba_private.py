@@ -1,22 +1,20 @@
-"""All that the package takes from Numba beyond its public interface, and why.
+"""All that the package uses of Numba beyond its public interface, and why.
 
-Numba gives no promise on any of this, so requirements.txt holds it to the minor version that the
-tests run with. A new one is taken by changing ``TESTED`` and that line together, once the tests
-pass.
+Numba guarantees none of this, so requirements.txt fixes the minor version that the tests run with.
+To take a new one, change ``TESTED`` and that line together once the tests pass.
 
-- ``COMPILED``: option ``_nrt=False`` leaves out Numba's reference counting. Nothing can then be
-  allocated within compiled code, and nothing is counted: the counting of a dozen arrays a call
-  took a third of the kernel's time.
+- ``COMPILED``: option ``_nrt=False`` disables Numba's reference counting. Nothing can then be
+  allocated in compiled code. Counting a dozen arrays a call took a third of the kernel's time.
 - ``ir``, ``cgutils``, ``make_array``: vectors of sixteen float64 as a type, for
-  ``core.lanes.vector``. Numba has no public type of that kind, and its compiler makes no vectors
-  of loops over lanes.
-- ``Conversion``: that one number may stand for sixteen, in the same file.
-- ``entry_point``: a compiled function without the look at the types of its arguments, which of a
-  gear by its laws takes longer than a mesh cycle (``effects.law_stepper``).
-- ``event``: tells when something begins to compile, for the node's ``compiling`` in /diagnostics.
+  ``core.lanes.vector``. Numba has no public type of that kind, and its compiler does not
+  vectorise loops over lanes.
+- ``Conversion``: allows one number to stand for sixteen, in the same file.
+- ``entry_point``: a compiled function without the check of its argument types, which for a gear
+  by laws takes longer than a mesh cycle (``effects.law_stepper``).
+- ``event``: reports when a compilation begins, for the node's ``compiling`` in /diagnostics.
 - ``wrapper_address``: a compiled function as a pointer that another takes as argument
-  (``effects.gear``). The public ``cfunc`` compiles a second time and is not kept on disk.
-- ``NumbaExperimentalFeatureWarning``: what Numba says of such pointers at every call.
+  (``effects.gear``). The public ``cfunc`` compiles a second time and is not cached on disk.
+- ``NumbaExperimentalFeatureWarning``: Numba's warning at every call of such a pointer.
 """
 
 from __future__ import annotations
@@ -48,6 +46,6 @@ COMPILED: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False
 
 
 def entry_point(function: Any, kinds: tuple[Any, ...]) -> Any:
-    """A compiled function for arguments of these types of Numba, compiled where it is not yet."""
+    """A compiled function for arguments of these Numba types, compiled if necessary."""
     function.compile(kinds)
     return function.overloads[kinds].entry_point

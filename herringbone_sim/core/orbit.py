@@ -1,4 +1,4 @@
-"""One orbit: the kernel of the lanes with a single one, a step of the grid at a time."""
+"""Integrate one orbit with the kernel of the lanes, one step of the phase grid at a time."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from herringbone_sim.core.packed import embedded
 
 
 class Orbit(NamedTuple):
-    """What the kernel takes of one orbit; both halves are integrated.
+    """Data of one orbit for the kernel; both halves are integrated.
 
     Attributes:
-        shape: tuples of zeros, as many as sides and as classes: loops over them are unrolled; one
-            more where the gear is ``Packed.extended``.
-        near: None, or the columns that run along, see ``lanes.columns``.
-        work: constants and scratch; ``work.y (1 + k, n_state)`` is the state and k tangents.
+        shape: tuples of zeros, as many as sides and as classes, so that loops over them are
+            unrolled; one more if the gear is ``Packed.extended``.
+        near: None, or the columns to integrate too, see ``lanes.columns``.
+        work: constants and work arrays; ``work.y (1 + k, n_state)`` is the state and k tangents.
         inverse: (order + 2,) 1 / i.
         controlled: whether K != 0, or there are further torques.
     """
@@ -45,10 +45,10 @@ class Orbit(NamedTuple):
 
 
 def orbit_of(model: Model, tangents: int, others: Sequence[Model] = ()) -> Orbit:
-    """Orbit of a model with so many tangent vectors, its state still zero.
+    """Orbit of a model with ``tangents`` tangent vectors, its state still zero.
 
     Args:
-        others: gears that there must be room for as well.
+        others: gears that the arrays must be large enough for as well.
     """
     p, layout, gears = model.parameters, model.layout, [model, *others]
     shape = shape_of(gears, model.n_own)
@@ -67,10 +67,11 @@ def orbit_of(model: Model, tangents: int, others: Sequence[Model] = ()) -> Orbit
 
 @embedded
 def grid_step(move, orbit, cycle, index):
-    """Advance the state and its tangents by a step of the grid; returns the switches passed.
+    """Advance the state and its tangents by one step of the phase grid; returns the number of
+    switches.
 
     Args:
-        move: as of ``lanes.run.through_lanes``.
+        move: one step of the series, as for ``lanes.run.through_lanes``.
     """
     w = orbit.work
     begin_cycle(w, 0, cycle)

@@ -1,8 +1,9 @@
-"""What the kernel reads and scribbles on: the packed model and the scratch of a run.
+"""Data and work arrays of the kernel: the packed model and the arrays of a run.
 
-All is dimensionless (Eq. 17). ``y (n_state,)`` holds displacements then velocities as
-``layout.Layout.state_names`` says. Left and right see the same operations in the same order, or
-rounding breaks their symmetry in a chaotic transient; no fused or reordered arithmetic therefore.
+All is dimensionless (Eq. 17). ``y (n_state,)`` holds displacements then velocities as in
+``layout.Layout.state_names``. Left and right undergo the same operations in the same order, as
+rounding would otherwise break their symmetry in a chaotic transient; arithmetic is therefore never
+fused or reordered.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 TWO_PI = 2.0 * np.pi
-LIMIT = 1e6  # of a deflection, in b_c: beyond it is the motion of no gear
+LIMIT = 1e6  # b_c: deflection beyond which the motion counts as diverged
 
 PACKAGE = Path(__file__).parents[1]
 forget_stale(PACKAGE, *compiled_from(PACKAGE))
 
 compiled: Any = njit(cache=True, **COMPILED)
 inlined: Any = njit(cache=True, forceinline=True, **COMPILED)
-# Becomes a part of its callers before they are compiled, and is not compiled by itself.
+# Inlined into its callers before they are compiled; not compiled by itself.
 embedded: Any = njit(inline="always", **COMPILED)
 
 
@@ -36,52 +37,53 @@ class Packed(NamedTuple):
     """The model as the kernel reads it; n = n_mesh, c = n_classes, all dimensionless.
 
     Attributes:
-        classes: c zeros: a tuple's length is part of its type, so loops over c are unrolled.
-        multiplicity: planets that one class stands for.
+        classes: c zeros: the length of a tuple is part of its type, so loops over c are unrolled.
+        multiplicity: number of planets that one class represents.
         stiffness: (n,) mean mesh stiffness times the projection over omega_n^2 [kg].
         damping: (n,) mesh damping times the projection over omega_n [kg].
-        orders: (h,) of the mesh frequency, whole or not, of the harmonics of k and e.
-        k_cos: (h, n) cosine amplitudes of the harmonics of k (Eq. 7), as stiffness.
+        orders: (h,) orders of the mesh frequency, not necessarily integer, of the harmonics of k
+            and e.
+        k_cos: (h, n) cosine amplitudes of the harmonics of k (Eq. 7), in the unit of stiffness.
         k_sin: (h, n) sine amplitudes.
-        e_mean: (n,) mean error (Eq. 9), less the displacement d_mean of effects.
-        e_cos: (h, n) cosine amplitudes of the harmonics of e, less d_cos.
-        e_sin: (h, n) sine amplitudes, less d_sin.
-        d_mean: (n,) displacement that effects add to the deflection, and samples do not show.
-        d_cos: (h, n) cosine amplitudes of its harmonics; no row where it has none.
+        e_mean: (n,) mean error (Eq. 9) minus the displacement d_mean of effects.
+        e_cos: (h, n) cosine amplitudes of the harmonics of e, minus d_cos.
+        e_sin: (h, n) sine amplitudes, minus d_sin.
+        d_mean: (n,) displacement that effects add to the deflection; not contained in samples.
+        d_cos: (h, n) cosine amplitudes of its harmonics; no rows if it has none.
         d_sin: (h, n) sine amplitudes.
-        windows: (w, 3) events that come once in a while: mesh cycles between them, mesh cycle of
-            the first, width in mesh cycles.
-        window_k: (w, n) share of k that an event takes, at its middle.
-        window_d: (w, n) displacement that it adds, at its middle.
-        b: (n,) half-backlash b' in force (Eq. 3).
+        windows: (w, 3) recurring events: mesh cycles between them, mesh cycle of the first, width
+            in mesh cycles.
+        window_k: (w, n) relative loss of k at the middle of an event.
+        window_d: (w, n) displacement at the middle of an event.
+        b: (n,) half-backlash b' (Eq. 3).
         inv_M_s: (2,) of the sun halves [1/kg].
         inv_M_p: (2, c) of the planet halves [1/kg].
         inv_M_c: of the carrier [1/kg].
         load_q: (2,) constant acceleration of q_S by T_1 and T_2.
         load_r: constant acceleration of r by T_2.
-        control_q: (2,) share of K cos(...) taken off the acceleration of q_S.
-        control_r: (2,) share taken off the acceleration of r_S.
+        control_q: (2,) share of K cos(...) subtracted from the acceleration of q_S.
+        control_r: (2,) share subtracted from the acceleration of r_S.
         control_order: control frequency over mesh frequency.
         control_phase: rad.
-        K: control amplitude.
-        load_orders: (l,) of the mesh frequency, of the harmonics of further torques.
+        load_orders: (l,) orders of the mesh frequency of the harmonics of further torques.
         load_cos: (l, m + s) cosine amplitudes of the accelerations that they give the coordinates.
         load_sin: (l, m + s) sine amplitudes.
-        plain: whether all that follows is empty.
-        extended: one zero where it is not, as in ``classes``: plain gears compile without it.
-        powers: whether forces are not linear between switches: a power in ``law`` that is no
-            constant, or rounded corners in ``seat``.
-        law: (5, n) force of a mesh, k f (|f| / law[0])^(law[1] - 1) + c v [1 - law[2] + law[2]
-            (|f| / law[4])^law[3]]; exponents 1 and share 0 give k f + c v.
+        plain: whether all of the following is empty.
+        extended: one zero if it is not, as in ``classes``, so that plain gears compile without it.
+        powers: whether forces are nonlinear between switches: a non-constant power in ``law``, or
+            rounded corners in ``seat``.
+        law: (5, n) mesh force k f (|f| / law[0])^(law[1] - 1) + c v [1 - law[2] + law[2] (|f| /
+            law[4])^law[3]]; exponents 1 and share 0 give k f + c v.
         own_shift: (s, n) displacement of the meshes by s further coordinates.
-        seat: (s, 4) their springs: stiffness, damping, half of the free play, rounding of its
+        seat: (s, 4) their springs: stiffness, damping, half of the clearance, rounding of its
             corners.
-        push: (3, m + s + 1, n + s) what forces 1 of the meshes and of those springs add to the
-            accelerations of the coordinates, the last row being that of the carrier, which all
-            coordinates of the layout share: without friction; by friction, its first part and
-            that in proportion to the turn s from the pitch point.
-        pairs: (t, 2) rows and columns of ``push`` that hold anything.
+        push: (3, m + s + 1, n + s) accelerations of the coordinates by unit forces of the meshes
+            and of those springs, the last row for the carrier, which acts on all coordinates of
+            the layout; without friction, by friction (constant part), and by friction in
+            proportion to the turn s from the pitch point.
+        pairs: (t, 2) rows and columns of ``push`` with non-zero entries.
         rubs: (r,) meshes with friction.
+        K: control amplitude.
         Omega: mesh frequency over omega_n.
     """
 
@@ -128,7 +130,9 @@ class Packed(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of the right-hand side and of RK4; n = n_mesh, m = coordinates, s further ones."""
+    """Work arrays of the right-hand side and of RK4; n = n_mesh, m = coordinates, s further
+    ones.
+    """
 
     k: Array  # (n,) stiffness at one phase
     error: Array  # (n,) e, taken off G q to get the deflection
@@ -142,10 +146,10 @@ class Work(NamedTuple):
 
 
 def make_work(n_mesh: int, n_coordinate: int, n_own: int = 0) -> Work:
-    """Scratch for a gear.
+    """Work arrays for a gear.
 
     Args:
-        n_own: further coordinates, as rows of ``Packed.seat``.
+        n_own: number of further coordinates, as rows of ``Packed.seat``.
     """
     n_all = n_coordinate + n_own
     sizes = *(n_mesh,) * 5, n_mesh + n_own, n_all, (4, 2 * n_all), 2 * n_all

@@ -1,9 +1,12 @@
-"""Every symbol of the model once: name, default, unit, range and meaning; checked when built.
+"""Every symbol of the model once: name, default, unit, range and meaning, checked when built.
 
-One name everywhere: field here, YAML key, ROS parameter and recorded metadata. Defaults are the
-nominal rig (``config/rig.yaml``); ``config/paper.yaml`` holds the paper's set. Lists over meshes
-have length 1 (all alike) or 4 N, in the order of ``layout``: sun-planet left 1..N, right 1..N,
-then ring-planet the same (N = 1 in the reduced model). Lists over planet halves: left, right.
+One name everywhere: the field here is YAML key, ROS parameter and recorded metadata. Defaults are
+the nominal rig (``config/rig.yaml``); ``config/paper.yaml`` is the set of the paper. Lists over
+meshes have length 1 (all equal) or 4 N, in the order of ``layout``: sun-planet left 1..N, right
+1..N, then ring-planet the same (N = 1 in the reduced model). Lists over planet halves: left,
+right.
+
+Over 300 lines: half of it is the table of the parameters.
 """
 
 from __future__ import annotations
@@ -24,12 +27,14 @@ INFINITY = math.inf
 
 
 class ParameterWarning(UserWarning):
-    """A set that runs, though no gear can be built or assembled like this."""
+    """The parameters can be simulated, but no such gear can be built or assembled."""
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a parameter is: unit, text with its equation, range or choices, whether it is live."""
+    """Description of a parameter: unit, text with its equation, range or choices, whether it is
+    live.
+    """
 
     unit: str
     text: str
@@ -40,16 +45,17 @@ class Meaning:
 
 
 def _p(default: Any, unit: str, text: str, *bounds: float, **more: Any) -> Any:
+    """Dataclass field of a parameter with its description; ``bounds`` are low and high."""
     low, high = bounds if bounds else (-INFINITY, INFINITY)
     return field(default=default, metadata={"meaning": Meaning(unit, text, low, high, **more)})
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """A herringbone planetary gear and how it is run; ``meaning`` tells of each field.
+    """Parameters of a herringbone planetary gear and of its integration; see ``meaning`` for each.
 
     Raises:
-        ParameterError: a value outside its range, or a set that can't exist.
+        ParameterError: a value out of its range, or values that contradict each other.
     """
 
     model: str = _p(
@@ -165,16 +171,17 @@ class Parameters:
 
     @property
     def layout(self) -> Layout:
+        """Names and sizes of the model."""
         if self.model == "reduced":
             return Layout(n_classes=1, numbered=False)
         return Layout(n_classes=self.n_planets, numbered=True)
 
     @property
     def steps(self) -> int:
-        """Steps a mesh cycle: the least multiple of the samples that has enough of them.
+        """Steps per mesh cycle: the smallest sufficient multiple of ``samples_per_cycle``.
 
-        The Taylor step holds its error where it is short against the natural period (a slow mesh
-        has many of them in a cycle) and against the highest harmonic of what excites it.
+        The error of the Taylor step is bounded if it is short compared with the natural period (at
+        small Omega a mesh cycle contains many) and with the highest harmonic of the excitation.
         """
         least: float = self.steps_per_cycle
         if self.method == "taylor":
@@ -183,9 +190,9 @@ class Parameters:
         return self.samples_per_cycle * math.ceil(least / self.samples_per_cycle - 1e-9)
 
     def changed(self, values: Mapping[str, Any]) -> Parameters:
-        """A copy with some values changed, coerced by ``coerce``; ParameterError as when built.
+        """Copy with some values changed, converted by ``coerce``; ParameterError as when built.
 
-        What this set was warned of when it was built is not said again of the copy.
+        Warnings that this set has given already are not repeated.
         """
         known: dict[str, Any] = {name: coerce(name, value) for name, value in values.items()}
         changed = copy(self)
@@ -202,12 +209,12 @@ def names() -> tuple[str, ...]:
 
 
 def live_names() -> tuple[str, ...]:
-    """Names of those that may change while the model runs."""
+    """Names of the parameters that may change during a run."""
     return tuple(name for name in names() if meaning(name).live)
 
 
 def meaning(name: str) -> Meaning:
-    """Unit, text and range of a parameter; ParameterError when there is none of that name."""
+    """Description of a parameter; ParameterError for an unknown name."""
     item = Parameters.__dataclass_fields__.get(name)
     if item is None:
         raise ParameterError(f"no parameter {shown(name)}; there are {', '.join(names())}")
@@ -216,7 +223,7 @@ def meaning(name: str) -> Meaning:
 
 
 def coerce(name: str, value: Any) -> Value:
-    """Value in the type of its field: an integer where a double is meant is taken.
+    """Value converted to the type of its field; an integer is accepted for a float.
 
     Raises:
         ParameterError: the value can't be read as that type.
@@ -246,10 +253,10 @@ def coerce(name: str, value: Any) -> Value:
 
 
 def from_mapping(values: Mapping[str, Any]) -> Parameters:
-    """Parameters from YAML keys or recorded metadata; unknown keys are refused by name.
+    """Parameters from YAML keys or recorded metadata.
 
     Raises:
-        ParameterError: unknown key, wrong type, or a set that can't exist.
+        ParameterError: an unknown key, a wrong type, or values that contradict each other.
     """
     known: dict[str, Any] = {name: coerce(name, value) for name, value in values.items()}
     return Parameters(**known)
@@ -262,12 +269,12 @@ def to_mapping(parameters: Parameters) -> dict[str, Any]:
 
 
 def spread(values: Sequence[float], n: int) -> list[float]:
-    """A list of length 1 or n as one of length n."""
+    """A list of length 1 repeated n times; one of length n as it is."""
     return list(values) * n if len(values) == 1 else list(values)
 
 
 def _check_all(p: Parameters, changed: Iterable[str]) -> None:
-    """Check the values that changed by themselves, and all of them together."""
+    """Check the changed values one by one, and all values together."""
     for name in changed:
         _check(name, getattr(p, name), meaning(name))
     _check_lists(p)
@@ -275,6 +282,7 @@ def _check_all(p: Parameters, changed: Iterable[str]) -> None:
 
 
 def _check(name: str, value: Any, about: Meaning) -> None:
+    """Check type, finiteness and range of one value."""
     if about.choices:
         if value not in about.choices:
             raise ParameterError(
@@ -298,7 +306,7 @@ def _check(name: str, value: Any, about: Meaning) -> None:
 
 
 def lengths(p: Parameters) -> dict[str, tuple[int, int]]:
-    """Both lengths that each list which is of meshes, bodies or planets may have."""
+    """The two allowed lengths of each list over meshes, bodies or planets."""
     n = p.layout.n_mesh
     found = {"I_s_factor": (1, 2), "I_p_factor": (1, n // 2), "planet_angle": (0, p.n_planets)}
     found |= dict.fromkeys(("control_on", "initial_x", "initial_v"), (1, 4))
@@ -307,6 +315,7 @@ def lengths(p: Parameters) -> dict[str, tuple[int, int]]:
 
 
 def _check_lists(p: Parameters) -> None:
+    """Check lengths and signs of the lists."""
     for name, allowed in lengths(p).items():
         if len(getattr(p, name)) not in allowed:
             raise ParameterError(
@@ -321,7 +330,7 @@ def _check_lists(p: Parameters) -> None:
 
 
 def _least_gap_deg(p: Parameters) -> float:
-    """Smallest angle between neighbouring planets."""
+    """Smallest angle between neighbouring planets [deg]."""
     if not p.planet_angle:
         return 360.0 / p.n_planets
     angles = sorted(angle % 360.0 for angle in p.planet_angle)
@@ -330,6 +339,7 @@ def _least_gap_deg(p: Parameters) -> float:
 
 
 def _check_gear(p: Parameters) -> None:
+    """Check conditions on several parameters."""
     if sum(abs(share) for share in p.k_amp) >= 1.0:
         raise ParameterError(
             f"k_amp must sum to less than 1 or stiffness turns negative, got {shown(p.k_amp)}"
@@ -342,7 +352,7 @@ def _check_gear(p: Parameters) -> None:
 
 
 def obstacles(p: Parameters) -> list[str]:
-    """Rules of assembly that a gear breaks; the model runs all the same."""
+    """Rules of assembly that the parameters violate; they can be simulated nevertheless."""
     rules = []
     if p.z_r != p.z_s + 2 * p.z_p:
         rules.append(
@@ -371,7 +381,7 @@ def obstacles(p: Parameters) -> list[str]:
 
 
 def obstacle_text(rule: str) -> str:
-    """A sentence on a rule of ``obstacles``."""
+    """Warning about a rule of ``obstacles``."""
     return f"no such gear can be assembled: {rule}; it runs all the same"
 
 

@@ -1,4 +1,4 @@
-"""Right-hand side at a phase, kinks and all, and the classical Runge-Kutta step on it."""
+"""Right-hand side at a phase, including the kinks, and the classical Runge-Kutta step with it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from herringbone_sim.core.packed import TWO_PI, compiled, inlined
 
-ON_EDGE = 1e-12  # mesh cycles: rounding of where a step ends, after some thousand cycles
+ON_EDGE = 1e-12  # mesh cycles: rounding error of the end of a step after some thousand cycles
 
 
 @inlined
@@ -22,7 +22,7 @@ def deflections(p, coordinate, x):
 
 @inlined
 def accelerate(p, force, acceleration):
-    """Subtract the accelerations that the mesh forces give (Eqs. 12-14, as 18): in place."""
+    """Subtract the accelerations by the mesh forces (Eqs. 12-14, in the form of 18), in place."""
     c = len(p.classes)
     half = 2 * c
     sun_left = 0.0
@@ -48,14 +48,14 @@ def accelerate(p, force, acceleration):
 
 @inlined
 def angle_of(order, phase, cycle):
-    """Angle [rad] of a harmonic of any order at a phase of a mesh cycle, whole turns left out."""
+    """Angle [rad] of a harmonic of any order at a phase of a mesh cycle, without whole turns."""
     turns = order * cycle
     return TWO_PI * (turns - np.floor(turns)) + order * phase
 
 
 @inlined
 def control_angle(p, phase, cycle):
-    """Argument of the control, order * phase + control_phase (Eq. 20), cycles taken modulo one."""
+    """Argument of the control, order * phase + control_phase (Eq. 20), without whole turns."""
     return angle_of(p.control_order, phase, cycle) + p.control_phase
 
 
@@ -68,7 +68,7 @@ def cycles_from_event(window, phase, cycle):
 
 @inlined
 def cycles_to_edge(window, phase, cycle):
-    """Mesh cycles to the next edge of an event; one that is as near as rounding is passed."""
+    """Mesh cycles to the next edge of an event; an edge within rounding counts as passed."""
     s = cycles_from_event(window, phase, cycle)
     half = 0.5 * window[2]
     if s < -half - ON_EDGE:
@@ -80,7 +80,7 @@ def cycles_to_edge(window, phase, cycle):
 
 @inlined
 def excite(p, w, phase, cycle):
-    """k, e and de/dtau of all meshes at a phase (Eqs. 7-10)."""
+    """Write k, e and de/dtau of all meshes at a phase (Eqs. 7-10)."""
     n = 4 * len(p.classes)
     for m in range(n):
         w.k[m] = p.stiffness[m]
@@ -105,7 +105,7 @@ def excite(p, w, phase, cycle):
 
 @inlined
 def window_at(p, j, phase, cycle):
-    """Height of event j at a phase, 1 at its middle and 0 outside, and its rate by tau."""
+    """Height of event j at a phase, 1 at its middle and 0 outside, and its derivative by tau."""
     s = cycles_from_event(p.windows[j], phase, cycle)
     width = p.windows[j, 2]
     if abs(s) < 0.5 * width:
@@ -116,7 +116,7 @@ def window_at(p, j, phase, cycle):
 
 @inlined
 def hide_displacement(p, w, y, phase, cycle):
-    """Take effects' displacement and its rate off ``w.x`` and ``w.v``: what samples show."""
+    """Subtract the displacement of effects and its rate from ``w.x`` and ``w.v``, for samples."""
     n = 4 * len(p.classes)
     shift_by_own(p, y, -1.0, w.x, w.v)
     for m in range(n):
@@ -138,7 +138,7 @@ def hide_displacement(p, w, y, phase, cycle):
 
 @inlined
 def shift_by_own(p, y, sign, x, v):
-    """Add, or take off, what further coordinates displace the meshes by, and its rate."""
+    """Add (sign 1) or subtract (-1) the mesh displacement by further coordinates, and its rate."""
     s = p.seat.shape[0]
     first = 4 + 4 * len(p.classes)
     for j in range(s):
@@ -149,7 +149,9 @@ def shift_by_own(p, y, sign, x, v):
 
 @inlined
 def force_law(p, m, k, f, v):
-    """Force of mesh m for a deflection f beyond its play and a rate v, by ``Packed.law``."""
+    """Force of mesh m at a deflection f beyond the backlash and a velocity v, by
+    ``Packed.law``.
+    """
     spring = f
     damper = 1.0
     if f != 0.0 and p.law[1, m] != 1.0:
@@ -162,10 +164,11 @@ def force_law(p, m, k, f, v):
 
 @inlined
 def pitch_side(phase, turn):
-    """Turn of a flank from its pitch point at a phase, -0.5 to 0.5, and on which side it is.
+    """Turn of a flank from its pitch point at a phase, -0.5 to 0.5 mesh cycles, and on which side
+    it is.
 
-    A step, which begins there and takes part ``turn`` of a mesh cycle, never crosses the pitch
-    point: its middle tells the side.
+    A step begins there, takes a fraction ``turn`` of a mesh cycle and never crosses the pitch
+    point, so its middle determines the side.
     """
     start = phase / TWO_PI
     middle = start + 0.5 * turn
@@ -188,7 +191,7 @@ def hold_law(p, j, displacement, rate):
 
 @inlined
 def push_own(p, w, y, phase, acceleration):
-    """Add what friction does and what further coordinates do to the accelerations (m + s,)."""
+    """Add the accelerations by friction and by the springs of further coordinates (m + s,)."""
     s = p.seat.shape[0]
     m = 2 + 2 * len(p.classes)
     n = 4 * len(p.classes)
@@ -209,7 +212,7 @@ def push_own(p, w, y, phase, acceleration):
 
 @inlined
 def turn_carrier(p, carrier, acceleration):
-    """Add a further acceleration of the carrier to those of the coordinates, which share it."""
+    """Add an acceleration of the carrier to all coordinates, which are relative to it."""
     for side in range(2):
         acceleration[side] -= 2.0 * carrier
     for k in range(2, 2 + 2 * len(p.classes)):
@@ -218,9 +221,9 @@ def turn_carrier(p, carrier, acceleration):
 
 @inlined
 def mesh_forces(p, w, y, phase, cycle):
-    """Deflection, its rate and the force k f(x) + c v of all meshes at a phase (Eqs. 1, 4, 12).
+    """Compute deflection, its rate and the force k f(x) + c v of all meshes (Eqs. 1, 4, 12).
 
-    Leaves them in ``w.x``, ``w.v`` and ``w.force``, in the kernel's units.
+    Results are in ``w.x``, ``w.v`` and ``w.force``, dimensionless.
     """
     excite(p, w, phase, cycle)
     m_coordinate = 2 + 2 * len(p.classes)
@@ -241,7 +244,7 @@ def mesh_forces(p, w, y, phase, cycle):
 
 @inlined
 def right_hand_side(p, w, y, phase, cycle, dy):
-    """dy/dtau of Eqs. (18), (22) at a phase; the kinks of f are in it."""
+    """Write dy/dtau of Eqs. (18), (22) at a phase, including the kinks of f."""
     m = 2 + 2 * len(p.classes)
     s = p.seat.shape[0]
     mesh_forces(p, w, y, phase, cycle)
@@ -272,9 +275,9 @@ def right_hand_side(p, w, y, phase, cycle, dy):
 
 @compiled
 def rk4_step(p, w, y, phase, cycle, h):
-    """Advance y by h with the classical Runge-Kutta method of order 4, as the paper did.
+    """Advance y by h with the classical Runge-Kutta method of order 4, the method of the paper.
 
-    It steps over kinks.
+    It does not locate contact changes.
     """
     half = 0.5 * h
     middle = phase + p.Omega * half

@@ -1,9 +1,12 @@
-"""The compiled run: step by step over a grid of the mesh phase, a row of samples at a time."""
+"""Compiled run over the phase grid, with one row of samples at a time.
+
+Over 300 lines: each compiled function stands beside the method that calls it.
+"""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import typeof
@@ -22,11 +25,11 @@ Array = NDArray[np.float64]
 
 @compiled
 def write_row(p, w, y, phase, cycle, head, si, carrier, row):
-    """One sample: head, then x, v, F of the meshes, then u of the bodies; returns max |x|.
+    """Write one sample: head, then x, v, F of the meshes, then u of the bodies; returns max |x|.
 
-    ``w`` is as ``mesh_forces`` leaves it; x and v are shown without the displacement of effects.
-    ``carrier (n_coordinate,)`` gives u_c, which all other bodies share: left and right see the
-    same operations. The largest |x| is NaN when any is.
+    ``w`` is as ``mesh_forces`` leaves it; x and v are written without the displacement of effects.
+    ``carrier (n_coordinate,)`` gives u_c, which all other bodies contain, so left and right
+    undergo the same operations. The result is NaN if any x is.
     """
     hide_displacement(p, w, y, phase, cycle)
     n = 4 * len(p.classes)
@@ -40,21 +43,30 @@ def write_row(p, w, y, phase, cycle, head, si, carrier, row):
         row[5 + 2 * n + m] = w.force[m] * si[2]
         if abs(w.x[m]) > largest or np.isnan(w.x[m]):
             largest = abs(w.x[m])
+    write_bodies(y, carrier, si[3], 5 + 3 * n, row)
+    return largest
+
+
+@inlined
+def write_bodies(y, carrier, tilt, first, row):
+    """Write u of the bodies into a row from index ``first`` on; ``tilt`` is the unit of y over cos
+    beta.
+    """
     u_c = 0.0
     for k in range(carrier.size):
         u_c += carrier[k] * y[k]
-    first = 5 + 3 * n
     for side in range(2):
-        row[first + side] = y[side] * si[3] + 2.0 * u_c
+        row[first + side] = y[side] * tilt + 2.0 * u_c
     row[first + 2] = u_c
     for k in range(2, carrier.size):
-        row[first + 1 + k] = y[k] * si[3] + u_c
-    return largest
+        row[first + 1 + k] = y[k] * tilt + u_c
 
 
 @compiled
 def orthonormalise(tangents, growth):
-    """Gram-Schmidt in place; adds the logarithms of the lengths to growth."""
+    """Gram-Schmidt orthonormalisation in place; adds the logarithms of the lengths to
+    ``growth``.
+    """
     for i in range(tangents.shape[0]):
         for j in range(i):
             dot = 0.0
@@ -75,13 +87,13 @@ def orthonormalise(tangents, growth):
 def sample(step, kernel, p, w, y, tangents, growth, place, t, grid, out):
     """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
 
-    The run stops after the row that is out of range.
+    The run stops after the first row that is out of range.
 
     Args:
-        step: the method, ``step(kernel, y, cycle, index)`` advances y by a step of the grid.
-        place: (cycle, index), moves on.
-        grid: omega_n, steps a mesh cycle, ``stride``.
-        out: head, units and row of the carrier, as of ``write_row``; rows; contact (n_mesh, 3).
+        step: the method; ``step(kernel, y, cycle, index)`` advances y by a step of the grid.
+        place: (cycle, index), advanced in place.
+        grid: omega_n, steps per mesh cycle, ``stride``.
+        out: head, units and row of the carrier, as for ``write_row``; rows; contact (n_mesh, 3).
     """
     omega_n, steps, stride = grid
     head, si, carrier, rows, contact = out
@@ -109,10 +121,10 @@ def sample(step, kernel, p, w, y, tangents, growth, place, t, grid, out):
 
 @embedded
 def over_cycles(step, kernel, y, cycle, cycles, steps):
-    """Advance y, and the tangents beside it, over whole mesh cycles; no samples.
+    """Advance y, and its tangents, over whole mesh cycles without samples.
 
-    Tangents keep their length: those of the unit matrix become the monodromy matrix, transposed.
-    Same steps as ``sample``: the same state to the bit.
+    Tangents are not rescaled: those of the unit matrix become the transposed monodromy matrix. The
+    steps, and therefore the state bit for bit, are those of ``sample``.
     """
     for c in range(cycle, cycle + cycles):
         for index in range(steps):
@@ -121,19 +133,19 @@ def over_cycles(step, kernel, y, cycle, cycles, steps):
 
 @inlined
 def plain_step(orbit, y, cycle, index):
-    """A step of the grid of a gear without powers, by series."""
+    """One grid step by Taylor series, for a gear without powers (see ``Packed.powers``)."""
     return grid_step(move_plain, orbit, cycle, index)
 
 
 @inlined
-def any_step(orbit, y, cycle, index):
-    """A step of the grid of a gear with powers, by series."""
+def powers_step(orbit, y, cycle, index):
+    """One grid step by Taylor series, for a gear with powers."""
     return grid_step(move_any, orbit, cycle, index)
 
 
 @inlined
-def slow_step(kernel, y, cycle, index):
-    """A step of the grid by the classical Runge-Kutta method."""
+def rk4_grid_step(kernel, y, cycle, index):
+    """One grid step by the classical Runge-Kutta method."""
     p, w, steps = kernel
     rk4_step(p, w, y, TWO_PI * index / steps, cycle, TWO_PI / (p.Omega * steps))
     return 0
@@ -142,43 +154,45 @@ def slow_step(kernel, y, cycle, index):
 # Each method is compiled by itself, when it is first used.
 @compiled
 def run_plain(kernel, p, w, y, tangents, growth, place, t, grid, out):
-    """``sample`` of a gear without powers, by series."""
+    """``sample`` by Taylor series, for a gear without powers."""
     return sample(plain_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
 
 
 @compiled
-def run_any(kernel, p, w, y, tangents, growth, place, t, grid, out):
-    """``sample`` of a gear with powers, by series."""
-    return sample(any_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
+def run_powers(kernel, p, w, y, tangents, growth, place, t, grid, out):
+    """``sample`` by Taylor series, for a gear with powers."""
+    return sample(powers_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
 
 
 @compiled
 def run_rk4(kernel, p, w, y, tangents, growth, place, t, grid, out):
     """``sample`` by the classical Runge-Kutta method."""
-    return sample(slow_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
+    return sample(rk4_grid_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
 
 
 @compiled
 def cross_plain(kernel, y, cycle, cycles, steps):
-    """``over_cycles`` of a gear without powers, by series."""
+    """``over_cycles`` by Taylor series, for a gear without powers."""
     over_cycles(plain_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
-def cross_any(kernel, y, cycle, cycles, steps):
-    """``over_cycles`` of a gear with powers, by series."""
-    over_cycles(any_step, kernel, y, cycle, cycles, steps)
+def cross_powers(kernel, y, cycle, cycles, steps):
+    """``over_cycles`` by Taylor series, for a gear with powers."""
+    over_cycles(powers_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
 def cross_rk4(kernel, y, cycle, cycles, steps):
     """``over_cycles`` by the classical Runge-Kutta method."""
-    over_cycles(slow_step, kernel, y, cycle, cycles, steps)
+    over_cycles(rk4_grid_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
 def read_rows(p, w, states, places, steps, head, si, carrier, rows):
-    """Samples of given states (n, n_state) at places (n, 2), (cycle, index) each, into rows."""
+    """Write samples of given states (n, n_state) at places (n, 2), (cycle, index) each, into
+    rows.
+    """
     for i in range(states.shape[0]):
         phase = TWO_PI * places[i, 1] / steps
         mesh_forces(p, w, states[i], phase, places[i, 0])
@@ -187,7 +201,7 @@ def read_rows(p, w, states, places, steps, head, si, carrier, rows):
 
 @inlined
 def keep_columns(near, columns):
-    """Columns as they are into an array (p, n_state), where any run along."""
+    """Copy the columns into an array (p, n_state), if there are any."""
     if near is not None:
         for row in range(columns.shape[0]):
             for j in range(columns.shape[1]):
@@ -196,10 +210,10 @@ def keep_columns(near, columns):
 
 @embedded
 def trace(step, orbit, place, steps, stride, states, columns):
-    """State, tangents and columns at samples ``stride`` steps apart, as they are, into rows.
+    """Copy state, tangents and columns at samples ``stride`` steps apart into arrays.
 
     Args:
-        place: (cycle, index), moves on.
+        place: (cycle, index), advanced in place.
         states: (n, 1 + k, n_state).
         columns: (n, p, n_state).
     """
@@ -224,17 +238,35 @@ def trace_plain(orbit, place, steps, stride, states, columns):
 
 
 @compiled
-def trace_any(orbit, place, steps, stride, states, columns):
+def trace_powers(orbit, place, steps, stride, states, columns):
     """``trace`` of a gear with powers."""
-    trace(any_step, orbit, place, steps, stride, states, columns)
+    trace(powers_step, orbit, place, steps, stride, states, columns)
+
+
+class Moving(NamedTuple):
+    """Arrays of a run that a block of samples advances in place.
+
+    Attributes:
+        y: (n_state,) state.
+        tangents: (k, n_state) tangent vectors.
+        columns: (p, n_state) derivatives with respect to parameters.
+        growth: (k,) sums of the logarithms of the tangents' growth factors.
+        place: (2,) mesh cycle and step within it.
+    """
+
+    y: Array
+    tangents: Array
+    columns: Array
+    growth: Array
+    place: NDArray[np.int64]
 
 
 class Kernel:
-    """The compiled run of one orbit of a model; holds its scratch, nothing of the run.
+    """Compiled run of one orbit of a model; holds work arrays, but no state of a run.
 
     Args:
         model: see ``model.build``.
-        along: parameters whose columns run along, or None.
+        along: parameters to differentiate by, or None.
     """
 
     def __init__(self, model: Model, along: Directions | None = None) -> None:
@@ -242,18 +274,19 @@ class Kernel:
         self.model = model
         self._along = along
         self._scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
-        self._slow, powers = model.parameters.method == "rk4", model.packed.powers
-        self._run = run_rk4 if self._slow else run_any if powers else run_plain
-        self._cross = cross_rk4 if self._slow else cross_any if powers else cross_plain
-        self._trace = trace_any if powers else trace_plain
+        self._by_rk4, powers = model.parameters.method == "rk4", model.packed.powers
+        self._run = run_rk4 if self._by_rk4 else run_powers if powers else run_plain
+        self._cross = cross_rk4 if self._by_rk4 else cross_powers if powers else cross_plain
+        self._trace = trace_powers if powers else trace_plain
         self._orbits: dict[int, Orbit] = {}
 
     @cached_property
     def _kind(self) -> Any:
+        """Numba type of the packed model."""
         return typeof(self.model.packed)
 
     @property
-    def compiled(self) -> bool:
+    def is_compiled(self) -> bool:
         """Whether this process has compiled ``run`` for such a gear."""
         made = getattr(self._run, "signatures", None)
         return made is None or any(one[1] == self._kind for one in made)
@@ -266,8 +299,10 @@ class Kernel:
     def _begin(
         self, y: Array, tangents: Array, columns: Array | None = None
     ) -> tuple[Any, Array, Array]:
-        """What the method takes, and the arrays of the state and of its tangents that it moves."""
-        if self._slow:
+        """Kernel arguments of the method, and the arrays of state and tangents that it
+        advances.
+        """
+        if self._by_rk4:
             return (self.model.packed, self._scratch, self.model.parameters.steps), y, tangents
         k = len(tangents)
         if k not in self._orbits:
@@ -280,29 +315,27 @@ class Kernel:
             orbit = orbit._replace(near=self._along.near(orbit.work, y, columns))
         return orbit, states[0], states[1:]
 
-    def run(
-        self,
-        y: Array,
-        tangents: Array,
-        columns: Array,
-        growth: Array,
-        place: NDArray[np.int64],
-        t: float,
-        out: tuple[Any, ...],
-    ) -> tuple[float, int, int]:
-        """``sample`` from a state on; y, tangents, columns, growth and place move on."""
+    def run(self, moving: Moving, t: float, out: tuple[Any, ...]) -> tuple[float, int, int]:
+        """``sample`` from a state on; ``moving`` is advanced in place.
+
+        Args:
+            t: time [s] of the first sample.
+            out: head, units, row of the carrier, rows and contact, as for ``sample``.
+        """
         p, model = self.model.parameters, self.model
-        kernel, states, vectors = self._begin(y, tangents, columns)
+        kernel, states, vectors = self._begin(moving.y, moving.tangents, moving.columns)
         grid = model.scales.omega_n, p.steps, p.steps // p.samples_per_cycle
         gear = kernel, model.packed, self._scratch
-        time, filled, switches = self._run(*gear, states, vectors, growth, place, t, grid, out)
-        y[:], tangents[:] = states, vectors
+        time, filled, switches = self._run(
+            *gear, states, vectors, moving.growth, moving.place, t, grid, out
+        )
+        moving.y[:], moving.tangents[:] = states, vectors
         if self._along:
-            columns[:] = self._along.told(y, kernel.near.columns)
+            moving.columns[:] = self._along.from_kernel(moving.y, kernel.near.columns)
         return float(time), int(filled), int(switches)
 
     def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> None:
-        """Advance y (n_state,) and tangents (k, n_state) over so many mesh cycles."""
+        """Advance y (n_state,) and tangents (k, n_state) over whole mesh cycles, in place."""
         kernel, states, vectors = self._begin(y, tangents)
         self._cross(kernel, states, cycle, cycles, self.model.parameters.steps)
         y[:], tangents[:] = states, vectors
@@ -310,14 +343,16 @@ class Kernel:
     def trace(
         self, y: Array, tangents: Array, columns: Array, place: NDArray[np.int64], n: int
     ) -> tuple[Array, Array, Array]:
-        """States (n, n_state), tangents (n, k, n_state) and columns (n, p, n_state) at samples."""
+        """States (n, n_state), tangents (n, k, n_state) and columns (n, p, n_state) at n
+        samples.
+        """
         p = self.model.parameters
         orbit, _, _ = self._begin(y, tangents, columns)
         states = np.empty((n, 1 + len(tangents), len(y)))
         found = np.zeros((n, len(columns), len(y)))
         self._trace(orbit, place, p.steps, p.steps // p.samples_per_cycle, states, found)
         if self._along:
-            found = self._along.told(states[:, 0], found)
+            found = self._along.from_kernel(states[:, 0], found)
         return states[:, 0], states[:, 1:], found
 
     def read(
@@ -326,7 +361,7 @@ class Kernel:
         """Samples (n, n_channels) of states (n, n_state) at places (n, 2), cycle and index.
 
         Args:
-            rest: head, units and row of the carrier, as of ``sample``.
+            rest: head, units and row of the carrier, as for ``sample``.
         """
         rows = np.empty((len(states), len(self.model.layout.channels)))
         states = np.ascontiguousarray(states)

@@ -1,4 +1,4 @@
-"""Dimensionless <-> SI, Eq. (17), and the masses and radii that it needs. Nowhere else."""
+"""Scales of the dimensionless equations, Eq. (17), and the masses and radii they are made of."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class Scales:
     Attributes:
         m_t: transverse module [m].
         cos_beta: cosine of the helix angle.
-        r_bs, r_bp, r_br, r_bc: base radii [m]; r_bc = r_bs + r_bp is the only carrier radius
-            with a rigid rotation of ratio 1 + z_r / z_s.
+        r_bs, r_bp, r_br, r_bc: base radii [m]; r_bc = r_bs + r_bp is the only carrier radius for
+            which a rigid rotation has the ratio 1 + z_r / z_s.
         M_s, M_p, M_c, M_r: equivalent masses I / r_b^2 [kg] (the paper's I / r_b is a misprint);
-            M_c holds the planets, I_ce = I_c + N m_p r_bc^2.
-        omega_n: natural frequency [rad/s] of Eq. (17); misprint corrected, the sum of inverse
-            masses multiplies: sqrt(k_m (1 / M_s + 1 / M_p)).
+            M_c contains the planets, I_ce = I_c + N m_p r_bc^2.
+        omega_n: natural frequency [rad/s], Eq. (17); misprint corrected: k_m multiplies the sum of
+            inverse masses, sqrt(k_m (1 / M_s + 1 / M_p)).
         b_c: displacement scale [m].
         T_2: output torque [N m].
         projection: cos^2 beta on the mesh terms of Eq. (18), or 1 in the reading without it.
@@ -44,16 +44,18 @@ class Scales:
 
     @property
     def velocity_m_per_s(self) -> float:
-        """Unit of dx/dtau."""
+        """SI value of dx/dtau = 1."""
         return self.b_c * self.omega_n
 
     @property
     def acceleration_m_per_s2(self) -> float:
-        """Unit of d2x/dtau2."""
+        """SI value of d2x/dtau2 = 1."""
         return self.b_c * self.omega_n**2
 
     def control_torque_n_m(self, K: float) -> float:
-        """Torque amplitude on the carrier that K on every relative acceleration amounts to."""
+        """Torque amplitude on the carrier [N m] that corresponds to K on every relative
+        acceleration.
+        """
         return self.M_c * self.r_bc * K * self.acceleration_m_per_s2 / self.cos_beta
 
 

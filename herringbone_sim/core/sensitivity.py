@@ -1,16 +1,17 @@
-"""Derivatives of the state by parameters: what is differentiated, and in which units.
+"""Derivatives of the state with respect to parameters (columns), and their units.
 
-A column is dy/dtheta at the same mesh phase, all else of the parameter set held: y in the units of
-the gear at theta itself (b_c, and b_c omega_n for velocities), as they are in SI where theta moves
-these units. What is not in a column: a start that the parameter moves (columns start at zero
-unless they are given), and the time of a sample, where theta moves the mesh frequency. A
-parameter that moves omega_n, as k_m_sp does, moves the mesh frequency Omega omega_n with it; give
-``omega_n`` to hold it.
+A column is dy/dtheta at the same mesh phase with all other parameters fixed: y in the units of the
+gear at theta itself (b_c, and b_c omega_n for velocities), differentiated in SI where theta
+changes these units. A column does not contain the change of an initial state with the parameter
+(columns start at zero unless they are given), nor the change of the time of a sample with the mesh
+frequency. A parameter that changes omega_n, such as k_m_sp, changes the mesh frequency Omega
+omega_n with it; set ``omega_n`` to keep it fixed.
 
-The kernel takes constants of theta + eps and theta - eps, see ``lanes.columns``. They are brought
-to the length b_c of the gear at theta and to a unit of time in which the mesh frequency is the
-same: then phase and time are one, and a step is as long beside it as in the run. The velocities
-of a column in that unit of time differ from those above by d ln(mesh frequency)/dtheta times v.
+The kernel takes the constants at theta + eps and theta - eps, see ``lanes.columns``. They are
+converted to the length b_c of the gear at theta and to a unit of time in which the mesh frequency
+is the same: phase and time then coincide, and steps have the same length as in the run. The
+velocities of a column in that unit of time differ from those above by d ln(mesh frequency)/dtheta
+times v.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from herringbone_sim.errors import ParameterError
 
 Array = NDArray[np.float64]
 
-# Constants of the excitation of a motion, errors and loads with it.
+# Constants of the excitation, with errors and loads.
 EXCITATION = (
     *("stiffness", "k_cos", "k_sin", "e_mean", "e_cos", "e_sin"),
     *("windows", "window_k", "window_d", "load_q", "load_r", "load_cos", "load_sin"),
@@ -38,7 +39,7 @@ EXCITATION = (
 )
 
 
-# Scratch that neighbours in lanes have for themselves; the rest is that of the run.
+# Work arrays that the gears on both sides have for themselves; they share the others.
 OF_NEIGHBOURS = (
     *("y", "k", "error", "scale", "load", "q", "v", "x", "f", "force"),
     *("forces", "push", "mix", "mesh", "lane", "bump"),
@@ -47,10 +48,10 @@ OF_NEIGHBOURS = (
 
 @dataclass(frozen=True)
 class Direction:
-    """A parameter to differentiate by: the gear on both sides of its value.
+    """A parameter to differentiate by: the gears on both sides of its value.
 
     Attributes:
-        name: as it is written, for errors.
+        name: as written, for errors.
         plus, minus: gears of theta + step and theta - step.
         step: in the unit of theta.
     """
@@ -62,7 +63,7 @@ class Direction:
 
 
 def need_series(model: Model, what: str) -> None:
-    """ParameterError for a gear that is not run by series."""
+    """Raise ParameterError for a gear that is not integrated by Taylor series."""
     if model.integrator is not None:
         raise ParameterError(
             f"{what} need effects that fill slots, got a gear by its effects' own laws: give the "
@@ -73,18 +74,18 @@ def need_series(model: Model, what: str) -> None:
 
 
 class Directions:
-    """All parameters of one run, for the kernel.
+    """All parameters of one run to differentiate by, for the kernel.
 
     Args:
         model: the gear at theta.
         directions: p of them.
 
     Raises:
-        ParameterError: gears with other things in them than ``model``, ``method: rk4``, or
-            effects by their own laws.
+        ParameterError: gears whose arrays differ in size from those of ``model``, ``method: rk4``,
+            or effects by their own laws.
 
     Attributes:
-        step: (p,).
+        step: (p,) of each difference.
         clock: (p,) d ln(mesh frequency)/dtheta.
         excites: (p,) whether k, e or the loads differ between both sides.
     """
@@ -112,29 +113,29 @@ class Directions:
         self.clock = -np.diff(np.log(speeds), axis=1)[:, 0] / (2.0 * self.step)
 
     def near(self, work: Work, y: Array, columns: Array) -> Near:
-        """Columns (p, n_state) at a state for the kernel, with scratch beside that of an orbit."""
+        """Columns (p, n_state) at a state in the form of the kernel, with work arrays."""
         start = columns if len(columns) else np.zeros((len(self.step), len(y)))
-        models, inner = self.models(), self.asked(y, start)
+        models, inner = self.models(), self.to_kernel(y, start)
         table = constants(models, 2, Shape(*work.shape.tolist()))
         return near_of([self], work, table, inner[None], lanes=())
 
     def models(self) -> list[Model]:
-        """Neighbours plus and minus of each parameter in turn, with ``packed`` as in the run."""
+        """Gears plus and minus of each parameter in turn, with ``packed`` as in the run."""
         return [replace(self._model, packed=packed) for packed in self._gears]
 
-    def asked(self, y: Array, columns: Array) -> Array:
-        """Columns (p, n_state) of users at a state y (n_state,) as the kernel takes them."""
+    def to_kernel(self, y: Array, columns: Array) -> Array:
+        """Columns (p, n_state) at a state y (n_state,) converted to the kernel's unit of time."""
         whole: Array = columns - self.clock[:, None] * velocities(self._model, y)
         return whole
 
-    def told(self, y: Array, columns: Array) -> Array:
-        """Columns (..., p, n_state) of the kernel at states (..., n_state) as users take them."""
+    def from_kernel(self, y: Array, columns: Array) -> Array:
+        """Columns (..., p, n_state) of the kernel at states (..., n_state) converted back."""
         whole: Array = columns + self.clock[:, None] * velocities(self._model, y)[..., None, :]
         return whole
 
 
 def velocities(model: Model, y: Array) -> Array:
-    """Velocities (..., n_state) of states, with zeros in the place of displacements."""
+    """Velocities (..., n_state) of states, with zeros in place of displacements."""
     m, s = model.layout.n_coordinate, model.n_own
     rates: Array = np.array(y, dtype=float)
     rates[..., :m] = 0.0
@@ -143,7 +144,7 @@ def velocities(model: Model, y: Array) -> Array:
 
 
 def in_units_of(other: Model, model: Model, y: Array) -> Array:
-    """States (..., n_state) of a gear in the units of another: the same in SI."""
+    """States (..., n_state) of a gear in the units of another, equal in SI."""
     s, o, speeds = model.scales, other.scales, velocities(model, y)
     length, rate = s.b_c / o.b_c, s.velocity_m_per_s / o.velocity_m_per_s
     whole: Array = length * (np.asarray(y) - speeds) + rate * speeds
@@ -151,13 +152,13 @@ def in_units_of(other: Model, model: Model, y: Array) -> Array:
 
 
 def _sizes(p: Packed) -> list[object]:
-    """What a kernel can't change under way: how much there is of all, and the frequencies."""
+    """Properties that must not differ between the gears of a derivative: sizes and frequencies."""
     sizes = [np.shape(value) for value in p]
     return [*sizes, p.plain, p.powers, *p.orders, *p.load_orders, p.control_order]
 
 
 def brought_to(model: Model, near: Model) -> Packed:
-    """Constants of a gear in the length of another and a time in which both mesh as fast."""
+    """Constants of a gear converted to the length of another and to its mesh frequency."""
     p = near.packed
     length = near.scales.b_c / model.scales.b_c
     time = model.packed.Omega / p.Omega  # of the other's 1 / omega_n
@@ -181,15 +182,15 @@ def near_of(
     starts: Array,
     lanes: tuple[int, ...] = (LANES,),
 ) -> Near:
-    """Columns of a batch for the kernel.
+    """Columns of a batch in the form of the kernel.
 
     Args:
-        along: n of them with p parameters each.
-        work: scratch of the run.
-        table: (2 n p, rows, entries) constants of their neighbours.
-        starts: (n, p, n_state) columns, of ``Directions.asked``, of the states that are
+        along: n sets of p parameters each.
+        work: work arrays of the run.
+        table: (2 n p, rows, entries) constants of the gears on both sides.
+        starts: (n, p, n_state) columns, from ``Directions.to_kernel``, of the states that are
             integrated.
-        lanes: as of ``lanes.packed.make_work``; of one orbit the columns are at the start.
+        lanes: as for ``lanes.packed.make_work``; for a single orbit the columns are set at once.
     """
     n, p, size = starts.shape
     steps = np.array([one.step for one in along])[:, :, None]

@@ -1,4 +1,4 @@
-"""Where a series takes a level: the switching of contact, found on the series itself."""
+"""Locate contact switches as roots of the Taylor polynomials."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from herringbone_sim.core.packed import compiled, inlined
 
 @inlined
 def polynomial(a, m, s):
-    """Value at s of the series in column m."""
+    """Value at s of the polynomial in column m."""
     value = a[a.shape[0] - 1, m]
     for i in range(a.shape[0] - 2, -1, -1):
         value = value * s + a[i, m]
@@ -16,7 +16,7 @@ def polynomial(a, m, s):
 
 @inlined
 def value_and_slope(a, m, s):
-    """Value and derivative at s of the series in column m."""
+    """Value and derivative at s of the polynomial in column m."""
     value = a[a.shape[0] - 1, m]
     ds = 0.0
     for i in range(a.shape[0] - 2, -1, -1):
@@ -27,7 +27,7 @@ def value_and_slope(a, m, s):
 
 @inlined
 def slope(a, m, s):
-    """Derivative at s of the series in column m."""
+    """Derivative at s of the polynomial in column m."""
     last = a.shape[0] - 1
     value = last * a[last, m]
     for i in range(last - 1, 0, -1):
@@ -37,7 +37,7 @@ def slope(a, m, s):
 
 @inlined
 def curvature(a, m, s):
-    """Second derivative at s of the series in column m."""
+    """Second derivative at s of the polynomial in column m."""
     last = a.shape[0] - 1
     value = last * (last - 1) * a[last, m]
     for i in range(last - 1, 1, -1):
@@ -47,7 +47,7 @@ def curvature(a, m, s):
 
 @compiled
 def root(a, m, level, low, at_low, high, at_high):
-    """Where the series in column m takes a level between low and high: Newton in a bracket."""
+    """Root of the polynomial in column m minus a level, by Newton's method in a bracket."""
     below = at_low < 0.0
     s = low + (high - low) * at_low / (at_low - at_high) if at_low != at_high else low
     for _ in range(60):
@@ -68,7 +68,9 @@ def root(a, m, level, low, at_low, high, at_high):
 
 @compiled
 def turning_point(a, m, low, high):
-    """Where the series in column m stands still between low and high: Newton in a bracket."""
+    """Extremum of the polynomial in column m between low and high, by Newton's method in a
+    bracket.
+    """
     falling = slope(a, m, low) < 0.0
     s = 0.5 * (low + high)
     for _ in range(60):
@@ -89,10 +91,11 @@ def turning_point(a, m, low, high):
 
 @compiled
 def leaves_at(a, m, level, sign, end, end_slope, before):
-    """First s in [0, 1] at which sign * (x - level) turns negative; 2 when it does not.
+    """First s in [0, 1] at which sign * (x - level) turns negative; 2 if it does not.
 
-    A step is short against the fastest oscillation, so x has at most one turning point in it.
-    A crossing known to lie after ``before`` may be left out (then 2): another switch comes first.
+    A step is short compared with the fastest oscillation, so x has at most one extremum in it. A
+    crossing known to lie after ``before`` may be omitted (result 2), as another switch comes
+    first.
     """
     start = sign * (a[0, m] - level)
     start_slope = sign * a[1, m]

@@ -1,4 +1,4 @@
-"""Frozen time series: the one form in which samples leave the model or a file."""
+"""Immutable time series: the form in which samples leave the model or a file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class TimeSeries:
         names: n_channels names, as in ``core.layout``.
 
     Raises:
-        AnalysisError: shapes disagree, a name stands twice, or time does not increase.
+        AnalysisError: shapes disagree, a name is repeated, or time does not increase.
     """
 
     times: Array
@@ -53,7 +53,7 @@ class TimeSeries:
         return name in self.names
 
     def __getitem__(self, name: str) -> Array:
-        """Samples (n,) of one channel; KeyError names the channels there are."""
+        """Samples (n,) of one channel; KeyError lists the existing channels."""
         try:
             return self.data[:, self.names.index(name)]
         except ValueError:

@@ -1,11 +1,12 @@
-"""Attractors told apart by their stroboscopic sections.
+"""Attractors identified and compared by their stroboscopic sections.
 
-Periodic ones are the same when their points agree, from whichever of them one begins. Others are
-the same when their points mix: attractors that coexist are disjoint sets, so the nearest neighbour
-of a point of one lies on the same one, while two pieces of one attractor interleave. The count of
-such neighbours is the test of Schilling, J. Am. Stat. Assoc. 81 (1986) 799, and Henze, Ann. Stat.
-16 (1988) 772: one half for one attractor, 1 for two. It needs no mean, which intermittency shifts;
-it needs points enough to see the gap between two sets that run through each other.
+Two periodic attractors are the same if their section points agree up to a cyclic shift. Two
+aperiodic ones are the same if their points mix: coexisting attractors are disjoint sets, so the
+nearest neighbour of a point of one belongs to the same one, while the points of two samples of one
+attractor interleave. The test counts such neighbours (Schilling, J. Am. Stat. Assoc. 81 (1986)
+799; Henze, Ann. Stat. 16 (1988) 772): the share is one half for one attractor and 1 for two. It
+uses no mean value, which intermittency would shift, but it needs enough points to resolve the gap
+between two sets that are interwoven.
 """
 
 from __future__ import annotations
@@ -23,19 +24,20 @@ Array = NDArray[np.float64]
 Exchange = NDArray[np.int64]
 
 ALIKE, AS_A_SET, PAIR = "left = right", "symmetric as a set", "one of a mirror pair"
-SAME_POINTS = 10.0  # times the tolerance
-MIXED = 0.75
+SAME_POINTS = 10.0  # times the tolerance: largest distance of points that count as one
+MIXED = 0.75  # same_set_share below which two sets belong to one attractor
 
 
 @dataclass(frozen=True)
 class Attractor:
-    """One attractor, or one and its mirror image.
+    """An attractor; an attractor and its mirror image count as one.
 
     Attributes:
-        period: in periods of the forcing; 0 = aperiodic.
-        symmetry: under the exchange: every state is its own image (``ALIKE``), the set is its own
-            image (``AS_A_SET``), or the image is another attractor (``PAIR``); empty without one.
-        points: (period, n) section points, or (m, n) of an aperiodic one.
+        period: in forcing periods; 0 = aperiodic.
+        symmetry: under the exchange of left and right: every state is its own image (``ALIKE``),
+            the set is its own image (``AS_A_SET``), or the image is another attractor (``PAIR``);
+            empty for a flow without the exchange.
+        points: (period, n) section points, or (m, n) of an aperiodic attractor.
     """
 
     period: int
@@ -44,6 +46,7 @@ class Attractor:
 
     @property
     def label(self) -> str:
+        """Period and symmetry in words, such as ``P2, left = right``."""
         kind = f"P{self.period}" if self.period else "aperiodic"
         return f"{kind}, {self.symmetry}" if self.symmetry else kind
 
@@ -51,58 +54,61 @@ class Attractor:
 def attractor_of(
     section: Array, exchange: Exchange | None = None, tolerance: float = TOLERANCE
 ) -> Attractor:
-    """Attractor on which a section lies.
+    """Classify the attractor that a stroboscopic section lies on.
 
     Args:
         section: (m, n) successive section points after the transient, coordinates of order one.
-        exchange: (n,) indices that swap the two sides; none for a flow without the symmetry.
-        tolerance: up to which points are one.
+        exchange: (n,) indices that swap the two sides; None for a flow without the symmetry.
+        tolerance: largest RMS distance of points that count as one, in the units of the section.
     """
     longest = len(section) // MIN_REPEATS
     period = find_period(section, max_period=longest, tolerance=tolerance).value or 0
-    points = section[-period:] if period else distinct(section, SAME_POINTS * tolerance)
+    points = section[-period:] if period else drop_repeats(section, SAME_POINTS * tolerance)
     return Attractor(period, _symmetry(points, period, exchange, tolerance), points)
 
 
-def same(
+def same_attractor(
     a: Attractor, b: Attractor, exchange: Exchange | None = None, tolerance: float = TOLERANCE
 ) -> bool:
-    """Whether two are one attractor, or mirror images of each other."""
+    """Tell whether two attractors are one, or mirror images of each other."""
     if (a.period, a.symmetry == ALIKE) != (b.period, b.symmetry == ALIKE):
         return False
     images = [b.points] if exchange is None else [b.points, b.points[:, exchange]]
     return any(_agree(a.points, image, a.period, tolerance) for image in images)
 
 
-def recognise(
-    found: Attractor,
+def match_known(
+    candidate: Attractor,
     known: Sequence[Attractor],
     exchange: Exchange | None = None,
     tolerance: float = TOLERANCE,
 ) -> int:
-    """Index of an attractor among those known; their number when it is new."""
-    matches = (i for i, one in enumerate(known) if same(one, found, exchange, tolerance))
+    """Index of an attractor in the list of known ones; the length of the list if it is new."""
+    matches = (
+        i for i, one in enumerate(known) if same_attractor(one, candidate, exchange, tolerance)
+    )
     return next(matches, len(known))
 
 
-def like_neighbours(a: Array, b: Array) -> float:
-    """Share of all points whose nearest neighbour is of the same set, corrected for unequal sizes.
+def same_set_share(a: Array, b: Array) -> float:
+    """Share of points whose nearest neighbour belongs to the same set, averaged over both sets.
 
-    1/2 when both sets (m, n) and (l, n) are drawn from one attractor, 1 when they lie apart.
+    1/2 if both sets (m, n) and (l, n) are drawn from one attractor, 1 if they lie apart.
     """
     both = np.concatenate([a, b])
     own = np.arange(len(both)) < len(a)
-    # A point that is in both sets may find its double first, or itself.
+    # The first neighbour is the point itself, unless the other set holds the same point.
     nearest = cKDTree(both).query(both, k=2)[1]
     index = np.where(nearest[:, 0] == np.arange(len(both)), nearest[:, 1], nearest[:, 0])
     like = own[index] == own
     return float(0.5 * (like[own].mean() + like[~own].mean()))
 
 
-def distinct(points: Array, distance: float) -> Array:
-    """Points (m, n) less those that a later one comes close to.
+def drop_repeats(points: Array, distance: float) -> Array:
+    """Remove points (m, n) that have a later point within ``distance``.
 
-    A period too long to be seen as one repeats its points, which would be their own neighbours.
+    An attractor whose period is too long to be detected repeats its points; the repeats would be
+    nearest neighbours of each other and spoil ``same_set_share``.
     """
     again = cKDTree(points).query_pairs(distance, output_type="ndarray")
     kept = np.ones(len(points), dtype=bool)
@@ -111,13 +117,15 @@ def distinct(points: Array, distance: float) -> Array:
 
 
 def _agree(a: Array, b: Array, period: int, tolerance: float) -> bool:
+    """Tell whether two sets of section points (m, n) belong to one attractor."""
     if period:
         shifts = (np.abs(a - np.roll(b, shift, axis=0)).max() for shift in range(period))
         return bool(min(shifts) <= SAME_POINTS * tolerance)
-    return like_neighbours(a, b) < MIXED
+    return same_set_share(a, b) < MIXED
 
 
 def _symmetry(points: Array, period: int, exchange: Exchange | None, tolerance: float) -> str:
+    """Symmetry label of section points under the exchange of left and right, see ``Attractor``."""
     if exchange is None:
         return ""
     image = points[:, exchange]

@@ -1,4 +1,4 @@
-"""Basins: which attractor each start leads to, and the share of starts that each attracts."""
+"""Basins of attraction: the attractor that each initial state leads to, and its share of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.stats import norm
 from herringbone_sim.analysis.periods import TOLERANCE
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import Model, initial_state, state
-from herringbone_sim.dynamics.attractors import Attractor, Exchange, attractor_of, recognise
+from herringbone_sim.dynamics.attractors import Attractor, Exchange, attractor_of, match_known
 from herringbone_sim.dynamics.flow import symmetry
 
 Array = NDArray[np.float64]
@@ -24,11 +24,12 @@ CHUNK = 64
 
 @dataclass(frozen=True)
 class Basins:
-    """Where starts lead to.
+    """Attractors that a set of initial states leads to.
 
     Attributes:
-        attractors: found, the one with the largest share first.
-        labels: (n_starts,) index of the attractor, -1 where the run failed; (n, n) of a slice.
+        attractors: known ones first, as given to ``explore``; without any, by descending share.
+        labels: index into ``attractors`` for each initial state, (n_starts,) or (n, n) for a plane
+            of them; -1 where the run failed.
     """
 
     attractors: tuple[Attractor, ...]
@@ -36,15 +37,18 @@ class Basins:
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """(n_attractors,) starts that lead to each."""
+        """(n_attractors,) number of initial states that lead to each attractor."""
         return np.bincount(self.labels[self.labels >= 0], minlength=len(self.attractors))
 
     @property
     def failed(self) -> int:
+        """Number of initial states whose run failed."""
         return int(np.sum(self.labels == FAILED))
 
     def shares(self, confidence: float = 0.95) -> Array:
-        """(n_attractors, 3) share of all starts, and its Wilson interval."""
+        """Share of all initial states and its Wilson interval: (n_attractors, 3) share, low,
+        high.
+        """
         n = self.labels.size
         return np.array([[c / n, *wilson(int(c), n, confidence)] for c in self.counts])
 
@@ -57,23 +61,26 @@ def explore(
     known: tuple[Attractor, ...] = (),
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> Basins:
-    """Run all starts, 64 at a time, and tell the attractors apart; memory does not grow with them.
+    """Integrate all initial states and identify the attractors that they lead to.
+
+    They are integrated 64 at a time, so that memory does not grow with their number.
 
     Args:
-        sections_of: takes starts (m, n) to sections (m, points, n) after the transient, NaN where
-            a run failed; ``gear_sections`` of a model.
-        starts: (n_starts, n) states.
-        exchange: (n,) indices that swap left and right; mirror images then count as one.
-        tolerance: up to which section points are one, in the units of the state.
-        known: attractors found before; they keep their order and come first.
-        progress: sees the chunks go by, such as ``tqdm``.
+        sections_of: maps states (m, n) to sections (m, points, n) after the transient, NaN where a
+            run failed; see ``gear_sections``.
+        starts: (n_starts, n) initial states.
+        exchange: (n,) indices that swap left and right; mirror images then count as one attractor.
+        tolerance: largest RMS distance of section points that count as one, in the units of the
+            state.
+        known: attractors found before; they come first and keep their order.
+        progress: wraps the iterable of batches, such as ``tqdm``.
     """
     found, labels = list(known), np.full(len(starts), FAILED)
     for first in progress(range(0, len(starts), CHUNK)):
         for i, section in enumerate(sections_of(starts[first : first + CHUNK]), start=first):
             if np.isfinite(section).all():
                 attractor = attractor_of(section, exchange, tolerance)
-                labels[i] = recognise(attractor, found, exchange, tolerance)
+                labels[i] = match_known(attractor, found, exchange, tolerance)
                 if labels[i] == len(found):
                     found.append(replace(attractor, points=attractor.points.copy()))
     basins = Basins(tuple(found), labels)
@@ -81,14 +88,16 @@ def explore(
 
 
 def by_share(basins: Basins) -> Basins:
-    """The same with the most frequent attractor first."""
+    """Sort the attractors by descending share and renumber the labels."""
     order = np.argsort(-basins.counts, kind="stable")
     rank = np.append(np.argsort(order), FAILED)  # the last one serves label -1
     return Basins(tuple(basins.attractors[i] for i in order), rank[basins.labels])
 
 
 def wilson(count: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Interval of a share, count of n; Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
+    """Confidence interval (low, high) of a share ``count / n``; Wilson, J. Am. Stat. Assoc. 22
+    (1927) 209.
+    """
     z = float(norm.ppf(0.5 + 0.5 * confidence))
     share = count / n
     middle = share + z**2 / (2 * n)
@@ -100,10 +109,13 @@ def wilson(count: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
 def gear_sections(
     model: Model, transient: int = 2000, points: int = 200, workers: int = 1
 ) -> Sections:
-    """Sections of a gear at phase 0: the last points after a transient, in mesh cycles.
+    """Function that maps initial states of a gear to their sections at phase 0.
 
     Args:
-        workers: threads among which the starts are shared; the sections do not hang on it.
+        transient: mesh cycles left out before the section.
+        points: mesh cycles recorded, one section point each.
+        workers: threads among which the initial states are divided; the result does not depend on
+            it.
     """
 
     def run(starts: Array) -> Array:
@@ -119,26 +131,32 @@ def gear_sections(
 
 
 def random_starts(model: Model, n: int, rng: np.random.Generator, reach: float = 1.0) -> Array:
-    """(n, n_state) states with all x and v of the meshes even in -reach .. reach, left and right
-    each on its own; x in b_c, v in b_c omega_n."""
+    """Random initial states (n, n_state), uniform over x and v of the meshes.
+
+    x (in b_c) and v (in b_c omega_n) of each mesh are drawn from -reach .. reach, left and right
+    independently.
+    """
     x, v = rng.uniform(-reach, reach, (2, n, model.layout.n_mesh))
     return np.array([state_at(model, *one) for one in zip(x, v, strict=True)])
 
 
 def state_at(model: Model, x: Array, v: Array) -> Array:
-    """State (n_state,) at phase 0 by x and v (n_mesh,) of the meshes; own states of effects are
-    as in the initial state."""
+    """State (n_state,) at phase 0 with given relative displacements x and velocities v (n_mesh,).
+
+    Further states of effects take their initial values.
+    """
     y = initial_state(model)
     y[: model.layout.n_state] = state(model, x, v, 0.0)
     return y
 
 
 def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array]:
-    """A plane of states at rest: displacement that left and right share over their difference.
+    """Initial states at rest over a plane: mean left-right displacement against their difference.
 
     Returns:
-        axis (n,) of both, and states (n * n, n_state): row by row, the difference grows from row
-        to row. ``x_L = shared + difference / 2`` on sun and ring meshes, ``x_R`` with a minus.
+        axis: (n,) values of either coordinate, in b_c.
+        states: (n * n, n_state) row by row, the difference rising from row to row; on sun and ring
+            meshes ``x_L = mean + difference / 2`` and ``x_R = mean - difference / 2``.
     """
     axis = np.array([(i + 0.5) * 2.0 * reach / n - reach for i in range(n)])
     c, m = model.layout.n_classes, model.layout.n_mesh
@@ -159,11 +177,12 @@ def explore_slice(
     known: tuple[Attractor, ...] = (),
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> tuple[Array, Basins]:
-    """The plane of ``slice_starts``; of a gear with equal halves one half of it is run.
+    """Find the basins on the plane of ``slice_starts``; a symmetric gear is integrated on half of
+    it.
 
     Returns:
-        axis (n,) of both, and basins with labels (n, n): rows for the difference of left and
-        right, columns for what they share.
+        axis: (n,) values of either coordinate, in b_c.
+        basins: labels (n, n), the left-right difference rising by row and the mean by column.
     """
     axis, starts = slice_starts(model, n, reach)
     exchange = symmetry(model)

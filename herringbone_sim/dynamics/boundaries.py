@@ -1,16 +1,17 @@
-"""The boundaries of a branch of periodic orbits, named and located by bisection on the curve.
+"""Bifurcations and grazings on a branch of periodic orbits, located by bisection along the curve.
 
 ========================  =====================================================================
 flip                      a multiplier passes -1: the period doubles
 fold                      a multiplier passes +1 and the branch turns back
 crossing                  a multiplier passes +1 and the branch goes on: another one crosses it
 Neimark-Sacker            a complex pair passes the unit circle
-transverse                a multiplier of perturbations that part left and right passes the circle
-grazing                   a mesh touches a border of its backlash: contact appears or is lost
+transverse                a multiplier of a left-right antisymmetric perturbation passes the circle
+grazing                   a mesh touches an edge of its backlash: contact appears or is lost
 ========================  =====================================================================
 
-The force of a gear is continuous, so multipliers are too: grazing alone changes no stability, but
-they move with the square root of the distance behind it, and a fold or flip may follow at once.
+The force of the gear is continuous in the displacement, so the multipliers are continuous in the
+parameter, and a grazing alone changes no stability. Behind it they change as the square root of
+the distance, so a fold or flip may follow at once.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from herringbone_sim.dynamics.orbits import Array, Complex
 from herringbone_sim.errors import AnalysisError
 
 PARTS = ("within", "transverse")
-NARROW = 1e-10  # length of the interval on the curve that holds a boundary
+NARROW = 1e-10  # arclength at which the bisection for a boundary ends
 NEAR = 1e-3  # arclength on both sides of a grazing over which stability is compared
 
 COUNTS = tuple(f"{part} {sort}" for part in PARTS for sort in ("+1", "-1", "complex"))
@@ -39,19 +40,21 @@ Watch = Callable[[float, Array], Mapping[str, int]]
 
 @dataclass(frozen=True)
 class Boundary:
-    """A place on a branch where what the orbit is changes.
+    """Point of a branch at which the orbit changes its stability or its contacts.
 
     Attributes:
-        kind: see the table above.
-        value: of the parameter.
-        width: of the interval of the parameter that it was narrowed down to.
-        period: of the branch, in periods of the forcing.
-        detail: the border that is touched, or where a transverse multiplier passes.
-        before, after: multipliers outside the unit circle (within, transverse) in the order of
-            the branch; over an arclength of a thousandth to both sides where it is a grazing.
-        index: of the point of the branch before it.
+        kind: a name from the table above.
+        value: value of the parameter.
+        width: width of the interval of the parameter that the bisection ended with.
+        period: of the branch, in forcing periods.
+        detail: the backlash edge that is touched, or where a transverse multiplier passes the
+            circle.
+        before, after: number of multipliers outside the unit circle (within, transverse) on both
+            sides, in the order of the branch; for a grazing at an arclength of 1e-3 on either
+            side.
+        index: of the last branch point before it.
         point: the orbit there.
-        multiplier: the one on the unit circle; NaN where it is a grazing.
+        multiplier: the one on the unit circle; NaN for a grazing.
     """
 
     kind: str
@@ -67,16 +70,16 @@ class Boundary:
 
     @property
     def changes_stability(self) -> bool:
-        """Whether the orbit is stable on one side only."""
+        """Whether the orbit is stable on exactly one side."""
         return (self.before == (0, 0)) != (self.after == (0, 0))
 
 
 def find_boundaries(curve: Curve, branch: Branch, watch: Watch | None = None) -> list[Boundary]:
-    """All boundaries of a branch, in its order.
+    """Locate all boundaries of a branch, in the order of its points.
 
     Args:
-        watch: (value, points) -> how often the orbit passes each border, by name; without it no
-            grazing is looked for.
+        watch: maps (parameter value, orbit points) to the number of crossings of each backlash
+            edge, by name; if None, grazings are not looked for.
     """
     found = []
     counts = [signature(point, watch) for point in branch.points]
@@ -84,7 +87,7 @@ def find_boundaries(curve: Curve, branch: Branch, watch: Watch | None = None) ->
         changed = [key for key in counts[i] if counts[i][key] != counts[i + 1][key]]
         borders = [key for key in changed if key not in COUNTS]
         at_step = [one for key in borders for one in _along(curve, key, (a, b), watch, i)]
-        # Multipliers turn sharply at a grazing: their crossings are looked for on each side of it.
+        # Multipliers have a kink at a grazing: bisect for their crossings on each side of it.
         stops = [a, *(one.point for one in at_step), b]
         stops.sort(key=lambda point: float((point.z - a.z) @ (b.z - a.z)))
         for part in pairwise(stops):
@@ -94,10 +97,10 @@ def find_boundaries(curve: Curve, branch: Branch, watch: Watch | None = None) ->
     return found
 
 
-def _merged(found: list[Boundary]) -> list[Boundary]:
-    """Boundaries in order, grazings of several borders by one and the same orbit as one."""
+def _merged(boundaries: list[Boundary]) -> list[Boundary]:
+    """Merge grazings of several edges by one and the same orbit; the order is kept."""
     merged: list[Boundary] = []
-    for one in found:
+    for one in boundaries:
         last = merged[-1] if merged else one
         apart = float(np.abs(one.point.z - last.point.z).max()) > 10 * NARROW
         if one is last or apart or one.kind != "grazing" or last.kind != "grazing":
@@ -110,7 +113,7 @@ def _merged(found: list[Boundary]) -> list[Boundary]:
 def _along(
     curve: Curve, key: str, step: tuple[BranchPoint, BranchPoint], watch: Watch | None, index: int
 ) -> Iterator[Boundary]:
-    """The boundaries within a step at which one count changes."""
+    """Yield the boundaries within a continuation step at which one count changes."""
 
     def count(point: BranchPoint) -> int:
         return signature(point, watch)[key]
@@ -118,13 +121,13 @@ def _along(
     low, last = step
     while count(low) != count(last):
         before, low = bisect(curve, low, last, count)
-        named = _named(curve, key, (step[0], before, low, last), index)
+        named = _classified(curve, key, (step[0], before, low, last), index)
         if named:
             yield named
 
 
 def signature(point: BranchPoint, watch: Watch | None) -> Signature:
-    """Counts that change at boundaries: multipliers outside the circle, passes of borders."""
+    """Counts that change at a boundary: multipliers outside the circle by type, edge crossings."""
     counts = {}
     for part in PARTS:
         values: Complex = getattr(point.multipliers, part)
@@ -143,9 +146,10 @@ def bisect(
     count: Callable[[BranchPoint], int],
     narrow: float = NARROW,
 ) -> tuple[BranchPoint, BranchPoint]:
-    """The interval of the curve, from a towards b, in which a count first leaves its value at a.
+    """Bisect a continuation step to the orbits just before and after a count leaves its value at
+    a.
 
-    It stays wider than ``narrow`` where no orbit in between is found.
+    The interval stays wider than ``narrow`` where the corrector finds no orbit inside it.
     """
     start = count(a)
     while (length := float(np.linalg.norm(b.z - a.z))) > narrow:
@@ -162,13 +166,15 @@ def bisect(
     return a, b
 
 
-def _named(
+def _classified(
     curve: Curve,
     key: str,
     around: tuple[BranchPoint, BranchPoint, BranchPoint, BranchPoint],
     index: int,
 ) -> Boundary | None:
-    """The boundary between the inner two orbits; None where multipliers met off the circle."""
+    """Boundary between the inner two of four orbits; None where a pair only became real or
+    complex.
+    """
     first, before, after, last = around
     where: Any = {
         "value": after.value,
@@ -196,14 +202,17 @@ def _named(
 
 
 def _aside(curve: Curve, point: BranchPoint, ds: float) -> BranchPoint:
+    """Orbit at the arclength ``ds`` from a point; the point itself if the corrector fails."""
     try:
         return curve.solve(point.z + ds * point.tangent, point.tangent)
     except AnalysisError:
         return point
 
 
-def mode_of(curve: Curve, boundary: Boundary) -> Array:
-    """Real eigenvector (n,) of the multiplier that passes +1 or -1 at a boundary."""
+def critical_mode(curve: Curve, boundary: Boundary) -> Array:
+    """Real unit eigenvector (n,) of the monodromy matrix for the multiplier that passes +1 or
+    -1.
+    """
     product = np.eye(len(curve.basis))
     for jacobian in boundary.point.orbit.jacobians:
         product = jacobian @ product

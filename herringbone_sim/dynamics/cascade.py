@@ -1,8 +1,8 @@
-"""All that hangs together with one periodic orbit: its branch, the doubled ones, their boundaries.
+"""All branches connected to a periodic orbit: its own, the period-doubled ones, their boundaries.
 
-From one orbit its branch is followed both ways; at each flip the branch of twice the period is
-followed, and so on up to a largest period. A branch that is found to end in an orbit of half its
-period leads back to the branch of that one. The cascade P1 -> P2 -> P4 is had from any of them.
+The branch of an orbit is continued in both directions; at each flip the branch of twice the period
+is continued, and so on up to a largest period. A branch that ends in an orbit of half its period
+leads back to the branch of that orbit, so the cascade P1 -> P2 -> P4 is found from any member.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from herringbone_sim.dynamics.boundaries import (
     Boundary,
     Watch,
     bisect,
+    critical_mode,
     find_boundaries,
-    mode_of,
 )
 from herringbone_sim.dynamics.continuation import (
     Branch,
-    Steps,
+    StepControl,
     branch_off,
     follow,
     follow_both,
-    swaps,
+    passes_simpler,
 )
 from herringbone_sim.dynamics.curve import BranchPoint, Curve, Family, begin
 from herringbone_sim.dynamics.orbits import Array
 from herringbone_sim.errors import AnalysisError, ParameterError
 
 SIMPLER = ("halved", "mirrored")
-OFF = 1e-4  # arclength at which a branch is taken up beside the one that it leaves
-SAME = 1e-3  # distance of orbits that are one; junctions are known to about OFF
+OFF = 1e-4  # arclength from a junction to the first orbit of the branch that leaves there
+SAME = 1e-3  # largest distance of equal orbits; junctions are known to about OFF
 
 
 @dataclass(frozen=True)
 class Followed:
-    """A branch with its boundaries.
+    """A continued branch with its boundaries.
 
     Attributes:
-        curve: that it lies on.
+        curve: the curve that it lies on (period and symmetry).
         branch: its orbits.
         boundaries: in the order of the branch.
-        origin: how it was come by.
+        origin: where it came from, in words, such as ``flip of P1 at 0.5``.
     """
 
     curve: Curve
@@ -61,45 +61,53 @@ class Followed:
 
     @property
     def symmetric(self) -> bool:
-        """Whether left and right are alike."""
+        """Whether left and right are equal along the branch."""
         return self.curve.symmetric
 
 
 @dataclass(frozen=True)
-class Options:
-    """How far to go: largest period, branches whose sides differ, step control, most branches."""
+class CascadeOptions:
+    """Limits of the search for connected branches.
+
+    Attributes:
+        max_period: largest period that is continued [forcing periods].
+        asymmetric: also follow branches that leave a symmetric one by a left-right perturbation.
+        steps: step control of the continuation.
+        branches: largest number of branches.
+    """
 
     max_period: int = 4
     asymmetric: bool = False
-    steps: Steps = field(default_factory=Steps)
+    steps: StepControl = field(default_factory=StepControl)
     branches: int = 40
 
 
-def explore(
+def trace_cascade(
     family: Family,
     starts: Sequence[tuple[float, Array]],
     watch: Watch | None = None,
-    options: Options | None = None,
+    options: CascadeOptions | None = None,
     progress: Callable[[Followed], object] | None = None,
 ) -> list[Followed]:
-    """The branches of some orbits, and those that leave them where a multiplier passes -1.
+    """Continue the branches of some orbits and all branches that connect to them.
 
     Args:
-        starts: values of the parameter, and the states (period, n) of an orbit there, or near.
+        starts: pairs of a parameter value and the states (period, n) of an orbit there, or near
+            it.
         watch: see ``find_boundaries``.
-        progress: called with each branch that is done.
+        progress: called with each completed branch.
 
     Raises:
-        AnalysisError: there is no orbit near a start.
+        AnalysisError: Newton's method finds no orbit near a start.
     """
-    options = options or Options()
+    options = options or CascadeOptions()
     waiting = [_first(family, points, value) for value, points in starts]
     found: list[Followed] = []
     while waiting and len(found) < options.branches:
-        lead = waiting.pop(0)
-        if any(_is_known(one, lead) for one in found):
+        opening = waiting.pop(0)
+        if any(_is_known(one, opening) for one in found):
             continue
-        done = _pursue(lead, watch, options.steps)
+        done = _trace(opening, watch, options.steps)
         found.append(done)
         if progress:
             progress(done)
@@ -108,15 +116,16 @@ def explore(
 
 
 @dataclass(frozen=True)
-class Lead:
-    """Where a branch can be taken up: an orbit of it, and the orbit at which it meets another.
+class BranchStart:
+    """Start of a branch that is still to be continued.
 
     Attributes:
         curve: of the branch.
-        start: an orbit of it.
-        origin: in words.
-        both: whether it goes on to both sides of the start.
-        junction: (period, n) the orbit that both branches have in common; empty for the first.
+        start: an orbit on it.
+        origin: where it came from, in words.
+        both: whether to continue in both directions from the start.
+        junction: (period, n) states of the orbit that it shares with the branch it came from;
+            empty for the first branch.
     """
 
     curve: Curve
@@ -126,93 +135,105 @@ class Lead:
     junction: Array
 
 
-def _first(family: Family, points: Array, value: float) -> Lead:
+def _first(family: Family, points: Array, value: float) -> BranchStart:
+    """Branch start at an orbit that the caller gave."""
     curve, start = begin(family, points, value)
-    return Lead(curve, start, f"start at {value:g}", True, start.orbit.points[:0])
+    return BranchStart(curve, start, f"start at {value:g}", True, start.orbit.points[:0])
 
 
-def _pursue(lead: Lead, watch: Watch | None, steps: Steps) -> Followed:
-    curve = lead.curve
-    branch = _trimmed(curve, (follow_both if lead.both else follow)(curve, lead.start, steps))
+def _trace(opening: BranchStart, watch: Watch | None, steps: StepControl) -> Followed:
+    """Continue a branch from its start and locate its boundaries."""
+    curve = opening.curve
+    branch = _trimmed(
+        curve, (follow_both if opening.both else follow)(curve, opening.start, steps)
+    )
     boundaries = tuple(find_boundaries(curve, branch, watch))
-    return Followed(curve, branch, boundaries, lead.origin)
+    return Followed(curve, branch, boundaries, opening.origin)
 
 
 def _trimmed(curve: Curve, branch: Branch) -> Branch:
-    """A branch that passed a simpler orbit, cut off just before it."""
+    """Shorten a branch that passed an orbit of half its period, or a symmetric one, to just before
+    it.
+    """
     points = list(branch.points)
     for last, inner, end in ((-1, -2, branch.ends[1]), (0, 1, branch.ends[0])):
         if end in SIMPLER:
             a = points[inner]
-            passed = partial(swaps, curve, a, what=end)
+            passed = partial(passes_simpler, curve, a, what=end)
             points[last] = bisect(curve, a, points[last], passed, OFF)[0]
     return Branch(tuple(points), branch.ends)
 
 
-def _simpler_ends(one: Followed) -> list[tuple[BranchPoint, Array]]:
-    """Last orbits of a branch that ends in simpler ones, and those (period, n)."""
-    mirror, found = one.curve.family.mirror, []
-    for i, end in zip((0, -1), one.branch.ends, strict=True):
-        point = one.branch.points[i]
+def _simpler_ends(traced: Followed) -> list[tuple[BranchPoint, Array]]:
+    """Last orbits of a branch and the halved or symmetrised orbits (period, n) that it ends in."""
+    mirror, found = traced.curve.family.mirror, []
+    for i, end in zip((0, -1), traced.branch.ends, strict=True):
+        point = traced.branch.points[i]
         points = point.orbit.points
         if end == "halved":
-            half = one.period // 2
+            half = traced.period // 2
             found.append((point, 0.5 * (points[:half] + points[half:])))
         elif end == "mirrored" and mirror is not None:
             found.append((point, 0.5 * (points + points[:, mirror])))
     return found
 
 
-def _to_simpler(one: Followed) -> Iterator[Lead]:
-    """Leads to the branches that a branch ends in."""
-    family = one.curve.family
-    for point, junction in _simpler_ends(one):
+def _to_simpler(traced: Followed) -> Iterator[BranchStart]:
+    """Yield starts of the branches of half the period, or of equal sides, that a branch ends
+    in.
+    """
+    family = traced.curve.family
+    for point, junction in _simpler_ends(traced):
         for aside in (-OFF, OFF):
             with suppress(AnalysisError, ParameterError):
                 value = point.value + aside * (family.high - family.low)
                 curve, start = begin(family, _cleaned(junction, family), value)
-                yield Lead(curve, start, f"end of P{one.period}", True, junction)
+                yield BranchStart(curve, start, f"end of P{traced.period}", True, junction)
                 break
 
 
 def _cleaned(points: Array, family: Family) -> Array:
-    """States with left and right made alike where they are so nearly."""
+    """States (period, n) with left and right averaged if they differ by less than ``SAME``."""
     if family.mirror is None or np.abs(points - points[:, family.mirror]).max() > SAME:
         return points
     return 0.5 * (points + points[:, family.mirror])
 
 
-def _to_doubled(one: Followed, options: Options) -> Iterator[Lead]:
-    """Leads to the branches that leave a branch at its flips (and where its sides part)."""
-    for boundary in one.boundaries:
+def _to_doubled(traced: Followed, options: CascadeOptions) -> Iterator[BranchStart]:
+    """Yield starts of the branches that leave at flips and, if asked, at transverse +1
+    crossings.
+    """
+    for boundary in traced.boundaries:
         sort = "+1" if boundary.detail.endswith("+1") else "-1"
         parts = boundary.kind == "transverse" and abs(boundary.multiplier.imag) < 1e-9
         times = 2 if sort == "-1" else 1
         wanted = boundary.kind == "flip" or (parts and options.asymmetric)
-        if not wanted or times * one.period > options.max_period:
+        if not wanted or times * traced.period > options.max_period:
             continue
-        mode = mode_of(one.curve, boundary)
-        origin = f"{boundary.kind} of P{one.period} at {boundary.value:.6g}"
+        mode = critical_mode(traced.curve, boundary)
+        origin = f"{boundary.kind} of P{traced.period} at {boundary.value:.6g}"
         for off in (OFF, 10 * OFF, 100 * OFF):
             with suppress(AnalysisError):
-                curve, start = branch_off(one.curve, boundary.point, mode, times, off)
-                yield Lead(curve, start, origin, False, boundary.point.orbit.points)
+                curve, start = branch_off(traced.curve, boundary.point, mode, times, off)
+                yield BranchStart(curve, start, origin, False, boundary.point.orbit.points)
                 break
 
 
-def _is_known(one: Followed, lead: Lead) -> bool:
-    """Whether a branch that was followed is the one that a lead leads to."""
-    if (one.period, one.symmetric) != (lead.curve.period, lead.curve.symmetric):
+def _is_known(traced: Followed, opening: BranchStart) -> bool:
+    """Tell whether a start lies on a branch that was continued already."""
+    if (traced.period, traced.symmetric) != (opening.curve.period, opening.curve.symmetric):
         return False
-    if not len(lead.junction):
-        return any(_between(a, b, lead.start) for a, b in pairwise(one.branch.points))
-    meets = [points for _, points in _simpler_ends(one)]
-    meets += [boundary.point.orbit.points for boundary in one.boundaries]
-    return any(_same(points, lead.junction) for points in meets)
+    if not len(opening.junction):
+        return any(_between(a, b, opening.start) for a, b in pairwise(traced.branch.points))
+    meets = [points for _, points in _simpler_ends(traced)]
+    meets += [boundary.point.orbit.points for boundary in traced.boundaries]
+    return any(_same(points, opening.junction) for points in meets)
 
 
 def _between(a: BranchPoint, b: BranchPoint, point: BranchPoint) -> bool:
-    """Whether an orbit lies on the way from one orbit of a branch to the next."""
+    """Tell whether an orbit lies between two neighbouring orbits of a branch (linear
+    interpolation).
+    """
     if not min(a.value, b.value) <= point.value <= max(a.value, b.value) or a.value == b.value:
         return False
     share = (point.value - a.value) / (b.value - a.value)
@@ -220,7 +241,7 @@ def _between(a: BranchPoint, b: BranchPoint, point: BranchPoint) -> bool:
     return _same(points, point.orbit.points)
 
 
-def _same(one: Array, other: Array) -> bool:
-    """Whether two orbits are one, wherever they begin."""
-    shifts = (np.roll(one, i, axis=0) for i in range(len(one)))
-    return one.shape == other.shape and any(np.abs(s - other).max() < SAME for s in shifts)
+def _same(a: Array, b: Array) -> bool:
+    """Tell whether two orbits (period, n) are equal up to a cyclic shift."""
+    shifts = (np.roll(a, i, axis=0) for i in range(len(a)))
+    return a.shape == b.shape and any(np.abs(s - b).max() < SAME for s in shifts)

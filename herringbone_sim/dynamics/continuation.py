@@ -1,11 +1,12 @@
-"""A periodic orbit followed through a parameter, round its folds: pseudo-arclength continuation.
+"""Pseudo-arclength continuation of a periodic orbit in a parameter, around folds.
 
-A step goes ds along the tangent of the curve, and Newton's method brings it back across (Keller
-1977; Allgower and Georg, Introduction to Numerical Continuation Methods, 2003).
+A step predicts along the unit tangent of the curve by the arclength ds and corrects by Newton's
+method in the plane normal to it (Keller 1977; Allgower and Georg, Introduction to Numerical
+Continuation Methods, 2003).
 
-The map of a gear with backlash is continuous with its first derivative, but where an orbit grazes
-a border the second derivative has no bound. Tangents and multipliers then still change little over
-a step that is short enough, which is what the step is controlled by.
+The Poincaré map of a gear with backlash has a continuous first derivative, but where an orbit
+grazes an edge of the backlash the second derivative is unbounded. Over a short enough step
+tangents and multipliers still change little, so the step size is controlled by their change.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from herringbone_sim.dynamics.curve import BranchPoint, Curve, backwards
 from herringbone_sim.dynamics.orbits import Array, Multipliers, basis_of
 from herringbone_sim.errors import AnalysisError
 
-QUICK, SLOW = 3, 8  # Newton steps that let the next step grow, and that make it shorter
-STRAIGHT = 0.95  # least cosine between the tangents at both ends of a step
-CALM = 0.15  # most change of the largest multipliers over a step, as a share of them or of 1
-COLLAPSED = 1e-3  # least share of an orbit's doubling, or asymmetry, that a step must keep
+QUICK, SLOW = 3, 8  # Newton iterations up to which the step grows, from which it shrinks
+STRAIGHT = 0.95  # smallest cosine between the tangents at both ends of a step
+CALM = 0.15  # largest change of the largest multipliers over a step, see _multiplier_change
+COLLAPSED = 1e-3  # smallest ratio by which a step may shrink half_and_side_differences
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,10 @@ class Branch:
     """Orbits in order along a curve.
 
     Attributes:
-        points: of the branch.
-        ends: why it ends where it does, first and last: ``range``, ``closed`` (back at its
-            start), ``halved`` or ``mirrored`` (passed an orbit of half its period, or one whose
-            left and right are alike), ``start``, or why no further step succeeds.
+        points: the orbits.
+        ends: reason for the first and the last end: ``range`` of the parameter, ``closed`` curve,
+            ``halved`` (passed an orbit of half its period), ``mirrored`` (passed an orbit with
+            equal left and right), ``start``, or the message of the last failed step.
     """
 
     points: tuple[BranchPoint, ...]
@@ -40,7 +41,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Steps:
+class StepControl:
     """Step-size limits of the pseudo-arclength continuation, and the point limit.
 
     Attributes:
@@ -54,9 +55,9 @@ class Steps:
     points: int = 2000
 
 
-def follow(curve: Curve, start: BranchPoint, steps: Steps | None = None) -> Branch:
-    """The branch from an orbit on, along its tangent, up to an end of the range."""
-    steps = steps or Steps()
+def follow(curve: Curve, start: BranchPoint, steps: StepControl | None = None) -> Branch:
+    """Continue a branch from an orbit along its tangent to the end of the parameter range."""
+    steps = steps or StepControl()
     points, ds = [start], steps.first
     while len(points) < steps.points:
         try:
@@ -66,7 +67,7 @@ def follow(curve: Curve, start: BranchPoint, steps: Steps | None = None) -> Bran
             if ds < steps.least:
                 return Branch(tuple(points), ("start", str(error)))
             continue
-        end = "range" if last else _met(curve, points, new)
+        end = "range" if last else _end_reached(curve, points, new)
         points.append(new)
         if end == "closed":
             return Branch((*points[:-1], start), ("closed", end))
@@ -77,8 +78,10 @@ def follow(curve: Curve, start: BranchPoint, steps: Steps | None = None) -> Bran
     return Branch(tuple(points), ("start", f"{steps.points} points"))
 
 
-def follow_both(curve: Curve, start: BranchPoint, steps: Steps | None = None) -> Branch:
-    """The whole branch through an orbit, in the direction of its tangent."""
+def follow_both(curve: Curve, start: BranchPoint, steps: StepControl | None = None) -> Branch:
+    """Continue a branch in both directions; its points are ordered along the tangent of the
+    start.
+    """
     onward = follow(curve, start, steps)
     if onward.ends[1] == "closed":
         return onward
@@ -88,7 +91,12 @@ def follow_both(curve: Curve, start: BranchPoint, steps: Steps | None = None) ->
 
 
 def _step(curve: Curve, point: BranchPoint, ds: float) -> tuple[BranchPoint, bool]:
-    """The next orbit, and whether it is on a border of the range; AnalysisError."""
+    """Orbit after a step of arclength ds, and whether it lies on an end of the parameter range.
+
+    Raises:
+        AnalysisError: no convergence, or tangent or multipliers changed too much: shorten the
+            step.
+    """
     guess = point.z + ds * point.tangent
     last = not 0.0 < guess[-1] < 1.0
     if last:
@@ -99,9 +107,11 @@ def _step(curve: Curve, point: BranchPoint, ds: float) -> tuple[BranchPoint, boo
         new = curve.solve(guess, point.tangent)
     if new.tangent @ point.tangent < STRAIGHT:
         raise AnalysisError("the branch turns within the shortest step")
-    if _unrest(point.multipliers, new.multipliers) > CALM:
+    if _multiplier_change(point.multipliers, new.multipliers) > CALM:
         raise AnalysisError("the multipliers jump within the shortest step")
-    for before, after in zip(differences(curve, point), differences(curve, new), strict=True):
+    for before, after in zip(
+        half_and_side_differences(curve, point), half_and_side_differences(curve, new), strict=True
+    ):
         if 0.0 < np.linalg.norm(after) < COLLAPSED * np.linalg.norm(before):
             raise AnalysisError(
                 "every step falls onto an orbit of shorter period or more symmetry"
@@ -109,33 +119,49 @@ def _step(curve: Curve, point: BranchPoint, ds: float) -> tuple[BranchPoint, boo
     return new, last
 
 
-def _unrest(one: Multipliers, other: Multipliers) -> float:
-    """Largest relative change of a largest modulus; of one inside the circle its plain change."""
-    before = [float(np.abs(part[:1]).sum()) for part in (one.within, one.transverse)]
-    after = [float(np.abs(part[:1]).sum()) for part in (other.within, other.transverse)]
+def _multiplier_change(previous: Multipliers, following: Multipliers) -> float:
+    """Change of the largest modulus from one orbit to the next, relative if above 1, else
+    absolute.
+    """
+    before = [float(np.abs(part[:1]).sum()) for part in (previous.within, previous.transverse)]
+    after = [float(np.abs(part[:1]).sum()) for part in (following.within, following.transverse)]
     return max(abs(a - b) / max(a, b, 1.0) for a, b in zip(before, after, strict=True))
 
 
-def _met(curve: Curve, points: list[BranchPoint], new: BranchPoint) -> str:
-    """Whether the last step came back to the start, or passed an orbit that is simpler."""
+def _end_reached(curve: Curve, points: list[BranchPoint], new: BranchPoint) -> str:
+    """``closed``, ``halved`` or ``mirrored`` if the last step reached such an end, else empty."""
     start, last = points[0], points[-1]
     length = float(np.linalg.norm(new.z - last.z))
     near = max(np.linalg.norm(start.z - last.z), np.linalg.norm(start.z - new.z)) < 2 * length
     if len(points) > 10 and near and start.tangent @ last.tangent > STRAIGHT:
         return "closed"
-    return next((end for end in ("halved", "mirrored") if swaps(curve, last, new, end)), "")
+    return next(
+        (end for end in ("halved", "mirrored") if passes_simpler(curve, last, new, end)), ""
+    )
 
 
-def swaps(curve: Curve, one: BranchPoint, other: BranchPoint, what: str) -> bool:
-    """Whether the halves of an orbit (``halved``), or its sides, changed places in between."""
+def passes_simpler(curve: Curve, before: BranchPoint, after: BranchPoint, what: str) -> bool:
+    """Tell whether a simpler orbit lies between two: one of half the period, or of equal sides.
+
+    Args:
+        what: ``halved`` (the two halves of the period swap) or ``mirrored`` (left and right swap).
+    """
     k = ("halved", "mirrored").index(what)
-    return float(np.sum(differences(curve, one)[k] * differences(curve, other)[k])) < 0.0
+    return (
+        float(
+            np.sum(
+                half_and_side_differences(curve, before)[k]
+                * half_and_side_differences(curve, after)[k]
+            )
+        )
+        < 0.0
+    )
 
 
-def differences(curve: Curve, point: BranchPoint) -> tuple[Array, Array]:
-    """What the two halves of an orbit, and its left and right, differ by; each (period, n).
+def half_and_side_differences(curve: Curve, point: BranchPoint) -> tuple[Array, Array]:
+    """Difference between the halves of the period, and between left and right; each (period, n).
 
-    Zeros for an odd period, and on a curve of states whose left and right are alike.
+    Zeros for an odd period, and for a curve of left-right symmetric orbits.
     """
     points, mirror = point.orbit.points, curve.family.mirror
     half, odd = divmod(len(points), 2)
@@ -147,14 +173,14 @@ def differences(curve: Curve, point: BranchPoint) -> tuple[Array, Array]:
 def branch_off(
     curve: Curve, point: BranchPoint, mode: Array, times: int, ds: float
 ) -> tuple[Curve, BranchPoint]:
-    """The branch that crosses at an orbit, a step of ds away from it.
+    """First orbit of the branch that crosses at an orbit, a step of arclength ds away from it.
 
     Args:
         mode: (n,) real eigenvector of the monodromy matrix whose multiplier is near 1 or -1.
-        times: how many times longer the new period is: 2 where the multiplier is -1.
+        times: ratio of the new period to the old one: 2 for a multiplier of -1.
 
     Raises:
-        AnalysisError: no orbit was found there.
+        AnalysisError: Newton's method finds no orbit there.
     """
     points = np.tile(point.orbit.points, (times, 1))
     shift = [mode]

@@ -1,8 +1,8 @@
-"""The curve that a periodic orbit describes as a parameter varies.
+"""Curve of periodic orbits over a parameter, as a system with one equation less than unknowns.
 
-A place on it is z = (points / sqrt(period), s), where s in 0 .. 1 is the place of the parameter in
-its range. With one equation less than unknowns, a place is fixed by a hyperplane that cuts the
-curve: the orbit at a value of the parameter, or the next one at a step along the tangent.
+The unknowns are z = (points / sqrt(period), s) with s in 0 .. 1 the parameter scaled to its range.
+One more equation, a hyperplane that cuts the curve, fixes an orbit: the one at a value of the
+parameter, or the next one of a continuation step.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from herringbone_sim.dynamics.orbits import (
 )
 from herringbone_sim.errors import AnalysisError
 
-DIFFERENCE = 1e-7  # of the range of the parameter
+DIFFERENCE = 1e-7  # step of the derivative by the parameter, as a share of its range
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Family:
     """Flows over the range of one parameter.
 
     Attributes:
-        flow_at: the flow at a value; ParameterError where there is none.
-        low, high: the range.
+        flow_at: returns the flow at a value; raises ParameterError where no flow exists.
+        low, high: ends of the range.
         mirror: (n,) indices that swap left and right, or None.
     """
 
@@ -44,6 +44,7 @@ class Family:
     mirror: NDArray[np.int64] | None = None
 
     def value(self, s: float) -> float:
+        """Parameter value at s in 0 .. 1."""
         return self.low + s * (self.high - self.low)
 
 
@@ -52,12 +53,12 @@ class BranchPoint:
     """An orbit of a branch.
 
     Attributes:
-        value: of the parameter.
-        z: (period k + 1,) its place on the curve.
+        value: value of the parameter.
+        z: (period k + 1,) the unknowns, see above.
         tangent: (period k + 1,) unit tangent of the curve, in the direction of travel.
         orbit: states and Jacobians.
-        multipliers: over the period.
-        iterations: Newton steps that it took.
+        multipliers: Floquet multipliers over the whole period.
+        iterations: Newton iterations that it took.
     """
 
     value: float
@@ -73,11 +74,11 @@ class BranchPoint:
 
 
 class Curve:
-    """Orbits of one period and symmetry over a family; a place z is all that tells one apart.
+    """Closing equations of the orbits of one period and symmetry over a family of flows.
 
     Args:
-        period: in periods of the forcing.
-        basis: (n, k) orthonormal columns of the states that count.
+        period: in forcing periods.
+        basis: (n, k) orthonormal columns that span the states: all, or the symmetric ones.
     """
 
     def __init__(self, family: Family, period: int, basis: Array) -> None:
@@ -86,21 +87,23 @@ class Curve:
 
     @property
     def symmetric(self) -> bool:
-        """Whether left and right are alike along it."""
+        """Whether left and right are equal along the curve."""
         return int(self.basis.shape[1]) < len(self.basis)
 
     def place(self, points: Array, value: float) -> Array:
-        """z of an orbit at a value."""
+        """Unknowns z (period k + 1,) of an orbit (period, n) at a parameter value."""
         s = (value - self.family.low) / (self.family.high - self.family.low)
         return np.append((points @ self.basis).ravel() / self._scale, s)
 
     def points(self, z: Array) -> Array:
-        """States (period, n) of a place."""
+        """States (period, n) from the unknowns z."""
         states: Array = (z[:-1] * self._scale).reshape(self.period, -1) @ self.basis.T
         return states
 
     def equations(self, z: Array) -> tuple[Array, Array]:
-        """Closing equations (period k,) and their Jacobian (period k, period k + 1) by z."""
+        """Closing equations (period k,) and their Jacobian (period k, period k + 1) with respect
+        to z.
+        """
         inner, s = z[:-1] * self._scale, float(z[-1])
         residual, by_points = shoot(self.family.flow_at(self.family.value(s)), inner, self.basis)
         ds = DIFFERENCE if s < 0.5 else -DIFFERENCE
@@ -112,10 +115,11 @@ class Curve:
         return residual, np.column_stack([by_points * self._scale, by_s / ds])
 
     def solve(self, guess: Array, across: Array, tangent: Array | None = None) -> BranchPoint:
-        """The orbit of the curve in the hyperplane through the guess with normal ``across``.
+        """Orbit in the hyperplane through ``guess`` with the normal ``across``, by Newton's
+        method.
 
         Args:
-            tangent: the direction of travel is the one nearer to it; ``across`` by default.
+            tangent: the new tangent is oriented along it; along ``across`` by default.
 
         Raises:
             AnalysisError: Newton's method failed.
@@ -138,6 +142,7 @@ class Curve:
         return null
 
     def _point(self, z: Array, tangent: Array, iterations: int) -> BranchPoint:
+        """Branch point at z, with orbit, Jacobians and multipliers computed."""
         value, points = self.family.value(float(z[-1])), self.points(z)
         flow = self.family.flow_at(value)
         jacobians = np.array([flow.advance(y, np.eye(flow.n))[1].T for y in points])
@@ -147,13 +152,13 @@ class Curve:
 
 
 def begin(family: Family, points: Array, value: float) -> tuple[Curve, BranchPoint]:
-    """The curve through an orbit, and the orbit on it, travelling to higher values.
+    """Curve through an orbit near ``points`` and that orbit, oriented towards higher values.
 
     Args:
         points: (period, n) states of the orbit, or near them.
 
     Raises:
-        AnalysisError: there is no orbit near.
+        AnalysisError: Newton's method finds no orbit near.
     """
     curve = Curve(family, len(points), basis_of(points, family.mirror))
     z = curve.place(points, value)
@@ -161,5 +166,5 @@ def begin(family: Family, points: Array, value: float) -> tuple[Curve, BranchPoi
 
 
 def backwards(point: BranchPoint) -> BranchPoint:
-    """The same orbit, travelling the other way."""
+    """The same branch point with its tangent reversed."""
     return replace(point, tangent=-point.tangent)

@@ -1,6 +1,6 @@
-"""A flow as a map over one period of its forcing, with tangent vectors running along.
+"""A flow as its Poincaré map over one forcing period, with tangent vectors.
 
-All methods of ``dynamics`` ask for no more than this: the gear is one flow, the Lorenz system and
+All methods of ``dynamics`` need only this interface: the gear is one flow; the Lorenz system and
 the Hénon map of the tests are others.
 """
 
@@ -14,26 +14,26 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.batch import alike_halves
-from herringbone_sim.core.batch import layout_mirror as mirror
 from herringbone_sim.core.integrate import stepper
+from herringbone_sim.core.mirror import has_equal_halves
+from herringbone_sim.core.mirror import layout_mirror as mirror
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import LIMIT, TWO_PI
 from herringbone_sim.errors import DivergenceError, ParameterError
 
 Array = NDArray[np.float64]
 
-MOST_ORDER = 64  # largest denominator of an order of the control
-MOST_CYCLES = 2100  # of a period: any two members of the nominal rig meet again within 2079
+MOST_ORDER = 64  # largest denominator of the order of the control (cycles until it repeats)
+MOST_CYCLES = 2100  # longest forcing period; two members of the nominal rig need 2079 at most
 
 
 class Flow(Protocol):
-    """A map y -> y' and its linear part.
+    """A map y -> y' over one forcing period and its linearisation.
 
     1. ``n`` is the number of states, ``period`` the time that one ``advance`` takes (1 for a map).
-    2. ``advance`` leaves its arguments as they are, and its result depends on them alone. Where
-       the forcing repeats with each advance it does not depend on ``at``.
-    3. Tangent vectors are rows here, (k, n), k may be 0; they are neither scaled nor turned.
+    2. ``advance`` does not modify its arguments, and its result depends on them alone. Where the
+       forcing repeats with each advance it does not depend on ``at``.
+    3. Tangent vectors are rows, (k, n), k may be 0; they are neither scaled nor orthogonalised.
     """
 
     @property
@@ -43,7 +43,10 @@ class Flow(Protocol):
     def period(self) -> float: ...
 
     def advance(self, y: Array, tangents: Array, at: int = 0) -> tuple[Array, Array]:
-        """State (n,) and tangents (k, n) one period later, when ``at`` periods have passed.
+        """State (n,) and tangents (k, n) one period later.
+
+        Args:
+            at: periods that have passed before y.
 
         Raises:
             DivergenceError: the state left the range of the flow.
@@ -52,18 +55,19 @@ class Flow(Protocol):
 
 
 class GearFlow:
-    """A gear over one period of its forcing, or over mesh cycles of which it takes more.
+    """Flow of a gear over one forcing period, or over a given number of mesh cycles.
 
-    Where force is continuous in the displacement the saltation matrix of a switch of contact is
-    the identity: tangents pass unchanged. Where it jumps (damping in contact) they jump with it.
+    Where the force is continuous in the displacement, the saltation matrix of a contact switch is
+    the identity and tangents pass unchanged. Where the force jumps (damping in contact) the
+    saltation matrix is applied.
 
     Args:
         model: see ``effects.assemble``; with ``method: rk4`` it has no tangents.
-        cycles: mesh cycles that one advance takes; a period of the forcing by default. Exponents
-            and sections need none: they take the cycles one by one, whatever comes when.
+        cycles: mesh cycles of one advance; by default the forcing period, see ``period_of``.
+            Exponents and sections pass 1: they need no period.
 
     Raises:
-        ParameterError: no cycles were given, and the forcing has no period, see ``period_of``.
+        ParameterError: ``cycles`` is None and the forcing has no period.
     """
 
     def __init__(self, model: Model, cycles: int | None = None) -> None:
@@ -77,23 +81,23 @@ class GearFlow:
 
     @property
     def period(self) -> float:
-        """Dimensionless time tau that one advance takes."""
+        """Dimensionless time tau of one advance."""
         return self.cycles * TWO_PI / self.model.packed.Omega
 
     def start(self) -> Array:
-        """Initial state (n,) at phase 0 by the parameters, further coordinates at rest."""
+        """Initial state (n,) at phase 0 from the parameters; further states of effects at rest."""
         return self._stepper.start().y
 
     def advance(self, y: Array, tangents: Array, at: int = 0) -> tuple[Array, Array]:
-        """State (n,) and tangents (k, n) one period later, from phase 0 to phase 0.
+        """State (n,) and tangents (k, n) one advance later, from phase 0 to phase 0.
 
         Args:
-            at: advances that the gear has run before; where one is a period of the forcing, this
-                changes nothing but rounding.
+            at: advances before y; if one advance is a forcing period, it only affects rounding.
 
         Raises:
             DivergenceError: the state left the range of any physical motion.
-            ParameterError: tangents under ``method: rk4``, which steps over the kinks.
+            ParameterError: tangents under ``method: rk4``, which steps over the kinks of the
+                force.
         """
         by_rk4 = self.model.parameters.method == "rk4" and self.model.integrator is None
         if len(tangents) and by_rk4:
@@ -106,16 +110,16 @@ class GearFlow:
         return y, tangents
 
     def map(self, y: Array) -> tuple[Array, Array]:
-        """State (n,) one period later, and the monodromy matrix (n, n) there: dy' = M dy."""
+        """State (n,) one period later and the monodromy matrix M (n, n): dy' = M dy."""
         y, tangents = self.advance(y, np.eye(self.n))
         return y, tangents.T
 
 
 def period_of(model: Model) -> int:
-    """Mesh cycles after which the excitation of a gear, effects included, repeats.
+    """Forcing period of a gear with its effects and its control, in mesh cycles.
 
     Raises:
-        ParameterError: it repeats only after more than 2100 mesh cycles, or never.
+        ParameterError: it is longer than 2100 mesh cycles, or infinite.
     """
     p = model.packed
     of_effects = [*p.orders, *p.load_orders, *(1.0 / p.windows[:, 0])]
@@ -131,9 +135,9 @@ def period_of(model: Model) -> int:
 
 
 def effect_cycles(model: Model) -> int:
-    """Mesh cycles after which the effects of a gear repeat, whatever its control does.
+    """Period of the effects of a gear without its control, in mesh cycles.
 
-    1 without effects, and where they repeat too late for any period to be told, see ``period_of``.
+    1 without effects, and where ``period_of`` finds no period.
     """
     try:
         return period_of(replace(model, packed=model.packed._replace(K=0.0)))
@@ -158,15 +162,16 @@ def cycles_of(order: float, most: int = MOST_ORDER) -> int:
 
 
 def symmetry(model: Model) -> NDArray[np.int64] | None:
-    """``mirror`` where left and right of a gear are alike to the last bit, else None.
+    """Indices (n,) that swap left and right if the two halves of a gear are bitwise equal, else
+    None.
 
-    None also for a gear with further coordinates, which section points do not hold.
+    Also None for a gear with further states of effects, which section points do not hold.
     """
-    return mirror(model.layout) if not model.n_own and alike_halves(model) else None
+    return mirror(model.layout) if not model.n_own and has_equal_halves(model) else None
 
 
 def settle(flow: Flow, y: Array, periods: int, at: int = 0) -> Array:
-    """State (n,) after so many periods, ``at`` of which had passed before; without tangents."""
+    """State (n,) after ``periods`` advances without tangents, the first at number ``at``."""
     none = np.zeros((0, flow.n))
     for i in range(periods):
         y, _ = flow.advance(y, none, at + i)

@@ -1,11 +1,11 @@
-"""The gears over the range of one live parameter, as continuation wants them."""
+"""Gears over the range of one live parameter, as a ``Family`` for continuation."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
 
-from herringbone_sim.core.batch import layout_mirror
+from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.dynamics.boundaries import Watch
 from herringbone_sim.dynamics.curve import Family
@@ -17,48 +17,49 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import ParameterError
 
 SWEPT = tuple(name for name in live_names() if name != "samples_per_cycle")
-KEPT = 8
+CACHE_SIZE = 8  # flows
 
 
-class Gears:
-    """Gears by the value of a parameter; the last few are kept, Newton asks for them again.
+class GearCache:
+    """Flows of a gear by the value of one parameter; the latest are cached for Newton's method.
 
     Args:
         p: all other parameters.
-        name: one of ``SWEPT``.
+        name: the parameter, one of ``SWEPT``.
         actives: effects of the gear.
 
     Raises:
-        ParameterError: another parameter.
+        ParameterError: the name is not in ``SWEPT``.
     """
 
     def __init__(self, p: Parameters, name: str, actives: Sequence[Active] = ()) -> None:
         if name not in SWEPT:
             raise ParameterError(f"orbits go over one of {', '.join(SWEPT)}, got {name!r}")
         self._p, self.name, self._actives = p, name, actives
-        self._kept: OrderedDict[float, GearFlow] = OrderedDict()
+        self._cache: OrderedDict[float, GearFlow] = OrderedDict()
 
     def __call__(self, value: float) -> GearFlow:
-        """The gear at a value; ParameterError where there is none."""
-        if value not in self._kept:
+        """Flow of the gear at a value; ParameterError if no gear can have it."""
+        if value not in self._cache:
             p = self._p.changed({self.name: value})
-            self._kept[value] = GearFlow(build_with(p, self._actives))
-            if len(self._kept) > KEPT:
-                self._kept.popitem(last=False)
-        return self._kept[value]
+            self._cache[value] = GearFlow(build_with(p, self._actives))
+            if len(self._cache) > CACHE_SIZE:
+                self._cache.popitem(last=False)
+        return self._cache[value]
 
 
 def gear_family(
     p: Parameters, name: str, low: float, high: float, actives: Sequence[Active] = ()
 ) -> tuple[Family, Watch]:
-    """The family of a gear with effects over a parameter, and the watch on its borders.
+    """Family of a gear with effects over a parameter, and its count of backlash-edge crossings.
 
     Raises:
-        ParameterError: an empty range, an end of it that no gear can have, or another parameter.
+        ParameterError: an empty range, an end of it that no gear can have, or an unknown
+            parameter.
     """
     if not low < high:
         raise ParameterError(f"the range of {name} must ascend, got {low:g} .. {high:g}")
-    gears = Gears(p, name, actives)
+    gears = GearCache(p, name, actives)
     alike = [symmetry(gears(value).model) is not None for value in (low, high)]
     sides = layout_mirror(p.layout) if all(alike) else None
 

@@ -1,4 +1,4 @@
-"""Growth of perturbations: its mean over many periods is an exponent, batches give the error."""
+"""Logarithmic growth of perturbations: its mean is a Lyapunov exponent, batch means its error."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ class Growth:
     """Logarithmic growth of k perturbations along one motion.
 
     Attributes:
-        logarithms: (periods, k) logarithm of the growth in each period, in the order of growth.
-        period: time that one of them took.
+        logarithms: (periods, k) log of the growth factor in each period, columns by descending
+            mean.
+        period: time of one row.
         end: (n,) state after the last period.
     """
 
@@ -30,28 +31,30 @@ class Growth:
 
     @property
     def exponents(self) -> Array:
-        """(k,) exponents per unit of time, descending."""
+        """(k,) Lyapunov exponents per unit of time, descending."""
         mean: Array = self.logarithms.mean(axis=0) / self.period
         return mean
 
     @property
     def errors(self) -> Array:
-        """(k,) standard errors of the exponents, from batches of the motion.
+        """(k,) standard errors of the exponents, from 20 batch means.
 
-        Successive periods depend on each other; means over 20 batches hardly do, as long as a
-        batch is longer than the memory of the motion.
+        Successive periods are correlated; batch means are not, if a batch is longer than the
+        correlation time of the motion.
         """
         return batch_error(self.logarithms) / self.period
 
     @property
     def running(self) -> Array:
-        """(periods, k) exponents as they stood after 1, 2, ... periods: their convergence."""
+        """(periods, k) running means of the exponents after 1, 2, ... periods: their
+        convergence.
+        """
         count = np.arange(1, len(self.logarithms) + 1)[:, None]
         means: Array = np.cumsum(self.logarithms, axis=0) / (count * self.period)
         return means
 
     def finite_time(self, periods: int) -> Array:
-        """(m, k) exponents over consecutive stretches of so many periods."""
+        """(m, k) finite-time exponents over m consecutive blocks of ``periods`` periods."""
         m = len(self.logarithms) // periods
         whole = self.logarithms[: m * periods].reshape(m, periods, -1)
         means: Array = whole.mean(axis=1) / self.period
@@ -59,7 +62,7 @@ class Growth:
 
 
 def batch_error(values: Array, batches: int = BATCHES) -> Array:
-    """Standard error (k,) of the mean of dependent values (m, k), from means over batches.
+    """Standard error (k,) of the mean of correlated values (m, k), from batch means.
 
     Raises:
         AnalysisError: fewer values than batches.
@@ -74,6 +77,6 @@ def batch_error(values: Array, batches: int = BATCHES) -> Array:
 
 
 def descending(logarithms: Array, period: float, end: Array) -> Growth:
-    """Growth with its columns in descending order of their means."""
+    """Growth with its columns sorted by descending mean."""
     order = np.argsort(-logarithms.mean(axis=0), kind="stable")
     return Growth(logarithms[:, order], period, end)

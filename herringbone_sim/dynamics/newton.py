@@ -1,4 +1,4 @@
-"""Root of a system of equations by Newton's method with shortened steps."""
+"""Newton's method for a system of equations, with step halving."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Equations = Callable[[Array], tuple[Array, Array]]
 
 TOLERANCE = 1e-10
 MAX_ITERATIONS = 40
-SHORTEST = 2.0**-8  # share of a Newton step
+SHORTEST = 2.0**-8  # smallest share of a Newton step that is tried
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Where Newton's method ended.
+    """Result of Newton's method.
 
     Attributes:
-        z: (k,) the last iterate.
-        residual: its largest residual.
-        iterations: Newton steps taken.
-        reason: why it is no solution; empty when it is one.
+        z: (k,) last iterate.
+        residual: largest absolute residual there.
+        iterations: Newton iterations taken.
+        reason: why it did not converge; empty if it did.
     """
 
     z: Array
@@ -41,7 +41,13 @@ def newton(
     tolerance: float = TOLERANCE,
     max_iterations: int = MAX_ITERATIONS,
 ) -> Solution:
-    """Root of a system by Newton's method, the step halved until the residual falls."""
+    """Solve a system by Newton's method, each step halved until the largest residual falls.
+
+    Args:
+        equations: returns residual (k,) and Jacobian (k, k) at z; may raise DivergenceError or
+            ParameterError, which counts as a failed step.
+        z: (k,) start.
+    """
     try:
         residual, jacobian = equations(z)
     except (DivergenceError, ParameterError) as error:
@@ -66,6 +72,7 @@ def newton(
 
 
 def _attempt(equations: Equations, z: Array, size: float) -> tuple[Array, Array] | None:
+    """Residual and Jacobian at z if the largest residual is below ``size``, else None."""
     try:
         residual, jacobian = equations(z)
     except (DivergenceError, ParameterError):

@@ -1,9 +1,10 @@
-"""Periodic orbits of a flow, stable or not: Newton's method by multiple shooting, multipliers.
+"""Periodic orbits of a flow, stable or not, by multiple shooting; their Floquet multipliers.
 
-An orbit of period n is n states with P(y_i) = y_(i+1) and P(y_(n-1)) = y_0, P being one period of
-the forcing. All n are unknowns at once: an orbit that repels by a factor of a thousand is then no
-harder than one that attracts. Its Floquet multipliers are the eigenvalues of the product of the
-n Jacobians (Parker and Chua, Practical Numerical Algorithms for Chaotic Systems, 1989, ch. 5).
+An orbit of period n is n states with P(y_i) = y_(i+1) and P(y_(n-1)) = y_0, P being the map over
+one forcing period. All n states are unknowns at once, so that an orbit that repels by a factor of
+a thousand is no harder than one that attracts. Its Floquet multipliers are the eigenvalues of the
+product of the n Jacobians (Parker and Chua, Practical Numerical Algorithms for Chaotic Systems,
+1989, ch. 5).
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ SYMMETRIC = 1e-9
 
 @dataclass(frozen=True)
 class Orbit:
-    """A periodic orbit, or where the search for one ended.
+    """A periodic orbit, or the last iterate of a failed search.
 
     Attributes:
-        points: (period, n) states at phase 0, one a period of the forcing.
+        points: (period, n) states at phase 0, one a forcing period.
         jacobians: (period, n, n) of the map at each of them.
         residual: largest ``|P(y_i) - y_(i+1)|``.
-        iterations: Newton steps taken.
-        reason: why it is no orbit; empty when it is one.
+        iterations: Newton iterations taken.
+        reason: why the search failed; empty if it converged.
     """
 
     points: Array
@@ -46,7 +47,7 @@ class Orbit:
         return len(self.points)
 
     @property
-    def found(self) -> bool:
+    def converged(self) -> bool:
         return not self.reason
 
 
@@ -55,9 +56,9 @@ class Multipliers:
     """Floquet multipliers over the whole period, descending in modulus.
 
     Attributes:
-        within: (k,) complex, of perturbations that keep left and right alike; all of them for an
-            orbit whose halves differ, or of a flow without halves.
-        transverse: (n - k,) complex, of perturbations that part left and right.
+        within: (k,) complex, of left-right symmetric perturbations; of all perturbations for an
+            orbit without that symmetry.
+        transverse: (n - k,) complex, of left-right antisymmetric perturbations.
     """
 
     within: Complex
@@ -65,12 +66,13 @@ class Multipliers:
 
     @property
     def all(self) -> Complex:
+        """(n,) all multipliers, descending in modulus."""
         both = np.concatenate([self.within, self.transverse])
         return both[np.argsort(-np.abs(both), kind="stable")]
 
     @property
     def unstable(self) -> tuple[int, int]:
-        """Multipliers outside the unit circle: (within, transverse)."""
+        """Number of multipliers outside the unit circle: (within, transverse)."""
         return int((np.abs(self.within) > 1).sum()), int((np.abs(self.transverse) > 1).sum())
 
 
@@ -81,12 +83,13 @@ def find_orbit(
     mirror: NDArray[np.int64] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Orbit:
-    """Periodic orbit near a start.
+    """Find a periodic orbit near a start by Newton's method.
 
     Args:
         start: (n,) a state, or (period, n) successive states.
-        mirror: (n,) indices that swap left and right. A start whose halves are alike is then
-            searched among such states alone, where a transverse multiplier of 1 does no harm.
+        mirror: (n,) indices that swap left and right. From a start with equal halves only
+            symmetric states are searched, where a transverse multiplier of 1 does not make the
+            Jacobian singular.
         tolerance: largest residual of an orbit.
     """
     points = np.array(start, dtype=float)
@@ -114,7 +117,7 @@ def shoot(flow: Flow, z: Array, basis: Array) -> tuple[Array, Array]:
 
     Args:
         z: (period k,) coordinates of the points in the basis.
-        basis: (n, k) orthonormal columns; the flow must keep their span.
+        basis: (n, k) orthonormal columns; the flow must map their span into itself.
     """
     k = basis.shape[1]
     points = z.reshape(-1, k) @ basis.T
@@ -130,12 +133,12 @@ def shoot(flow: Flow, z: Array, basis: Array) -> tuple[Array, Array]:
 
 
 def multipliers(orbit: Orbit, mirror: NDArray[np.int64] | None = None) -> Multipliers:
-    """Floquet multipliers of an orbit, split by left-right symmetry where it has that symmetry.
+    """Floquet multipliers of an orbit, split by left-right symmetry where the orbit has it.
 
     Raises:
-        AnalysisError: the orbit was not found.
+        AnalysisError: the search for the orbit did not converge.
     """
-    if not orbit.found:
+    if not orbit.converged:
         raise AnalysisError(f"multipliers need a periodic orbit: {orbit.reason}")
     even = basis_of(orbit.points, mirror)
     odd = parts(mirror)[1] if even.shape[1] < len(even) and mirror is not None else even[:, :0]
@@ -143,6 +146,9 @@ def multipliers(orbit: Orbit, mirror: NDArray[np.int64] | None = None) -> Multip
 
 
 def _eigenvalues(orbit: Orbit, basis: Array) -> Complex:
+    """Eigenvalues (k,) of the monodromy matrix on the span of a basis (n, k), descending in
+    modulus.
+    """
     product = np.eye(basis.shape[1])
     for jacobian in orbit.jacobians:
         product = basis.T @ jacobian @ basis @ product
@@ -151,18 +157,20 @@ def _eigenvalues(orbit: Orbit, basis: Array) -> Complex:
 
 
 def is_symmetric(points: Array, mirror: NDArray[np.int64]) -> bool:
-    """Whether left and right of all states (..., n) are alike."""
+    """Whether left and right of all states (..., n) are equal to 1e-9."""
     return bool(np.abs(points - points[..., mirror]).max() <= SYMMETRIC)
 
 
 def basis_of(points: Array, mirror: NDArray[np.int64] | None) -> Array:
-    """Orthonormal columns (n, k) of the least space kept by the flow that holds the states."""
+    """Orthonormal basis (n, k) of the symmetric states if the orbit is symmetric, else of all
+    states.
+    """
     n = points.shape[-1]
     return np.eye(n) if mirror is None or not is_symmetric(points, mirror) else parts(mirror)[0]
 
 
 def parts(mirror: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Orthonormal bases (n, k), (n, n - k) of the symmetric and the antisymmetric states."""
+    """Orthonormal bases (n, k) of the symmetric and (n, n - k) of the antisymmetric states."""
     unit = np.eye(len(mirror))
     first = [i for i, other in enumerate(mirror) if i < other]
     own = [i for i, other in enumerate(mirror) if i == other]
@@ -172,7 +180,7 @@ def parts(mirror: NDArray[np.int64]) -> tuple[Array, Array]:
 
 
 def iterate(flow: Flow, y: Array, n: int) -> Array:
-    """The next n states (n, n_state), the first one the state itself; DivergenceError."""
+    """Trajectory of n states (n, n_state), the first one y itself; may raise DivergenceError."""
     points = [y]
     for _ in range(n - 1):
         points.append(flow.advance(points[-1], np.zeros((0, flow.n)))[0])
@@ -180,7 +188,7 @@ def iterate(flow: Flow, y: Array, n: int) -> Array:
 
 
 def closest_return(flow: Flow, y: Array, period: int, cycles: int) -> Array:
-    """Successive states (period, n) of a trajectory that most nearly close: a start for Newton.
+    """Part (period, n) of a trajectory whose end comes closest to its start: a start for Newton.
 
     Raises:
         DivergenceError: the trajectory left the range of any physical motion.
@@ -192,7 +200,7 @@ def closest_return(flow: Flow, y: Array, period: int, cycles: int) -> Array:
 
 
 def least_period(points: Array, tolerance: float = 1e-6) -> int:
-    """Least period of the states (period, n) of an orbit: 1 where all are the same."""
+    """Least period of the states (period, n) of an orbit: 1 where all are equal."""
     n = len(points)
     return next(
         p

@@ -1,8 +1,8 @@
-"""Lyapunov exponents from the tangent flow: vectors run along and are orthonormalised by QR.
+"""Lyapunov spectrum from the tangent flow, with QR orthonormalisation.
 
 After Benettin, Galgani, Giorgilli and Strelcyn, Meccanica 15 (1980) 9-30, and Shimada and
-Nagashima, Prog. Theor. Phys. 61 (1979) 1605: the logarithms of the diagonal of R add up to the
-growth of volumes, the one of the first vector to the largest exponent.
+Nagashima, Prog. Theor. Phys. 61 (1979) 1605: the mean logarithms of the diagonal of R are the
+exponents.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ def lyapunov_spectrum(
     k: int | None = None,
     at: int = 0,
 ) -> Growth:
-    """The k largest exponents of the motion from y on; all n by default.
+    """The k largest Lyapunov exponents of the motion from y on; all n by default.
 
     Args:
         flow: see ``Flow``.
-        y: (n,) state; drop the transient of the motion before, see ``flow.settle``.
-        periods: averaged over.
-        transient: periods in which the vectors turn into their directions, left out.
-        k: exponents wanted, 1 .. n.
+        y: (n,) state on the attractor; see ``flow.settle`` to drop a transient.
+        periods: number of periods averaged over.
+        transient: periods left out first, in which the tangent vectors align.
+        k: number of exponents, 1 .. n.
         at: periods that have passed before y, see ``Flow``.
 
     Raises:
@@ -52,7 +52,7 @@ def lyapunov_spectrum(
 
 
 def grow(flow: Flow, y: Array, frame: Array, at: int = 0) -> tuple[Array, Array, Array]:
-    """State (n,), orthonormal frame (k, n) and logarithms of its growth (k,) a period later."""
+    """State (n,), orthonormal frame (k, n) and log growth factors (k,) one period later."""
     y, tangents = flow.advance(y, frame, at)
     frame, lengths = orthonormalised(tangents)
     with np.errstate(divide="ignore"):
@@ -60,15 +60,17 @@ def grow(flow: Flow, y: Array, frame: Array, at: int = 0) -> tuple[Array, Array,
 
 
 def orthonormalised(tangents: Array) -> tuple[Array, Array]:
-    """Orthonormal rows (k, n) that span the same nested spaces, and the lengths (k,) taken off."""
+    """Orthonormal rows (k, n) that span the same nested subspaces, and the lengths (k,)
+    removed.
+    """
     q, r = np.linalg.qr(tangents.T)
     return q.T.copy(), np.abs(np.diag(r))
 
 
 def kaplan_yorke(exponents: Array) -> float:
-    """Kaplan-Yorke dimension of descending exponents; a period of forcing adds none.
+    """Kaplan-Yorke dimension of the stroboscopic section, from exponents (n,) in descending order.
 
-    Of a stroboscopic section, that is; the motion in continuous time has one more.
+    The motion in continuous time has one dimension more, the phase of the forcing.
     """
     sums = np.cumsum(exponents)
     j = int(np.sum(np.logical_and.accumulate(sums >= 0.0)))

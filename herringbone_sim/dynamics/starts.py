@@ -1,4 +1,4 @@
-"""Where a branch of periodic orbits begins: the motion at a value, or an orbit near it."""
+"""First orbit of a continuation: the motion at a parameter value, or an orbit near it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.dynamics.curve import Family
 from herringbone_sim.dynamics.flow import GearFlow, settle
-from herringbone_sim.dynamics.gear_family import Gears
+from herringbone_sim.dynamics.gear_family import GearCache
 from herringbone_sim.dynamics.orbits import (
     Array,
     closest_return,
@@ -17,21 +17,22 @@ from herringbone_sim.dynamics.orbits import (
 )
 from herringbone_sim.errors import AnalysisError, ParameterError
 
-WINDOW, RETURNS = 160, 2000  # periods of the forcing in which a period, a return, is looked for
+# Forcing periods searched for the period of the motion, and for its closest return.
+WINDOW, RETURNS = 160, 2000
 
 
 def find_start(
-    gears: Gears, family: Family, value: float, period: int | None = None, settled: int = 1000
+    gears: GearCache, family: Family, value: float, period: int | None = None, settled: int = 1000
 ) -> Array:
-    """States (period, n) of the orbit at a value of the parameter.
+    """States (period, n) of an orbit at a value of the parameter.
 
     Args:
         gears: flow of each value.
-        family: in which the orbit will be followed.
+        family: in which the orbit will be continued.
         value: of the parameter.
-        period: of an orbit near the motion, stable or not [periods of the forcing]; None for that
-            of the motion itself, which must be periodic then.
-        settled: mesh cycles that pass before the motion is looked at.
+        period: period of the orbit [forcing periods], stable or not, looked for near the motion;
+            None for the motion itself, which must be periodic then.
+        settled: mesh cycles of transient left out.
 
     Raises:
         ParameterError: the value lies outside of the family.
@@ -46,7 +47,7 @@ def find_start(
     y = settle(flow, flow.start(), math.ceil(settled / flow.cycles))
     states = _periodic(flow, y, period, name)
     orbit = find_orbit(flow, states, mirror=family.mirror)
-    if not orbit.found:
+    if not orbit.converged:
         raise AnalysisError(
             f"no orbit of {orbit.period} cycles at {name}: {orbit.reason}; start at another value"
         )
@@ -54,7 +55,7 @@ def find_start(
 
 
 def _periodic(flow: GearFlow, y: Array, period: int | None, name: str) -> Array:
-    """States (period, n) of a motion that is periodic, or that nearly closes."""
+    """States (period, n) of the periodic motion, or of its closest return for a given period."""
     if period:
         return closest_return(flow, y, period, RETURNS)
     states = iterate(flow, y, WINDOW)

@@ -1,5 +1,8 @@
-"""Does a gear show the motion that it has from rest? Stability against parting of left and right,
-and the share of starts that reach it: basin stability, Menck et al., Nature Physics 9 (2013) 89.
+"""Which motion a gear shows from random initial states, compared with its motion from rest.
+
+The share of initial states that end on the motion from rest is its basin stability (Menck et al.,
+Nature Physics 9 (2013) 89); the transverse exponent tells whether its left-right symmetry is
+stable.
 """
 
 from __future__ import annotations
@@ -12,28 +15,31 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.dynamics.attractors import ALIKE, Attractor
 from herringbone_sim.dynamics.basins import Sections, explore, wilson
+from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import GearFlow, settle, symmetry
-from herringbone_sim.dynamics.opinions import identify
 from herringbone_sim.dynamics.transverse import symmetric_exponents
 from herringbone_sim.errors import AnalysisError, DivergenceError
 
 Array = NDArray[np.float64]
 
 FATES = ("as from rest", "another, left = right", "left and right differ", "chaotic, they differ")
+# Mesh cycles: averaged over; for perturbations to align; of transient.
 PERIODS, TURNING, SETTLING = 600, 100, 1000
 
 
 @dataclass(frozen=True)
 class Survival:
-    """What becomes of the motion from rest at one operating point.
+    """Final motions of random initial states at one operating point.
 
     Attributes:
         motion: kind of the motion from rest, ``-`` where the run failed.
-        counts: (4,) starts that end as ``FATES`` say: on the motion from rest, on another that
-            keeps left and right alike, on a regular one that does not, on a chaotic one.
-        starts: random starts run, failed ones among them.
-        within: (2,) largest exponent of perturbations that keep left and right alike, and error.
-        transverse: (2,) of those that part them; NaN for a motion from rest that is not symmetric.
+        counts: (4,) initial states by final motion, as in ``FATES``: the motion from rest, another
+            left-right symmetric one, a regular asymmetric one, a chaotic asymmetric one.
+        starts: number of random initial states, failed runs included.
+        within: (2,) largest exponent of left-right symmetric perturbations of the motion from
+            rest, and its standard error.
+        transverse: (2,) the same of antisymmetric perturbations; NaN if the motion is not
+            symmetric.
     """
 
     motion: str
@@ -44,22 +50,22 @@ class Survival:
 
     @property
     def shares(self) -> Array:
-        """(4, 3) share of each fate and its 95 % Wilson interval."""
+        """(4, 3) share of each final motion and its 95 % Wilson interval."""
         return np.array([[c / self.starts, *wilson(int(c), self.starts)] for c in self.counts])
 
 
 def survival(model: Model, sections_of: Sections, starts: Array, at: int = 0) -> Survival:
-    """Fate of the starts and stability of the motion from rest, that is from the initial state.
+    """Integrate initial states, classify their final motions, and test the motion from rest.
 
     Args:
         model: see ``core.model.build``.
         sections_of: see ``basins.explore``.
-        starts: (n_starts, n_state) states.
+        starts: (n_starts, n_state) random initial states.
         at: mesh cycles that have passed at the last point of a section.
     """
     rest = initial_state(model)
     found = explore(sections_of, np.vstack([rest, starts]), symmetry(model))
-    kinds = [identify(model, one, PERIODS, TURNING, at)[0] for one in found.attractors]
+    kinds = [identify_motion(model, one, PERIODS, TURNING, at)[0] for one in found.attractors]
     first, labels = found.labels[0], found.labels[1:]
     fates = [
         _fate(i == first, kind, one)
@@ -72,6 +78,7 @@ def survival(model: Model, sections_of: Sections, starts: Array, at: int = 0) ->
 
 
 def _fate(from_rest: bool, kind: str, attractor: Attractor) -> int:
+    """Index into ``FATES`` of an attractor."""
     if from_rest:
         return 0
     if attractor.symmetry == ALIKE:
@@ -80,6 +87,9 @@ def _fate(from_rest: bool, kind: str, attractor: Attractor) -> int:
 
 
 def _stability(model: Model, y: Array) -> tuple[Array, Array]:
+    """Largest symmetric and transverse exponent, each (2,) with its error, of the motion from
+    y.
+    """
     flow, exchange = GearFlow(model, 1), symmetry(model)
     none = np.full(2, np.nan)
     if exchange is None:

@@ -1,10 +1,10 @@
-"""Exponents within a symmetric motion and across it: does the symmetry survive a perturbation?
+"""Lyapunov exponents within a symmetric motion and transverse to it.
 
 A flow that commutes with an exchange of its states (left and right of the gear) keeps symmetric
-states symmetric. Perturbations of such a motion fall apart into those that keep the symmetry and
-those that break it; the largest exponent of the latter is the transverse one (Pikovsky and
-Grassberger, J. Phys. A 24 (1991) 4587; Ashwin, Buescu and Stewart, Nonlinearity 9 (1996) 703).
-Above zero no real gear stays symmetric.
+states symmetric. Perturbations of such a motion split into symmetric and antisymmetric ones, which
+do not mix; the largest exponent of the antisymmetric ones is the transverse exponent (Pikovsky and
+Grassberger, J. Phys. A 24 (1991) 4587; Ashwin, Buescu and Stewart, Nonlinearity 9 (1996) 703). If
+it is positive, no real gear stays symmetric.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class SymmetricGrowth:
     """Growth of perturbations of a symmetric motion.
 
     Attributes:
-        within: of those that keep the symmetry.
-        transverse: of those that break it.
+        within: of symmetric perturbations.
+        transverse: of antisymmetric perturbations.
     """
 
     within: Growth
@@ -45,15 +45,15 @@ def symmetric_exponents(
     k: int = 1,
     at: int = 0,
 ) -> SymmetricGrowth:
-    """The k largest exponents within the symmetry and across it.
+    """The k largest exponents within the symmetry and the k largest transverse to it.
 
     Args:
-        flow: one that commutes with the exchange to the last bit, see ``Flow``.
+        flow: one that commutes with the exchange bit for bit, see ``Flow``.
         y: (n,) symmetric state, ``y == y[exchange]``.
-        exchange: (n,) indices, its own inverse; ``flow.mirror`` of a gear.
-        periods: averaged over.
-        transient: periods left out before.
-        k: exponents of each kind.
+        exchange: (n,) indices, their own inverse; ``flow.mirror`` of a gear.
+        periods: number of periods averaged over.
+        transient: periods left out first, in which the perturbations align.
+        k: number of exponents of each kind.
         at: periods that have passed before y, see ``Flow``.
 
     Raises:
@@ -77,9 +77,10 @@ def symmetric_exponents(
 
 
 def _split(tangents: Array, exchange: Exchange) -> tuple[Array, Array]:
-    """Orthonormal rows, the first half symmetric and the second antisymmetric, and lengths.
+    """Orthonormalise k symmetric and k antisymmetric rows (2 k, n); also their lengths (2 k,).
 
-    Taking the part anew each time keeps rounding from leaking the faster kind into the slower.
+    Projecting again in each period keeps rounding errors from feeding the faster-growing kind into
+    the slower one.
     """
     even, odd = np.split(tangents, 2)
     parts = (even + even[:, exchange], odd - odd[:, exchange])
@@ -88,6 +89,7 @@ def _split(tangents: Array, exchange: Exchange) -> tuple[Array, Array]:
 
 
 def _check(y: Array, exchange: Exchange) -> None:
+    """Raise AnalysisError unless the state is exactly symmetric."""
     gap = float(np.abs(y - y[exchange]).max())
     if gap > 0.0:
         raise AnalysisError(

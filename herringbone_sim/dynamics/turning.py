@@ -1,8 +1,8 @@
-"""Where the meshes of an orbit turn, and on which side of the borders of their backlash.
+"""Turning points of the mesh displacements of an orbit, and its crossings of the backlash edges.
 
-An orbit grazes where a mesh turns back on a border x = +-b': a contact appears or is lost there.
-Between two turning points a mesh moves one way, so it passes a border as often as successive
-turning points lie on both sides of it.
+An orbit grazes where a displacement turns back exactly on an edge x = +-b': a contact appears or
+is lost there. Between two turning points a displacement is monotonic, so it crosses an edge if and
+only if successive turning points lie on opposite sides of it.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from herringbone_sim.errors import AnalysisError
 Array = NDArray[np.float64]
 Passes = dict[str, int]
 
-SAMPLES = 128  # a mesh cycle: an error of 1e-8 in the height of a turning point
+SAMPLES = 128  # per mesh cycle: turning points are then found to 1e-8
 
 
 def border_passes(flow: Flow, points: Array, mirror: NDArray[np.int64] | None = None) -> Passes:
-    """How often each mesh passes each border of its backlash over an orbit of a gear.
+    """Number of crossings of each backlash edge by each mesh over an orbit of a gear.
 
     Args:
         points: (period, n) states of the orbit.
-        mirror: indices that swap left and right. Where the halves of the orbit are alike, a
-            mesh and its mirror image count as one, named like ``sp_L = sp_R``.
+        mirror: indices that swap left and right. If the halves of the orbit are equal, a mesh and
+            its mirror image count as one, named like ``sp_L = sp_R``.
 
     Returns:
-        Passes by border, such as ``sp_L drive`` for x = +b' and ``sp_L back`` for x = -b'.
+        Crossings by edge, such as ``sp_L drive`` for x = +b' and ``sp_L back`` for x = -b'.
 
     Raises:
         AnalysisError: the flow is not that of a gear.
@@ -54,7 +54,7 @@ def border_passes(flow: Flow, points: Array, mirror: NDArray[np.int64] | None = 
 
 
 def section(flow: Flow, points: Array) -> tuple[Array, Array]:
-    """Relative displacements and rates (period, n_mesh) at phase 0, dimensionless.
+    """Relative displacements and velocities (period, n_mesh) at phase 0, dimensionless.
 
     Raises:
         AnalysisError: the flow is not that of a gear.
@@ -71,16 +71,17 @@ def _gear(flow: Flow) -> GearFlow:
 
 
 def turning_points(x: Array, v: Array, h: float) -> Array:
-    """Heights at which a closed orbit turns, from samples h apart (cubic between them).
+    """Displacements at the turning points of a closed orbit, by cubic Hermite interpolation.
 
     Args:
-        x, v: (n,) displacements and rates of one period; the next sample would be the first.
+        x, v: (n,) displacements and velocities over one period; sample n would be sample 0 again.
+        h: time between samples.
     """
     x1, v1 = np.roll(x, -1), np.roll(v, -1)
     at = np.flatnonzero((v > 0) != (v1 > 0))
     x0, v0, x1, v1 = x[at], v[at] * h, x1[at], v1[at] * h
     a, c = 2 * (x0 - x1) + v0 + v1, 3 * (x1 - x0) - 2 * v0 - v1
-    # The root of 3 a s^2 + 2 c s + v0 in 0 .. 1, in the form that a = 0 does no harm to.
+    # The root of 3 a s^2 + 2 c s + v0 in 0 .. 1, in the form that is stable for a = 0.
     root = np.sqrt(np.maximum(c * c - 3 * a * v0, 0.0))
     s = -v0 / (c + np.where(v0 < 0, root, -root))
     heights: Array = x0 + s * (v0 + s * (c + s * a))
@@ -88,28 +89,31 @@ def turning_points(x: Array, v: Array, h: float) -> Array:
 
 
 def _passes(heights: Array, level: float) -> int:
+    """Number of crossings of a level, from displacements at successive turning points."""
     beyond = heights > level
     return int((beyond != np.roll(beyond, 1)).sum())
 
 
 def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
-    """Deflections and rates (samples, n_mesh) over the orbit, dimensionless."""
+    """Mesh deflections and velocities (samples, n_mesh) over an orbit, dimensionless."""
     p = flow.model.parameters.changed({"samples_per_cycle": SAMPLES})
     model = changed(flow.model, p)
-    machine, n, s = stepper(model), model.layout.n_mesh, model.scales
+    gear_stepper, n, s = stepper(model), model.layout.n_mesh, model.scales
     count = SAMPLES * flow.cycles
     added, rate = displacement(model, np.arange(count) / SAMPLES)
     x, v = np.empty((2, len(points), count, n))
     for i, y in enumerate(points):
         state = State(y, 0, 0, 0.0, np.zeros((0, len(y))), np.zeros(0))
-        rows = machine.advance(state, count).rows
+        rows = gear_stepper.advance(state, count).rows
         x[i] = rows[:, 5 : 5 + n] / s.b_c + added
         v[i] = rows[:, 5 + n : 5 + 2 * n] / s.velocity_m_per_s + rate
     return x.reshape(-1, n), v.reshape(-1, n)
 
 
 def displacement(model: Model, cycles: Array) -> tuple[Array, Array]:
-    """What effects add to the deflections, and samples do not show: d and dd/dtau (k, n_mesh).
+    """Displacement d and velocity dd/dtau (k, n_mesh) that effects add to the mesh deflections.
+
+    Sampled rows do not contain them.
 
     Args:
         cycles: (k,) mesh cycles since phase 0.

@@ -1,8 +1,8 @@
-"""Largest exponent from two trajectories: no tangents, only a second run close by.
+"""Largest Lyapunov exponent from two neighbouring trajectories, without tangents.
 
-After Benettin, Galgani and Strelcyn, Phys. Rev. A 14 (1976) 2338. The distance is brought back to
-where it started once a period. Too near, rounding makes the distance; too far, the border of
-linearity does: between the two lies a plateau, which ``over_distances`` shows.
+After Benettin, Galgani and Strelcyn, Phys. Rev. A 14 (1976) 2338: the distance is rescaled to its
+initial value once a period. If it is too small, rounding dominates; if too large, the growth is no
+longer linear. Between the two lies a plateau, which ``over_distances`` shows.
 """
 
 from __future__ import annotations
@@ -33,22 +33,23 @@ def two_trajectory_exponent(
     direction: Array | None = None,
     at: int = 0,
 ) -> Growth:
-    """Largest exponent of the motion from y on.
+    """Largest Lyapunov exponent of the motion from y on.
 
     Args:
         flow: see ``Flow``; its tangents are not used.
-        y: (n,) state on the motion.
-        periods: averaged over.
-        transient: periods in which the difference turns into the fastest direction, left out.
+        y: (n,) state on the attractor.
+        periods: number of periods averaged over.
+        transient: periods left out first, in which the difference aligns with the fastest
+            direction.
         distance: of the second trajectory, in the units of the state.
-        every: periods between two renormalisations.
-        direction: (n,) of the first distance; a random one by default. One that keeps a symmetry
-            of the flow sees the exponent within it.
+        every: periods between two rescalings.
+        direction: (n,) of the initial difference; random by default. One that keeps a symmetry of
+            the flow gives the exponent within it.
         at: periods that have passed before y, see ``Flow``.
 
     Raises:
-        AnalysisError: the distance is not positive, or the two trajectories became one.
-        DivergenceError: a motion left the range of the flow.
+        AnalysisError: the distance is not positive, or the two trajectories became equal.
+        DivergenceError: the motion left the range of the flow.
     """
     if not distance > 0.0:
         raise AnalysisError(f"distance must be positive, got {distance}: try {DISTANCE:g}")
@@ -65,7 +66,9 @@ def over_distances(
     transient: int = 100,
     at: int = 0,
 ) -> Array:
-    """Exponent and standard error (m, 2) at each distance; NaN where the two became one."""
+    """Exponent and standard error (m, 2) at each distance; NaN where the trajectories became
+    equal.
+    """
     found = np.full((len(distances), 2), np.nan)
     path = _path(flow, y, transient + periods, at=at)
     for i, distance in enumerate(distances):
@@ -79,7 +82,7 @@ def over_distances(
 
 
 def _path(flow: Flow, y: Array, steps: int, every: int = 1, at: int = 0) -> Array:
-    """States (steps + 1, n) of the first trajectory, so many periods apart."""
+    """States (steps + 1, n) of the first trajectory, ``every`` periods apart."""
     path = [y]
     for i in range(steps):
         path.append(settle(flow, path[-1], every, at + i * every))
@@ -94,7 +97,7 @@ def _growth(
     direction: Array | None = None,
     at: int = 0,
 ) -> Array:
-    """Logarithmic growth (steps,) of the distance of the second trajectory between states."""
+    """Log growth (steps,) of the distance of the second trajectory between states of the first."""
     apart = np.random.default_rng(0).normal(size=flow.n) if direction is None else direction
     apart = distance * apart / np.linalg.norm(apart)
     logarithms = np.empty(len(path) - 1)

@@ -1,1 +1,1 @@
-"""What the nominal model leaves out: effects that the simulation and the diagnosis share."""
+"""Effects that the nominal model leaves out, shared by simulation and diagnosis."""

@@ -1,4 +1,4 @@
-"""A gear with effects, put together: the one place where effects change a model."""
+"""Put effects into a gear: the only place where effects change a model."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from herringbone_sim.effects.slots import Slots
 
 
 def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
-    """The effects that act on the machine; those of sensors change no motion."""
+    """Effects on the gear; those of sensors are left out, as they change no motion."""
     return tuple(one for one in actives if one.effect.level != "sensor")
 
 
 def in_slots(actives: Sequence[Active]) -> bool:
-    """Whether the slots of the gear hold all of these effects."""
+    """Whether the slots of the gear can represent all of these effects."""
     return all(one.effect.fill is not None for one in acting(actives))
 
 
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
-    """The gear of a model, whatever effects it had, with these.
+    """Model with the given effects in place of those that it had.
 
-    Where one of them has laws that no slot holds, the gear runs by the laws of all, see
-    ``by_laws``; the slots then tell its period, and where it has edges.
+    If an effect has laws that no slot represents, the gear is integrated by the laws of all
+    effects, see ``by_laws``; the slots then only give its period and the edges of its events.
 
     Raises:
         ParameterError: a locus that the gear or the effect doesn't have.
@@ -40,9 +40,9 @@ def assemble(model: Model, actives: Sequence[Active]) -> Model:
 
 
 def by_laws(model: Model, actives: Sequence[Active]) -> Model:
-    """The gear of a model with effects, run by their own laws; ParameterError as ``assemble``.
+    """Model with effects that is integrated by their own laws; ParameterError as ``assemble``.
 
-    A batch of such gears goes in lanes where one of the laws is written for them.
+    Batches of such gears run in lanes if one of the laws is written for lanes.
     """
     chosen = acting(actives)
     filled = _in_slots(model, [one for one in chosen if one.effect.fill is not None])
@@ -56,6 +56,7 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
 
 
 def _in_slots(model: Model, chosen: Sequence[Active]) -> Model:
+    """Model with the slots that effects fill."""
     slots, sizes = Slots(model), []
     for one in chosen:
         before = slots.n_own
@@ -72,13 +73,15 @@ def _in_slots(model: Model, chosen: Sequence[Active]) -> Model:
 
 
 def _keys(actives: Sequence[Active]) -> list[Hashable]:
-    """Effect, place, and how many such ones stand before it: by that a run goes on with it."""
+    """Key of each effect: id, locus and number among equal ones, so that a run can carry its
+    states over.
+    """
     places = [(one.effect.id, one.locus) for one in actives]
     return [(*place, places[:i].count(place)) for i, place in enumerate(places)]
 
 
 def build_with(parameters: Parameters, actives: Sequence[Active] = ()) -> Model:
-    """The gear of a parameter set with effects.
+    """Model of a parameter set with effects.
 
     Raises:
         ParameterError: as ``core.model.build`` and ``assemble``.
@@ -87,5 +90,5 @@ def build_with(parameters: Parameters, actives: Sequence[Active] = ()) -> Model:
 
 
 def changed(model: Model, parameters: Parameters) -> Model:
-    """The same effects on a gear of other parameters; ParameterError as ``core.model.build``."""
+    """Model of other parameters with the same effects; ParameterError as ``core.model.build``."""
     return build_with(parameters, model.effects)

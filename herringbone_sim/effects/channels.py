@@ -1,4 +1,4 @@
-"""What sensor effects share: which channels are concerned, and series with some replaced."""
+"""Channels of sensor effects: which ones an effect applies to, and series with some replaced."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PREFIXES = ("x", "v", "F")
 
 
 def distort(series: TimeSeries, actives: tuple[Active, ...]) -> TimeSeries:
-    """The series as the sensors show it; effects of other levels are passed over.
+    """Apply the sensor effects to a series; other effects are ignored.
 
     Raises:
         ParameterError: a channel that the series does not have.
@@ -30,29 +30,29 @@ def distort(series: TimeSeries, actives: tuple[Active, ...]) -> TimeSeries:
     return series
 
 
-def channels_of(series: TimeSeries, one: Active) -> tuple[str, ...]:
-    """Names of the channels that a sensor effect concerns."""
-    named = names_of(series.names, one)
+def channels_of(series: TimeSeries, sensor_effect: Active) -> tuple[str, ...]:
+    """Channels that a sensor effect applies to; ParameterError if the series lacks one."""
+    named = names_of(series.names, sensor_effect)
     missing = [name for name in named if name not in series]
     if missing:
         raise ParameterError(
-            f"{one.effect.id} concerns {listed(missing)}, the recording has "
+            f"{sensor_effect.effect.id} concerns {listed(missing)}, the recording has "
             f"{listed(series.names)}: name channels that it has"
         )
     return named
 
 
-def names_of(known: Sequence[str], one: Active) -> tuple[str, ...]:
-    """Channels that a sensor effect concerns: as it names them, or those known at its locus."""
-    wanted = one.chosen.get("channels", ())
+def names_of(known: Sequence[str], sensor_effect: Active) -> tuple[str, ...]:
+    """Channels that a sensor effect applies to: those it names, or those known at its locus."""
+    wanted = sensor_effect.chosen.get("channels", ())
     named: list[str] = []
     for name in (wanted,) if isinstance(wanted, str) else wanted:
-        named += _of_locus(known, one, name) if name in PREFIXES else [name]
+        named += _of_locus(known, sensor_effect, name) if name in PREFIXES else [name]
     return tuple(named)
 
 
 def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active, ...]:
-    """Those sensor effects that concern some of these channels and no others."""
+    """Sensor effects that apply to some of these channels and to no others."""
     found = []
     for one in actives:
         concerned = names_of(names, one)
@@ -62,8 +62,9 @@ def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active
     return tuple(found)
 
 
-def _of_locus(known: Sequence[str], one: Active, prefix: str) -> list[str]:
-    place = one.locus
+def _of_locus(known: Sequence[str], sensor_effect: Active, prefix: str) -> list[str]:
+    """Channels of a quantity at the locus of an effect."""
+    place = sensor_effect.locus
     found = []
     for name in known:
         kind, _, side = name.removeprefix(f"{prefix}_").partition("_")
@@ -77,7 +78,7 @@ def _of_locus(known: Sequence[str], one: Active, prefix: str) -> list[str]:
 
 
 def replaced(series: TimeSeries, columns: Mapping[str, Array]) -> TimeSeries:
-    """A copy with the samples (n,) of some channels replaced."""
+    """Copy of a series with the samples (n,) of some channels replaced."""
     data = series.data.copy()
     for name, values in columns.items():
         if name in series:
@@ -86,7 +87,7 @@ def replaced(series: TimeSeries, columns: Mapping[str, Array]) -> TimeSeries:
 
 
 def between(times: Array, values: Array, at: Array) -> Array:
-    """Values (m,) at times between the samples; the outermost hold beyond them."""
+    """Values (m,) interpolated at given times; constant beyond the first and last sample."""
     inside = np.clip(at, times[0], times[-1])
     found: Array = Akima1DInterpolator(times, values)(inside)
     return found

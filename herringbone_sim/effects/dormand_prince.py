@@ -1,7 +1,7 @@
-"""A step of the Runge-Kutta pair of Dormand and Prince, order 5(4), and tangents along it.
+"""One step of the Dormand-Prince pair of order 5(4), and tangent vectors over it.
 
-J. Comput. Appl. Math. 6, 19 (1980). A law is opaque, so the derivative of the slope along a
-tangent is a central difference, within the contact in which every mesh is.
+J. Comput. Appl. Math. 6, 19 (1980). The laws of effects are arbitrary code, so the derivative of
+the slope along a tangent is a central difference, taken with every mesh held in its contact state.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.packed import inlined
-from herringbone_sim.effects.instant import FREE, inside
+from herringbone_sim.effects.instant import FREE, clamp_to_contact
 from herringbone_sim.effects.law import PLAY, SHIFT, law
 from herringbone_sim.effects.run import LENGTH, slope_of
 
@@ -29,13 +29,17 @@ NODE = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 LOWER = np.array([5179 / 57600, 0.0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40])
 ERROR = np.append(A[6], 0.0) - LOWER
 
-TOLERANCE = 1e-9  # of a step, in b_c: 20 mesh cycles to 1e-6 by ``python -m benchmarks.effects``
-APART = 1e-6  # b_c: half of a central difference, the root of what rounding leaves of a slope
-FAR = 1e9  # b_c: beyond it the motion has diverged
+TOLERANCE = (
+    1e-9  # error of a step, b_c; 20 mesh cycles are then exact to 1e-6 (benchmarks.effects)
+)
+APART = 1e-6  # b_c: half of a central difference, near the root of the rounding error
+FAR = 1e9  # b_c: displacement beyond which the motion has diverged
 
 
 class Gear(NamedTuple):
-    """A gear by its laws as the compiled run takes it; n = n_mesh, s = size of a state."""
+    """Data of a gear integrated by laws, as compiled code takes it; n = n_mesh, s = size of a
+    state.
+    """
 
     e: Any
     site: tuple[Array, ...]
@@ -54,7 +58,7 @@ class Gear(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """Scratch of a step; i of 7 stages, the last one at its end."""
+    """Work arrays of a step with 7 stages, the last one at its end."""
 
     side: NDArray[np.int64]  # (n,) contacts that are kept for later
     z: Array  # (s,) state, own states in SI units
@@ -72,14 +76,16 @@ class Trial(NamedTuple):
 
 
 def trial(n: int, s: int) -> Trial:
-    """Scratch for n meshes and a state of s numbers."""
+    """Work arrays for n meshes and a state of s numbers."""
     sizes = (s, (7, s), (7, s), (7, n), 2, (4, 2 * n), (4, n), n, (7, s), s, s, (n, 3))
     return Trial(np.zeros(n, dtype=np.int64), *(np.zeros(size) for size in sizes))
 
 
 @law
 def slope(m, cycle, phase, y, dy):
-    """dy/dtau (s,) at a phase, kept between the bounds of the step; leaves it all in ``m.w``."""
+    """Write dy/dtau (s,) at a phase, limited to the bounds of the step; intermediate results in
+    ``m.w``.
+    """
     at = min(max(phase, m.r.bound[0]), m.r.bound[1])
     for k in range(y.size):
         m.r.z[k] = y[k] * m.unit[k]
@@ -90,17 +96,23 @@ def slope(m, cycle, phase, y, dy):
 
 @inlined
 def stage(m, i, cycle, phase):
-    """Slope of stage i, and what holds its deflections well inside for differences around it."""
+    """Compute the slope of stage i, and deflections moved inside their contact for differences
+    there.
+    """
     r, w = m.r, m.w
     slope(m, cycle, phase, r.y[i], r.rate[i])
     for j in range(w.x.size):
         x = m.g.x[j] + w.law[SHIFT, j]
-        r.hold[i, j] = inside(x, w.law[PLAY, j], w.side[j], 4.0 * APART * m.si[LENGTH]) - x
+        r.hold[i, j] = (
+            clamp_to_contact(x, w.law[PLAY, j], w.side[j], 4.0 * APART * m.si[LENGTH]) - x
+        )
 
 
 @law
 def attempt(m, cycle, phase, h):
-    """A step from stage 0 on, which is ready; the end is stage 6. Error over the tolerance."""
+    """Try a step of length h from stage 0; its end is stage 6. Returns the error over the
+    tolerance.
+    """
     r = m.r
     for i in range(1, 7):
         for k in range(r.z.size):
@@ -131,7 +143,9 @@ def length(v):
 
 @law
 def difference(m, cycle, phase, y, v, dv):
-    """Derivative of the slope at y along v into dv; deflections are moved by ``m.w.hold``."""
+    """Write the derivative of the slope at y along v into dv; deflections are moved by
+    ``m.w.hold``.
+    """
     r, size = m.r, length(v)
     for k in range(v.size):
         dv[k] = 0.0
@@ -147,7 +161,7 @@ def difference(m, cycle, phase, y, v, dv):
 
 @law
 def carry(m, cycle, phase, h, tangents):
-    """Tangents (k, s) over the step that was tried last, in place."""
+    """Carry tangents (k, s) over the step that was tried last, in place."""
     r, w = m.r, m.w
     for j in range(w.side.size):
         r.side[j] = w.side[j]

@@ -1,4 +1,4 @@
-"""What an effect is: its parameters, where it may sit, and its laws."""
+"""Definition of an effect: its parameters, its possible places, and its laws."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ LEVELS = ("mesh", "body", "sensor")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that says how large an effect is, or how it lies.
+    """A numeric parameter of an effect: its size, or a property of its shape.
 
     Attributes:
-        name, unit, text: as in a report; the text says what it is.
+        name, unit, text: as in a report; the text is its meaning.
         low, high: bounds.
         start: a moderate value to start a fit from.
-        neutral: value at which the effect changes nothing; None for one that says how it lies.
+        neutral: value at which the effect changes nothing; None for a property of its shape.
     """
 
     name: str
@@ -43,10 +43,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Option:
-    """A choice that is no number to fit: which member, which order, which law.
+    """A discrete choice of an effect: which member, which order, which law.
 
     Attributes:
-        choices: what may be chosen; empty for any text or list of texts.
+        choices: allowed values; empty for any text or list of texts.
     """
 
     name: str
@@ -57,14 +57,16 @@ class Option:
 
 @dataclass(frozen=True)
 class Locus:
-    """Meshes: kind ``sp``, ``rp`` or ``all``; planet ``1`` .. or ``all``; side or ``all``."""
+    """A set of meshes: kind ``sp``, ``rp`` or ``all``; planet ``1`` .. or ``all``; side or
+    ``all``.
+    """
 
     mesh: str = "all"
     planet: str = "all"
     side: str = "all"
 
     def mask(self, layout: Layout) -> Array:
-        """(n_mesh,) 1 on the meshes meant, 0 elsewhere; ParameterError when there are none."""
+        """(n_mesh,) 1 on the meshes of the locus, else 0; ParameterError if the gear has none."""
         planets = layout.planets if layout.numbered else ("all",)
         for name, value, known in (
             ("mesh", self.mesh, KINDS),
@@ -111,17 +113,17 @@ class Effect:
         level: ``mesh`` acts in the force law, ``body`` in the torque balance, ``sensor`` on the
             recording.
         parameters: in the order of ``theta``.
-        loci: patterns of where it may sit, as (mesh, planet, side): each part a name, ``all`` for
-            all together, or ``*`` for every single one in turn.
-        options: choices beside the parameters.
+        loci: patterns (mesh, planet, side) of possible places: each part a name, ``all`` for all
+            together, or ``*`` for each single one.
+        options: discrete choices.
         fill: (slots, theta, mask (n_mesh,), options) writes the effect into the slots of the gear,
-            see ``effects.slots``; None for one whose laws no slot holds.
+            see ``effects.slots``; None for an effect that no slot represents.
         place: rows ``site`` (rows, n_mesh) from the model, the mask of the locus and the options.
-        excite, react, drive: compiled, see ``effects.law``.
+        excite, react, drive: compiled laws, see ``effects.law``.
         states: (model) -> number of states of its own.
-        lanes: whether these are written for lanes, too, see ``effects.law``.
+        lanes: whether the laws are also written for lanes, see ``effects.law``.
         distort: of a sensor effect: (theta, series, channels) -> series.
-        reach: of a sensor effect: (theta) -> time [s] before or after a sample that it looks at.
+        reach: of a sensor effect: (theta) -> time [s] before or after a sample that it depends on.
     """
 
     id: str
@@ -148,13 +150,15 @@ class Effect:
 
     @property
     def neutral(self) -> Array:
-        """theta (p,) at which nothing changes; start values for what says how it lies."""
+        """theta (p,) at which nothing changes; start values for parameters without a neutral
+        value.
+        """
         values = [p.start if p.neutral is None else p.neutral for p in self.parameters]
         return np.array(values, dtype=float)
 
     @property
     def start(self) -> Array:
-        """theta (p,) to start from."""
+        """theta (p,) to start a fit from."""
         return np.array([p.start for p in self.parameters], dtype=float)
 
     @property
@@ -164,7 +168,7 @@ class Effect:
         return low, np.array([p.high for p in self.parameters], dtype=float)
 
     def candidates(self, layout: Layout) -> tuple[Locus, ...]:
-        """Every locus of a gear at which this effect may sit."""
+        """Every locus of a gear at which this effect may be."""
         planets = layout.planets if layout.numbered else ("all",)
         known = (KINDS, planets, SIDES)
         found: dict[Locus, None] = {}
@@ -181,13 +185,13 @@ class Effect:
 
 @dataclass(frozen=True)
 class Active:
-    """An effect with its size and place: what a parameter file or a hypothesis holds.
+    """An effect with its size and place, as in a parameter file or a hypothesis.
 
     Attributes:
-        effect: which.
+        effect: its definition.
         theta: (p,) its parameters.
-        locus: where.
-        options: choices by name; those left out are the effect's own start values.
+        locus: its place.
+        options: choices by name; missing ones have the effect's start values.
     """
 
     effect: Effect
@@ -210,10 +214,11 @@ def active(
     locus: Locus = ALL,
     values: Mapping[str, Any] | None = None,
 ) -> Active:
-    """An effect at a place with some parameters and options by name; the rest at their start.
+    """An effect at a place with parameters and options by name; missing ones at their start
+    values.
 
     Raises:
-        ParameterError: a name that it does not have, or a value outside its bounds.
+        ParameterError: an unknown name, or a value outside its bounds.
     """
     values = dict(values or {})
     theta = tuple(_number(effect, p, values.pop(p.name, p.start)) for p in effect.parameters)
@@ -227,6 +232,7 @@ def active(
 
 
 def _number(effect: Effect, p: Parameter, value: Any) -> float:
+    """Value of a parameter as a float; ParameterError unless it is a number within its bounds."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ParameterError(f"{p.name} of {effect.id} must be a number, got {shown(value)}")
     if value != p.neutral and not p.low <= value <= p.high:
@@ -238,6 +244,7 @@ def _number(effect: Effect, p: Parameter, value: Any) -> float:
 
 
 def _choice(effect: Effect, option: Option, value: Any) -> Any:
+    """Value of an option; ParameterError unless it is one of the choices."""
     value = tuple(value) if isinstance(value, list) else value
     if option.choices and value not in option.choices:
         raise ParameterError(

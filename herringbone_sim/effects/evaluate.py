@@ -1,7 +1,7 @@
-"""Forces and torques that a gear with effects has at recorded motion: what a diagnosis regresses.
+"""Evaluate the laws of a gear with effects at recorded motion; no trajectory is computed.
 
-The recorded x and v hold the nominal error e(t), so a displacement that nobody knows of shows in
-the force alone: F = k f(x + d) + c (v + d'). No trajectory is computed.
+Recorded x and v contain the nominal error e(t), so an unknown displacement d appears in the force
+only: F = k f(x + d) + c (v + d').
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ SUBSTEPS = 8
 
 @dataclass(frozen=True)
 class Motion:
-    """Recorded motion, as the laws read it.
+    """Recorded motion as the laws read it.
 
     Attributes:
         times: (n,) [s].
         now: (n, 5) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
-        x, v: (n, n_mesh) deflection [m] and rate [m/s].
-        force: (n, n_mesh) measured [N], which drives own states of effects; None if unmeasured.
+        x, v: (n, n_mesh) deflection [m] and its rate [m/s].
+        force: (n, n_mesh) measured [N], which drives states of effects; None if not measured.
     """
 
     times: Array
@@ -43,11 +43,11 @@ class Motion:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the gear answers to a motion.
+    """Forces and torques by the laws.
 
     Attributes:
         force: (n, n_mesh) normal mesh forces [N].
-        torque: (n, n_bodies) effects' torques over base radius [N], as u is signed.
+        torque: (n, n_bodies) torques of effects over base radius [N], signed like u.
     """
 
     force: Array
@@ -57,7 +57,8 @@ class Answer:
 def motion(model: Model, series: TimeSeries) -> Motion:
     """Motion of a recording with x and v of all meshes of the model.
 
-    The mesh frequency is the slope of ``phase``; without delta_T, T_1, K those of the model hold.
+    The mesh frequency is the slope of ``phase``; missing delta_T, T_1 and K are taken from the
+    model.
 
     Raises:
         AnalysisError: phase, or x or v of a mesh, is missing.
@@ -86,10 +87,10 @@ def motion(model: Model, series: TimeSeries) -> Motion:
 
 
 def answer(model: Model, actives: Sequence[Active], moved: Motion) -> Answer:
-    """Forces and torques of a gear with effects at a recorded motion.
+    """Mesh forces and torques of a gear with effects at recorded motion.
 
-    Own states of effects (ring, bearing) start at rest and follow the measured forces, so the
-    first few cycles of theirs are those of a start.
+    States of effects (ring, bearing) start at rest and follow the measured forces, so their first
+    few cycles contain a transient.
 
     Args:
         model: built for the operating point (delta_T sets the backlash).

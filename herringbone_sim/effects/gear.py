@@ -1,4 +1,4 @@
-"""The nominal gear and its active effects, laid out for the compiled laws, SI units."""
+"""Data of the nominal gear and its active effects for the compiled laws, SI units."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _NOTHING = Active(Effect("nothing", "fills a slot", "mesh", ()), ())
 
 
 class _Pointer:
-    """A compiled law as a pointer, so that one kernel runs whatever laws it is handed.
+    """A compiled law as a function pointer, so that one kernel runs with any laws.
 
-    Its type is worked out once: Numba asks for it at every call.
+    Its Numba type is computed once, because Numba asks for it at every call.
     """
 
     def __init__(self, function: Any, signature: Any) -> None:
@@ -53,12 +53,13 @@ class Laws:
     """Active effects for the kernel, padded to a multiple of four so that it is compiled once.
 
     Attributes:
-        excite, react, drive: the laws as pointers.
+        excite, react, drive: the laws as function pointers.
         theta: parameters, one array each.
         site: (rows, n_mesh) of each.
-        first: (n + 1,) where the own states of each begin.
-        n_active: effects, without the padding.
-        acts: (n, 2) whether each excites, and reacts: a call of a law that does nothing costs.
+        first: (n + 1,) index at which the states of each effect begin.
+        n_active: number of effects without the padding.
+        acts: (n, 2) whether each has ``excite`` and ``react``; calls of laws that do nothing are
+            skipped.
     """
 
     excite: tuple[Any, ...]
@@ -77,12 +78,12 @@ class Laws:
 
     @property
     def n_own(self) -> int:
-        """Own states of all effects together."""
+        """Number of states of all effects."""
         return int(self.first[-1])
 
 
 def laws(model: Model, actives: Sequence[Active]) -> Laws:
-    """Lay out active effects; those of sensors are left out, they don't change the machine.
+    """Data of active effects for the kernel, those of sensors left out.
 
     Raises:
         ParameterError: a locus that the gear or the effect doesn't have.
@@ -109,15 +110,16 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
 
 
 def _padded(actives: Sequence[Active]) -> list[Active]:
+    """Effects padded with ones that do nothing."""
     return [*actives, *[_NOTHING] * (-len(actives) % SLOTS or (0 if actives else SLOTS))]
 
 
 def pointers(
     actives: Sequence[Active], signatures: tuple[Any, Any, Any], lanes: bool = False
 ) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
-    """The laws excite, react and drive of effects, padded as ``Laws``.
+    """Function pointers to the laws excite, react and drive of effects, padded as ``Laws``.
 
-    With ``lanes`` those of effects that are written for lanes, and others that do nothing.
+    With ``lanes`` the laws for lanes; effects without such laws get ones that do nothing.
     """
     chosen = [one.effect if one.effect.lanes or not lanes else _NOTHING.effect for one in actives]
     every = [*chosen, *(one.effect for one in _padded(actives)[len(actives) :])]
@@ -129,9 +131,12 @@ def pointers(
     return excite, react, drive
 
 
-def _site(model: Model, one: Active) -> Array:
-    mask = one.locus.mask(model.layout)
-    rows: Array = np.ascontiguousarray(one.effect.place(model, mask, one.chosen), dtype=float)
+def _site(model: Model, active_effect: Active) -> Array:
+    """Rows (rows, n_mesh) of one effect."""
+    mask = active_effect.locus.mask(model.layout)
+    rows: Array = np.ascontiguousarray(
+        active_effect.effect.place(model, mask, active_effect.chosen), dtype=float
+    )
     return rows
 
 
@@ -139,6 +144,7 @@ _pointers: dict[tuple[Any, Any], Any] = {}
 
 
 def _pointer(function: Any, signature: Any) -> Any:
+    """Function pointer of a compiled law, made once."""
     if not hasattr(function, "compile"):
         return function
     key = (function, signature)
@@ -176,7 +182,7 @@ class Kernel(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What the kernel scribbles on; n = n_mesh, s = own states, b = bodies."""
+    """Work arrays of the laws; n = n_mesh, s = states of effects, b = bodies."""
 
     side: NDArray[np.int64]  # (n,) contact in which each mesh is held, or FREE
     law: Array  # (5, n)
@@ -191,7 +197,7 @@ class Scratch(NamedTuple):
 
 
 def scratch(model: Model, n_own: int) -> Scratch:
-    """Scratch for a model with so many own states of its effects."""
+    """Work arrays for a model with n_own states of effects."""
     n = model.layout.n_mesh
     sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own), n)
     free = np.full(n, FREE, dtype=np.int64)
@@ -200,7 +206,7 @@ def scratch(model: Model, n_own: int) -> Scratch:
 
 @contextmanager
 def pointers_allowed() -> Iterator[None]:
-    """Numba tells of every call through a pointer that this is experimental: once is enough."""
+    """Context without Numba's warning that calls through function pointers are experimental."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
         yield

@@ -1,4 +1,4 @@
-"""The force law with effects at one instant, and at recorded ones: compiled, SI units."""
+"""Compiled force law with effects at one instant, and at recorded ones, SI units."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from herringbone_sim.effects.law import (
     play,
 )
 
-FREE = 2  # of ``Scratch.side``: contact as the deflection has it
-BEYOND = 1e-15  # m: how far inside a contact a law sees a deflection that is on its border
+FREE = 2  # value of ``Scratch.side``: the contact state follows from the deflection
+BEYOND = 1e-15  # m: margin by which a deflection on an edge is moved into its contact state
 
 
 @inlined
-def inside(x, b, side, margin):
+def clamp_to_contact(x, b, side, margin):
     """Clamp a deflection x [m] into a contact state, ``margin`` [m] away from its border.
 
     Args:
@@ -41,12 +41,14 @@ def inside(x, b, side, margin):
 
 @inlined
 def instant(e, site, theta, gear, now, own, x, v, w):
-    """Forces and torques of one instant, in ``w.force`` and ``w.torque``; also in ``w.law``.
+    """Compute forces and torques of one instant into ``w.force`` and ``w.torque``, the laws into
+    ``w.law``.
 
-    ``e`` is a ``gear.Laws`` as the kernel takes it; x, v (n,) are deflections and rates without
-    the effects' displacements, which are added to give ``w.x`` and ``w.v``. Where ``w.side`` says
-    in which contact a mesh is (-1, 0, 1), its force goes on smoothly beyond the border, and
-    ``react`` sees a deflection inside: forces that jump or bend at contact do so between steps.
+    ``e`` is ``gear.Laws.kernel``; x, v (n,) are deflections and rates without the displacements of
+    effects, which are added to give ``w.x`` and ``w.v``. If ``w.side`` holds a mesh in a contact
+    state (-1, 0, 1), its force is continued smoothly beyond the edge of the backlash, and
+    ``react`` gets a deflection inside that state, so that jumps and kinks only occur between
+    steps.
     """
     for m in range(x.size):
         w.law[STIFFNESS, m] = gear[MEAN_K, m]
@@ -70,7 +72,7 @@ def instant(e, site, theta, gear, now, own, x, v, w):
             w.x[m] = shown + w.hold[m]
             f = play(w.x[m], b)
         else:
-            w.x[m] = inside(shown, b, side, BEYOND)
+            w.x[m] = clamp_to_contact(shown, b, side, BEYOND)
             f = shown - side * b if side != 0 else 0.0
         w.force[m] = w.law[STIFFNESS, m] * f + w.law[DAMPING, m] * w.v[m]
     w.torque[:] = 0.0
@@ -82,7 +84,7 @@ def instant(e, site, theta, gear, now, own, x, v, w):
 
 @inlined
 def own_slopes(e, site, theta, gear, now, own, force, slope):
-    """Rates (s,) of the effects' own states under mesh forces (n,)."""
+    """Write the rates (s,) of the states of effects under mesh forces (n,) into ``slope``."""
     for i in range(e.n_active):
         a, b = e.first[i], e.first[i + 1]
         if b > a:
@@ -91,7 +93,7 @@ def own_slopes(e, site, theta, gear, now, own, force, slope):
 
 @law
 def follow(e, site, theta, gear, now, own, here, there, w, h, substeps):
-    """Own states (s,) over a step h [s] in place, forces (n,) linear in between; RK4."""
+    """Advance states of effects (s,) over h [s] in place by RK4, forces (n,) linear in between."""
     step = h / substeps
     for k in range(substeps):
         for stage in range(4):
@@ -110,9 +112,9 @@ def follow(e, site, theta, gear, now, own, here, there, w, h, substeps):
 
 @law
 def recorded(e, site, theta, gear, times, now, x, v, measured, own, w, substeps, force, torque):
-    """Forces (samples, n) and torques (samples, bodies) of recorded motion, row by row.
+    """Compute forces (samples, n) and torques (samples, bodies) of recorded motion, row by row.
 
-    Own states follow the measured forces (samples, n), from ``own`` at the first sample on.
+    States of effects follow the measured forces (samples, n), starting from ``own``.
     """
     for i in range(x.shape[0]):
         instant(e, site, theta, gear, now[i], own, x[i], v[i], w)

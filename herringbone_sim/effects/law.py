@@ -1,23 +1,24 @@
-"""What the compiled laws of effects read and write: one instant, all meshes, SI units.
+"""Arguments of the compiled laws of effects: one instant, all meshes, SI units.
 
-An effect has up to three laws, each compiled by ``law`` and of one of these forms; all edit in
-place, in the order of ``react``'s arguments below::
+An effect has up to three laws, each compiled by ``law``, with one of these signatures. They work
+in place: excite changes ``law``, react changes ``force`` and ``torque``, drive writes ``slope``::
 
     excite(theta, site, gear, now, own, law)
     react(theta, site, gear, now, own, x, v, law, force, torque)
     drive(theta, site, gear, now, own, force, slope)
 
 Arrays, with n = n_mesh in the order of ``core.layout``:
+
     theta (p,): parameters of the effect, in its order.
-    site (rows, n): made by its ``place``; row 0 is 1 where the effect sits, else 0.
-    gear (rows, n): own constants of the meshes, see below.
+    site (rows, n): computed by its ``place``; row 0 is 1 on the meshes of the locus, else 0.
+    gear (rows, n): constants of the meshes without effects, see below.
     now (5,): unwrapped mesh phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
-    own (s,): states of its own, as displacement and rate; ``slope (s,)`` is their rate.
+    own (s,): states of the effect, displacement and rate alternating; ``slope (s,)``: their rates.
     law (5, n): stiffness k [N/m], damping c [N s/m], half-backlash b [m], and a displacement
         d [m] with its rate [m/s] that are added to the deflection: F = k f(x + d) + c (v + d').
-    x, v (n,): deflection [m] and rate [m/s], d and its rate included.
+    x, v (n,): deflection [m] and its rate [m/s], d and its rate included.
     force (n,): mesh forces [N]. torque (n_bodies,): torque over base radius [N] on s_L, s_R, c,
-        p1_L, ..., positive as the rotations u are.
+        p1_L, ..., positive like the rotations u.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ law: Any = njit(cache=True, **COMPILED)
 def stiffness_at(gear, m, phase):
     """k [N/m] of mesh m without effects at a phase [rad], Eq. (7).
 
-    Four rows of ``gear`` an order from ``HARMONICS`` on: cosine and sine of k, then of e.
+    From row ``HARMONICS`` on, ``gear`` has four rows per order: cosine and sine of k, then of e.
     """
     k = gear[MEAN_K, m]
     for j in range((gear.shape[0] - HARMONICS) // 4):
@@ -76,7 +77,7 @@ def error_slope_at(gear, m, phase):
 
 @law
 def shift_phase(gear, now, m, angle, own_law):
-    """k and e of mesh m together, ahead by an angle [rad]: order j shifts by j times it."""
+    """Advance k and e of mesh m by an angle [rad]: order j shifts by j times the angle."""
     phase = now[PHASE]
     ahead = phase + angle
     own_law[STIFFNESS, m] += stiffness_at(gear, m, ahead) - stiffness_at(gear, m, phase)
@@ -87,20 +88,24 @@ def shift_phase(gear, now, m, angle, own_law):
 
 @law
 def cycles_from_event(now, period, late, position):
-    """Mesh cycles from the nearest event; it comes every ``period`` cycles, first at position."""
+    """Mesh cycles from the nearest event, which recurs every ``period`` cycles from position +
+    late.
+    """
     s = now[PHASE] / TWO_PI - position - late
     return s - period * np.floor(s / period + 0.5)
 
 
 @law
 def bump(s, width):
-    """Raised cosine of height 1 around s = 0, zero beyond width / 2; same unit for both."""
+    """Raised cosine of height 1 around s = 0, zero beyond width / 2; s and width in the same
+    unit.
+    """
     return 0.5 + 0.5 * np.cos(TWO_PI * s / width) if abs(s) < 0.5 * width else 0.0
 
 
 @law
 def bump_slope(s, width):
-    """Derivative of ``bump`` by s."""
+    """Derivative of ``bump`` with respect to s."""
     inside = abs(s) < 0.5 * width
     return -0.5 * TWO_PI / width * np.sin(TWO_PI * s / width) if inside else 0.0
 
@@ -113,14 +118,14 @@ def play(x, b):
 
 @law
 def no_excite(theta, site, gear, now, own, law):
-    """Nothing is excited."""
+    """Law without excitation."""
 
 
 @law
 def no_react(theta, site, gear, now, own, x, v, law, force, torque):
-    """No force is changed."""
+    """Law that changes no force."""
 
 
 @law
 def no_drive(theta, site, gear, now, own, force, slope):
-    """No states of its own."""
+    """Law without states."""

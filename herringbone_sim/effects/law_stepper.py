@@ -1,7 +1,7 @@
-"""A gear with effects that no slot holds, integrated by the laws of all of its effects.
+"""Integrate a gear by the laws of its effects, where no slot represents one of them.
 
-The series of the core can't know what such an effect does, so the method is Runge-Kutta of order
-5 with steps of the length that the error asks for, cut at kinks, see ``effects.located``.
+The Taylor series of the core need the law in closed form; here the method is Runge-Kutta of order
+5 with error control, and steps end at kinks, see ``effects.located``.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 from herringbone_sim.core.integrate import Stepper, carrier_row
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import entry_point
+from herringbone_sim.core.run import Moving
 from herringbone_sim.effects.dormand_prince import Gear, trial
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.rows import cross, run
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-_ASKING = threading.Lock()  # filters of warnings belong to all threads
+_COMPILING = threading.Lock()  # warning filters are global to the process
 
 
 class _Stage(NamedTuple):
-    """Scratch of a slope; n = n_mesh."""
+    """Work arrays of a slope; n = n_mesh."""
 
     x: Array  # (n,) deflection with the nominal error [m]
     v: Array  # (n,) its rate [m/s]
@@ -35,10 +36,10 @@ class _Stage(NamedTuple):
 
 
 class LawStepper(Stepper):
-    """Advances states of a model by its effects' laws.
+    """Stepper of a model by the laws of its effects.
 
-    A state's ``y`` is that of the model, then the effects' own states, displacements over b_c and
-    rates over b_c omega_n.
+    The state ``y`` is that of the model followed by the states of the effects, displacements over
+    b_c and rates over b_c omega_n.
 
     Args:
         model: see ``assemble.by_laws``.
@@ -76,8 +77,8 @@ class LawStepper(Stepper):
         )
 
     @property
-    def compiled(self) -> bool:
-        """Whether this process has the kernel of gears by their laws ready."""
+    def is_compiled(self) -> bool:
+        """Whether this process has compiled the kernel for laws."""
         return bool(getattr(run, "signatures", True))
 
     @property
@@ -85,19 +86,16 @@ class LawStepper(Stepper):
         return run
 
     def _sample(
-        self,
-        y: Array,
-        tangents: Array,
-        columns: Array,
-        growth: Array,
-        place: Indices,
-        t: float,
-        rows: Array,
+        self, moving: Moving, t: float, rows: Array
     ) -> tuple[float, int, int, NDArray[Any]]:
+        """Fill rows and advance ``moving`` in place; returns time, rows filled, switches and
+        contact time.
+        """
         p = self.model.parameters
         spent = self.gear.r.spent
         spent[:] = 0.0
         stride = p.steps // p.samples_per_cycle
+        y, tangents, _, growth, place = moving
         end, filled, switches = self._call(
             run, y, tangents, growth, place, t, p.steps, stride, rows
         )
@@ -110,14 +108,14 @@ class LawStepper(Stepper):
         return y, tangents
 
     def _call(self, kernel: Any, *args: Any) -> Any:
-        """What a kernel gives for the gear; the types of the arguments are asked for once.
+        """Call a kernel for the gear; the types of its arguments are determined once.
 
-        Numba takes half a millisecond for those of a gear, more than for a mesh cycle.
+        Numba takes half a millisecond for the type of a gear, more than a mesh cycle.
         """
         if kernel not in self._entries:
             self._entries[kernel] = kernel
             if hasattr(kernel, "compile"):
-                with _ASKING, pointers_allowed():
+                with _COMPILING, pointers_allowed():
                     kinds = tuple(typeof(one) for one in (self.gear, *args))
                     self._entries[kernel] = entry_point(kernel, kinds)
         return self._entries[kernel](self.gear, *args)

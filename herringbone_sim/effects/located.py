@@ -1,8 +1,8 @@
-"""Steps of a gear by its laws that end where a law has a kink or a jump.
+"""Steps of a gear by laws that end at every kink or jump of a law.
 
-Known beforehand are the edges of the events in the gear's slots, and every half mesh cycle, where
-flanks pass the pitch point. Where a mesh makes or loses contact, and where a mesh force changes
-its sign, is found by trial steps of ever better length.
+Known in advance are the edges of the events in the gear's slots, and every half mesh cycle, where
+flanks pass the pitch point. Contact changes and sign changes of mesh forces are located by
+repeated trial steps.
 """
 
 from __future__ import annotations
@@ -15,20 +15,23 @@ from herringbone_sim.effects.dormand_prince import APART, FAR, attempt, carry, l
 from herringbone_sim.effects.law import PLAY, SHIFT, law
 from herringbone_sim.effects.run import FORCE, LENGTH, RATE
 
-FIRST = 0.06  # of 1 / omega_n: step tried first, a hundredth of a natural period
-SHORTEST = 1e-9  # of 1 / omega_n: a step so short is taken whatever its error
-INSIDE = 1e-9  # rad: how far inside a step the laws are evaluated that jump at its ends
-ON_BORDER = 1e-10  # b_c: how far past its border a step ends that is cut there
-ON_ZERO = 1e-7  # the same of a force, b_c omega_n^2 kg over the projection
-JUMP = 1e-7  # of a slope: more than that is no rounding
+# Lengths of steps are in units of 1 / omega_n.
+FIRST = 0.06  # first trial step, a hundredth of a natural period
+SHORTEST = 1e-9  # step that is accepted with any error
+INSIDE = 1e-9  # rad: margin inside a step at which laws that jump at its ends are evaluated
+ON_BORDER = 1e-10  # b_c: overshoot of a step that ends at an edge
+ON_ZERO = 1e-7  # overshoot of a force, b_c omega_n^2 kg over the projection
+JUMP = 1e-7  # difference of slopes above rounding
 TRIALS = 40
-RESIDUE = 1e-13  # of 1 / omega_n: rounding of what is left of a step
+RESIDUE = 1e-13  # remaining length that counts as rounding
 START, LOW, HIGH, END = range(4)
 
 
 @inlined
 def margins(m, row):
-    """Distance of each mesh from its next border and its pace, and of its force from zero."""
+    """Write the distance of each mesh from its next backlash edge and its rate, and of its force
+    from zero.
+    """
     r, w = m.r, m.w
     n = w.x.size
     for j in range(n):
@@ -46,7 +49,7 @@ def margins(m, row):
 
 @law
 def contact_now(m, cycle, phase, y):
-    """Hold every mesh in the contact in which its deflection is."""
+    """Set every mesh to the contact state of its deflection."""
     w = m.w
     for j in range(w.side.size):
         w.side[j] = 0
@@ -71,10 +74,10 @@ def gap_along(m, cycle, phase, j, v):
 
 @law
 def begin(m, cycle, phase, tangents):
-    """Make stage 0 ready, with every mesh in the contact that it goes to; returns 1
-    where any mesh switched.
+    """Prepare stage 0 with every mesh in the contact state that it enters; returns 1 if any
+    switched.
 
-    Where that makes the slope jump, tangents jump with it (saltation).
+    Where the switch makes the slope jump, the saltation matrix is applied to the tangents.
     """
     r, w = m.r, m.w
     n, switches = w.side.size, 0
@@ -115,7 +118,7 @@ def begin(m, cycle, phase, tangents):
 
 @law
 def root(a, b, slope_a, slope_b):
-    """Where in 0 .. 1 the cubic crosses zero that has values a > 0 > b and slopes at the ends."""
+    """Zero in 0 .. 1 of the cubic with values a > 0 > b and given slopes at its ends."""
     at = a / (a - b)
     for _ in range(4):
         c2 = 3.0 * (b - a) - 2.0 * slope_a - slope_b
@@ -130,7 +133,7 @@ def root(a, b, slope_a, slope_b):
 
 @law
 def passed(gap):
-    """Whether any margin is past its border at the end of the step that was tried last."""
+    """Whether any margin is negative at the end of the step that was tried last."""
     found = False
     for i in range(gap.shape[1]):
         found = found or (gap[END, i] < 0.0 and gap[END, i] < gap[START, i])
@@ -139,7 +142,9 @@ def passed(gap):
 
 @law
 def dip(gap, pace, h):
-    """Part of a step at which a margin open at both ends is least, if below zero; else 1."""
+    """Fraction of a step at which a margin, positive at both ends, is smallest, if negative; else
+    1.
+    """
     first = 1.0
     for j in range(pace.shape[1]):
         a, b = gap[START, j], gap[END, j]
@@ -157,7 +162,7 @@ def dip(gap, pace, h):
 
 @inlined
 def keep(gap, pace, of, into):
-    """Margins and paces as those of another place in the step."""
+    """Copy margins and rates from one row to another."""
     for i in range(gap.shape[1]):
         gap[into, i] = gap[of, i]
     for j in range(pace.shape[1]):
@@ -166,7 +171,7 @@ def keep(gap, pace, of, into):
 
 @law
 def guess(gap, pace, width):
-    """Part of the bracket at which the first border is passed, and how far past its end is."""
+    """Fraction of the bracket at which the first edge is passed, and the overshoot at its end."""
     n, part, worst = pace.shape[1], 1.0, 0.0
     for i in range(2 * n):
         if gap[HIGH, i] < 0.0 and gap[HIGH, i] < gap[START, i]:
@@ -182,7 +187,7 @@ def guess(gap, pace, width):
 
 @law
 def locate(m, cycle, phase, h):
-    """Shorten a step that passes a border to one that ends just past the first; its length."""
+    """Shorten a step that passes an edge to end just beyond the first one; returns its length."""
     r = m.r
     low, high, last = 0.0, h, h
     keep(r.gap, r.pace, START, LOW)
@@ -210,7 +215,7 @@ def locate(m, cycle, phase, h):
 
 @law
 def cut(m, cycle, phase, h):
-    """Length of a step that was tried: h, or up to where it first passes a border."""
+    """Length of a step that was tried: h, or up to where it first passes an edge."""
     if passed(m.r.gap):
         return locate(m, cycle, phase, h)
     part = dip(m.r.gap, m.r.pace, h)
@@ -226,9 +231,9 @@ def cut(m, cycle, phase, h):
 
 @law
 def piece(m, cycle, phase, reach, tangents):
-    """Advance stage 0 and tangents over a length within which no edge is known; switches, or -1.
+    """Advance stage 0 and tangents over a length without known edges; returns switches.
 
-    -1 tells that the motion has left all range.
+    Returns -1 if the motion diverged.
     """
     r, n, Omega = m.r, m.w.side.size, m.p.Omega
     middle = phase + 0.5 * reach * Omega
@@ -268,7 +273,7 @@ def piece(m, cycle, phase, reach, tangents):
 
 @law
 def to_edge(windows, Omega, cycle, phase):
-    """Dimensionless time to the next edge of an event of a slot or half mesh cycle."""
+    """Dimensionless time to the next edge of an event or the next half mesh cycle."""
     turn = phase / TWO_PI
     least = 0.5 * (math.floor(2.0 * (turn + ON_EDGE)) + 1.0) - turn
     for i in range(windows.shape[0]):
@@ -278,9 +283,9 @@ def to_edge(windows, Omega, cycle, phase):
 
 @law
 def grid_step(m, cycle, phase, h, y, tangents):
-    """Advance y (s,) and tangents (k, s) from one phase of the grid to the next; switches, or -1.
+    """Advance y (s,) and tangents (k, s) over one step of the phase grid; returns switches, or -1.
 
-    All starts anew there, so that a run is the same to the bit however it is cut into blocks.
+    Step control restarts at every grid point, so that a run is bitwise independent of its blocks.
     """
     r, done, switches = m.r, 0.0, 0
     for k in range(y.size):

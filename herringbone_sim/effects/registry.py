@@ -1,4 +1,4 @@
-"""Effects by name: those of the catalogue, of installed packages, and of a user's own files."""
+"""Effects by name: from the catalogue, from installed packages, and from a user's own files."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ VARIABLE = "HERRINGBONE_EFFECTS"
 
 
 def effects() -> dict[str, Effect]:
-    """All effects by id, in the order of their names.
+    """All effects by id, sorted by name.
 
-    They are ``EFFECT`` of the modules in ``effects.catalogue``, of the entry points of the group
-    ``herringbone_sim.effects``, and of the files that the environment variable
-    ``HERRINGBONE_EFFECTS`` lists, separated as in PATH.
+    Sources: ``EFFECT`` of the modules in ``effects.catalogue``, of the entry points of the group
+    ``herringbone_sim.effects``, and of the files listed in the environment variable
+    ``HERRINGBONE_EFFECTS``, separated as in PATH.
 
     Raises:
-        ParameterError: a file without ``EFFECT``, or two effects of one name.
+        ParameterError: a file without ``EFFECT``, or two effects with one name.
     """
-    return dict(_found(os.environ.get(VARIABLE, "")))
+    return dict(_all_effects(os.environ.get(VARIABLE, "")))
 
 
 def effect(name: str) -> Effect:
-    """The effect of an id; ParameterError says which there are."""
+    """Effect by its id; ParameterError lists the known ones."""
     known = effects()
     if name not in known:
         raise ParameterError(
@@ -46,7 +46,8 @@ def effect(name: str) -> Effect:
 
 
 @functools.cache
-def _found(paths: str) -> tuple[tuple[str, Effect], ...]:
+def _all_effects(paths: str) -> tuple[tuple[str, Effect], ...]:
+    """All effects for a value of the environment variable."""
     modules = [
         importlib.import_module(f"{catalogue.__name__}.{module.name}")
         for module in pkgutil.iter_modules(catalogue.__path__)
@@ -63,7 +64,7 @@ def _found(paths: str) -> tuple[tuple[str, Effect], ...]:
 
 
 def load_file(path: Path) -> ModuleType:
-    """Module of a Python file; ParameterError where that can't be."""
+    """Import a Python file as a module; ParameterError if it does not exist."""
     path = path.resolve()
     name = f"herringbone_effect_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
@@ -76,6 +77,7 @@ def load_file(path: Path) -> ModuleType:
 
 
 def _of(module: ModuleType) -> Effect:
+    """``EFFECT`` of a module."""
     one = getattr(module, "EFFECT", None)
     if not isinstance(one, Effect):
         raise ParameterError(f"{module} must hold EFFECT, an effects.effect.Effect, got {one!r}")

@@ -1,11 +1,11 @@
-"""The compiled run of a gear by its laws: over a grid of mesh phases, with rows or without."""
+"""Compiled run of a gear by laws over the phase grid, with samples or without."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from herringbone_sim.core.packed import LIMIT, TWO_PI
-from herringbone_sim.core.run import orthonormalise
+from herringbone_sim.core.run import orthonormalise, write_bodies
 from herringbone_sim.effects.instant import FREE
 from herringbone_sim.effects.law import PHASE, law
 from herringbone_sim.effects.located import grid_step
@@ -14,9 +14,11 @@ from herringbone_sim.effects.run import FREQUENCY_N, LENGTH, TILT, at_instant
 
 @law
 def write_row(m, t, y, row):
-    """One sample: head, x, v, F of the meshes, u of the bodies; returns the largest |x| / b_c."""
+    """Write one sample (head, x, v, F of the meshes, u of the bodies); returns the largest |x| /
+    b_c.
+    """
     w, g, now = m.w, m.g, m.now
-    n, bodies = w.force.size, m.carrier.size
+    n = w.force.size
     for j in range(n):
         w.side[j], w.hold[j] = FREE, 0.0
     for k in range(y.size):
@@ -31,23 +33,15 @@ def write_row(m, t, y, row):
         size = abs(w.x[j]) / m.si[LENGTH]
         if size > largest or np.isnan(size):
             largest = size
-    u_c = 0.0
-    for k in range(bodies):
-        u_c += m.carrier[k] * y[k]
-    first = 5 + 3 * n
-    for side in range(2):
-        row[first + side] = y[side] * m.si[TILT] + 2.0 * u_c
-    row[first + 2] = u_c
-    for k in range(2, bodies):
-        row[first + 1 + k] = y[k] * m.si[TILT] + u_c
+    write_bodies(y, m.carrier, m.si[TILT], 5 + 3 * n, row)
     return largest
 
 
 @law
 def run(m, y, tangents, growth, place, t, steps, stride, rows):
-    """Fill rows with samples ``stride`` steps of the grid apart; as ``core.run.sample``.
+    """Fill rows with samples ``stride`` grid steps apart, as ``core.run.sample``.
 
-    ``place`` is (cycle, index) and moves on; returns (time, rows filled, switches).
+    ``place`` is (cycle, index) and is advanced; returns (time, rows filled, switches).
     """
     h = TWO_PI / (m.p.Omega * steps)
     switches = 0

@@ -1,4 +1,4 @@
-"""A gear with effects as compiled code: its forces at an instant and its slope."""
+"""Compiled forces and slope of a gear with effects."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ LENGTH, RATE, FORCE, TILT, FREQUENCY_N = range(5)
 
 @inlined
 def at_instant(e, site, theta, gear, p, si, now, y, w, g):
-    """Deflections, rates, forces and torques of a state, left in ``g`` and ``w``, SI units.
+    """Compute deflections, rates, forces and torques of a state into ``g`` and ``w``, SI units.
 
-    ``si`` holds b_c [m], b_c omega_n [m/s], the unit of the mesh forces [N] (a mesh force of one
-    such unit accelerates by 1 / M), b_c / cos beta [m] and omega_n [rad/s].
+    ``si`` holds b_c [m], b_c omega_n [m/s], the unit of mesh forces [N] (a mesh force of one such
+    unit accelerates by 1 / M), b_c / cos beta [m] and omega_n [rad/s].
     """
     n = w.force.size
     m = 2 + n // 2
@@ -38,7 +38,7 @@ def at_instant(e, site, theta, gear, p, si, now, y, w, g):
 
 @inlined
 def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
-    """dy/dtau: Eqs. (18), (22) with the effects' forces and torques, then their own states."""
+    """Write dy/dtau: Eqs. (18), (22) with the forces and torques of effects, then their states."""
     now[PHASE] = TWO_PI * cycle + phase
     at_instant(e, site, theta, gear, p, si, now, y, w, g)
     n = w.force.size

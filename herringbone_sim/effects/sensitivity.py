@@ -1,11 +1,11 @@
-"""Derivatives by parameters of the gear and of effects, by name.
+"""Derivatives with respect to parameters of the gear and of effects, by name.
 
-A name is that of a parameter of ``core.parameters``, with an entry where it is a list
-(``delta_T``, ``k_factor[2]``), or that of a parameter of an effect,
-``ID@MESH/PLANET/SIDE:NAME`` (``mean_stiffness@sp:factor``). An effect that the gear does not have
-may be named too: it is put in at a billionth of its size, a law with a power of the deflection at
-a thousandth, so that the column tells what it would do. Its other values stand before the name,
-``profile_error@sp:order=3,cos``; of an effect that the gear has they say which one is meant.
+A name is that of a parameter of ``core.parameters``, with an index if it is a list (``delta_T``,
+``k_factor[2]``), or that of a parameter of an effect, ``ID@MESH/PLANET/SIDE:NAME``
+(``mean_stiffness@sp:factor``). An effect that the gear does not have may be named too: it is added
+at a billionth of its size (a law with a power of the deflection at a thousandth), so that the
+column shows what it would do. Its other values are written before the name,
+``profile_error@sp:order=3,cos``; for an effect that the gear has they select which one is meant.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from herringbone_sim.errors import ParameterError, shown
 
 Array = NDArray[np.float64]
 
-# About the cube root of the rounding: error of a central difference and of its rounding alike.
-STEP = 1e-5  # of the size of a parameter
-SMALL = 1e-9  # of its size, at which an effect that the gear lacks is put in
-# The same of a law with a power of the deflection: smaller, and the length of the steps no longer
-# sees that its series hold for a shorter time than those of the linear law.
+# About the cube root of the rounding error, where truncation and rounding of a difference balance.
+STEP = 1e-5  # relative to the size of a parameter
+SMALL = 1e-9  # relative size at which an effect that the gear lacks is added
+# The same for a law with a power of the deflection: if smaller, the step length no longer
+# reflects that its series converge over a shorter time than those of the linear law.
 SMALL_POWER = 1e-3
 NOT_SMOOTH = ("initial_x", "initial_v", "initial_noise", "control_order")
 BALANCES = ("T_2", "omega_n")
@@ -40,12 +40,15 @@ BALANCES = ("T_2", "omega_n")
 
 @dataclass(frozen=True)
 class _Named:
-    """A parameter by its name: of the gear (``field``) or of an effect (its number, -1 if none).
+    """A parameter found by its name: of the gear (``field``) or of an effect (its index, -1 if
+    none).
 
     Attributes:
+        name: as written.
+        value: present value.
         size: a scale of its value.
-        entry: its place in ``values``, or in theta of the effect.
-        values: all entries of a list, of which it is one; empty where it is a single value.
+        entry: its index in ``values``, or in theta of the effect.
+        values: all entries of a list parameter; empty for a single value.
     """
 
     name: str
@@ -58,13 +61,13 @@ class _Named:
 
 
 def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Direction]]:
-    """The gear with all effects that are named in it, and a direction for each name.
+    """The gear with all named effects, and a direction for each name.
 
-    Without a name of an effect that is at its neutral value the gear is ``model`` itself.
+    Without a name of an effect at its neutral value the gear is ``model`` itself.
 
     Raises:
-        ParameterError: a name that there is not, or of what has no derivative (a choice, a whole
-            number, a start value, a sensor).
+        ParameterError: an unknown name, or a parameter without a derivative (a choice, an integer,
+            a start value, a sensor).
     """
     parameters = model.parameters
     actives = list(acting(model.effects))
@@ -84,25 +87,27 @@ def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Directi
 
 
 def _changed(
-    parameters: Parameters, actives: Sequence[Active], one: _Named, value: float
+    parameters: Parameters, actives: Sequence[Active], named: _Named, value: float
 ) -> Model:
-    """The gear with another value of a parameter; beyond its bounds too, by a hair."""
-    if one.effect >= 0:
+    """Model with another value of a parameter; may exceed its bounds by the step of the
+    difference.
+    """
+    if named.effect >= 0:
         others = list(actives)
-        theta = list(others[one.effect].theta)
-        theta[one.entry] = value
-        others[one.effect] = others[one.effect].with_theta(theta)
+        theta = list(others[named.effect].theta)
+        theta[named.entry] = value
+        others[named.effect] = others[named.effect].with_theta(theta)
         return build_with(parameters, others)
-    values = list(one.values)
+    values = list(named.values)
     if values:
-        values[one.entry] = value
+        values[named.entry] = value
     moved = copy(parameters)
-    vars(moved)[one.field] = tuple(values) if values else value
+    vars(moved)[named.field] = tuple(values) if values else value
     return build_with(moved, actives)
 
 
 def _find(model: Model, actives: list[Active], name: str) -> _Named:
-    """Where a name stands; an effect that is not there yet is put behind ``actives``."""
+    """Find a parameter by its name; an effect that the gear lacks is appended to ``actives``."""
     if ":" in name:
         return _find_in_effect(model, actives, name)
     parts = re.fullmatch(r"\s*(\w+)(?:\[(\d+)\])?\s*", name)
@@ -137,6 +142,7 @@ def _find(model: Model, actives: list[Active], name: str) -> _Named:
 
 
 def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
+    """Find a parameter of an effect by its name."""
     head, _, tail = name.partition(":")
     *given, wanted = (part.strip() for part in tail.split(","))
     meant = parse_effect(f"{head}:{','.join(given)}")
@@ -172,23 +178,28 @@ def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
     return _Named(name, value, _size(p, value), effect=number, entry=entry)
 
 
-def _off_neutral(model: Model, one: Active) -> Active:
-    """The same with what is at its neutral value off it by a little of its size.
+def _off_neutral(model: Model, active_effect: Active) -> Active:
+    """Effect with parameters at their neutral value moved off it by a little of their size.
 
-    There it would be left out, and with it the events, powers or friction that it brings.
+    At the neutral value its events, powers or friction would be left out of the gear.
     """
-    parameters = one.effect.parameters
-    if all(v != p.neutral for p, v in zip(parameters, one.theta, strict=True)):
-        return one
-    sized = [p.start if v == p.neutral else v for p, v in zip(parameters, one.theta, strict=True)]
-    law = build_with(model.parameters, [one.with_theta(sized)]).packed.law
+    parameters = active_effect.effect.parameters
+    if all(v != p.neutral for p, v in zip(parameters, active_effect.theta, strict=True)):
+        return active_effect
+    sized = [
+        p.start if v == p.neutral else v
+        for p, v in zip(parameters, active_effect.theta, strict=True)
+    ]
+    law = build_with(model.parameters, [active_effect.with_theta(sized)]).packed.law
     bends = np.any((law[1] != 1.0) | ((law[2] != 0.0) & (law[3] != 0.0)))
     small = SMALL_POWER if bends else SMALL
-    pairs = zip(parameters, one.theta, strict=True)
-    return one.with_theta([v + small * _size(p, v) if v == p.neutral else v for p, v in pairs])
+    pairs = zip(parameters, active_effect.theta, strict=True)
+    return active_effect.with_theta(
+        [v + small * _size(p, v) if v == p.neutral else v for p, v in pairs]
+    )
 
 
 def _size(p: Parameter, value: float) -> float:
-    """A scale of a parameter of an effect: how far its start value is from doing nothing."""
+    """Scale of a parameter of an effect: the distance of its start value from the neutral one."""
     neutral = 0.0 if p.neutral is None or not np.isfinite(p.neutral) else p.neutral
     return max(abs(p.start - neutral), abs(value - neutral)) or 1.0

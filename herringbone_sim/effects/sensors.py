@@ -1,7 +1,7 @@
-"""What the sensors show of a run that goes on block by block: sensor effects, live.
+"""Apply sensor effects to a run that proceeds block by block.
 
-They distort what is published and recorded, never the machine. A clock that drifts goes on from
-where it stands when the drift begins, so time never jumps.
+They change what is published and recorded, never the motion. A drifting clock continues from its
+present reading, so the shown time never jumps.
 """
 
 from __future__ import annotations
@@ -23,13 +23,15 @@ from herringbone_sim.effects.gear import laws
 from herringbone_sim.errors import ParameterError
 
 Array = NDArray[np.float64]
-BESIDE = 4  # samples on each side that an interpolation between two of them looks at
-KEPT = 256  # samples kept for a sensor that looks back from its first one
+BESIDE = 4  # samples on each side that the interpolation needs
+HISTORY = 256  # samples kept for a sensor that looks back from its first one
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Shown time [s] at a time [s] of the machine; from there on the clock runs at its rate."""
+    """Reading of the sensors' clock at a simulation time [s], from which it runs at its own
+    rate.
+    """
 
     t_s: float = 0.0
     shown_s: float = 0.0
@@ -39,10 +41,10 @@ class Sensors:
     """The sensors of a run.
 
     Args:
-        machine: what runs.
-        actives: effects of the gear; all but those of sensors are passed over.
-        clock: how the clock stands as they begin.
-        before: samples (m, n_channels) of the machine before that, as far as they are known.
+        gear_stepper: of the running gear.
+        actives: effects of the gear; only those of sensors are used.
+        clock: reading of the clock at the start.
+        before: samples (m, n_channels) before the start, as far as they are known.
 
     Raises:
         ParameterError: channels that the gear doesn't have.
@@ -50,28 +52,30 @@ class Sensors:
 
     def __init__(
         self,
-        machine: Stepper,
+        gear_stepper: Stepper,
         actives: Sequence[Active],
         clock: Clock | None = None,
         before: Array | None = None,
     ) -> None:
-        names = machine.model.layout.channels
+        names = gear_stepper.model.layout.channels
         self.clock = clock or Clock()
-        self._machine = machine
+        self._stepper = gear_stepper
         self._actives = tuple(one for one in actives if one.effect.level == "sensor")
         self._reach_s = max((one.effect.reach(one.theta) for one in self._actives), default=0.0)
         self.before = np.empty((0, len(names))) if before is None else before
-        check_sensors(machine.model.layout, self._actives)
+        check_sensors(gear_stepper.model.layout, self._actives)
 
-    def followed(self, machine: Stepper, actives: Sequence[Active], t_s: float) -> Sensors:
-        """The sensors that go on from these at a time [s] of the machine."""
+    def followed(self, gear_stepper: Stepper, actives: Sequence[Active], t_s: float) -> Sensors:
+        """Sensors that continue from these at a simulation time [s], after a change of gear or
+        effects.
+        """
         mine = tuple(one for one in actives if one.effect.level == "sensor")
         clock = self.clock if mine == self._actives else Clock(t_s, self.shown_s(t_s))
-        return Sensors(machine, mine, clock, self.before)
+        return Sensors(gear_stepper, mine, clock, self.before)
 
     def shown_s(self, t_s: float) -> float:
-        """What the clock shows at a time [s] of the machine."""
-        probe = _some_samples(self._machine.model.layout, t_s)
+        """Reading of the clock at a simulation time [s]."""
+        probe = _some_samples(self._stepper.model.layout, t_s)
         return float(self._distorted(probe.data)[0, 0]) if self._actives else t_s + self._drift
 
     @property
@@ -81,29 +85,30 @@ class Sensors:
     def show(self, block: Block) -> Block:
         """The block with its rows as the sensors show them."""
         if not self._actives and not self._drift:
-            self.before = block.rows[-KEPT:]
+            self.before = block.rows[-HISTORY:]
             return block
         count = self._count(block)
         ahead = np.empty((0, block.rows.shape[1]))
         if count and not block.diverged:
-            ahead = self._machine.advance(_alone(block.end), count).rows
+            ahead = self._stepper.advance(_alone(block.end), count).rows
         rows = np.concatenate([self.before[-count:] if count else ahead, block.rows, ahead])
         first = min(count, len(self.before))
-        self.before = np.concatenate([self.before, block.rows])[-max(count, KEPT) :]
+        self.before = np.concatenate([self.before, block.rows])[-max(count, HISTORY) :]
         if len(rows) < 2:
             return block
         return replace(block, rows=self._distorted(rows)[first : first + len(block.rows)])
 
     def _count(self, block: Block) -> int:
-        """Samples before and after a block that its distortion looks at."""
+        """Number of samples before and after a block that its distortion depends on."""
         if not self._reach_s:
             return 0
-        p, s = self._machine.model.parameters, self._machine.model.scales
+        p, s = self._stepper.model.parameters, self._stepper.model.scales
         apart = 2.0 * math.pi / (p.Omega * s.omega_n * p.samples_per_cycle)
         return math.ceil(self._reach_s / apart) + BESIDE
 
     def _distorted(self, rows: Array) -> Array:
-        names = self._machine.model.layout.channels
+        """Rows as the sensors show them."""
+        names = self._stepper.model.layout.channels
         since = rows.copy()
         since[:, 0] -= self.clock.t_s
         shown = distort(TimeSeries(since[:, 0].copy(), since, names), self._actives)
@@ -116,13 +121,15 @@ class Sensors:
 
 
 def check_effects(model: Model, actives: Sequence[Active]) -> None:
-    """ParameterError for effects with places, members or channels that the gear doesn't have."""
+    """Raise ParameterError for effects with places, members or channels that the gear doesn't
+    have.
+    """
     laws(model, actives)
     check_sensors(model.layout, actives)
 
 
 def check_sensors(layout: Layout, actives: Sequence[Active]) -> None:
-    """ParameterError for a sensor effect that concerns channels that the gear doesn't have."""
+    """Raise ParameterError for a sensor effect on channels that the gear doesn't have."""
     for one in actives:
         if one.effect.level != "sensor":
             continue
@@ -135,6 +142,7 @@ def check_sensors(layout: Layout, actives: Sequence[Active]) -> None:
 
 
 def _some_samples(layout: Layout, t_s: float = 0.0) -> TimeSeries:
+    """Eight samples of zeros, one a second from t_s on."""
     data = np.zeros((8, len(layout.channels)))
     data[:, 0] = t_s + np.arange(8.0)
     return TimeSeries(data[:, 0].copy(), data, layout.channels)

@@ -1,4 +1,4 @@
-"""Where the teeth of a member meet: rows of ``site`` for events once a revolution."""
+"""When the teeth of a member meet each mesh: rows of ``site`` for events once a revolution."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def is_ring(layout: Layout) -> Array:
 
 
 def revolutions(model: Model, mask: Array, options: Options) -> Array:
-    """Rows mask, mesh cycles a revolution against the carrier, and when in cycles (3, n_mesh).
+    """Rows (3, n_mesh): mask, mesh cycles per revolution relative to the carrier, delay in cycles.
 
-    One place of the sun meets the planets in the order of their angles, one of the ring in the
+    A place of the sun meets the planets in the order of their angles, one of the ring in the
     opposite order; one of a planet meets the ring half a revolution after the sun.
 
     Raises:
-        ParameterError: meshes that the member has no part in.
+        ParameterError: meshes that the member is not part of.
     """
     member = options["member"]
     ring = is_ring(model.layout)
@@ -57,9 +57,9 @@ def revolutions(model: Model, mask: Array, options: Options) -> Array:
 
 
 def whole_cycles(model: Model, mask: Array, options: Options) -> Array:
-    """``revolutions`` for one tooth: it comes into mesh at the same mesh phase on every planet.
+    """``revolutions`` for a single tooth, with the delay rounded to whole mesh cycles.
 
-    All meshes have one phase, so a tooth is late by whole mesh cycles.
+    All meshes have the same phase, so a tooth enters every mesh at the same mesh phase.
     """
     rows = revolutions(model, mask, options)
     rows[2] = np.rint(rows[2])

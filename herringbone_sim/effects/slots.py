@@ -1,7 +1,9 @@
-"""What an effect may change in the compiled gear: slots of its mesh law and of its torques.
+"""Slots: the quantities of the compiled gear that an effect may change.
 
-An effect that is a change of these runs in the kernel of the gear itself, at its speed and with
-all that it can do; one that is not has compiled laws of its own, see ``effects.law``.
+An effect that only changes slots runs in the kernel of the gear itself, at its speed and with all
+its methods; other effects have compiled laws of their own, see ``effects.law``.
+
+Over 300 lines: every slot stands beside its translation for the kernel.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ class Slots:
 
     @property
     def n_own(self) -> int:
-        """Further coordinates so far."""
+        """Number of coordinates added so far."""
         return sum(len(own.seat) for own in self._own)
 
     def scale_stiffness(self, factor: Array) -> None:
@@ -63,15 +65,15 @@ class Slots:
         self._k = {order: rows * factor for order, rows in self._k.items()}
 
     def add_stiffness(self, order: float, cos: Array, sin: Array) -> None:
-        """Add a harmonic of an order of the mesh frequency to k, amplitudes (n,) [N/m]."""
+        """Add a harmonic to k, order of the mesh frequency, amplitudes (n,) [N/m]."""
         _add(self._k, order, cos, sin)
 
     def add_displacement(self, order: float, cos: Array, sin: Array) -> None:
-        """Add a harmonic to d, amplitudes (n,) [m]; the order need not be whole."""
+        """Add a harmonic to d, amplitudes (n,) [m]; the order may be any number."""
         _add(self._d, order, cos, sin)
 
     def add_torque(self, order: float, cos: Array, sin: Array) -> None:
-        """Add a harmonic to the torques over base radius, (n_bodies,) [N], as u is signed."""
+        """Add a harmonic to the torques over base radius (n_bodies,) [N], signed like u."""
         _add(self._torques, order, cos, sin)
 
     def add_event(
@@ -82,14 +84,14 @@ class Slots:
         stiffness: Array,
         displacement: Array,
     ) -> None:
-        """Add an event to meshes: a raised cosine of the mesh cycles, once in a while.
+        """Add a recurring event to meshes: a raised cosine of the mesh cycles.
 
         Args:
-            period: (n,) mesh cycles from one to the next.
-            position: (n,) mesh cycle of the middle of the first.
+            period: (n,) mesh cycles between events.
+            position: (n,) mesh cycle of the middle of the first event.
             width: mesh cycles from onset to end.
-            stiffness: (n,) share of k that is lost at the middle, 0 for none.
-            displacement: (n,) of d at the middle [m].
+            stiffness: (n,) relative loss of k at the middle, 0 for none.
+            displacement: (n,) d at the middle [m].
         """
         acts = (stiffness != 0.0) | (displacement != 0.0)
         when = np.stack([period, position], axis=1)
@@ -99,28 +101,32 @@ class Slots:
             self._windows.append((event, stiffness * here, displacement * here))
 
     def bend_spring(self, mask: Array, exponent: float, reference: float) -> None:
-        """Spring force k f (|f| / reference)^(exponent - 1), reference in m, on some meshes."""
+        """Change the spring force of some meshes to k f (|f| / reference)^(exponent - 1),
+        reference in m.
+        """
         here = mask > 0.0
         self._law[0, here], self._law[1, here] = reference / self.model.scales.b_c, exponent
 
     def bend_damping(self, mask: Array, share: float, power: float, depth: float) -> None:
-        """Damping c v [1 - share + share (|f| / depth)^power], depth in m, on some meshes."""
+        """Change the damping of some meshes to c v [1 - share + share (|f| / depth)^power], depth
+        in m.
+        """
         here = mask > 0.0
         self._law[2, here], self._law[3, here] = share, power
         self._law[4, here] = depth / self.model.scales.b_c
 
     def add_friction(self, constant: Array, lever: Array) -> None:
-        """Add torques of friction on the flanks, for a mesh force of 1 N.
+        """Add friction torques on the flanks, for a mesh force of 1 N.
 
         Args:
-            constant: (n, n_bodies) torque over base radius [N], before the pitch point of the
-                opposite sign.
-            lever: (n, n_bodies) the same for each turn of a mesh cycle from the pitch point.
+            constant: (n, n_bodies) torque over base radius [N], of opposite sign before the pitch
+                point.
+            lever: (n, n_bodies) the same per mesh cycle from the pitch point.
         """
         self._slide += np.stack([constant, lever])
 
     def add_coordinates(self, own: Coordinates) -> None:
-        """Add further coordinates, each on a spring of its own."""
+        """Add coordinates, each on a spring."""
         self._own.append(own)
         p = self.model.parameters
         order, phase = p.control_order, p.control_phase
@@ -138,7 +144,9 @@ class Slots:
                 self._own_loads[at] = row
 
     def shift_phase(self, mask: Array, angle: float) -> None:
-        """The gear's own k and e ahead by an angle [rad]: order j shifts by j times it."""
+        """Advance the gear's own k and e by an angle [rad]: order j shifts by j times the
+        angle.
+        """
         p, s = self.model.bare, self.model.scales
         for j, order in enumerate(p.orders):
             cos, sin = np.cos(order * angle) - 1.0, np.sin(order * angle)
@@ -150,7 +158,7 @@ class Slots:
                 add(float(order), unit * mask * more[0], unit * mask * more[1])
 
     def packed(self) -> Packed:
-        """The gear of these slots for the kernel."""
+        """The gear with these slots for the kernel."""
         model, p = self.model, self.model.bare
         s, layout = model.scales, model.layout
         extra = sorted({*self._k, *self._d} - set(p.orders.tolist()))
@@ -192,7 +200,7 @@ class Slots:
         )
 
     def _forces(self) -> dict[str, Any]:
-        """Fields of ``Packed`` that a gear without effects leaves empty."""
+        """Fields of ``Packed`` that are empty without effects."""
         model, s, n = self.model, self.model.scales, self.model.layout.n_mesh
         newton = s.b_c * s.omega_n**2 / s.projection  # a mesh force of 1 in the kernel
         m, bodies = model.layout.n_coordinate, len(model.layout.bodies)
@@ -221,8 +229,9 @@ class Slots:
         }
 
     def _of_bodies(self, torque: Array) -> Array:
-        """Dimensionless accelerations (..., m + 1) of suns and planets without what they share
-        with the carrier, and of the carrier, by torques (..., n_bodies).
+        """Dimensionless accelerations (..., m + 1) from torques (..., n_bodies).
+
+        Of suns and planets without the part they share with the carrier, then of the carrier.
         """
         p, s = self.model.bare, self.model.scales
         inverse = np.concatenate([p.inv_M_s, [p.inv_M_c], p.inv_M_p.ravel()])
@@ -230,7 +239,7 @@ class Slots:
         return np.concatenate([whole[..., :2], whole[..., 3:], whole[..., 2:3]], axis=-1)
 
     def _accelerations(self, torque: Array) -> Array:
-        """Dimensionless accelerations (..., m) of the coordinates by torques (..., n_bodies)."""
+        """Dimensionless accelerations (..., m) of the coordinates from torques (..., n_bodies)."""
         p, s = self.model.bare, self.model.scales
         carrier = torque[..., 2:3] * p.inv_M_c
         suns = torque[..., :2] * p.inv_M_s - 2.0 * carrier
@@ -243,14 +252,14 @@ class Slots:
 class Coordinates:
     """Coordinates u_j that effects add to a gear, s of them, SI units; b = n_bodies, n = n_mesh.
 
-    With F the mesh forces and H_j = k g(u_j) + c u_j' the springs' forces, u'' = force F + hold H
-    + load + K cos(..) control, and the bodies take torques over base radius body_force F +
-    body_hold H + body_load + K cos(..) body_control. g is the backlash function, its
-    corners rounded or not; without play it is the identity.
+    With F the mesh forces and H_j = k g(u_j) + c u_j' the spring forces, u'' = force F + hold H +
+    load + K cos(..) control, and the bodies get torques over base radius body_force F + body_hold
+    H + body_load + K cos(..) body_control. g is the backlash function, its corners rounded or not;
+    without clearance it is the identity.
 
     Attributes:
         shift: (s, n) displacement of each mesh for u_j = 1.
-        seat: (s, 4) k [N/m], c [N s/m], half of the play [m], rounding of its corners [m].
+        seat: (s, 4) k [N/m], c [N s/m], half of the clearance [m], rounding of its corners [m].
         force: (s, n) [1/kg]. hold: (s, s) [1/kg]. load, control: (s,) [m/s^2].
         body_force: (n, b) [-]. body_hold: (s, b) [-]. body_load, body_control: (b,) [N].
     """
@@ -268,7 +277,7 @@ class Coordinates:
 
 
 def _joined(all_own: Sequence[Coordinates], n: int, bodies: int) -> Coordinates:
-    """All further coordinates of a gear as one set."""
+    """All added coordinates of a gear as one set."""
     size = sum(len(own.seat) for own in all_own)
     hold, first = np.zeros((size, size)), 0
     for own in all_own:
@@ -289,12 +298,13 @@ def _joined(all_own: Sequence[Coordinates], n: int, bodies: int) -> Coordinates:
 
 
 def _add(rows: dict[float, Array], order: float, cos: Array, sin: Array) -> None:
+    """Add cosine and sine amplitudes to the harmonic of an order."""
     here = np.stack([cos, sin])
     rows[order] = rows[order] + here if order in rows else here
 
 
 def _rows(rows: dict[float, Array], orders: Sequence[float] | Array, n: int) -> Array:
-    """Cosine and sine amplitudes (2, orders, n), zero for orders that are not there."""
+    """Cosine and sine amplitudes (2, orders, n), zero for missing orders."""
     table = np.zeros((2, len(orders), n))
     for j, order in enumerate(orders):
         if float(order) in rows:

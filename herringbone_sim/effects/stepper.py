@@ -1,4 +1,4 @@
-"""Runs of a gear with effects: the stepper for some, a change of them, samples."""
+"""Run a gear with effects: its stepper, a change of effects, samples."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from herringbone_sim.errors import DivergenceError
 
 
 def stepper(model: Model, actives: Sequence[Active]) -> Stepper:
-    """The stepper of the gear of a model with effects; ParameterError as ``assemble``."""
+    """Stepper of a model with effects; ParameterError as ``assemble``."""
     return integrate.stepper(assemble(model, actives))
 
 
 def change(old: Stepper, new: Stepper, state: State) -> State:
-    """State with which a run goes on after a change of live parameters or effects.
+    """State that continues a run after a change of live parameters or effects.
 
-    Displacements and rates are kept, see ``core.integrate.change``. An effect that stays where it
-    was, of whatever size, keeps its own states; those of a new one are at rest. Tangents begin
-    anew, as many as there were.
+    Displacements and velocities are kept, see ``core.integrate.change``. An effect that stays at
+    its place keeps its states, whatever its size; states of a new one start at rest. Tangents
+    start anew, as many as before.
     """
     n = old.model.layout.n_state
     moved = integrate.change(old.model, new.model, replace(state, y=state.y[:n]))
@@ -41,13 +41,13 @@ def simulate(
 ) -> tuple[TimeSeries, State]:
     """Samples of whole mesh cycles of a gear with effects, and the state after them.
 
-    Sensor effects are in the samples, see ``channels.distort`` for them alone.
+    Sensor effects are applied to the samples; see ``channels.distort`` to apply them alone.
 
     Raises:
-        DivergenceError: the motion left the range of any gear.
+        DivergenceError: the state left the range of any physical motion.
     """
-    machine = stepper(model, actives)
-    block = machine.advance(state or machine.start(), cycles * model.parameters.samples_per_cycle)
+    made = stepper(model, actives)
+    block = made.advance(state or made.start(), cycles * model.parameters.samples_per_cycle)
     if block.diverged:
         raise DivergenceError(
             f"the motion diverged at t = {block.rows[-1, 0]:.6g} s with "

@@ -1,4 +1,4 @@
-"""A stretch of a motion with all its derivatives: what fits by shooting are made of."""
+"""Samples of a trajectory with all derivatives, for fits by shooting."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from herringbone_sim.core.sensitivity import Direction, in_units_of, need_series
 from herringbone_sim.effects.sensitivity import directions
 
 Array = NDArray[np.float64]
-NUDGE = 1e-6  # of a state, b_c and b_c omega_n, for the derivatives of samples
+NUDGE = 1e-6  # half of the difference of states (b_c, b_c omega_n) for derivatives of samples
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Samples of a stretch and their derivatives by its start and by p parameters.
+    """Samples and their derivatives with respect to the first state and to p parameters.
 
     Attributes:
-        model: the gear, with all effects in it that were named.
+        model: the gear with all named effects.
         directions: the parameters.
         states: (n, n_state) at each sample.
         transition: (n, n_state, n_state) dy/dy(first sample).
         columns: (n, p, n_state) dy/dtheta at the same mesh phase, see ``core.sensitivity``.
-        places: (n, 2) mesh cycle and step of each sample.
+        places: (n, 2) mesh cycle and grid step of each sample.
     """
 
     model: Model
@@ -45,7 +45,7 @@ class Trajectory:
 
     @cached_property
     def by_reading(self) -> Array:
-        """(n, n_channels, n_state) derivatives of the samples by the state at the sample."""
+        """(n, n_channels, n_state) derivatives of the samples with respect to the state there."""
         stepper, n = Stepper(self.model), self.model.n_state
         moved = NUDGE * np.eye(n)[:, None, :]
         sides = [
@@ -56,29 +56,31 @@ class Trajectory:
 
     @cached_property
     def by_start(self) -> Array:
-        """(n, n_channels, n_state) derivatives of the samples by the state at the first one."""
+        """(n, n_channels, n_state) derivatives of the samples with respect to the first state."""
         found: Array = self.by_reading @ self.transition
         return found
 
     @cached_property
     def by_parameters(self) -> Array:
-        """(n, n_channels, p) derivatives of the samples by the parameters, the start held."""
+        """(n, n_channels, p) derivatives of the samples with respect to the parameters, first
+        state fixed.
+        """
         own = [self._direct(one) for one in self.directions]
         through = self.by_reading @ self.columns.transpose(0, 2, 1)
         found: Array = through + np.array(own).reshape(-1, *self.rows.shape).transpose(1, 2, 0)
         return found
 
-    def _direct(self, one: Direction) -> Array:
-        """(n, n_channels) what a parameter does to the samples of the same states in SI."""
+    def _direct(self, direction: Direction) -> Array:
+        """(n, n_channels) derivative of the samples by a parameter at fixed states in SI."""
         sides = []
-        for gear in (one.plus, one.minus):
+        for gear in (direction.plus, direction.minus):
             states = in_units_of(gear, self.model, self.states)
             sides.append(Stepper(gear).read(states, self._places_in(gear)))
-        whole: Array = (sides[0] - sides[1]) / (2.0 * one.step)
+        whole: Array = (sides[0] - sides[1]) / (2.0 * direction.step)
         return whole
 
     def _places_in(self, gear: Model) -> NDArray[np.int64]:
-        """The same mesh phases on the grid of another gear, which may have another one."""
+        """Places of the same mesh phases on the grid of another gear."""
         steps, others = self.model.parameters.steps, gear.parameters.steps
         places: NDArray[np.int64] = self.places * np.array([1, others]) // np.array([1, steps])
         return places
@@ -92,14 +94,14 @@ def trajectory(
     cycle: int = 0,
     sample: int = 0,
 ) -> Trajectory:
-    """Samples from a state (n_state,) on, with derivatives by it and by parameters by name.
+    """Integrate from a state (n_state,), with derivatives by it and by named parameters.
 
     Args:
-        names: as ``effects.sensitivity`` has them.
+        names: as in ``effects.sensitivity``.
         cycle, sample: mesh cycle, and sample in it, of the state, which is that of the first row.
 
     Raises:
-        ParameterError: a name that there is not, ``method: rk4``, or effects by their own laws.
+        ParameterError: an unknown name, ``method: rk4``, or effects by their own laws.
     """
     need_series(model, "derivatives")
     gear, found = directions(model, names)

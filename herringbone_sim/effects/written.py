@@ -1,9 +1,8 @@
-"""Effects as they are written down: ``{effect, locus, parameters}`` in a list, or a line of text.
+"""Effects as text: ``{effect, locus, parameters}`` in a list, or a line of text.
 
-The text is ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``, several joined by ``;``. What is left out of
-the place is all, what is left out of the values has its start value; several channels of a sensor
-stand as ``channels=F_sp1_L+F_sp2_L``. Command line, parameter files, the node and recordings all
-take it.
+The line is ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``, several joined by ``;``. Omitted parts of the
+place mean all, omitted values have their start value; several channels of a sensor are written
+``channels=F_sp1_L+F_sp2_L``. Command line, parameter files, the node and recordings all use it.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ FORM = (
 
 
 def read_effects(content: Any) -> tuple[Active, ...]:
-    """Active effects of a text, or of a list of mappings; nothing is no effect.
+    """Active effects from a text or a list of mappings; empty input gives none.
 
     Raises:
-        ParameterError: another form, or an effect, a locus or a value that there is not.
+        ParameterError: another form, or an unknown effect, locus or value.
     """
     if content is None:
         return ()
@@ -37,10 +36,10 @@ def read_effects(content: Any) -> tuple[Active, ...]:
 
 
 def parse_effect(text: str) -> Active:
-    """Effect of a text ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``.
+    """Effect from a text ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``.
 
     Raises:
-        ParameterError: another form, or an effect, place or value that there is not.
+        ParameterError: another form, or an unknown effect, place or value.
     """
     head, _, tail = text.partition(":")
     name, _, place = head.partition("@")
@@ -63,6 +62,7 @@ def parse_effect(text: str) -> Active:
 
 
 def _number(text: str) -> float | int | str:
+    """Integer or float of a text, else the text."""
     for kind in (int, float):
         try:
             return kind(text)
@@ -72,6 +72,7 @@ def _number(text: str) -> float | int | str:
 
 
 def _read(entry: Any) -> Active:
+    """Effect from a mapping."""
     if not isinstance(entry, Mapping) or "effect" not in entry:
         raise ParameterError(
             f"an effect must be a mapping with its id, got {shown(entry)}: {FORM}"
@@ -89,34 +90,28 @@ def _read(entry: Any) -> Active:
     return active(effect(str(entry["effect"])), place, values)
 
 
-def write_effects(actives: Sequence[Active]) -> list[dict[str, Any]]:
-    """Plain mappings for YAML and JSON: the inverse of ``read_effects``."""
-    return [
-        {
-            "effect": one.effect.id,
-            "locus": vars(one.locus).copy(),
-            "parameters": parameter_values(one),
-        }
-        for one in actives
-    ]
-
-
-def parameter_values(one: Active) -> dict[str, Any]:
+def parameter_values(active_effect: Active) -> dict[str, Any]:
     """Parameters and options of an effect by name."""
-    numbers = {p.name: value for p, value in zip(one.effect.parameters, one.theta, strict=True)}
-    options = {k: list(v) if isinstance(v, tuple) else v for k, v in one.chosen.items()}
+    numbers = {
+        p.name: value
+        for p, value in zip(active_effect.effect.parameters, active_effect.theta, strict=True)
+    }
+    options = {k: list(v) if isinstance(v, tuple) else v for k, v in active_effect.chosen.items()}
     return numbers | options
 
 
 def effects_text(actives: Sequence[Active]) -> str:
-    """Active effects in one line of text: the inverse of ``read_effects`` too."""
+    """Active effects as one line of text, the inverse of ``read_effects``."""
     return "; ".join(_text(one) for one in actives)
 
 
-def _text(one: Active) -> str:
-    place = "/".join((one.locus.mesh, one.locus.planet, one.locus.side))
-    pairs = [f"{name}={_plain(value)}" for name, value in parameter_values(one).items()]
-    return f"{one.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
+def _text(active_effect: Active) -> str:
+    """Text of one effect."""
+    place = "/".join(
+        (active_effect.locus.mesh, active_effect.locus.planet, active_effect.locus.side)
+    )
+    pairs = [f"{name}={_plain(value)}" for name, value in parameter_values(active_effect).items()]
+    return f"{active_effect.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
 
 
 def _plain(value: Any) -> str:

@@ -18,7 +18,7 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.paper.regimes import POINTS
 from herringbone_sim.paper.scenarios import Array
-from herringbone_sim.sweeps.kept import Kept
+from herringbone_sim.sweeps.array_cache import ArrayCache
 
 CHUNK = 32
 NAMES = tuple(item.name for item in fields(Batch))
@@ -82,7 +82,7 @@ class Observer:
         workers: int = 2,
         done: Callable[[int], object] = lambda sets: None,
     ) -> None:
-        self._kept, self._workers, self._done = Kept(folder), workers, done
+        self._kept, self._workers, self._done = ArrayCache(folder), workers, done
 
     def batch(self, request: Request) -> Batch:
         """The batch of one request."""
@@ -96,7 +96,7 @@ class Observer:
             return [_joined([self._told(next(found)) for _ in own]) for own in pieces]
 
     def _one(self, chunk: Request) -> Batch:
-        arrays = self._kept.once(chunk.parts, lambda: vars(_run(chunk)))
+        arrays = self._kept.get(chunk.parts, lambda: vars(_run(chunk)))
         return Batch(**{**arrays, "reasons": tuple(map(str, arrays["reasons"]))})
 
     def _told(self, batch: Batch) -> Batch:

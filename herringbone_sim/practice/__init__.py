@@ -1,5 +1,5 @@
-"""Practice campaigns with known causes, and the score of what was said about them.
+"""Simulated practice campaigns with known causes, and the score of diagnoses made of them.
 
-Shares no integrator and no law of an effect with the diagnosis: laws are drawn from families of
-curves, noise from all kinds of sensors, so that a tool that knows only its own is found out.
+Shares no integrator and no effect law with the diagnosis: laws are drawn from families of curves
+and noise from all kinds of sensors, so that a diagnosis that only knows its own models is exposed.
 """

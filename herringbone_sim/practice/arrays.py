@@ -1,4 +1,4 @@
-"""A practice campaign as the diagnosis takes it, without writing a bag."""
+"""Pass a practice campaign to the diagnosis in memory, without writing bags."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from herringbone_sim.recording.reader import Recording
 
 
 def as_prepared(made: PracticeCampaign) -> PreparedCampaign:
-    """The recordings alone, laid out as ``prepared.prepare`` would; the label stays behind."""
+    """Prepared campaign with the recordings only, as ``prepared.prepare`` would load it; no
+    label.
+    """
     nominal = Parameters(model="full", samples_per_cycle=SAMPLES_PER_CYCLE)
     campaign = made.campaign
     runs = tuple(

@@ -1,4 +1,4 @@
-"""Baselines that need no diagnosis, as reports of the same schema."""
+"""Simple baselines that report in the schema of the diagnosis."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.practice.machine import MESHES, NOMINAL
 from herringbone_sim.practice.measure import rms
 from herringbone_sim.practice.record import law_force
+from herringbone_sim.practice.rig_model import MESHES, NOMINAL
 from herringbone_sim.recording.campaign import Campaign
 
 SCHEMA = "herringbone_sim/gap-report/1"
-NOTABLE = 1.3  # times the median residual of the meshes of its kind
-LOUD = 6.0  # times the noise, as a share of the force
+NOTABLE = 1.3  # residual over the median of its kind from which a single mesh is blamed
+LOUD = 6.0  # relative residual over the noise share from which a mesh kind is blamed
 
 
 def always_none(campaign: Campaign) -> dict[str, Any]:
-    """The report that never blames anything."""
+    """Report with the verdict ``none``."""
     return _report(campaign, "none", [("none", None)])
 
 
@@ -55,10 +55,12 @@ def largest_residual(campaign: Campaign, series: Sequence[TimeSeries]) -> dict[s
 
 
 def _blame(campaign: Campaign, locus: Mapping[str, str]) -> dict[str, Any]:
+    """Report that blames the mean stiffness at a locus."""
     return _report(campaign, "mean_stiffness", [("mean_stiffness", locus)])
 
 
 def _relative_residuals(series: TimeSeries, point: Mapping[str, float]) -> list[float]:
+    """RMS force-law residual over RMS force (12 values) of each mesh, with nominal constants."""
     x, v, force = (series.columns(tuple(f"{a}_{m}" for m in MESHES)) for a in "xvF")
     residual = force - law_force(NOMINAL, point, series["phase"], x, v)
     return [rms(residual[:, j]) / rms(force[:, j]) for j in range(len(MESHES))]
@@ -67,7 +69,8 @@ def _relative_residuals(series: TimeSeries, point: Mapping[str, float]) -> list[
 def _report(
     campaign: Campaign, verdict: str, causes: Sequence[tuple[str, Mapping[str, str] | None]]
 ) -> dict[str, Any]:
-    told = [
+    """Gap report with equal certainty on each cause."""
+    listed = [
         {"effect": effect, "locus": locus or {}, "probability": 1.0, "parameters": {}}
         for effect, locus in causes
     ]
@@ -76,7 +79,7 @@ def _report(
         "campaign": campaign.rig,
         "verdict": verdict,
         "effects": [] if verdict == "none" else [verdict],
-        "causes": told,
+        "causes": listed,
         "ambiguous_with": [],
         "gap": {"closure": 0.0},
     }

@@ -1,8 +1,8 @@
-"""The check on withheld effects: labels sealed first, campaigns diagnosed then, figures last.
+"""Bench of withheld effects: seal the labels, then diagnose the campaigns, then score.
 
-A folder holds ``bench.json`` (what was asked), ``seals.json``, ``labels/``, and ``reports/NAME/``
-with ``report.json``, ``baselines.json``, ``evidence.json`` and ``case.json``. What is there is
-kept, so a bench that was stopped goes on.
+A folder contains ``bench.json`` (settings), ``seals.json``, ``labels/``, and ``reports/NAME/``
+with ``report.json``, ``baselines.json``, ``evidence.json`` and ``case.json``. Existing files are
+kept, so an interrupted bench continues.
 """
 
 from __future__ import annotations
@@ -20,26 +20,32 @@ from tqdm import tqdm
 from herringbone_sim.errors import AnalysisError, shown
 from herringbone_sim.practice.frozen import Frozen, frozen, overlap
 from herringbone_sim.practice.label import read_label
-from herringbone_sim.practice.pool import pool
-from herringbone_sim.practice.trial import Setting, sources, trial, truth_of
+from herringbone_sim.practice.pool import LOCAL, Resources, pool
+from herringbone_sim.practice.trial import Setting, diagnose_case, label_of_seed, sources
 from herringbone_sim.recording import safe_json
 from herringbone_sim.recording.safe_json import JsonError
-from herringbone_sim.sweeps.kept import make_folder, whole
+from herringbone_sim.sweeps.output import make_folder, whole_file
 from herringbone_sim.version import VERSION
 
 Say = Callable[[str], None]
-AHEAD = 2  # tasks under way for each core: one computed, one waiting
+AHEAD = 2  # tasks submitted per core: one running, one waiting
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What is known of the thresholds' seeds: whether figures of these seeds may be reported."""
+class SeedOverlap:
+    """Overlap of the seeds with those that the weights of the judge were fitted on.
+
+    Attributes:
+        frozen: the weights file, None if there is none.
+        seeds: the seeds in common.
+    """
 
     frozen: Frozen | None
     seeds: tuple[int, ...]
 
     @property
     def text(self) -> str:
+        """The overlap in words, for tables."""
         return "seen while calibrating" if self.seeds else "not seen while calibrating"
 
 
@@ -48,15 +54,17 @@ def name_of(seed: int) -> str:
     return f"practice_{seed:06d}"
 
 
-def check_seeds(seeds: Sequence[int], calibration_family: bool, file: Path | None = None) -> Seen:
-    """Hold seeds against those that the thresholds were frozen on.
+def check_seeds(
+    seeds: Sequence[int], calibration_family: bool, file: Path | None = None
+) -> SeedOverlap:
+    """Compare seeds with those that the weights of the judge were fitted on.
 
     Args:
-        calibration_family: asked for on purpose: then they only mark the table.
-        file: of the thresholds; that of the package by default.
+        calibration_family: accept an overlap; it is then marked in the table.
+        file: weights file; that of the package by default.
 
     Raises:
-        AnalysisError: seeds of the thresholds without having been asked for.
+        AnalysisError: an overlap that was not accepted.
     """
     known = frozen(file)
     used = overlap(known, seeds)
@@ -66,33 +74,31 @@ def check_seeds(seeds: Sequence[int], calibration_family: bool, file: Path | Non
             f"thresholds in {known.path.name if known else ''} were frozen on: report on others, "
             "or give --calibration-family, which marks the table"
         )
-    return Seen(known, tuple(used))
+    return SeedOverlap(known, tuple(used))
 
 
 def run_bench(
     folder: Path,
     seeds: Sequence[int],
     setting: Setting,
-    seen: Seen,
-    workers: int = 2,
-    scheduler: str | None = None,
+    seed_overlap: SeedOverlap,
+    resources: Resources = LOCAL,
     again: bool = False,
     say: Say = print,
 ) -> None:
-    """Seal the labels of all seeds, then diagnose what is not yet.
+    """Seal the labels of all seeds, then diagnose the campaigns that have no report.
 
     Args:
-        again: diagnose again what other sources of the diagnosis gave a report to.
-        workers: processes of this machine; each computes on one thread.
-        scheduler: address of a Dask scheduler to run on instead.
+        resources: processes on this machine, or a Dask cluster.
+        again: repeat diagnoses whose report came from other sources of the diagnosis.
 
     Raises:
-        AnalysisError: a folder of another setting, or no scheduler.
+        AnalysisError: a folder with another setting, or no scheduler.
         RecordingError: a label that was changed after it was sealed.
     """
     make_folder(folder)
-    _note(folder, seeds, setting, seen)
-    with pool(workers, scheduler) as (executor, cores):
+    _note(folder, seeds, setting, seed_overlap)
+    with pool(resources.workers, resources.scheduler) as (executor, cores):
         seal_labels(folder, seeds, setting, executor, cores, say)
         seals = read_seals(folder)
         wanted = [(s, seals[name_of(s)]) for s in seeds if name_of(s) in seals]
@@ -102,7 +108,7 @@ def run_bench(
             for s, sealed in todo
         ]
         look = {"total": len(wanted), "initial": len(wanted) - len(todo), "desc": "diagnose"}
-        for task, files in _completed(executor, trial, tasks, AHEAD * cores, look):
+        for task, files in _completed(executor, diagnose_case, tasks, AHEAD * cores, look):
             place = make_folder(folder / "reports" / name_of(task[0]))
             for name, text in files.items():  # the report comes last: with it a case is done
                 _write(place / name, text)
@@ -116,7 +122,7 @@ def seal_labels(
     cores: int,
     say: Say = print,
 ) -> None:
-    """Make every label that is missing, and write down all seals before anything is diagnosed."""
+    """Make every missing label, and write all seals before anything is diagnosed."""
     make_folder(folder / "labels")
     left = read_json(folder / "left_out.json")
     todo = [
@@ -125,7 +131,7 @@ def seal_labels(
         if not _label(folder, name_of(s)).is_file() and name_of(s) not in left
     ]
     look = {"total": len(seeds), "initial": len(seeds) - len(todo), "desc": "seal labels"}
-    for task, (text, reason) in _completed(executor, truth_of, todo, AHEAD * cores, look):
+    for task, (text, reason) in _completed(executor, label_of_seed, todo, AHEAD * cores, look):
         if text is None:
             left[name_of(task[0])] = reason
             _write(folder / "left_out.json", _json(left))
@@ -144,12 +150,12 @@ def seal_labels(
 
 
 def read_seals(folder: Path) -> dict[str, str]:
-    """Seal of each label by name; empty before any was sealed."""
+    """Seal (SHA-256) of each label by name; empty before any was sealed."""
     return {str(name): str(value) for name, value in read_json(folder / "seals.json").items()}
 
 
 def read_json(file: Path) -> dict[str, Any]:
-    """Content of a JSON file, empty where there is none; AnalysisError where it is broken."""
+    """Content of a JSON file, empty if it does not exist; AnalysisError if it is invalid."""
     try:
         return safe_json.read_json(file)
     except FileNotFoundError:
@@ -159,7 +165,7 @@ def read_json(file: Path) -> dict[str, Any]:
 
 
 def finished(folder: Path) -> dict[str, str]:
-    """Seals of the campaigns that have a report."""
+    """Seals of the campaigns that have a report, by name."""
     return {
         name: sealed
         for name, sealed in read_seals(folder).items()
@@ -167,8 +173,8 @@ def finished(folder: Path) -> dict[str, str]:
     }
 
 
-def _note(folder: Path, seeds: Sequence[int], setting: Setting, seen: Seen) -> None:
-    """Write ``bench.json``; a folder has one setting, its seeds may grow."""
+def _note(folder: Path, seeds: Sequence[int], setting: Setting, seed_overlap: SeedOverlap) -> None:
+    """Write ``bench.json``; the setting of a folder is fixed, its seeds may grow."""
     before = read_json(folder / "bench.json")
     asked = json.loads(json.dumps(asdict(setting)))
     if before and before.get("setting") != asked:
@@ -182,7 +188,7 @@ def _note(folder: Path, seeds: Sequence[int], setting: Setting, seen: Seen) -> N
             f"{folder / 'bench.json'} must have seeds, a list of whole numbers, got "
             f"{shown(known_seeds)}: choose another --out"
         )
-    known = seen.frozen
+    known = seed_overlap.frozen
     content = {
         "schema": "herringbone_sim/bench/1",
         "setting": asked,
@@ -190,12 +196,13 @@ def _note(folder: Path, seeds: Sequence[int], setting: Setting, seen: Seen) -> N
         "version": VERSION,
         "sources": sources(),
         "calibration": known and {"file": known.path.name, "sha256": known.sha256},
-        "calibration_family": bool(seen.seeds or before.get("calibration_family")),
+        "calibration_family": bool(seed_overlap.seeds or before.get("calibration_family")),
     }
     _write(folder / "bench.json", _json(content))
 
 
 def _done(folder: Path, name: str, again: bool) -> bool:
+    """Whether a campaign has a report, with ``again`` one from the present sources."""
     place = folder / "reports" / name
     if not (place / "report.json").is_file():
         return False
@@ -215,7 +222,7 @@ def _json(content: Mapping[str, Any]) -> str:
 
 
 def _write(file: Path, text: str) -> None:
-    with whole(file) as handle:
+    with whole_file(file) as handle:
         handle.write(text.encode())
 
 
@@ -226,7 +233,7 @@ def _completed(
     most: int,
     look: Mapping[str, Any],
 ) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """Results in the order in which they come, with progress on a terminal."""
+    """Yield tasks with their results as they complete, with a progress bar on a terminal."""
     waiting, running = list(reversed(tasks)), dict[Future[Any], tuple[Any, ...]]()
     with tqdm(unit="campaign", disable=None, smoothing=0.05, **look) as bar:
         try:

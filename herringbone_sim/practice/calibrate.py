@@ -1,8 +1,8 @@
-"""Weights of the judge, fitted on practice campaigns, and the evidence that anyone can fit again.
+"""Fit the weights of the judge on practice campaigns, from evidence that is stored for refits.
 
-The evidence of a campaign is a line of JSON: seed, truth, stratum, numbers. Weights are those with
-the largest penalised likelihood; the penalty is the one that predicts campaigns best that were
-left out, in five folds.
+The evidence of a campaign is a line of JSON: seed, truth, stratum, numbers. The weights maximise
+the penalised likelihood; the penalty is the one with the best predictions of left-out campaigns in
+five-fold cross-validation.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ from herringbone_sim.practice.stored import stored_evidence
 Array = NDArray[np.float64]
 
 FOLDS = 5
-HELD = 0.9  # of the sizes in their intervals
+COVERAGE = 0.9  # wanted share of the sizes inside their 90 % intervals
 PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 
 @dataclass(frozen=True)
-class Practised:
-    """A practice campaign as the judge sees it.
+class CaseEvidence:
+    """Evidence and truth of a practice campaign.
 
     Attributes:
         seed: of the campaign.
         truth: effects; empty for none, ``("unknown",)`` for a cause outside the catalogue.
         stratum: noise, law, channels and d.
-        evidence: numbers.
-        sizes: error, standard deviation and true size of each parameter of the right effects.
+        evidence: numbers that the judge uses.
+        sizes: (error, standard deviation, true size) of each parameter of the correctly named
+            effects.
     """
 
     seed: int
@@ -50,6 +51,7 @@ class Practised:
     sizes: tuple[tuple[float, float, float], ...] = ()
 
     def written(self) -> dict[str, Any]:
+        """Content of its line of JSON."""
         return {
             "seed": self.seed,
             "truth": list(self.truth),
@@ -59,18 +61,18 @@ class Practised:
         }
 
 
-def practised(folder: Path) -> list[Practised]:
-    """Every finished campaign of a bench; see ``stored.stored_evidence`` for what it raises."""
+def bench_evidence(folder: Path) -> list[CaseEvidence]:
+    """Evidence of every finished campaign of a bench; raises as ``stored.stored_evidence``."""
     return [
-        practised_of(label, report, evidence)
+        case_evidence(label, report, evidence)
         for label, report, evidence in stored_evidence(folder)
     ]
 
 
-def practised_of(
+def case_evidence(
     label: Mapping[str, Any], report: Mapping[str, Any], evidence: Evidence
-) -> Practised:
-    """A campaign by its label, its report and its evidence."""
+) -> CaseEvidence:
+    """Evidence of a campaign from its label, its report and its stored numbers."""
     truth = tuple(sorted(label["truth"]))
     noise = label.get("noise", {})
     kind = noise.get("kind", "white") if isinstance(noise, dict) else str(noise)
@@ -82,24 +84,24 @@ def practised_of(
     )
     truth = () if truth == ("none",) else truth
     sizes = tuple(size_errors(label, report))
-    return Practised(int(label["seed"]), truth, stratum, evidence, sizes)
+    return CaseEvidence(int(label["seed"]), truth, stratum, evidence, sizes)
 
 
-def write_evidence(path: Path, campaigns: Iterable[Practised]) -> None:
-    """A line of JSON each."""
+def write_evidence(path: Path, campaigns: Iterable[CaseEvidence]) -> None:
+    """Write one line of JSON per campaign."""
     lines = [json.dumps(c.written(), separators=(",", ":")) for c in campaigns]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def read_evidence(path: Path) -> list[Practised]:
-    """What ``write_evidence`` wrote; AnalysisError for a line that is none of it."""
+def read_evidence(path: Path) -> list[CaseEvidence]:
+    """Read the file of ``write_evidence``; AnalysisError for an invalid line."""
     found = []
     for i, line in enumerate(path.read_text(encoding="utf-8").splitlines()):
         try:
             data = json.loads(line)
             noise, law, channels, d = data["stratum"]
             found.append(
-                Practised(
+                CaseEvidence(
                     int(data["seed"]),
                     tuple(data["truth"]),
                     (noise, law, channels, float(d)),
@@ -116,12 +118,15 @@ def read_evidence(path: Path) -> list[Practised]:
 
 
 @dataclass(frozen=True)
-class Calibrated:
-    """Fitted weights, the penalty, and figures of campaigns that were left out of the fit.
+class Calibration:
+    """Fitted weights, the penalty, and figures of cross-validation.
 
     Attributes:
-        relative: standard deviation of what models miss of a size, as a share of it.
-        covered: share of the true sizes in 90 % intervals of campaigns left out of its fit.
+        weights: (n,) by ``judge.NAMES``.
+        penalty: chosen from ``PENALTIES``.
+        figures: by stratum, from campaigns left out of the fit.
+        relative: standard deviation of the model error of a size, relative to the size.
+        covered: share of the true sizes inside their 90 % intervals, from left-out campaigns.
     """
 
     weights: Array
@@ -131,8 +136,8 @@ class Calibrated:
     covered: float
 
 
-def calibrate(campaigns: Sequence[Practised]) -> Calibrated:
-    """Weights and penalty of some campaigns.
+def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
+    """Fit weights, penalty and model error of the sizes.
 
     Raises:
         AnalysisError: fewer campaigns than folds.
@@ -153,26 +158,26 @@ def calibrate(campaigns: Sequence[Practised]) -> Calibrated:
             np.concatenate([z for z, k in zip(sizes, fold, strict=True) if bool(k == f) == mine])
             for mine in (False, True)
         )
-        held.append(_misses(own, missed(others)) <= 1.0)
+        held.append(_misses(own, model_error(others)) <= 1.0)
     covered = float(np.mean(np.concatenate(held))) if any(map(len, held)) else float("nan")
-    return Calibrated(
+    return Calibration(
         weights,
         penalty,
         by_stratum(campaigns, chances[penalty]),
-        missed(np.concatenate(sizes)),
+        model_error(np.concatenate(sizes)),
         covered,
     )
 
 
-def missed(sizes: Array) -> float:
-    """What models miss of a size, as a share of it, so that nine in ten intervals hold it.
+def model_error(sizes: Array) -> float:
+    """Relative model error of a size that makes 90 % of the 90 % intervals hold the truth.
 
     Args:
         sizes: (n, 3) error, standard deviation and size.
     """
 
     def uncovered(relative: float) -> float:
-        return float(np.mean(_misses(sizes, relative) <= 1.0)) - HELD
+        return float(np.mean(_misses(sizes, relative) <= 1.0)) - COVERAGE
 
     if not len(sizes) or uncovered(0.0) >= 0.0:
         return 0.0
@@ -182,12 +187,12 @@ def missed(sizes: Array) -> float:
 
 
 def _misses(sizes: Array, relative: float) -> Array:
-    """Errors over half of the 90 % interval."""
+    """Errors (n,) divided by half of the 90 % interval."""
     error, sd, size = sizes.T
     return np.asarray(np.abs(error) / (judge.HALF_90 * np.hypot(sd, relative * size) + 1e-300))
 
 
-def by_stratum(campaigns: Sequence[Practised], chances: Array) -> dict[str, dict[str, float]]:
+def by_stratum(campaigns: Sequence[CaseEvidence], chances: Array) -> dict[str, dict[str, float]]:
     """Headline figures of all campaigns, and by noise, truth and channels."""
     told = np.array([c.evidence.told for c in campaigns])
     healthy = np.array([not c.truth for c in campaigns])
@@ -205,10 +210,10 @@ def by_stratum(campaigns: Sequence[Practised], chances: Array) -> dict[str, dict
     return {name: headline(chances[on]) for name, on in strata.items() if on.any()}
 
 
-def left_out(campaigns: Sequence[Practised], penalty: float) -> Array:
-    """(n, 3) probability on the truth, of the first explanation, and whether that is true.
+def left_out(campaigns: Sequence[CaseEvidence], penalty: float) -> Array:
+    """(n, 3) probability on the truth, of the first explanation, and whether that is right.
 
-    Each campaign is judged by weights of the other folds.
+    Each campaign is judged with weights fitted on the other folds.
     """
     fold = np.random.default_rng(0).permutation(len(campaigns)) % FOLDS
     found = np.zeros((len(campaigns), 3))
@@ -220,10 +225,10 @@ def left_out(campaigns: Sequence[Practised], penalty: float) -> Array:
     return found
 
 
-def judged(one: Practised, weights: Array) -> tuple[float, float, float]:
-    """Probability on the truth, of the first explanation, and whether that is true."""
-    told = judge.chances(one.evidence, weights)
-    truth = tuple(sorted(one.truth))
+def judged(case: CaseEvidence, weights: Array) -> tuple[float, float, float]:
+    """Probability on the truth, of the first explanation, and whether that is right."""
+    told = judge.chances(case.evidence, weights)
+    truth = tuple(sorted(case.truth))
     effects = [tuple(sorted(c.effects)) for c in told]
     on_truth = sum(c.probability for c, e in zip(told, effects, strict=True) if e == truth)
     groups: dict[tuple[str, ...], float] = {}
@@ -234,7 +239,7 @@ def judged(one: Practised, weights: Array) -> tuple[float, float, float]:
 
 
 def headline(chances: Array) -> dict[str, float]:
-    """Probability on the truth, share right first, and the calibration error."""
+    """Log loss, probability on the truth, share right first, and calibration error."""
     return {
         "log loss": -float(np.mean(np.log(np.maximum(chances[:, 0], 1e-6)))),
         "probability on the truth": float(chances[:, 0].mean()),
@@ -245,17 +250,17 @@ def headline(chances: Array) -> dict[str, float]:
 
 
 def write_weights(
-    path: Path, found: Calibrated, campaigns: Sequence[Practised], sources: str
+    path: Path, calibration: Calibration, campaigns: Sequence[CaseEvidence], sources: str
 ) -> None:
-    """The file of the judge: weights, where they come from, and what they reach."""
+    """Write the weights file of the judge: weights, seeds, sources and achieved figures."""
     seeds = sorted({c.seed for c in campaigns})
     content = {
-        "weights": dict(zip(judge.NAMES, map(float, found.weights), strict=True)),
-        "relative error of a size": found.relative,
-        "coverage of 90 % intervals, left out": found.covered,
-        "penalty": found.penalty,
+        "weights": dict(zip(judge.NAMES, map(float, calibration.weights), strict=True)),
+        "relative error of a size": calibration.relative,
+        "coverage of 90 % intervals, left out": calibration.covered,
+        "penalty": calibration.penalty,
         "seeds": [[seeds[0], seeds[-1] + 1]],
         "sources": sources,
-        "figures of campaigns left out": found.figures,
+        "figures of campaigns left out": calibration.figures,
     }
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Make a practice campaign: solve for the size that was asked for, run, record, label."""
+"""Make a practice campaign: solve for the effect size, simulate, measure, label."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.practice.label import label_of
-from herringbone_sim.practice.machine import NOMINAL
+from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
 from herringbone_sim.practice.plan import FIT_RUNS, Plan
 from herringbone_sim.practice.record import series_of
+from herringbone_sim.practice.rig_model import NOMINAL
 from herringbone_sim.practice.solve import Solved, solve_plan
-from herringbone_sim.practice.take import largest, move, pooled, take
 from herringbone_sim.recording.campaign import Campaign, CampaignRun
 
 
@@ -22,10 +22,10 @@ class PracticeCampaign:
     """A campaign in memory.
 
     Attributes:
-        campaign: as ``recording.campaign.read_campaign`` gives it; paths are bare names.
+        campaign: as ``recording.campaign.read_campaign`` returns it; paths are bare names.
         series: recording of each run, in its order.
-        label: the truth; only a scorer reads it.
-        sensors: what the campaign tells of single channels.
+        label: the truth; only the scoring reads it.
+        sensors: data of single channels that ``campaign.yaml`` gives.
     """
 
     campaign: Campaign
@@ -35,33 +35,33 @@ class PracticeCampaign:
 
 
 def make_campaign(plan: Plan) -> PracticeCampaign:
-    """Solve for the sizes and run a plan: three seconds without effect, up to ten with two.
+    """Solve for the effect sizes of a plan and simulate it; takes up to ten seconds.
 
     Raises:
-        DivergenceError: a rig whose motion leaves the range of any gear even so.
+        DivergenceError: the state leaves the range of any gear at every size.
     """
     return run_plan(plan, solve_plan(plan))
 
 
 def solved_as(plan: Plan, label: Mapping[str, Any]) -> Solved:
-    """What ``solve_plan`` gave when a label of this plan was made, without solving again."""
+    """Causes and detectabilities from a label of this plan, without solving again."""
     return tuple(
-        (cause.sized(float(told["size"])), float(told["d"]))
-        for cause, told in zip(plan.causes, label["effects"], strict=True)
+        (cause.sized(float(entry["size"])), float(entry["d"]))
+        for cause, entry in zip(plan.causes, label["effects"], strict=True)
     )
 
 
 def run_plan(plan: Plan, solved: Solved) -> PracticeCampaign:
-    """Run a plan whose sizes are known; the same to the bit each time on one machine.
+    """Simulate a plan whose sizes are known; bitwise reproducible on one machine.
 
     Raises:
-        DivergenceError: a rig whose motion leaves the range of any gear.
+        DivergenceError: the state leaves the range of any gear.
     """
     rig = NOMINAL.scaled(plan.factors)
     causes = tuple(cause for cause, _ in solved)
-    moved = [move(plan, rig, causes, i) for i in range(len(plan.points))]
+    moved = [simulate_run(plan, rig, causes, i) for i in range(len(plan.points))]
     most = largest([one.now for one in moved])
-    takes = [take(plan, rig, causes, i, one, most) for i, one in enumerate(moved)]
+    takes = [observe_run(plan, rig, causes, i, one, most) for i, one in enumerate(moved)]
     series = tuple(
         series_of(one.motion, one.measured, point, plan.names, plan.channels == "shafts_rings")
         for one, point in zip(takes, plan.points, strict=True)
@@ -71,9 +71,11 @@ def run_plan(plan: Plan, solved: Solved) -> PracticeCampaign:
         for i, point in enumerate(plan.points)
     )
     if len(solved) == 1:
-        solved = ((causes[0], pooled([one.found for one in takes[:FIT_RUNS]])),)
-    label = label_of(plan, solved, runs, rig, [t.motion for t in takes], [t.found for t in takes])
-    told = plan.noise.share if plan.noise.told else None
-    campaign = Campaign(f"practice_{plan.seed}", told, runs)
+        solved = ((causes[0], pooled([one.measure for one in takes[:FIT_RUNS]])),)
+    label = label_of(
+        plan, solved, runs, rig, [t.motion for t in takes], [t.measure for t in takes]
+    )
+    share = plan.noise.share if plan.noise.share_given else None
+    campaign = Campaign(f"practice_{plan.seed}", share, runs)
     there = {name: one for name, one in plan.noise.sensors.items() if name in plan.names}
     return PracticeCampaign(campaign, series, label, there)

@@ -1,4 +1,4 @@
-"""The effects of the catalogue as a practice rig has them: where, of which shape, told how."""
+"""The effects of the catalogue on a practice rig: their places, shapes and parameters."""
 
 from __future__ import annotations
 
@@ -8,19 +8,30 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.practice import equip
-from herringbone_sim.practice.cause import ALL, Cause, Kind, anywhere, at, by_kind, sign
+from herringbone_sim.practice.cause import (
+    ALL,
+    Cause,
+    Kind,
+    at,
+    draw_kind_locus,
+    draw_locus,
+    draw_sign,
+)
 from herringbone_sim.practice.equip import CYCLES
 
 Drawn = tuple[dict[str, Any], dict[str, Any]]
-Told = dict[str, tuple[Any, str]]
+Parameters = dict[str, tuple[Any, str]]
 
 
 def _angle(rng: Generator) -> float:
+    """Draw an angle in -pi .. pi."""
     return float(rng.uniform(-np.pi, np.pi))
 
 
 def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """A tooth of the sun or ring meets every planet of its side; one of a planet sun and ring."""
+    """Tooth event: a tooth of sun or ring meets every planet of its side, one of a planet sun and
+    ring.
+    """
     member, side = str(rng.choice(list(CYCLES))), str(rng.choice(["L", "R"]))
     shape = {
         "member": member,
@@ -33,13 +44,15 @@ def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
     return at("sp" if member == "sun" else "rp", "all", side), shape
 
 
-def _tell_event(c: Cause, name: str, unit: str) -> Told:
+def _event_parameters(c: Cause, name: str, unit: str) -> Parameters:
+    """Parameters of a tooth event."""
     member = c.shape["member"]
-    told: Told = {name: (c.size, unit), "member": (member, "-")}
-    return told | ({"order": (CYCLES[member], "-")} if name == "depth" else {})
+    found: Parameters = {name: (c.size, unit), "member": (member, "-")}
+    return found | ({"order": (CYCLES[member], "-")} if name == "depth" else {})
 
 
 def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    """Draw member, phase and meshes of a run-out."""
     member = str(rng.choice(list(CYCLES)))
     shape = {"member": member, "phase": _angle(rng)}
     side = str(rng.choice(["L", "R", "all"]))
@@ -49,20 +62,25 @@ def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
 
 
 def _draw_damping(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """Damping by contact (power 0) or by load, at whose deflection it is the nominal one."""
+    """Damping by contact (power 0) or by load, equal to the nominal one at the drawn
+    deflection.
+    """
     power = float(rng.choice([0.0, 1.0, rng.uniform(0.2, 1.0)]))
-    return by_kind(rng), {"power": power, "depth": float(rng.uniform(1.5e-5, 4e-5))}
+    return draw_kind_locus(rng), {"power": power, "depth": float(rng.uniform(1.5e-5, 4e-5))}
 
 
 def _ripple_draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    """Draw order and phase of a torque ripple."""
     return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": _angle(rng)}
 
 
-def _told(name: str, unit: str, signed: bool = False) -> Any:
+def _size_parameter(name: str, unit: str, signed: bool = False) -> Any:
+    """Function that returns the size, with its sign if asked, as the only parameter."""
     return lambda c: {name: (c.size * (c.sign if signed else 1.0), unit)}
 
 
-def _tell_waves(unit: str) -> Any:
+def _wave_parameters(unit: str) -> Any:
+    """Function that returns order, cosine and sine of a harmonic."""
     return lambda c: {
         "order": (c.shape["order"], "-"),
         "cos": (c.size * np.cos(c.shape["angle"]), unit),
@@ -71,18 +89,20 @@ def _tell_waves(unit: str) -> Any:
 
 
 def _draw_waves(least: int) -> Any:
+    """Function that draws meshes, order and angle of a harmonic."""
     return lambda rng, _: (
-        anywhere(rng),
+        draw_locus(rng),
         {"order": int(rng.integers(least, 5)), "angle": _angle(rng)},
     )
 
 
 def _signed(locus: Any) -> Any:
-    return lambda rng, _: (locus(rng), {"sign": sign(rng)})
+    """Function that draws a locus and a sign."""
+    return lambda rng, _: (locus(rng), {"sign": draw_sign(rng)})
 
 
 def _anywhere_or_all(rng: Generator) -> dict[str, Any]:
-    return dict(ALL) if rng.random() < 0.25 else anywhere(rng)
+    return dict(ALL) if rng.random() < 0.25 else draw_locus(rng)
 
 
 def _one_planet(rng: Generator) -> dict[str, Any]:
@@ -94,12 +114,12 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         0.05,
         0.5,
-        _signed(anywhere),
+        _signed(draw_locus),
         equip.mean_stiffness,
         lambda c: {"factor": (1.0 + c.sign * c.size, "-")},
     ),
     "stiffness_harmonic": Kind(
-        "law", 0.05, 0.5, _draw_waves(1), equip.stiffness_harmonic, _tell_waves("-")
+        "law", 0.05, 0.5, _draw_waves(1), equip.stiffness_harmonic, _wave_parameters("-")
     ),
     "stagger": Kind(
         "law",
@@ -107,10 +127,10 @@ CATALOGUE: dict[str, Kind] = {
         1.0,
         _signed(lambda rng: at(side=str(rng.choice(["L", "R"])))),
         equip.shift,
-        _told("phase", "rad", True),
+        _size_parameter("phase", "rad", True),
     ),
     "planet_phase": Kind(
-        "law", 0.05, 1.0, _signed(_one_planet), equip.shift, _told("phase", "rad", True)
+        "law", 0.05, 1.0, _signed(_one_planet), equip.shift, _size_parameter("phase", "rad", True)
     ),
     "tooth_crack": Kind(
         "law",
@@ -118,7 +138,7 @@ CATALOGUE: dict[str, Kind] = {
         0.9,
         _draw_event,
         lambda p, c, _: equip.event(p, c, 3),
-        lambda c: _tell_event(c, "depth", "-"),
+        lambda c: _event_parameters(c, "depth", "-"),
     ),
     "tooth_spall": Kind(
         "law",
@@ -126,7 +146,7 @@ CATALOGUE: dict[str, Kind] = {
         6e-5,
         _draw_event,
         lambda p, c, _: equip.event(p, c, 4),
-        lambda c: _tell_event(c, "height", "m"),
+        lambda c: _event_parameters(c, "height", "m"),
     ),
     "runout": Kind(
         "law",
@@ -141,7 +161,12 @@ CATALOGUE: dict[str, Kind] = {
         },
     ),
     "pin_position": Kind(
-        "law", 2e-6, 3e-5, _signed(_one_planet), equip.pin_position, _told("offset", "m", True)
+        "law",
+        2e-6,
+        3e-5,
+        _signed(_one_planet),
+        equip.pin_position,
+        _size_parameter("offset", "m", True),
     ),
     "backlash_offset": Kind(
         "law",
@@ -149,32 +174,37 @@ CATALOGUE: dict[str, Kind] = {
         2e-5,
         _signed(_anywhere_or_all),
         equip.backlash_offset,
-        _told("offset", "m", True),
+        _size_parameter("offset", "m", True),
     ),
     "thermal_backlash": Kind(
-        "law", 4e-8, 3e-7, _signed(by_kind), equip.thermal_backlash, _told("rate", "m/K", True)
+        "law",
+        4e-8,
+        3e-7,
+        _signed(draw_kind_locus),
+        equip.thermal_backlash,
+        _size_parameter("rate", "m/K", True),
     ),
     "thermal_stiffness": Kind(
         "law",
         1e-3,
         1e-2,
-        lambda rng, _: (by_kind(rng), {}),
+        lambda rng, _: (draw_kind_locus(rng), {}),
         equip.thermal_stiffness,
-        _told("rate", "1/K"),
+        _size_parameter("rate", "1/K"),
     ),
     "tooth_friction": Kind(
         "body",
         0.05,
         0.4,
-        lambda rng, _: (by_kind(rng), {}),
+        lambda rng, _: (draw_kind_locus(rng), {}),
         equip.tooth_friction,
-        _told("mu", "-"),
+        _size_parameter("mu", "-"),
     ),
     "contact_nonlinearity": Kind(
         "law",
         0.03,
         0.5,
-        lambda rng, _: (by_kind(rng), {}),
+        lambda rng, _: (draw_kind_locus(rng), {}),
         equip.contact_nonlinearity,
         lambda c: {"exponent": (1.0 + c.size, "-")},
     ),
@@ -184,10 +214,10 @@ CATALOGUE: dict[str, Kind] = {
         1.0,
         _draw_damping,
         equip.damping_law,
-        _told("share", "-"),
+        _size_parameter("share", "-"),
     ),
     "profile_error": Kind(
-        "law", 2e-6, 3e-5, _draw_waves(2), equip.profile_error, _tell_waves("m")
+        "law", 2e-6, 3e-5, _draw_waves(2), equip.profile_error, _wave_parameters("m")
     ),
     "ring_flexibility": Kind(
         "law",
@@ -203,7 +233,7 @@ CATALOGUE: dict[str, Kind] = {
         2.5e-5,
         lambda rng, _: (_one_planet(rng), {}),
         equip.bearing_clearance,
-        _told("clearance", "m"),
+        _size_parameter("clearance", "m"),
         least=5e-7,
     ),
     "torque_ripple": Kind(

@@ -1,4 +1,4 @@
-"""A cause: which effect, where, of which shape and size; the truth that a label holds."""
+"""A cause: an effect with its place, shape and size, as the label holds it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.machine import MESHES, Array, Machine
+from herringbone_sim.practice.rig_model import MESHES, Array, RigModel
 
 ALL = {"mesh": "all", "planet": "all", "side": "all"}
 Point = Mapping[str, float]
@@ -20,11 +20,11 @@ class Cause:
     """One effect in one rig.
 
     Attributes:
-        effect: id of the catalogue, or ``unknown``.
+        effect: id in the catalogue, or ``unknown``.
         internal: name in the tables of this package.
         locus: mesh, planet, side; of sensors also the channels.
-        shape: what was drawn besides the size.
-        size: what is solved for, positive, in the unit of the first parameter.
+        shape: drawn properties other than the size.
+        size: solved for, positive, in the unit of the first parameter.
     """
 
     effect: str
@@ -34,42 +34,45 @@ class Cause:
     size: float = 1.0
 
     def sized(self, size: float) -> Cause:
+        """The same cause with another size."""
         return replace(self, size=size)
 
     @property
     def sign(self) -> float:
+        """Drawn sign, 1 if the effect has none."""
         return float(self.shape.get("sign", 1.0))
 
     @property
     def meshes(self) -> Array:
-        """(12,) 1 where the locus holds."""
+        """(12,) 1 on the meshes of the locus, else 0."""
         return mesh_mask(self.locus)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """How an effect is drawn, changes the machine and is told.
+    """How a kind of effect is drawn, applied and labelled.
 
     Attributes:
-        sense: where it shows: ``law``, ``body`` or ``sensor``.
+        sense: where it shows: ``law`` (mesh force law), ``body`` (balance of a body) or
+            ``sensor``.
         start, cap: size that is tried first, and the largest one.
-        least: the smallest one that makes sense.
-        draw: locus and shape, among the channels that there are.
-        apply: the machine with the effect (none for sensors).
-        tell: parameters of the catalogue: name to (value, unit).
+        draw: draws locus and shape from the recorded channels.
+        apply: rig model with the effect (unchanged for sensors).
+        parameters: parameters in the catalogue: name to (value, unit).
+        least: smallest size.
     """
 
     sense: str
     start: float
     cap: float
     draw: Callable[[Generator, tuple[str, ...]], tuple[dict[str, Any], dict[str, Any]]]
-    apply: Callable[[Machine, Cause, Point], Machine]
-    tell: Callable[[Cause], dict[str, tuple[Any, str]]]
+    apply: Callable[[RigModel, Cause, Point], RigModel]
+    parameters: Callable[[Cause], dict[str, tuple[Any, str]]]
     least: float = 0.0
 
 
 def mesh_mask(locus: Mapping[str, Any]) -> Array:
-    """(12,) 1 on the meshes of a locus."""
+    """(12,) 1 on the meshes of a locus, else 0."""
     wanted = [str(locus.get(name, "all")) for name in ("mesh", "planet", "side")]
     parts = [(m[:2], m[2], m[4]) for m in MESHES]
     inside = [
@@ -80,16 +83,17 @@ def mesh_mask(locus: Mapping[str, Any]) -> Array:
 
 
 def at(mesh: str = "all", planet: int | str = "all", side: str = "all") -> dict[str, Any]:
-    """A locus."""
+    """Locus from mesh kind, planet and side."""
     return {"mesh": mesh, "planet": str(planet), "side": side}
 
 
-def sign(rng: Generator) -> float:
+def draw_sign(rng: Generator) -> float:
+    """Draw -1 or 1."""
     return float(rng.choice([-1.0, 1.0]))
 
 
-def anywhere(rng: Generator) -> dict[str, Any]:
-    """All meshes of a kind, of a kind and planet, or a single mesh."""
+def draw_locus(rng: Generator) -> dict[str, Any]:
+    """Draw a locus: all meshes of a kind, those of one planet, or a single mesh."""
     mesh, planet = str(rng.choice(["sp", "rp"])), int(rng.integers(1, 4))
     which = int(rng.integers(3))
     if which == 0:
@@ -97,6 +101,6 @@ def anywhere(rng: Generator) -> dict[str, Any]:
     return at(mesh, planet, "all" if which == 1 else str(rng.choice(["L", "R"])))
 
 
-def by_kind(rng: Generator) -> dict[str, Any]:
-    """All meshes, or all of a kind."""
+def draw_kind_locus(rng: Generator) -> dict[str, Any]:
+    """Draw a locus: all meshes, or all of a kind."""
     return at(str(rng.choice(["all", "sp", "rp"])))

@@ -1,8 +1,8 @@
-"""The measuring chain: filters and encoders first, then noise, gauges and converters.
+"""The measuring chain: filter and encoders, then noise, gauges and converters.
 
-A filter is fed with the motion sampled ``FINER`` times as finely and a cubic spline through that,
-again as finely; between those points the input counts as straight, and the response to that is
-exact. Gauges and gratings off centre are errors of calibration, not noise.
+The filter input is the motion sampled ``FINER`` times as finely, interpolated by a cubic spline to
+a grid ``FINER`` times finer again, and linear between these points; the response to that is exact.
+Gains of gauges and eccentricities of gratings are calibration errors, not noise.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
-from herringbone_sim.practice.machine import BODIES, MESHES, NOMINAL, Array, omega_n, radii
 from herringbone_sim.practice.noise import Noise
 from herringbone_sim.practice.record import (
     COS_BETA,
@@ -25,6 +24,7 @@ from herringbone_sim.practice.record import (
     geometry,
     without_trend,
 )
+from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, Array, omega_n, radii
 
 Channels = dict[str, Array]
 Part = Mapping[str, Any]
@@ -32,7 +32,9 @@ MAINS = 50.0  # Hz
 
 
 def deterministic(noise: Noise, motion: Motion, fine: Motion | None) -> tuple[Channels, Channels]:
-    """Channels behind filter and encoders, without the counts of these and with them."""
+    """Channels after filter and encoders, first without and then with the quantisation of the
+    encoders.
+    """
     part = noise.parts.get("encoders")
     seen = channels_of(motion)
     if fine is not None:
@@ -43,7 +45,7 @@ def deterministic(noise: Noise, motion: Motion, fine: Motion | None) -> tuple[Ch
 
 
 def filtered(fine: Motion, count: int, part: Part) -> Channels:
-    """The last ``count`` samples of all channels behind the low-pass, at the recorded times."""
+    """The last ``count`` samples of all channels after the low-pass, at the recorded times."""
     channels = channels_of(fine)
     values = np.stack(list(channels.values()), axis=1)
     step = (fine.times[1] - fine.times[0]) / FINER
@@ -54,11 +56,11 @@ def filtered(fine: Motion, count: int, part: Part) -> Channels:
 
 
 def low_pass(values: Array, step: float, part: Part) -> Array:
-    """Response (n, k) of the filter to inputs (n, k) that run straight between samples.
+    """Response (n, k) of the filter to inputs (n, k) that are linear between samples.
 
     Args:
         step: time between samples [s].
-        part: ``order`` 1 or 2, ``corner`` over omega_n, damping ``ratio`` of order 2.
+        part: ``order`` 1 or 2, ``corner`` over omega_n, damping ``ratio`` for order 2.
     """
     corner = float(part["corner"]) * omega_n()
     poles = [1.0 / corner, 1.0]
@@ -71,17 +73,17 @@ def low_pass(values: Array, step: float, part: Part) -> Array:
 
 
 def turns() -> Array:
-    """(9,) turns to ground of each body a mesh cycle; planets turn the other way."""
+    """(9,) turns of each body per mesh cycle in the inertial frame; planets turn backwards."""
     carrier = 1.0 / 77.0
     planet = carrier * (1.0 - 77.0 / 25.0)
     return np.array([carrier * (1.0 + 77.0 / 27.0)] * 2 + [carrier] + [planet] * 6)
 
 
 def encoded(seen: Channels, motion: Motion, part: Part, counted: bool) -> Channels:
-    """u by gratings that are off centre, and x and v worked out of it or of a second set.
+    """u from eccentric gratings, and x and v computed from it or from a second set of gratings.
 
     Args:
-        counted: in whole counts; else as if these were as fine as one wants.
+        counted: in whole counts; else with infinitely fine gratings.
     """
     exact = np.stack([seen[f"u_{b}"] for b in BODIES], axis=1)
     step = 2.0 * np.pi / int(part["counts"]) if counted else 0.0
@@ -104,7 +106,7 @@ def encoded(seen: Channels, motion: Motion, part: Part, counted: bool) -> Channe
 
 
 def _by_grating(u: Array, motion: Motion, off: Array, angle: Array, step: float) -> Array:
-    """u (n, 9) [m] by a set of gratings, in counts of ``step`` [rad] unless that is 0."""
+    """u (n, 9) [m] by a set of gratings, rounded to ``step`` [rad] unless that is 0."""
     r_s, r_p, _, r_c = radii()
     radius = np.array([r_s, r_s, r_c, *[r_p] * 6])
     steady = motion.phase[:, None] * turns()
@@ -115,12 +117,14 @@ def _by_grating(u: Array, motion: Motion, off: Array, angle: Array, step: float)
 
 
 def by_encoder(noise: Noise, name: str) -> bool:
-    """Whether a channel is worked out of counts: no noise, gauge or converter touches it."""
+    """Whether a channel is computed from counts and therefore gets no noise, gauge or
+    converter.
+    """
     return "encoders" in noise.parts and name[0] in "uxv"
 
 
 def gauged(noise: Noise, channels: Mapping[str, Array]) -> Channels:
-    """Channels times the gain of their gauge."""
+    """Channels multiplied by the gains of their gauges."""
     gains = noise.parts.get("gains", {}).get("of", {})
     return {name: values * gains.get(name, 1.0) for name, values in channels.items()}
 
@@ -132,10 +136,10 @@ def measured(
     rng: Generator,
     most: Mapping[str, float],
 ) -> Channels:
-    """Channels with noise of a share of each one's RMS, then in steps of a converter.
+    """Channels with noise of a share of the RMS of each, then rounded to the steps of a converter.
 
     Args:
-        most: largest value of each quantity over the campaign, what a converter spans.
+        most: largest value of each quantity over the campaign, which sets the converter range.
     """
     start = rng.uniform(0.0, 2.0 * np.pi)
     shown = {}
@@ -154,7 +158,7 @@ def random_part(noise: Noise, times: Array, rng: Generator, mains: float) -> Arr
     """(n,) noise of RMS 1: white, drift and hum by their shares of the power.
 
     Args:
-        mains: phase [rad] of the mains at the first sample, the same for all channels.
+        mains: phase [rad] of the mains at the first sample, equal for all channels.
     """
     drift, hum = noise.parts.get("drift", {}), noise.parts.get("hum", {})
     rest = 1.0 - float(drift.get("power", 0.0)) - float(hum.get("power", 0.0))
@@ -170,7 +174,7 @@ def random_part(noise: Noise, times: Array, rng: Generator, mains: float) -> Arr
 
 
 def _drift(law: str, n: int, rng: Generator) -> Array:
-    """Slow noise (n,) of RMS 1 and mean 0: power falls with f^2 (a random walk) or with f."""
+    """Slow noise (n,) of RMS 1 and mean 0 with a power spectrum 1/f^2 (random walk) or 1/f."""
     spectrum = np.fft.rfft(rng.normal(size=4 * n))
     order = np.maximum(np.arange(len(spectrum)), 1.0)
     slow = np.fft.irfft(spectrum / (order if law == "walk" else np.sqrt(order)))[:n]
@@ -179,7 +183,7 @@ def _drift(law: str, n: int, rng: Generator) -> Array:
 
 
 def _step(noise: Noise, sigma: float, most: float) -> float:
-    """Step of the converter; without one of its own, a power of two at most sigma / 8."""
+    """Step of the converter; without a drawn one, a power of two of at most sigma / 8."""
     part = noise.parts.get("converter")
     if part is not None:
         return 2.0 * float(part["room"]) * most / 2.0 ** int(part["bits"])

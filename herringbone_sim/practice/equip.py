@@ -1,4 +1,4 @@
-"""The machine with an effect of the catalogue, by the catalogue's law or by the curve drawn."""
+"""Apply the effects of the catalogue to a rig model, by their own law or by a drawn curve."""
 
 from __future__ import annotations
 
@@ -8,26 +8,29 @@ import numpy as np
 
 from herringbone_sim.practice.cause import Cause, Point
 from herringbone_sim.practice.laws import contact, damping, friction, warm, window
-from herringbone_sim.practice.machine import N_MESH, Array, Machine
+from herringbone_sim.practice.rig_model import N_MESH, Array, RigModel
 from herringbone_sim.practice.tables import GRID, table, wave
 
-CYCLES = {"sun": 27, "planet": 25, "ring": 77}  # of the mesh a turn against the carrier
+CYCLES = {"sun": 27, "planet": 25, "ring": 77}  # mesh cycles per turn relative to the carrier
 SEAT = (3e11, 0.1)  # stiffness [N/m] and damping ratio of a pin's seat
-RING_LOAD = 1e5  # [N] at whose deflection springs have hardened by what their curve says
+RING_LOAD = 1e5  # load [N] at whose deflection a drawn hardening is defined
 
 
 def _curve(c: Cause) -> dict[str, Any]:
+    """Drawn curve of a cause, empty for the catalogue's own law."""
     found: dict[str, Any] = c.shape.get("curve", {})
     return found
 
 
 def _padded(rows: Array, count: int) -> Array:
-    """Harmonics (h, 12) with rows of zeros up to a count."""
+    """Harmonics (h, 12) padded with zero rows to ``count``."""
     return np.concatenate([rows, np.zeros((max(count - len(rows), 0), rows.shape[1]))])
 
 
 def _harmonics(c: Cause) -> tuple[Array, Array]:
-    """Cosines and sines (h,) by mesh order: that of the label and what rides along."""
+    """Cosines and sines (h,) by mesh order: the labelled harmonic and the additional drawn
+    ones.
+    """
     order, angle = int(c.shape["order"]), float(c.shape["angle"])
     riders = [one for one in _curve(c).get("riders", ()) if int(one[0]) != order]
     parts = [(order, 1.0, angle), *riders]
@@ -35,27 +38,32 @@ def _harmonics(c: Cause) -> tuple[Array, Array]:
 
 
 def _added(c: Cause, cos: Array, sin: Array) -> tuple[Array, Array]:
+    """Harmonics (h, 12) of a rig model plus those of a cause."""
     more = [c.size * one[:, None] * c.meshes for one in _harmonics(c)]
     count = max(len(cos), len(more[0]))
     sums = [_padded(a, count) + _padded(b, count) for a, b in zip((cos, sin), more, strict=True)]
     return sums[0], sums[1]
 
 
-def mean_stiffness(p: Machine, c: Cause, _: Point) -> Machine:
+def mean_stiffness(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Scale the stiffness of the meshes of the locus."""
     return p._replace(stiffness=p.stiffness * (1.0 + c.sign * c.size * c.meshes))
 
 
-def stiffness_harmonic(p: Machine, c: Cause, _: Point) -> Machine:
+def stiffness_harmonic(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add a harmonic of the stiffness."""
     cos, sin = _added(c, p.k_cos, p.k_sin)
     return p._replace(k_cos=cos, k_sin=sin)
 
 
-def profile_error(p: Machine, c: Cause, _: Point) -> Machine:
+def profile_error(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add a harmonic of the mesh error."""
     cos, sin = _added(c, p.p_cos, p.p_sin)
     return p._replace(p_cos=cos, p_sin=sin)
 
 
-def shift(p: Machine, c: Cause, _: Point) -> Machine:
+def shift(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Shift the phase of stiffness and error of the meshes."""
     turn = c.sign * c.size * c.meshes
     cos = p.shift_cos * np.cos(turn) - p.shift_sin * np.sin(turn)
     sin = p.shift_sin * np.cos(turn) + p.shift_cos * np.sin(turn)
@@ -63,14 +71,18 @@ def shift(p: Machine, c: Cause, _: Point) -> Machine:
 
 
 def lateness(member: str) -> Array:
-    """(12,) turns of a member after which a place of it meets each mesh, from planet 1 on."""
+    """(12,) turns of a member after which one of its teeth meets each mesh, counted from
+    planet 1.
+    """
     mesh = np.arange(float(N_MESH))
     third, ring = mesh % 3.0 / 3.0, np.where(mesh > 5.0, 1.0, 0.0)
     return {"sun": third, "ring": -third, "planet": 0.5 * ring}[member]
 
 
-def event(p: Machine, c: Cause, row: int) -> Machine:
-    """A tooth's event; row 3 of ``Machine.event`` is a crack's depth, 4 a spall's height."""
+def event(p: RigModel, c: Cause, row: int) -> RigModel:
+    """Add a tooth event; row 3 of ``RigModel.event`` is the depth of a crack, 4 the height of a
+    spall.
+    """
     member, curve = str(c.shape["member"]), _curve(c)
     late = np.rint(lateness(member) * CYCLES[member])
     if member == "planet" and curve:
@@ -85,8 +97,10 @@ def event(p: Machine, c: Cause, row: int) -> Machine:
     return p._replace(event=found, window=table(shape))
 
 
-def runout(p: Machine, c: Cause, _: Point) -> Machine:
-    """The member's first order is cos(2 pi turns + phase), a mesh late by its share of a turn."""
+def runout(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add run-out: a displacement cos(2 pi turns + phase), later at each mesh by its share of a
+    turn.
+    """
     member, cycles = str(c.shape["member"]), p.turn_cycles.copy()
     late = 2.0 * np.pi * lateness(member)
     parts = [(1.0, 1.0, -float(c.shape["phase"])), *_curve(c).get("riders", ())]
@@ -100,7 +114,9 @@ def runout(p: Machine, c: Cause, _: Point) -> Machine:
 
 
 def _of_meshes(c: Cause) -> Array:
-    """(12,) 1 on the meshes, on those of the ring and the right what the curve says of them."""
+    """(12,) 1 on the meshes of the locus; on ring and right meshes the factors of the drawn
+    curve.
+    """
     mesh, shares = np.arange(N_MESH), c.meshes
     for part, name, there in (("mesh", "ring", mesh > 5), ("side", "right", mesh // 3 % 2 == 1)):
         if c.locus[part] == "all":
@@ -108,12 +124,13 @@ def _of_meshes(c: Cause) -> Array:
     return shares
 
 
-def pin_position(p: Machine, c: Cause, _: Point) -> Machine:
+def pin_position(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add a constant displacement by a pin that is off its position."""
     return p._replace(offset=p.offset + c.sign * c.size * _of_meshes(c))
 
 
-def backlash_offset(p: Machine, c: Cause, _: Point) -> Machine:
-    """The offset is the mean of both flanks."""
+def backlash_offset(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Change the half-backlash; the labelled offset is the mean of both flanks."""
     back = float(_curve(c).get("back", 1.0))
     more = 2.0 * c.sign * c.size * _of_meshes(c) / (1.0 + back)
     return p._replace(
@@ -123,7 +140,8 @@ def backlash_offset(p: Machine, c: Cause, _: Point) -> Machine:
     )
 
 
-def thermal_backlash(p: Machine, c: Cause, point: Point) -> Machine:
+def thermal_backlash(p: RigModel, c: Cause, point: Point) -> RigModel:
+    """Change the half-backlash with delta_T."""
     more = c.sign * c.size * warm(_curve(c), point["delta_T"]) * c.meshes
     return p._replace(
         half_backlash=np.maximum(p.half_backlash + more, 0.0),
@@ -131,24 +149,28 @@ def thermal_backlash(p: Machine, c: Cause, point: Point) -> Machine:
     )
 
 
-def thermal_stiffness(p: Machine, c: Cause, point: Point) -> Machine:
+def thermal_stiffness(p: RigModel, c: Cause, point: Point) -> RigModel:
+    """Reduce the stiffness with delta_T."""
     left = np.maximum(1.0 - c.size * warm(_curve(c), point["delta_T"]) * c.meshes, 0.05)
     return p._replace(stiffness=p.stiffness * left)
 
 
-def tooth_friction(p: Machine, c: Cause, _: Point) -> Machine:
+def tooth_friction(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add sliding friction."""
     p = p._replace(friction=c.size * c.meshes)
     curve = _curve(c)
     return p._replace(pitch=curve["pitch"], rub=table(friction(curve))) if curve else p
 
 
-def contact_nonlinearity(p: Machine, c: Cause, _: Point) -> Machine:
+def contact_nonlinearity(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Make the mesh springs nonlinear."""
     if not _curve(c):
         return p._replace(hertz=p.hertz + c.size * c.meshes)
     return p._replace(bent=1.0 * c.meshes, bend=table(contact(_curve(c), c.size)))
 
 
-def damping_law(p: Machine, c: Cause, _: Point) -> Machine:
+def damping_law(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Make a share of the damping depend on contact or load."""
     p = p._replace(c_share=c.size * c.meshes)
     curve = _curve(c)
     if curve:
@@ -156,8 +178,8 @@ def damping_law(p: Machine, c: Cause, _: Point) -> Machine:
     return p._replace(c_power=np.array([c.shape["power"], c.shape["depth"]]))
 
 
-def ring_flexibility(p: Machine, c: Cause, _: Point) -> Machine:
-    """The size is the compliance [m/N] of the ring's spring."""
+def ring_flexibility(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Let the ring halves move on springs; the size is the compliance [m/N]."""
     free = p.free.copy()
     free[9:11] = 1.0
     damper = 2.0 * c.shape["ratio"] * np.sqrt(p.mass[9] / c.size)
@@ -166,7 +188,8 @@ def ring_flexibility(p: Machine, c: Cause, _: Point) -> Machine:
     return p._replace(free=free, ring=np.array([1.0 / c.size, damper, growth, drag]))
 
 
-def bearing_clearance(p: Machine, c: Cause, _: Point) -> Machine:
+def bearing_clearance(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Let a pin move in the carrier with clearance and a flexible seat."""
     pin = 11 + int(c.locus["planet"]) - 1
     free, mass = p.free.copy(), p.mass.copy()
     free[pin] = 1.0
@@ -180,7 +203,8 @@ def bearing_clearance(p: Machine, c: Cause, _: Point) -> Machine:
     return p._replace(free=free, mass=mass, support=support)
 
 
-def torque_ripple(p: Machine, c: Cause, _: Point) -> Machine:
+def torque_ripple(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add ripple of the input torque by orders of the sun's turn."""
     parts = [(1.0, 1.0, -float(c.shape["phase"])), *_curve(c).get("riders", ())]
     waves = wave(parts, max(int(part[0]) for part in parts))
     return p._replace(ripple_order=float(c.shape["order"]), ripple=c.size * np.stack(waves))

@@ -1,4 +1,4 @@
-"""The file of frozen thresholds, as far as a bench needs it: its hash, and whose seeds it saw."""
+"""The weights file of the judge: its hash, and the seeds it was fitted on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FILES = ("calibration.json", "calibration.yaml")
 
 @dataclass(frozen=True)
 class Frozen:
-    """Thresholds: where, their hash, and the seeds they were set on as [first, last + 1)."""
+    """Weights file: path, hash, and the seeds it was fitted on as ranges [first, last + 1)."""
 
     path: Path
     sha256: str
@@ -23,10 +23,10 @@ class Frozen:
 
 
 def frozen(file: Path | None = None) -> Frozen | None:
-    """The thresholds of the package, or those of a file; None where there are none.
+    """Weights file of the package, or the given one; None if there is none.
 
     Raises:
-        AnalysisError: a file that does not say its seeds as pairs [first, last + 1].
+        AnalysisError: the file does not give its seeds as pairs [first, last + 1].
     """
     here = Path(__file__).parents[1] / "diagnosis"
     files = [file] if file is not None else [here / name for name in FILES]
@@ -44,6 +44,6 @@ def frozen(file: Path | None = None) -> Frozen | None:
 
 
 def overlap(known: Frozen | None, seeds: Sequence[int]) -> list[int]:
-    """Those of the seeds that thresholds were frozen on, sorted."""
+    """The seeds, sorted, that the weights were fitted on."""
     ranges = known.seeds if known else ()
     return sorted(s for s in seeds if any(first <= s < end for first, end in ranges))

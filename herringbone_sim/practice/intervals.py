@@ -1,4 +1,4 @@
-"""Intervals of the figures: Wilson's for shares, bootstrap for the rest."""
+"""Confidence intervals of figures: Wilson's for shares, bootstrap for the rest."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Figure:
     """A number with its 95 % interval.
 
     Attributes:
-        value, low, high: NaN where there is nothing to count.
-        n: cases counted.
+        value, low, high: NaN if there are no cases.
+        n: number of cases.
     """
 
     value: float
@@ -32,7 +32,7 @@ NOTHING = Figure(float("nan"), float("nan"), float("nan"), 0)
 
 
 def share(hits: Sequence[bool]) -> Figure:
-    """Share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 209, 1927)."""
+    """Share of True with Wilson's interval (J. Am. Stat. Assoc. 22, 209, 1927)."""
     n = len(hits)
     if n == 0:
         return NOTHING
@@ -43,9 +43,9 @@ def share(hits: Sequence[bool]) -> Figure:
 
 
 def bootstrap(rows: Array, statistic: Callable[[Array], float], seed: int = 0) -> Figure:
-    """A statistic of rows (n, ...) with the percentile interval of 1000 resamplings.
+    """A statistic of rows (n, ...) with the percentile interval of 1000 bootstrap resamples.
 
-    A resampling of which the statistic is NaN (one class alone) is left out.
+    Resamples with a statistic of NaN (only one class) are left out.
     """
     n = len(rows)
     if n == 0:
@@ -58,7 +58,9 @@ def bootstrap(rows: Array, statistic: Callable[[Array], float], seed: int = 0) -
 
 
 def auroc(rows: Array) -> float:
-    """Chance that a positive scores above a negative, ties half: rows (n, 2) score, positive."""
+    """Area under the ROC curve of rows (n, 2): score, whether positive; NaN without both
+    classes.
+    """
     positive, negative = rows[rows[:, 1] > 0.5, 0], rows[rows[:, 1] <= 0.5, 0]
     if not len(positive) or not len(negative):
         return float("nan")
@@ -67,7 +69,7 @@ def auroc(rows: Array) -> float:
 
 
 def calibration_error(rows: Array, bins: int = 10) -> float:
-    """Expected calibration error: rows (n, 2) probability given, whether right."""
+    """Expected calibration error of rows (n, 2): probability given, whether right."""
     where = np.minimum((rows[:, 0] * bins).astype(int), bins - 1)
     gaps = [abs(np.sum(rows[where == b, 0] - rows[where == b, 1])) for b in range(bins)]
     return float(np.sum(gaps) / len(rows))

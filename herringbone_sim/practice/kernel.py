@@ -1,4 +1,4 @@
-"""The practice rig's own right-hand side, compiled: Eqs. (12)-(16) and every effect."""
+"""Compiled right-hand side of the practice rig: Eqs. (12)-(16) and every effect."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.practice.machine import Array, Machine
+from herringbone_sim.practice.rig_model import Array, RigModel
 from herringbone_sim.practice.shapes import (
     TWO_PI,
     compiled,
     damper,
     displaced,
     flank,
+    random_function,
     rub,
     spring,
-    wild,
 )
 
-CYCLES_PER_TURN = 27.0 * 77.0 / (27.0 + 77.0)  # mesh cycles a turn of the sun to ground
-SHOCK_PEAK = 0.4**2 * 0.6**3  # of z^2 (1 - z)^3
+CYCLES_PER_TURN = 27.0 * 77.0 / (27.0 + 77.0)  # mesh cycles per turn of the sun to ground
+SHOCK_PEAK = 0.4**2 * 0.6**3  # largest value of z^2 (1 - z)^3
 
 
-def _wander(
-    p: Machine,
+def _random_cause(
+    p: RigModel,
     m: int,
     f: float,
     v: float,
@@ -34,34 +34,34 @@ def _wander(
     extra: Array,
     depth: Array,
 ) -> None:
-    """What the random function does at mesh m, and the input of its own state."""
+    """Apply the random function at mesh m, and set the input of its memory state."""
     load = depth[m]
-    followed = p.wild.own_input
+    followed = p.random.own_input
     depth[12 + m] = f * 1e5 if followed == 0 else (v * 2.0 if followed == 1 else load * 1e-4)
-    if p.wild.size[m] == 0.0 or p.wild.target == 4:
+    if p.random.size[m] == 0.0 or p.random.target == 4:
         return
-    by = p.wild.size[m] * wild(p, f, v, load, phase, t, own)[0]
-    if p.wild.target == 1:
+    by = p.random.size[m] * random_function(p, f, v, load, phase, t, own)[0]
+    if p.random.target == 1:
         depth[m] *= 1.0 + by
-    elif p.wild.target == 2:
+    elif p.random.target == 2:
         force[m] += p.damping[m] * by * v
-    elif p.wild.target == 3:
+    elif p.random.target == 3:
         force[m] += by
-    elif p.wild.target == 5:
-        extra[p.wild.body] += by
+    elif p.random.target == 5:
+        extra[p.random.body] += by
 
 
-wander: Any = compiled(_wander)
+random_cause: Any = compiled(_random_cause)
 
 
 def _forces(
-    p: Machine, t: float, phase0: float, y: Array, force: Array, extra: Array, depth: Array
+    p: RigModel, t: float, phase0: float, y: Array, force: Array, extra: Array, depth: Array
 ) -> None:
-    """Mesh forces (12,) [N], and what else acts on the coordinates (15,) [N] but T_1, T_2, K.
+    """Mesh forces (12,) [N], and forces on the coordinates (15,) [N] other than T_1, T_2 and K.
 
     Args:
-        y: (30,) or (42,): coordinates [m], their rates, own states of the meshes.
-        depth: (24,) left with the springs' forces [N] and what own states follow.
+        y: (30,) or (42,): coordinates [m], their rates, memory states of the meshes.
+        depth: (24,) output: spring forces [N], then inputs of the memory states.
     """
     n = p.mass.size
     phase = phase0 + p.omega * t
@@ -82,15 +82,15 @@ def _forces(
         e, slope = displaced(p, m, phase, cos, sin)
         v = v * p.cos_beta - slope * p.omega
         own = y[2 * n + m] if y.size > 2 * n else 0.0
-        if p.wild.target == 4 and p.wild.size[m] != 0.0:
-            more, steep = wild(p, 0.0, 0.0, 0.0, phase, t, 0.0)
-            e -= p.wild.size[m] * more
-            v += p.wild.size[m] * steep * p.omega
+        if p.random.target == 4 and p.random.size[m] != 0.0:
+            more, steep = random_function(p, 0.0, 0.0, 0.0, phase, t, 0.0)
+            e -= p.random.size[m] * more
+            v += p.random.size[m] * steep * p.omega
         f = flank(x * p.cos_beta - e, p.half_backlash[m], p.half_back[m], p.rounding[m])
         depth[m] = spring(p, m, f, phase, cos, sin, t)
         force[m] = damper(p, m, f, v)
-        if p.wild.target != 0:
-            wander(p, m, f, v, phase, t, own, force, extra, depth)
+        if p.random.target != 0:
+            random_cause(p, m, f, v, phase, t, own, force, extra, depth)
         if p.hysteresis[m] != 0.0:
             depth[m] *= 1.0 + p.hysteresis[m] * np.tanh(v * np.sign(f) / 0.02)
         if p.c_square[m] != 0.0:
@@ -132,7 +132,7 @@ forces: Any = compiled(_forces)
 
 
 def _rate(
-    p: Machine,
+    p: RigModel,
     t: float,
     phase0: float,
     y: Array,
@@ -141,7 +141,7 @@ def _rate(
     extra: Array,
     depth: Array,
 ) -> None:
-    """dy/dt (30,) of Eqs. (12)-(14) with whatever coordinates are free, (42,) with own states."""
+    """dy/dt (30,) of Eqs. (12)-(14) for the free coordinates, (42,) with memory states."""
     n = p.mass.size
     forces(p, t, phase0, y, force, extra, depth)
     carrier = 0.0
@@ -186,7 +186,7 @@ def _rate(
         dy[k] *= p.free[k]
         dy[n + k] *= p.free[k] / p.mass[k]
     for m in range(y.size - 2 * n):
-        dy[2 * n + m] = p.wild.own_rate * (depth[12 + m] - y[2 * n + m])
+        dy[2 * n + m] = p.random.own_rate * (depth[12 + m] - y[2 * n + m])
 
 
 rate: Any = compiled(_rate)

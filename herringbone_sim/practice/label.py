@@ -1,4 +1,4 @@
-"""Labels: what the truth is, sealed by a hash, and kept apart from the campaign."""
+"""Labels: the truth of a campaign, sealed by a hash and stored apart from it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.practice.cause import Cause
-from herringbone_sim.practice.machine import Constants
 from herringbone_sim.practice.measure import RunMeasure, rms
 from herringbone_sim.practice.plan import KINDS, Plan
 from herringbone_sim.practice.record import (
@@ -22,11 +21,12 @@ from herringbone_sim.practice.record import (
     contact,
     period,
 )
+from herringbone_sim.practice.rig_model import Constants
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
 
 SCHEMA = "rig/label/1"
-SHORT = 0.8  # of the detectability that was asked for
+SHORT = 0.8  # share of the requested detectability below which a cause counts as capped
 
 
 def label_of(
@@ -35,13 +35,20 @@ def label_of(
     runs: Sequence[CampaignRun],
     rig: Constants,
     motions: Sequence[Motion],
-    found: Sequence[RunMeasure],
+    measures: Sequence[RunMeasure],
 ) -> dict[str, Any]:
-    """The label of a campaign, plain JSON."""
-    told = [
-        _run(run, rig, motion, one) for run, motion, one in zip(runs, motions, found, strict=True)
+    """Label of a campaign as plain JSON.
+
+    Args:
+        solved: causes with their detectability.
+        rig: constants of the rig within its tolerances.
+        motions, measures: of each run.
+    """
+    entries = [
+        _run(run, rig, motion, one)
+        for run, motion, one in zip(runs, motions, measures, strict=True)
     ]
-    aperiodic = float(np.mean([one["period"] == 0 for one in told]))
+    aperiodic = float(np.mean([one["period"] == 0 for one in entries]))
     return {
         "schema": SCHEMA,
         "seed": plan.seed,
@@ -49,7 +56,7 @@ def label_of(
         "effects": [_effect(plan, cause, d) for cause, d in solved],
         "d_requested": plan.d,
         "snr_dB": plan.snr_dB,
-        "noise": {"kind": plan.noise.kind, "told": plan.noise.told, **plan.noise.parts},
+        "noise": {"kind": plan.noise.kind, "told": plan.noise.share_given, **plan.noise.parts},
         "law": law_of([cause for cause, _ in solved]),
         "channels": plan.channels,
         "regime": "quiet" if plan.regime == "quiet" else _regime(aperiodic),
@@ -59,12 +66,12 @@ def label_of(
         "operating_points": [
             {"path": run.path.name, **run.point, "role": run.role} for run in runs
         ],
-        "runs": told,
+        "runs": entries,
     }
 
 
 def law_of(causes: Sequence[Cause]) -> str:
-    """Whose law the causes have: none, catalogue, other (one of them is enough) or outside."""
+    """Law of the causes: none, catalogue, other (if at least one is) or outside."""
     if not causes or any(cause.effect == "unknown" for cause in causes):
         return "outside" if causes else "none"
     laws = {cause.shape.get("law", "catalogue") for cause in causes}
@@ -72,11 +79,13 @@ def law_of(causes: Sequence[Cause]) -> str:
 
 
 def _regime(aperiodic: float) -> str:
+    """Regime of a campaign from its share of aperiodic runs."""
     return "mostly aperiodic" if aperiodic > 0.5 else "mostly periodic"
 
 
 def _effect(plan: Plan, cause: Cause, d: float) -> dict[str, Any]:
-    told = KINDS[cause.internal].tell(cause)
+    """Entry of one cause."""
+    parameters = KINDS[cause.internal].parameters(cause)
     return {
         "effect": cause.effect,
         "internal": cause.internal,
@@ -85,7 +94,8 @@ def _effect(plan: Plan, cause: Cause, d: float) -> dict[str, Any]:
         "capped": d < SHORT * plan.d,
         "size": cause.size,
         "parameters": {
-            name: {"value": _plain(value), "unit": unit} for name, (value, unit) in told.items()
+            name: {"value": _plain(value), "unit": unit}
+            for name, (value, unit) in parameters.items()
         },
         "law": law_of([cause]),
         "shape": {name: _plain(value) for name, value in cause.shape.items()},
@@ -96,40 +106,43 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _run(run: CampaignRun, rig: Constants, motion: Motion, one: RunMeasure) -> dict[str, Any]:
+def _run(run: CampaignRun, rig: Constants, motion: Motion, measure: RunMeasure) -> dict[str, Any]:
+    """Entry of one run."""
     return {
         "path": run.path.name,
         "role": run.role,
         "residual_N": {
-            "nominal": one.nominal,
-            "nominal_clean": one.nominal_clean,
-            "own_constants": one.own,
-            "own_constants_clean": one.own_clean,
-            "noise_floor": one.floor,
+            "nominal": measure.nominal,
+            "nominal_clean": measure.nominal_clean,
+            "own_constants": measure.own,
+            "own_constants_clean": measure.own_clean,
+            "noise_floor": measure.floor,
         },
         "rms_F": rms(motion.force),
         "mean_F": float(motion.force.mean()),
         "period": period(motion),
         "contact": contact(rig, run.point, motion),
-        "law_d": list(one.d),
+        "law_d": list(measure.d),
     }
 
 
 def label_text(label: dict[str, Any]) -> str:
-    """The label as it stands in its file."""
+    """Text of the label file."""
     return json.dumps(label, indent=1, allow_nan=False) + "\n"
 
 
 def seal(label: dict[str, Any]) -> str:
-    """SHA-256 of the label's file: published before a diagnosis runs, it can't change after."""
+    """SHA-256 of the label file; published before a diagnosis runs, it proves the label
+    unchanged.
+    """
     return hashlib.sha256(label_text(label).encode()).hexdigest()
 
 
 def read_label(path: Path, expected: str | None = None) -> dict[str, Any]:
-    """A label file, held against its seal if one is given.
+    """Read a label file and compare it with its seal, if one is given.
 
     Raises:
-        RecordingError: no label there, or not the one that was sealed.
+        RecordingError: no label, or not the sealed one.
     """
     try:
         text = json_text(path)

@@ -1,7 +1,7 @@
-"""Families of curves: the law of an effect is drawn, not given.
+"""Families of curves from which the laws of effects are drawn.
 
-The catalogue's law of an effect is one curve. Of ``law: other`` the curve is drawn from all that
-still is what the effect's id says. A curve is a mapping of numbers, which stand in the label.
+The catalogue's law of an effect is one curve. With ``law: other`` a curve is drawn from a family
+that still fits the effect's id. A curve is a mapping of numbers, which are stored in the label.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.machine import Array
+from herringbone_sim.practice.rig_model import Array
 from herringbone_sim.practice.tables import GRID, deflections
 
 Curve = Mapping[str, Any]
 LAWS = ("catalogue", "other")
-F_0 = 1e-5  # deflection [m] at which the laws of contact agree
-FROM, TO = 5e-6, 4e-5  # deflections [m] by 7 and 60 kN
-WARM = 50.0  # temperature rise [K] at which those of temperature do
-HIGHEST = 8  # order of a harmonic that rides along
+F_0 = 1e-5  # deflection [m] at which all contact laws have the factor 1
+FROM, TO = 5e-6, 4e-5  # deflections [m] under 7 and 60 kN
+WARM = 50.0  # temperature rise [K] at which all temperature laws agree
+HIGHEST = 8  # highest order of an additional harmonic
 
 
 def _angle(rng: Generator) -> float:
@@ -28,7 +28,7 @@ def _angle(rng: Generator) -> float:
 
 
 def _riders(rng: Generator, orders: Array) -> list[list[float]]:
-    """Two to four ``[order, share, angle]``, together 0.25 to 0.7 of the harmonic they ride on."""
+    """Two to four ``[order, share, angle]``, together 0.25 to 0.7 of the labelled harmonic."""
     count = int(rng.integers(2, 5))
     chosen = rng.choice(orders, count, replace=False)
     shares = rng.dirichlet(np.ones(count)) ** 0.5 * rng.uniform(0.25, 0.7)
@@ -36,17 +36,17 @@ def _riders(rng: Generator, orders: Array) -> list[list[float]]:
 
 
 def _waves(rng: Generator) -> Curve:
-    """Harmonics of the mesh beside that of the label; which one that is, is not known here."""
+    """Harmonics of the mesh beside the labelled one, whose order is not known here."""
     return {"riders": _riders(rng, np.arange(1.0, HIGHEST + 1.0))}
 
 
 def _turns(rng: Generator) -> Curve:
-    """Multiples of the first order."""
+    """Multiples of the first order of a turn."""
     return {"riders": _riders(rng, np.arange(2.0, 6.0))}
 
 
 def _event(rng: Generator) -> Curve:
-    """A window: where its plateau lies and how long it is, how its ramps bend, a dip in it."""
+    """Window: position and length of its plateau, shape of its ramps, depth of a dip."""
     return {
         "width": float(rng.uniform(0.5, 2.2)),
         "peak": float(rng.uniform(0.15, 0.85)),
@@ -74,7 +74,7 @@ def window(curve: Curve) -> Array:
 
 
 def _flanks(rng: Generator) -> Curve:
-    """What the back flank and ring meshes have of the offset of the drive flank of sun meshes."""
+    """Offset of the back flank and of ring meshes, relative to the drive flank of sun meshes."""
     return {
         "back": float(rng.uniform(0.2, 1.5)),
         "ring": float(rng.uniform(0.5, 1.4)),
@@ -83,12 +83,14 @@ def _flanks(rng: Generator) -> Curve:
 
 
 def _pin(rng: Generator) -> Curve:
-    """What ring meshes and the right side have of it: a pin off radially as well, and tilted."""
+    """Displacement at ring meshes and on the right side: a pin that is also off radially, and
+    tilted.
+    """
     return {"ring": float(rng.uniform(0.3, 1.5)), "right": float(rng.uniform(0.6, 1.4))}
 
 
 def _temperature(rng: Generator) -> Curve:
-    """From saturating to growing with the square, from 0 K on or from where it begins."""
+    """From saturating to quadratic growth, starting at 0 K or at an onset."""
     return {
         "bend": float(rng.uniform(-0.45, 0.9)),
         "curl": float(rng.uniform(-0.25, 0.25)),
@@ -97,7 +99,7 @@ def _temperature(rng: Generator) -> Curve:
 
 
 def warm(curve: Curve, delta_T: float) -> float:
-    """delta_T [K], bent; itself at 50 K and without a curve."""
+    """Effective delta_T [K] by a curve; equal to delta_T at 50 K, and without a curve."""
     onset = float(curve.get("onset", 0.0))
     above = WARM * max(delta_T - onset, 0.0) / (WARM - onset)
     off = delta_T / WARM - 1.0
@@ -106,7 +108,7 @@ def warm(curve: Curve, delta_T: float) -> float:
 
 
 def _friction(rng: Generator) -> Curve:
-    """Stribeck's rise at low speed, a sign that turns smoothly, at another pitch point."""
+    """Stribeck friction with a smooth change of sign at a shifted pitch point."""
     return {
         "pitch": float(rng.uniform(-0.6, 0.6)),
         "softness": float(rng.uniform(0.01, 0.15)),
@@ -127,6 +129,7 @@ def friction(curve: Curve) -> Array:
 
 
 def _contact(rng: Generator) -> Curve:
+    """Contact law of one of four forms."""
     form = str(rng.choice(["rounded power", "polynomial", "saturating", "second stage"]))
     return {
         "form": form,
@@ -136,10 +139,10 @@ def _contact(rng: Generator) -> Curve:
 
 
 def contact(curve: Curve, size: float) -> Array:
-    """Factor (n,) of the spring's force at the deflections of a table; 1 at ``F_0`` at any size.
+    """Factor (n,) of the spring force at the deflections of a table; 1 at ``F_0`` at any size.
 
-    The size is its growth over the logarithm of the deflection between ``FROM`` and ``TO``: of a
-    power of the deflection nearly the exponent.
+    The size is the growth of the factor over the logarithm of the deflection between ``FROM`` and
+    ``TO``, which for a power law is nearly its exponent.
     """
     low, middle, high = _stiffening(curve, np.array([FROM, F_0, TO]))
     steep = (high - low) / np.log(TO / FROM)
@@ -149,13 +152,13 @@ def contact(curve: Curve, size: float) -> Array:
 
 
 def _stiffening(curve: Curve, f: Array) -> Array:
-    """A function that grows with the deflection f [m]."""
+    """Increasing function of the deflection f [m]."""
     at = f / float(curve["depth"])
     share = float(curve["share"])
     form = curve["form"]
     if form == "rounded power":
         return np.asarray(0.5 * np.log(at**2 + 0.2 + share))
-    if form == "polynomial":  # bounded beyond what gears meet
+    if form == "polynomial":  # bounded far beyond usual deflections
         q = at / (1.0 + 0.1 * at)
         return np.asarray(q + share * q**2)
     if form == "saturating":
@@ -164,7 +167,7 @@ def _stiffening(curve: Curve, f: Array) -> Array:
 
 
 def _damping(rng: Generator) -> Curve:
-    """Any rising function of the deflection: steps of random height."""
+    """Increasing function of the deflection with steps of random height."""
     steps = rng.dirichlet(np.full(6, 0.6)) * rng.uniform(1.2, 3.0)
     return {
         "out": float(rng.choice([0.0, rng.uniform(0.0, 0.3)])),
@@ -173,7 +176,7 @@ def _damping(rng: Generator) -> Curve:
 
 
 def damping(curve: Curve) -> Array:
-    """Values (n,) at the deflections of a table of what lives of a damper there."""
+    """Share (n,) of a damper that acts, at the deflections of a table."""
     knots = float(curve["out"]) + np.concatenate([[0.0], np.cumsum(curve["steps"])])
     values: Array = np.interp(GRID, np.linspace(0.0, 1.0, len(knots)), knots)
     width = len(GRID) // 12
@@ -183,12 +186,14 @@ def damping(curve: Curve) -> Array:
 
 
 def _ring(rng: Generator) -> Curve:
-    """Hardening and drag of the ring's spring at the deflection by 100 kN."""
+    """Hardening and drag of the ring's spring at the deflection under 100 kN."""
     return {"growth": float(rng.uniform(0.1, 1.0)), "drag": float(rng.uniform(0.0, 1.0))}
 
 
 def _bearing(rng: Generator) -> Curve:
-    """Ends of the clearance over it, and hardening of the seat at the deflection by 100 kN."""
+    """Width of the ends of the clearance, and hardening of the seat at the deflection under 100
+    kN.
+    """
     return {
         "softness": float(rng.choice([0.0, rng.uniform(0.1, 0.8)])),
         "stiffness": float(10.0 ** rng.uniform(11.0, 11.7)),
@@ -217,10 +222,10 @@ FAMILIES: dict[str, Callable[[Generator], Curve]] = {
 
 
 def draw_law(rng: Generator, name: str, law: str) -> dict[str, Any]:
-    """Entries ``law`` and, of another law than the catalogue's, ``curve`` of a cause's shape.
+    """Entries ``law`` and, for a drawn law, ``curve`` of the shape of a cause.
 
     Args:
-        law: catalogue, other or both; an effect without a family has the catalogue's.
+        law: catalogue, other or both (drawn); an effect without a family has the catalogue's law.
     """
     other = rng.random() < 0.5 if law == "both" else law == "other"
     if name not in FAMILIES:

@@ -1,4 +1,4 @@
-"""How large an effect is in a recording: its force over the noise floor, and the residuals."""
+"""Detectability of an effect in a recording, and residuals of the force law."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.practice.cause import Cause
-from herringbone_sim.practice.machine import MESHES, N_BODY, NOMINAL, Array, Constants
 from herringbone_sim.practice.record import Motion, channels_of, law_force, own_error_shift
+from herringbone_sim.practice.rig_model import MESHES, N_BODY, NOMINAL, Array, Constants
 
 _NAMES = tuple(tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
 
 
 @dataclass(frozen=True)
 class RunMeasure:
-    """Numbers of one run.
+    """Figures of one run.
 
     Attributes:
         nominal, nominal_clean, own, own_clean, floor: RMS residual [N] of the force law over all
-            meshes: with nominal constants, with the rig's own, with and without noise; the floor
-            is what noise alone leaves.
-        d: of each cause, RMS of its force over that of the floor, where it acts.
+            meshes: with nominal constants, with the rig's own, each with and without noise; the
+            floor is from noise alone.
+        d: detectability of each cause: RMS of its force over the RMS of the floor, where it acts.
     """
 
     nominal: float
@@ -42,12 +42,12 @@ def measure_run(
     measured: Mapping[str, Array],
     causes: tuple[Cause, ...],
 ) -> RunMeasure:
-    """Residuals of a run and the detectability of its causes.
+    """Residuals of a run and detectability of its causes.
 
     Args:
-        seen: channels as they were, with the sensors' faults.
-        quiet: the same behind filters, gauges and gratings off centre.
-        measured: the same with noise and in counts: what is over ``quiet`` is the floor.
+        seen: true channels with the faults of sensors.
+        quiet: the same after filters, gauges and eccentric gratings.
+        measured: the same with noise and quantisation; its difference from ``quiet`` is the floor.
     """
     phase = motion.phase
     off = own_error_shift(rig, point, phase)
@@ -61,6 +61,7 @@ def measure_run(
 
 
 def rms(values: Array) -> float:
+    """Root mean square of all values."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -71,6 +72,7 @@ def _residual(
     channels: Mapping[str, Array],
     off: tuple[Array | float, Array | float],
 ) -> Array:
+    """Residual (n, 12) [N] of the force law, after removal of the rig's own mesh error."""
     x, v, force = (np.stack([channels[name] for name in names], axis=1) for names in _NAMES)
     residual: Array = force - law_force(c, point, phase, x - off[0], v - off[1])
     return residual
@@ -83,6 +85,7 @@ def _d(
     floor: Array,
     channels: tuple[Mapping[str, Array], ...],
 ) -> float:
+    """Detectability of one cause."""
     if "channels" in cause.locus:
         return _d_of_sensor(cause, motion, *channels)
     where = cause.meshes > 0.0
@@ -92,7 +95,7 @@ def _d(
 
 
 def _d_of_bodies(motion: Motion, floor: Array) -> float:
-    """Force on the bodies over the noise of the mesh forces summed on each."""
+    """RMS of the additional body forces over the noise of the mesh forces summed on each body."""
     mesh = np.mean(floor**2, axis=0)
     sun, ring = mesh[:6].reshape(2, 3), mesh[6:].reshape(2, 3)
     noise = np.empty(N_BODY)
@@ -110,7 +113,7 @@ def _d_of_sensor(
     quiet: Mapping[str, Array],
     measured: Mapping[str, Array],
 ) -> float:
-    """Fault of a channel over its noise; of a clock, what the velocities seem to be late."""
+    """RMS fault of a channel over its noise; of a clock, the apparent error of the velocities."""
     true = channels_of(motion)
     names = cause.locus["channels"]
     if names == ["t"]:

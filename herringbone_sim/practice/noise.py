@@ -1,7 +1,7 @@
-"""Kinds of noise: what each part of a measuring chain does to a campaign, drawn from the seed.
+"""Kinds of noise: parameters of each part of the measuring chain, drawn from a seed.
 
-One function a kind; the parts it gives are what ``chain`` knows: ``drift`` and ``hum`` (share of
-the noise's power, the rest is white), ``filter``, ``encoders``, ``gains`` and ``converter``.
+One function per kind; it returns the parts that ``chain`` knows: ``drift`` and ``hum`` (shares of
+the noise power, the rest is white), ``filter``, ``encoders``, ``gains`` and ``converter``.
 """
 
 from __future__ import annotations
@@ -14,36 +14,36 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.practice.machine import BODIES, MESHES
+from herringbone_sim.practice.rig_model import BODIES, MESHES
 
 Parts = dict[str, dict[str, Any]]
 ARC_SECOND = np.pi / 180.0 / 3600.0
-TOLD_GAIN = 0.05  # tolerance of a force gauge
-HARD = 0.4  # share of the power that is no white noise, beyond the data sheet
+GAIN_TOLERANCE = 0.05  # tolerance of a force gauge
+HARD = 0.4  # share of the power that is not white
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What measures a campaign.
+    """Measuring chain of a campaign.
 
     Attributes:
-        kind: of ``NOISES``.
-        share: RMS of what is random over that of each channel.
-        told: whether the campaign tells that it is white, and its share.
-        parts: numbers of each part of the chain.
+        kind: one of ``NOISES``.
+        share: RMS of the random noise over the RMS of each channel.
+        share_given: whether ``campaign.yaml`` states that it is white, and its share.
+        parts: parameters of each part of the chain.
     """
 
     kind: str
     share: float
-    told: bool = False
+    share_given: bool = False
     parts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def sensors(self) -> dict[str, dict[str, float]]:
-        """What ``campaign.yaml`` tells of single sensors."""
+        """Sensor data given in ``campaign.yaml``."""
         gains = self.parts.get("gains", {})
-        told = gains.get("told", False)
-        return {name: {"gain_tolerance": TOLD_GAIN} for name in gains.get("of", {}) if told}
+        given = gains.get("told", False)
+        return {name: {"gain_tolerance": GAIN_TOLERANCE} for name in gains.get("of", {}) if given}
 
 
 def _white(_: Generator) -> Parts:
@@ -51,18 +51,19 @@ def _white(_: Generator) -> Parts:
 
 
 def _coloured(rng: Generator) -> Parts:
-    """Drift and hum, each a tenth to a half of the noise's RMS."""
+    """Drift and hum, each with 0.1 to 0.5 of the RMS of the noise."""
     drift, hum = rng.uniform(0.1, 0.5, 2) ** 2
     return _colours(rng, float(drift), float(hum), 3)
 
 
 def _coloured_hard(rng: Generator) -> Parts:
-    """Two fifths of the power are drift and hum, which has further multiples of the mains."""
+    """Drift and hum with together 40 % of the power; the hum has more harmonics of the mains."""
     drift = float(HARD * rng.uniform(0.2, 0.8))
     return _colours(rng, drift, HARD - drift, 7)
 
 
 def _colours(rng: Generator, drift: float, hum: float, multiples: int) -> Parts:
+    """Parts for drift and hum of given power."""
     heights = rng.uniform(0.2, 1.0, multiples)
     law = str(rng.choice(["walk", "1/f"]))
     lines = (heights / np.linalg.norm(heights)).tolist()
@@ -70,7 +71,7 @@ def _colours(rng: Generator, drift: float, hum: float, multiples: int) -> Parts:
 
 
 def _filtered(rng: Generator) -> Parts:
-    """One low-pass for all channels, corner at 10 to 30 omega_n, a delay of up to 5 us."""
+    """One low-pass for all channels, corner at 10 to 30 omega_n, with a delay of up to 5 us."""
     return {
         "filter": {
             "order": int(rng.integers(1, 3)),
@@ -90,7 +91,7 @@ def _encoders_two(rng: Generator) -> Parts:
 
 
 def _gratings(rng: Generator, sets: int) -> dict[str, Any]:
-    """Counts a turn and, of each set and body, how far off centre the grating is [rad], where."""
+    """Counts per turn, and eccentricity [rad] and its angle for each set and body."""
     size = (sets, len(BODIES))
     return {
         "counts": 2 ** int(rng.integers(18, 21)),
@@ -100,10 +101,11 @@ def _gratings(rng: Generator, sets: int) -> dict[str, Any]:
     }
 
 
-def _gauges(rng: Generator, told: bool) -> dict[str, Any]:
-    gains = rng.uniform(1.0 - TOLD_GAIN, 1.0 + TOLD_GAIN, len(MESHES))
+def _gauges(rng: Generator, given: bool) -> dict[str, Any]:
+    """Gains of the force gauges, and whether ``campaign.yaml`` gives their tolerance."""
+    gains = rng.uniform(1.0 - GAIN_TOLERANCE, 1.0 + GAIN_TOLERANCE, len(MESHES))
     of = {f"F_{m}": float(g) for m, g in zip(MESHES, gains, strict=True)}
-    return {"told": told, "of": of}
+    return {"told": given, "of": of}
 
 
 def _quantised(rng: Generator) -> Parts:
@@ -117,7 +119,7 @@ def _gains(rng: Generator) -> Parts:
 
 
 def _mixture(rng: Generator) -> Parts:
-    """Two to four of the others at once."""
+    """Two to four of the other kinds at once."""
     among = (_coloured, _filtered, _encoders, _quantised, _gains)
     chosen = rng.choice(len(among), int(rng.integers(2, 5)), replace=False)
     parts: Parts = {}
@@ -141,7 +143,7 @@ NOISES: dict[str, Callable[[Generator], Parts]] = {
 
 
 def draw_noise(rng: Generator, kind: str, share: float) -> Noise:
-    """The numbers of a kind; ParameterError where there is no such kind."""
+    """Draw the parameters of a kind of noise; ParameterError for an unknown kind."""
     if kind not in NOISES:
         raise ParameterError(f"noise must be one of {', '.join(NOISES)}, got {kind!r}")
     return Noise(kind, share, kind == "white", NOISES[kind](rng))

@@ -1,4 +1,4 @@
-"""What one report says against one label."""
+"""Compare one report with one label."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.errors import AnalysisError, shown
-from herringbone_sim.practice.machine import MESHES
+from herringbone_sim.practice.rig_model import MESHES
 
 Json = Mapping[str, Any]
 OUTSIDE_CATALOGUE = ("none", "unknown")
 VERDICTS = (*OUTSIDE_CATALOGUE, "ambiguous")
 CONFIDENT = 0.5
 
-# What an effect's size is measured by, and the value of it at which there is no effect.
+# Parameters that measure the size of an effect, and their value without the effect.
 SIZES: dict[str, tuple[tuple[str, ...], float]] = {
     "mean_stiffness": (("factor",), 1.0),
     "stiffness_harmonic": (("cos", "sin"), 0.0),
@@ -47,28 +47,28 @@ SIZES: dict[str, tuple[tuple[str, ...], float]] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """A case, scored.
+    """A scored case; most attributes are columns of the CSV table of cases.
 
     Attributes:
-        truth: ids, one or two; ``kind``: none, single, pair or unknown.
+        truth: true effects, one or two; ``kind``: none, single, pair or unknown.
         strata: d, noise, snr, law, channels and regime of the case, as text.
-        first: id of the largest probability; ``p_first`` that probability.
+        first: effect with the largest probability; ``p_first``: that probability.
         right, in_class, in_three: whether the truth is first; first or in the named class; among
             the first three. Of a pair either effect counts.
-        both: of a pair, whether exactly both were named.
+        both: for a pair, whether exactly both were named.
         p_truth: probability on the truth, summed over a pair.
-        brier: sum over causes of (p - truth)^2; NaN of a pair.
+        brier: sum over causes of (p - truth)^2; NaN for a pair.
         p_unknown: probability of ``unknown``.
-        named: whether the verdict blames anything.
-        wrong_name: whether an effect was named with confidence that is not there.
-        locus: whether the locus of the right effect is right; None where that can't be asked.
-        error: of the size, relative; None likewise.
-        covered: whether each 90 % interval holds the truth.
-        closure: on held-out runs, None when the report has none.
-        said: what the report names: its effects, or its verdict.
-        sure: probability of what is said; ``held``, whether all of it is there.
+        named: whether the verdict is not ``none``.
+        wrong_name: whether a wrong effect was named with a probability of 0.5 or more.
+        locus: whether the locus of the right effect is right; None if there is no right effect.
+        error: relative error of the size; None likewise.
+        covered: for each 90 % interval, whether it holds the truth.
+        closure: on held-out runs, None if the report has none.
+        said: effects that the report names, or its verdict.
+        sure: probability of them; ``held``: whether all of them are true.
         internal: names of the causes in the tables of this package.
-        reached: least detectability of the causes, infinite without any.
+        reached: smallest detectability of the causes, infinite without any.
         name: of the campaign.
         failed: why the diagnosis ended without a report.
     """
@@ -104,7 +104,7 @@ def outcome(label: Json, report: Json, name: str = "") -> Outcome:
     """Score a report.
 
     Raises:
-        AnalysisError: probabilities that do not sum to 1, or a report or label that breaks the
+        AnalysisError: probabilities that do not sum to 1, or a report or label that violates the
             schema.
     """
     try:
@@ -119,6 +119,7 @@ def outcome(label: Json, report: Json, name: str = "") -> Outcome:
 
 
 def _outcome(label: Json, report: Json, name: str) -> Outcome:
+    """Score a report that follows the schema."""
     p = probabilities(report)
     truth = tuple(sorted(label["truth"]))
     kind = "pair" if len(truth) > 1 else (truth[0] if truth[0] in OUTSIDE_CATALOGUE else "single")
@@ -160,7 +161,7 @@ def _outcome(label: Json, report: Json, name: str) -> Outcome:
 
 
 def probabilities(report: Json) -> dict[str, float]:
-    """Probability of each id, its loci summed; AnalysisError unless they sum to 1."""
+    """Probability of each effect, summed over its loci; AnalysisError unless they sum to 1."""
     try:
         causes, _ = report["causes"], report["verdict"]
     except KeyError as error:
@@ -179,7 +180,7 @@ def probabilities(report: Json) -> dict[str, float]:
 
 
 def strata_of(label: Json, kind: str) -> dict[str, str]:
-    """Names of the strata a case belongs to: d as asked, if it was reached."""
+    """Strata of a case by name; d is the requested one, or ``below`` it."""
     capped = any(effect.get("capped") for effect in label.get("effects", ()))
     d = "none" if kind == "none" else f"{float(label.get('d_requested', 0.0)):g}"
     return {
@@ -194,12 +195,13 @@ def strata_of(label: Json, kind: str) -> dict[str, str]:
 
 
 def _brier(p: Mapping[str, float], truth: str) -> float:
+    """Brier score of probabilities when one effect is true."""
     others = sum(value**2 for name, value in p.items() if name != truth)
     return others + (1.0 - p.get(truth, 0.0)) ** 2
 
 
 def _right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Json, Json] | None:
-    """The label's effect and the likeliest cause of that id, of the likeliest right effect."""
+    """Label entry and reported cause of the right effect with the largest probability, or None."""
     for cause in sorted(report["causes"], key=lambda one: -float(one["probability"])):
         if cause["effect"] in truth and cause["effect"] not in OUTSIDE_CATALOGUE:
             told = [one for one in label["effects"] if one["effect"] == cause["effect"]]
@@ -207,21 +209,21 @@ def _right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Jso
     return None
 
 
-def _same_place(told: Json, cause: Json) -> bool:
-    """Whether the channels are the same (of sensors), else mesh, planet, side and member."""
-    found, true = cause.get("locus") or {}, told["locus"]
+def _same_place(entry: Json, cause: Json) -> bool:
+    """Whether the channels agree (sensors), or else mesh, planet, side and member."""
+    found, true = cause.get("locus") or {}, entry["locus"]
     if "channels" in true:
         said = found.get("channels") or _value(cause, "channels") or _value(cause, "channel") or ()
         named = [said] if isinstance(said, str) else said
         return {name for one in named for name in _expanded(one, found)} == set(true["channels"])
     places = ("mesh", "planet", "side")
     same = all(str(found.get(name, "all")) == str(true.get(name, "all")) for name in places)
-    member = _value(told, "member")
+    member = _value(entry, "member")
     return same and (member is None or _value(cause, "member") in (member, None))
 
 
 def _expanded(name: str, place: Json) -> list[str]:
-    """A channel, or all of a quantity at a place, as ``F`` at sp/2/L."""
+    """The channel, or all channels of a quantity (x, v, F) at a place."""
     if name not in ("x", "v", "F"):
         return [name]
     mesh, planet, side = (str(place.get(part, "all")) for part in ("mesh", "planet", "side"))
@@ -233,13 +235,15 @@ def _expanded(name: str, place: Json) -> list[str]:
 
 
 def _value(cause: Json, name: str) -> Any:
+    """Value of a parameter, None if it is missing."""
     entry = (cause.get("parameters") or {}).get(name)
     return entry.get("value") if isinstance(entry, Mapping) else entry
 
 
-def _size_error(told: Json, cause: Json) -> float | None:
-    names, neutral = SIZES.get(told["effect"], ((), 0.0))
-    true, found = ([_value(one, name) for name in names] for one in (told, cause))
+def _size_error(entry: Json, cause: Json) -> float | None:
+    """Relative error of the size; None if it can't be computed."""
+    names, neutral = SIZES.get(entry["effect"], ((), 0.0))
+    true, found = ([_value(one, name) for name in names] for one in (entry, cause))
     if not names or any(not _number(value) for value in (*true, *found)):
         return None
     distance = float(np.hypot.reduce(np.subtract(found, true)))
@@ -251,19 +255,19 @@ def _number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _covered(told: Json, cause: Json) -> tuple[bool, ...]:
+def _covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
     """For each parameter of the size with an interval, whether it holds the truth."""
     held = []
-    for name in SIZES.get(told["effect"], ((), 0.0))[0]:
+    for name in SIZES.get(true_effect["effect"], ((), 0.0))[0]:
         entry = (cause.get("parameters") or {}).get(name) or {}
-        interval, true = entry.get("ci90"), _value(told, name)
+        interval, true = entry.get("ci90"), _value(true_effect, name)
         if interval is not None and _number(true):
             held.append(bool(interval[0] <= true <= interval[1]))
     return tuple(held)
 
 
 def size_errors(label: Json, report: Json) -> list[tuple[float, float, float]]:
-    """Error, standard deviation told and true size of each parameter of the right effects."""
+    """(error, standard deviation, true size) of each parameter of the right effects."""
     found = []
     for told in label["effects"]:
         same = [c for c in report["causes"] if c["effect"] == told["effect"]]

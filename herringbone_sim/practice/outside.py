@@ -1,4 +1,4 @@
-"""Effects that no catalogue holds: what a tool must not give a name to."""
+"""Effects outside the catalogue, which a diagnosis should call unknown."""
 
 from __future__ import annotations
 
@@ -7,27 +7,32 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
-from herringbone_sim.practice.machine import Machine
+from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, at, draw_kind_locus, draw_locus
+from herringbone_sim.practice.rig_model import RigModel
 
 
-def _phase_by_load(p: Machine, c: Cause, _: Point) -> Machine:
+def _phase_by_load(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Shift the phase of the stiffness with the load."""
     return p._replace(phase_by_load=c.size * c.meshes)
 
 
-def _half_order(p: Machine, c: Cause, _: Point) -> Machine:
+def _half_order(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add a stiffness harmonic of half the mesh order."""
     return p._replace(k_half=c.size * c.meshes)
 
 
-def _drift(p: Machine, c: Cause, _: Point) -> Machine:
+def _drift(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Let the stiffness grow during the run."""
     return p._replace(k_drift=c.sign * c.size * c.meshes)
 
 
-def _cross(p: Machine, c: Cause, _: Point) -> Machine:
+def _cross(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Couple the spring forces of the left and right side."""
     return p._replace(cross=c.size * c.meshes)
 
 
-def _plate(p: Machine, c: Cause, _: Point) -> Machine:
+def _plate(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Let the right plate of the carrier move on a spring; the size is the compliance [m/N]."""
     free, mass = p.free.copy(), p.mass.copy()
     free[14] = 1.0
     mass[2] -= mass[14]
@@ -35,15 +40,18 @@ def _plate(p: Machine, c: Cause, _: Point) -> Machine:
     return p._replace(free=free, mass=mass, plate=np.array([1.0 / c.size, damper]))
 
 
-def _stick_slip(p: Machine, c: Cause, _: Point) -> Machine:
+def _stick_slip(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add dry friction with stick-slip to the output."""
     return p._replace(output=np.array([c.size, c.shape["speed"]]))
 
 
-def _shock(p: Machine, c: Cause, _: Point) -> Machine:
+def _shock(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add periodic shocks to the carrier."""
     return p._replace(shock=np.array([c.size, c.shape["cycles"], c.shape["width"]]))
 
 
-def _gyro(p: Machine, c: Cause, _: Point) -> Machine:
+def _gyro(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Couple sun and planet 1 on the left by a skew-symmetric damping."""
     return p._replace(gyro=c.size)
 
 
@@ -52,18 +60,20 @@ def _size(unit: str) -> Any:
 
 
 def _drift_draw(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    return anywhere(rng), {"sign": float(rng.choice([-1.0, 1.0]))}
+    return draw_locus(rng), {"sign": float(rng.choice([-1.0, 1.0]))}
 
 
 OUTSIDE: dict[str, Kind] = {
     "phase_by_load": Kind(
-        "law", 0.1, 1.2, lambda rng, _: (by_kind(rng), {}), _phase_by_load, _size("rad")
+        "law", 0.1, 1.2, lambda rng, _: (draw_kind_locus(rng), {}), _phase_by_load, _size("rad")
     ),
     "half_order_stiffness": Kind(
-        "law", 0.05, 0.5, lambda rng, _: (anywhere(rng), {}), _half_order, _size("-")
+        "law", 0.05, 0.5, lambda rng, _: (draw_locus(rng), {}), _half_order, _size("-")
     ),
     "drifting_stiffness": Kind("law", 0.1, 0.6, _drift_draw, _drift, _size("-")),
-    "side_coupling": Kind("law", 0.05, 0.5, lambda rng, _: (by_kind(rng), {}), _cross, _size("-")),
+    "side_coupling": Kind(
+        "law", 0.05, 0.5, lambda rng, _: (draw_kind_locus(rng), {}), _cross, _size("-")
+    ),
     "carrier_flexibility": Kind(
         "law", 1e-12, 5e-10, lambda rng, _: (at(side="R"), {}), _plate, _size("m/N")
     ),

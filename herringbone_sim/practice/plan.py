@@ -1,4 +1,4 @@
-"""Draw a practice campaign: the rig within its tolerance, operating points, and the cause."""
+"""Draw a practice campaign: the rig within its tolerances, operating points, and causes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from herringbone_sim.errors import ParameterError
 from herringbone_sim.practice.catalogue import CATALOGUE
 from herringbone_sim.practice.cause import Cause, Kind
 from herringbone_sim.practice.laws import LAWS, draw_law
-from herringbone_sim.practice.machine import N_COORDINATE, TOLERANCE, TOLERATED, Array
 from herringbone_sim.practice.noise import Noise, draw_noise
 from herringbone_sim.practice.outside import OUTSIDE
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import CHANNEL_SETS, drawn_channels
+from herringbone_sim.practice.rig_model import N_COORDINATE, TOLERANCE, TOLERATED, Array
 from herringbone_sim.practice.sensors import OUTSIDE_SENSORS, SENSORS
 from herringbone_sim.practice.unseen import UNSEEN
 
@@ -30,11 +30,11 @@ KINDS: dict[str, Kind] = {
 }
 NAMED = (*CATALOGUE, *SENSORS)
 UNNAMED = (*OUTSIDE, *OUTSIDE_SENSORS)
-WILD = 0.5  # share of the unknown causes that are random physics, not one of ``UNNAMED``
+RANDOM_SHARE = 0.5  # share of the unknown causes that are random physics, not of ``UNNAMED``
 TRUTHS = {"none": 0.2, "single": 0.4, "pair": 0.2, "unknown": 0.2}
 DETECTABILITIES = (1.0, 3.0, 10.0)
 
-# Ranges of delta_T [K], K, T_1 [N m] and Omega of the runs of a campaign, as rigs are run.
+# Ranges of delta_T [K], K, T_1 [N m] and Omega of the runs of a campaign.
 VARIED = (
     ((75, 98), (0, 0), (205, 320), (0.92, 1.06)),
     ((13, 46), (0, 0), (205, 480), (0.91, 1.12)),
@@ -51,19 +51,19 @@ FIT_RUNS = 5
 
 @dataclass(frozen=True)
 class Plan:
-    """All that is drawn before anything is solved for.
+    """Everything that is drawn before sizes are solved for.
 
     Attributes:
-        seed: of everything.
-        d: detectability that is asked for, 0 without effect.
+        seed: of all draws.
+        d: requested detectability, 0 without effect.
         snr_dB: RMS of a channel over that of its noise.
-        noise: what measures, its kind among the rest.
-        channels: name of the set of channels; ``names``: those that are recorded.
+        noise: the measuring chain.
+        channels: name of the channel set; ``names``: the recorded channels.
         regime: ``varied`` or ``quiet`` operating points.
-        factors: of the rig's constants.
-        points: operating point of each run; the first five are for the fit.
-        phases: mesh phase [rad] of each run's first sample.
-        starts: (runs, 30) state in which each run's transient starts.
+        factors: of the rig's constants, by name.
+        points: operating point of each run; the first five runs are for the fit.
+        phases: mesh phase [rad] of the first sample of each run.
+        starts: (runs, 30) initial state of the transient of each run.
         causes: at most two.
     """
 
@@ -91,7 +91,7 @@ def draw_plan(
     noise: str = "white",
     law: str = "both",
 ) -> Plan:
-    """Draw a campaign; what is not given is drawn by the shares of ``TRUTHS``.
+    """Draw a campaign; the truth, if not given, by the shares of ``TRUTHS``.
 
     Args:
         truth: none, single, pair, unknown, unseen, random_physics or a kind of effect.
@@ -101,7 +101,7 @@ def draw_plan(
         law: catalogue, other or both: whose curves the effects of the catalogue have.
 
     Raises:
-        ParameterError: no such truth, set of channels, regime, noise or law.
+        ParameterError: an unknown truth, channel set, regime, noise or law.
     """
     _check(truth, channels, regime, law)
     measures = draw_noise(np.random.default_rng([seed, 0x9B]), noise, 10.0 ** (-snr_dB / 20.0))
@@ -131,6 +131,7 @@ def draw_plan(
 
 
 def _check(truth: str | None, channels: str, regime: str, law: str) -> None:
+    """Raise ParameterError for an unknown name."""
     for what, value, known in (
         ("truth", truth, (*TRUTHS, "unseen", *KINDS)),
         ("channels", channels, tuple(CHANNEL_SETS)),
@@ -142,6 +143,7 @@ def _check(truth: str | None, channels: str, regime: str, law: str) -> None:
 
 
 def _point(rng: Generator, ranges: Any) -> dict[str, float]:
+    """Draw an operating point from ranges of delta_T, K, T_1 and Omega."""
     digits = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}
     return {
         name: round(float(rng.uniform(*low_high)), digit)
@@ -150,9 +152,10 @@ def _point(rng: Generator, ranges: Any) -> dict[str, float]:
 
 
 def _start(rng: Generator) -> Array:
-    """A state (30,), planets in step but for a nanometre: at rest, or its sides set off apart.
+    """Draw an initial state (30,): at rest, or in 60 % of the cases with displaced sides.
 
-    Runs from rest miss the violent motions, left and right apart, that coexist with quiet ones.
+    Planets start equal to a nanometre. Runs from rest would miss the chaotic motions with
+    different left and right that coexist with regular ones.
     """
     start = 1e-9 * rng.normal(size=2 * N_COORDINATE)
     start[9:N_COORDINATE] = start[N_COORDINATE + 9 :] = 0.0
@@ -168,30 +171,34 @@ def _start(rng: Generator) -> Array:
 
 
 def _causes(rng: Generator, truth: str, names: tuple[str, ...], law: str) -> tuple[Cause, ...]:
+    """Draw the causes of a truth."""
     if truth == "none":
         return ()
     if truth == "pair":
         return tuple(draw_cause(rng, one, names, law) for one in _pair(rng))
     among = {"single": NAMED, "unseen": tuple(UNSEEN), "unknown": UNNAMED}.get(truth, (truth,))
-    if truth == "unknown" and rng.random() < WILD:
+    if truth == "unknown" and rng.random() < RANDOM_SHARE:
         among = tuple(RANDOM_PHYSICS)
     return (draw_cause(rng, str(rng.choice(among)), names, law),)
 
 
 def _pair(rng: Generator) -> tuple[str, str]:
+    """Draw two effects that can act together."""
     while True:
         one, other = (str(name) for name in rng.choice(NAMED, 2, replace=False))
         if not _clash(one, other):
             return one, other
 
 
-def _clash(one: str, other: str) -> bool:
-    """Whether two effects want the same place in the machine or in the channels."""
-    return {one, other} == {"tooth_crack", "tooth_spall"} or (one in SENSORS and other in SENSORS)
+def _clash(first: str, second: str) -> bool:
+    """Whether two effects use the same fields of the rig model, or are both of sensors."""
+    return {first, second} == {"tooth_crack", "tooth_spall"} or (
+        first in SENSORS and second in SENSORS
+    )
 
 
 def draw_cause(rng: Generator, name: str, names: tuple[str, ...], law: str = "both") -> Cause:
-    """An effect with its locus, shape and law, among the channels there are; its size not."""
+    """Draw locus, shape and law of an effect; its size is that of the first trial."""
     kind = KINDS[name]
     locus, shape = kind.draw(rng, names)
     effect = name if name in NAMED else "unknown"

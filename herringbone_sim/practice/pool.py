@@ -1,4 +1,4 @@
-"""Processes that compute on one thread each, or a Dask cluster, as an executor."""
+"""Executor of single-threaded processes, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from herringbone_sim.sweeps.cluster import cluster
 
@@ -21,14 +22,30 @@ THREADS = (
 )
 
 
+@dataclass(frozen=True)
+class Resources:
+    """Where to compute.
+
+    Attributes:
+        workers: processes on this machine, each with one thread.
+        scheduler: address of a Dask scheduler to run on instead; None for this machine.
+    """
+
+    workers: int = 2
+    scheduler: str | None = None
+
+
+LOCAL = Resources()
+
+
 @contextmanager
 def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor, int]]:
-    """An executor and the number of its cores.
+    """Executor and its number of cores.
 
-    Processes are started afresh: only so do their libraries heed the number of threads.
+    Processes are spawned, because libraries read the number of threads only at start.
 
     Raises:
-        AnalysisError: no scheduler there, no workers, or no Dask.
+        AnalysisError: no scheduler answers, it has no workers, or Dask is not installed.
     """
     if scheduler is not None:
         with cluster(scheduler) as found:
@@ -41,12 +58,13 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor,
 
 
 def _end_quietly() -> None:
-    """A worker just ends on Ctrl-C, which reaches all of a terminal, and with its parent."""
+    """Initialise a worker: end on Ctrl-C without a traceback, and when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
+    """Exit the process when its parent has ended."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -55,6 +73,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _single_threads() -> Iterator[None]:
+    """Context in which the environment limits numerical libraries to one thread."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:

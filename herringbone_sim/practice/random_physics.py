@@ -1,9 +1,9 @@
-"""Causes that nobody drew up: a random smooth function of what a mesh meets, somewhere.
+"""Unknown causes: a random smooth function of the mesh state that changes one quantity.
 
-One to three inputs, a sum of cosines of random directions and lengths in their space (A. Rahimi,
-B. Recht, NIPS 20 (2007) 1177), and a target: stiffness, damping, a force, a displacement, or a
-torque on a body that no force sensor sees. What the catalogue holds (a stiffness by phase alone,
-by load alone, ...) is not drawn.
+One to three inputs, a sum of cosines with random directions and wavelengths in their space (A.
+Rahimi, B. Recht, NIPS 20 (2007) 1177), and a target: stiffness, damping, a force, a displacement,
+or a torque on a body that no force sensor measures. Combinations that the catalogue contains
+(stiffness by phase alone, by load alone, ...) are not drawn.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import Cause, Kind, Point, anywhere, at, by_kind
+from herringbone_sim.practice.cause import Cause, Kind, Point, at, draw_kind_locus, draw_locus
 from herringbone_sim.practice.equip import CYCLES
-from herringbone_sim.practice.machine import BODIES, Array, Machine
+from herringbone_sim.practice.rig_model import BODIES, Array, RigModel
 
 INPUTS = ("deflection", "rate", "phase", "load", "temperature", "turn", "time", "own")
 TARGETS = ("none", "stiffness", "damping", "force", "displacement", "torque")
-# Of size 1; a size of 8 leaves stiffness and damping positive nearly everywhere.
+# RMS at size 1; up to size 8 stiffness and damping stay positive nearly everywhere.
 UNITS = {"stiffness": 0.04, "damping": 0.06, "force": 2e3, "displacement": 2e-6, "torque": 3e3}
-MEANT = {"stiffness": "-", "damping": "-", "force": "N", "displacement": "m", "torque": "N"}
-WAVES = ("phase", "turn")  # angles, of which a function has whole multiples
+UNIT_NAMES = {"stiffness": "-", "damping": "-", "force": "N", "displacement": "m", "torque": "N"}
+WAVES = ("phase", "turn")  # angles: a function has integer multiples of them
 FOLLOWED = ("deflection", "rate")
 COSINES = 5
 HIGHEST = {"phase": 3, "turn": 4}
-# Of a displacement its rate has to be known: nothing that moves with the gear.
+# Inputs of a displacement: known functions of time, as its rate is needed.
 CLOCKED = ("phase", "temperature", "turn", "time")
-# What a function of a single input, or of these alone, would be in the catalogue.
+# Sets of inputs with which the function would be an effect of the catalogue.
 KNOWN = {
     "stiffness": ({"phase"}, {"load"}, {"deflection"}, {"temperature"}, {"load", "deflection"}),
     "damping": ({"load"}, {"deflection"}, {"load", "deflection"}),
@@ -39,6 +39,7 @@ KNOWN = {
 
 
 def _draw(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Draw locus and shape: target, inputs and cosines."""
     target = str(rng.choice(TARGETS[1:]))
     inputs = _inputs(rng, target)
     heights, weights, angles = _cosines(rng, inputs)
@@ -56,7 +57,7 @@ def _draw(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str,
 
 
 def _inputs(rng: Generator, target: str) -> tuple[str, ...]:
-    """One to three inputs that no effect of the catalogue is a function of."""
+    """Draw one to three inputs that no effect of the catalogue depends on alone."""
     among = CLOCKED if target == "displacement" else INPUTS
     while True:
         chosen = rng.choice(len(among), int(rng.integers(1, 4)), replace=False)
@@ -66,9 +67,10 @@ def _inputs(rng: Generator, target: str) -> tuple[str, ...]:
 
 
 def _cosines(rng: Generator, inputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """Heights (h,), weights (h, inputs) and angles (h,); of an angle the weight is whole, not 0.
+    """Draw heights (h,), weights (h, inputs) and angles (h,) of the cosines.
 
-    The length of other inputs is drawn between a half and twice what the input goes through.
+    Weights of angles are non-zero integers. The wavelength of other inputs is drawn between half
+    and twice their range.
     """
     weights = np.empty((COSINES, len(inputs)))
     for i, name in enumerate(inputs):
@@ -81,20 +83,22 @@ def _cosines(rng: Generator, inputs: tuple[str, ...]) -> tuple[Array, Array, Arr
 
 
 def _length(name: str, rng: Generator) -> float:
-    """Length scale over the kernel's unit of an input: 10 um, 0.5 m/s, 10 kN, 50 K, the run."""
+    """Wavelength scale of an input in its unit of the kernel: 10 um, 0.5 m/s, 10 kN, 50 K, the
+    run.
+    """
     span = {"time": 0.4, "temperature": 0.6}.get(name, 1.5)
     return float(span * 2.0 ** rng.uniform(-1.0, 1.0))
 
 
 def _place(rng: Generator) -> dict[str, Any]:
-    """A kind of mesh or both, a planet, a side, a mesh."""
+    """Draw a locus: a mesh kind or both, a planet, a side, or one mesh."""
     planet, side = int(rng.integers(1, 4)), str(rng.choice(["L", "R"]))
-    places = (by_kind(rng), at(planet=planet), at(side=side), anywhere(rng))
+    places = (draw_kind_locus(rng), at(planet=planet), at(side=side), draw_locus(rng))
     return places[int(rng.integers(len(places)))]
 
 
 def _torque_place(rng: Generator) -> tuple[dict[str, Any], str]:
-    """Meshes of a body, and the body."""
+    """Draw a body; returns the locus of its meshes, and the body."""
     body = str(rng.choice(BODIES))
     if body == "c":
         return at(), body
@@ -103,7 +107,7 @@ def _torque_place(rng: Generator) -> tuple[dict[str, Any], str]:
 
 
 def _samples(inputs: tuple[str, ...]) -> Array:
-    """(n, inputs) typical values, the same for all, to centre and scale a function by."""
+    """(n, inputs) typical input values, always the same, to centre and scale a function."""
     rng = np.random.default_rng(0)
     n = 4000
     drawn = {name: rng.uniform(0.0, 2.0 * np.pi, n) for name in WAVES}
@@ -112,7 +116,9 @@ def _samples(inputs: tuple[str, ...]) -> Array:
 
 
 def function(shape: Any) -> tuple[Array, Array, Array, float]:
-    """Heights, weights (h, 8), angles and mean of the function: typical mean 0, RMS 1."""
+    """Heights, weights (h, 8), angles and mean of the function, scaled to typical mean 0 and RMS
+    1.
+    """
     inputs = tuple(shape["inputs"])
     heights, weights, angles = (np.array(shape[n]) for n in ("heights", "weights", "angles"))
     values = np.cos(_samples(inputs) @ weights.T + angles) @ heights
@@ -122,13 +128,14 @@ def function(shape: Any) -> tuple[Array, Array, Array, float]:
     return heights * scale, wide, angles, float(np.mean(values)) * scale
 
 
-def _apply(p: Machine, c: Cause, _: Point) -> Machine:
+def _apply(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Rig model with the random function."""
     heights, weights, angles, mean = function(c.shape)
     unit = UNITS[str(c.shape["target"])]
     own = "own" in c.shape["inputs"]
     memory = 2.0 * np.pi * float(c.shape.get("memory_cycles", 1.0)) / p.omega
     return p._replace(
-        wild=p.wild._replace(
+        random=p.random._replace(
             target=TARGETS.index(c.shape["target"]),
             size=c.size * unit * c.meshes,
             heights=heights,
@@ -150,6 +157,6 @@ RANDOM_PHYSICS: dict[str, Kind] = {
         8.0,
         _draw,
         _apply,
-        lambda c: {"rms": (c.size * UNITS[c.shape["target"]], MEANT[c.shape["target"]])},
+        lambda c: {"rms": (c.size * UNITS[c.shape["target"]], UNIT_NAMES[c.shape["target"]])},
     )
 }

@@ -1,4 +1,4 @@
-"""Why a figure of the bench is what it is: the commonest confusions, counted."""
+"""Most frequent confusions behind each figure of a bench."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ def reasons(figure: str, cases: Sequence[Outcome]) -> list[str]:
 
 
 def _counted(texts: Sequence[str], head: str) -> list[str]:
+    """A sentence with the most frequent texts and their counts."""
     if not texts:
         return []
     common = Counter(texts).most_common(MOST)
@@ -29,10 +30,13 @@ def _counted(texts: Sequence[str], head: str) -> list[str]:
 
 
 def _name(case: Outcome) -> str:
+    """Names of the causes of a case."""
     return " + ".join(case.internal) or "none"
 
 
 def _confused(wrong: Callable[[Outcome], bool]) -> Callable[[Sequence[Outcome]], list[str]]:
+    """Function that counts true and first-named effects of the cases with ``wrong``."""
+
     def tell(cases: Sequence[Outcome]) -> list[str]:
         known = [c for c in cases if c.kind in ("single", "pair") and wrong(c)]
         return _counted([f"{_name(c)} -> {c.first}" for c in known], "truth -> first")
@@ -41,11 +45,13 @@ def _confused(wrong: Callable[[Outcome], bool]) -> Callable[[Sequence[Outcome]],
 
 
 def _named_on_none(cases: Sequence[Outcome]) -> list[str]:
+    """Effects named on rigs without effects."""
     wrong = [c for c in cases if c.kind == "none" and c.named]
     return _counted([" + ".join(c.said) for c in wrong], "said of empty rigs")
 
 
 def _pairs(cases: Sequence[Outcome]) -> list[str]:
+    """How pairs were named."""
     wrong = [c for c in cases if c.kind == "pair" and not c.both]
     shape = [f"{len(set(c.said) & set(c.truth))} of 2 right, {len(c.said)} named" for c in wrong]
     texts = [f"{_name(c)} -> {' + '.join(c.said)}" for c in wrong]
@@ -53,6 +59,7 @@ def _pairs(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _doubted(cases: Sequence[Outcome]) -> list[str]:
+    """Mean probability on the truth, and the cases where it is small."""
     means = {
         kind: [c.p_truth for c in cases if c.kind == kind]
         for kind in ("none", "single", "pair", "unknown")
@@ -63,6 +70,7 @@ def _doubted(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _calibration(cases: Sequence[Outcome]) -> list[str]:
+    """Stated probability against share of right statements, in bins."""
     edges = (0.0, 0.5, 0.7, 0.9, 0.97, 1.0 + 1e-9)
     told = []
     for low, high in pairwise(edges):
@@ -94,6 +102,7 @@ def _errors(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _coverage(cases: Sequence[Outcome]) -> list[str]:
+    """Effects whose intervals miss the truth most often."""
     found: dict[str, list[float]] = {}
     for c in cases:
         found.setdefault(c.first, []).extend(float(held) for held in c.covered)
@@ -102,6 +111,7 @@ def _coverage(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _closures(cases: Sequence[Outcome]) -> list[str]:
+    """Cases with a small closure."""
     known = [c for c in cases if c.kind in ("single", "pair")]
     low = [c for c in known if (c.closure or 0.0) < 0.7]
     tied = [f"{_name(c)} -> {' + '.join(c.said)}" for c in low]
@@ -113,6 +123,7 @@ def _closures(cases: Sequence[Outcome]) -> list[str]:
 def _by_effect(
     cases: Sequence[Outcome], value: Callable[[Outcome], float | None]
 ) -> dict[str, list[float]]:
+    """Values of the cases by the effect that was named first."""
     found: dict[str, list[float]] = {}
     for c in cases:
         got = value(c)
@@ -121,9 +132,10 @@ def _by_effect(
     return found
 
 
-def _ranked(values: dict[str, float], found: dict[str, list[float]], head: str) -> list[str]:
+def _ranked(values: dict[str, float], by_effect: dict[str, list[float]], head: str) -> list[str]:
+    """A sentence with the largest values by effect."""
     worst = sorted(values, key=lambda name: -values[name])[:MOST]
-    told = "; ".join(f"{name} {values[name]:.3f} (n = {len(found[name])})" for name in worst)
+    told = "; ".join(f"{name} {values[name]:.3f} (n = {len(by_effect[name])})" for name in worst)
     return [f"{head}, worst first: {told}"] if told else []
 
 
@@ -147,7 +159,7 @@ _REASONS: dict[str, Callable[[Sequence[Outcome]], list[str]]] = {
 
 
 def by_cause(cases: Sequence[Outcome]) -> list[list[str]]:
-    """A line a cause: single ones, those outside the catalogue, none, pairs, as text cells."""
+    """Table rows by cause: single effects, effects outside the catalogue, none, pairs."""
     groups: dict[str, list[Outcome]] = {}
     for c in cases:
         if c.kind == "pair":
@@ -159,6 +171,7 @@ def by_cause(cases: Sequence[Outcome]) -> list[list[str]]:
 
 
 def _line(name: str, cases: Sequence[Outcome]) -> list[str]:
+    """Table row of one cause."""
     loci = [c.locus for c in cases if c.locus is not None]
     errors = [c.error for c in cases if c.error is not None]
     closures = [c.closure for c in cases if c.closure is not None]

@@ -1,4 +1,4 @@
-"""What the rig's encoders and force sensors would show of a run: exact, then with noise."""
+"""Exact channels of a simulated run: encoders and force sensors before noise."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.practice.machine import (
+from herringbone_sim.practice.rig_model import (
     BODIES,
     MESHES,
     N_BODY,
@@ -18,9 +18,9 @@ from herringbone_sim.practice.machine import (
     NOMINAL,
     Array,
     Constants,
-    Machine,
+    RigModel,
     half_backlash,
-    machine,
+    rig_model,
 )
 from herringbone_sim.practice.stepper import accelerations, integrate
 
@@ -28,7 +28,7 @@ HEAD = ("t", "phase", "K", "delta_T", "T_1")
 SAMPLES_PER_CYCLE = 24
 CYCLES = 120
 TRANSIENT = 80
-FINER = 4  # samples for a filter to one that is recorded
+FINER = 4  # samples of the filter input per recorded sample
 COS_BETA = float(np.cos(np.radians(16.0)))
 _X, _V, _F = (tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
 _U = tuple(f"u_{b}" for b in BODIES)
@@ -36,7 +36,7 @@ _SHAFTS = ("s_L", "s_R", "c")
 _FEW = tuple(f"u_{b}" for b in _SHAFTS)
 _RINGS = tuple(f"F_{m}" for m in MESHES if m.startswith("rp"))
 _PINS = ("F_pin1", "F_pin2", "F_pin3")
-GAUGES = 4  # places of the ring where gauges sit; one sees a planet for as many mesh cycles a turn
+GAUGES = 4  # ring gauges; each sees a planet for PASSES mesh cycles
 PASSES = 4.0
 RING_CYCLES = 77.0  # mesh cycles of a turn of the ring against the carrier
 CHANNEL_SETS = {
@@ -53,7 +53,7 @@ CHANNEL_SETS = {
 
 
 def drawn_channels(rng: Generator, name: str) -> tuple[str, ...]:
-    """Channels of a set; of ``half_forces`` those forces that are not missing are drawn."""
+    """Channels of a set; for ``half_forces`` the missing forces are drawn."""
     missing: set[str] = set()
     if name == "half_forces":
         missing = {str(one) for one in rng.choice(_F, len(_F) // 2, replace=False)}
@@ -61,12 +61,13 @@ def drawn_channels(rng: Generator, name: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Watch:
-    """How a run is watched: mesh cycles left out and kept, and what the sensors are late by.
+class Sampling:
+    """Sampling of a run.
 
     Attributes:
-        lags: before each sample [s], of channels that are late.
-        delay: of all channels before a filter [s]; None: no filter.
+        transient, cycles: mesh cycles left out, and recorded.
+        lags: delays [s] of late channels.
+        delay: delay of all channels before a filter [s]; None: no filter.
     """
 
     transient: int = TRANSIENT
@@ -77,14 +78,14 @@ class Watch:
 
 @dataclass(frozen=True)
 class Motion:
-    """A run as it was, without sensors.
+    """The true motion of a run, without sensors.
 
     Attributes:
-        times: (n,) [s] from 0 on; ``phase`` (n,) [rad].
-        x, v, force: (n, 12) as the recording contract has them, with the nominal e(t).
-        u: (n, 9) displacements, the linear trend of the rigid rotation removed; ``a`` their second
+        times: (n,) [s] from 0; ``phase`` (n,) [rad].
+        x, v, force: (n, 12) as in the recording contract, with the nominal e(t).
+        u: (n, 9) displacements without the linear trend of the rigid rotation; ``a`` their second
             derivatives [m/s^2].
-        extra: (n, 9) what acts on the bodies besides mesh forces, T_1, T_2 and K [N].
+        extra: (n, 9) forces on the bodies other than mesh forces, T_1, T_2 and K [N].
     """
 
     times: Array
@@ -98,48 +99,56 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Recorded:
-    """A run, what was a lag before it, and the same finely for a filter, from a cycle before."""
+class SimulatedRun:
+    """A simulated run, sampled for all sensors.
+
+    Attributes:
+        now: at the recorded times.
+        before: the same earlier by each lag.
+        fine: ``FINER`` times as finely from a cycle before, for a filter; None without one.
+    """
 
     now: Motion
     before: tuple[Motion, ...] = ()
     fine: Motion | None = None
 
 
-def record_motion(p: Machine, phase0: float, start: Array, watch: Watch | None = None) -> Recorded:
-    """Run past the transient and sample.
+def simulate_motion(
+    p: RigModel, phase0: float, start: Array, sampling: Sampling | None = None
+) -> SimulatedRun:
+    """Integrate past the transient and sample.
 
     Args:
-        phase0: mesh phase [rad] at the first sample kept.
+        phase0: mesh phase [rad] at the first recorded sample.
         start: (30,) state in which the transient starts.
     """
-    watch = watch or Watch()
+    sampling = sampling or Sampling()
     step = 2.0 * np.pi / SAMPLES_PER_CYCLE / p.omega
-    lead = watch.transient * SAMPLES_PER_CYCLE * step
-    own = lead + step * np.arange(watch.cycles * SAMPLES_PER_CYCLE)
-    grids = [own, *(own - lag for lag in watch.lags)]
-    if watch.delay is not None:
-        count = (watch.cycles + 1) * SAMPLES_PER_CYCLE * FINER - FINER + 1
+    lead = sampling.transient * SAMPLES_PER_CYCLE * step
+    own = lead + step * np.arange(sampling.cycles * SAMPLES_PER_CYCLE)
+    grids = [own, *(own - lag for lag in sampling.lags)]
+    if sampling.delay is not None:
+        count = (sampling.cycles + 1) * SAMPLES_PER_CYCLE * FINER - FINER + 1
         finely = own[-1] + step / FINER * np.arange(1 - count, 1)
-        grids.append(finely - watch.delay)
+        grids.append(finely - sampling.delay)
     times, back = np.unique(np.concatenate([[0.0], *grids]), return_inverse=True)
     states, force, extra = integrate(p, phase0 - p.omega * lead, start, times)
     phase: Array = phase0 + p.omega * np.asarray(times - lead, dtype=np.float64)
     parts = np.split(back[1:], np.cumsum([len(grid) for grid in grids])[:-1])
     at: Array = np.asarray(own - lead, dtype=np.float64)
-    clocks = [at] * (1 + len(watch.lags))
-    if watch.delay is not None:
+    clocks = [at] * (1 + len(sampling.lags))
+    if sampling.delay is not None:
         clocks.append(finely - lead)
     seen = [
-        _seen(p, clock, phase[i], times[i], states[i], force[i], extra[i])
+        _motion_at(p, clock, phase[i], times[i], states[i], force[i], extra[i])
         for clock, i in zip(clocks, parts, strict=True)
     ]
-    fine = seen.pop() if watch.delay is not None else None
-    return Recorded(seen[0], tuple(seen[1:]), fine)
+    fine = seen.pop() if sampling.delay is not None else None
+    return SimulatedRun(seen[0], tuple(seen[1:]), fine)
 
 
-def _seen(
-    p: Machine,
+def _motion_at(
+    p: RigModel,
     times: Array,
     phase: Array,
     own_times: Array,
@@ -147,6 +156,7 @@ def _seen(
     force: Array,
     extra: Array,
 ) -> Motion:
+    """Motion at some of the integrated times."""
     u, rate = states[:, :N_BODY], states[:, N_COORDINATE : N_COORDINATE + N_BODY]
     e = NOMINAL.e_sp
     x = geometry(u) * p.cos_beta - e * np.sin(phase)[:, None]
@@ -157,14 +167,14 @@ def _seen(
 
 
 def geometry(u: Array) -> Array:
-    """Deflections (n, 12) of Eqs. (15), (16) over cos beta, without errors, of bodies (n, 9)."""
+    """Deflections (n, 12) over cos beta without errors, Eqs. (15), (16), from bodies u (n, 9)."""
     suns = np.repeat(u[:, :2], 3, axis=1)
     planets, carrier = u[:, 3:9], u[:, 2:3]
     return np.concatenate([suns - planets - carrier, planets - carrier], axis=1)
 
 
 def without_trend(u: Array, times: Array) -> Array:
-    """u (n, 9) without the linear trend of the rigid rotation, by the nominal masses."""
+    """u (n, 9) without the linear trend of the rigid rotation, weighted by the nominal masses."""
     rigid = np.array([2.0, 2.0, 1.0, *[1.0] * 6])
     weights = rigid * _nominal_masses()
     along = u @ weights / float(rigid @ weights)
@@ -174,11 +184,11 @@ def without_trend(u: Array, times: Array) -> Array:
 
 @functools.cache
 def _nominal_masses() -> Array:
-    return machine(NOMINAL, {"delta_T": 0.0, "K": 0.0, "T_1": 0.0, "Omega": 1.0}).mass[:N_BODY]
+    return rig_model(NOMINAL, {"delta_T": 0.0, "K": 0.0, "T_1": 0.0, "Omega": 1.0}).mass[:N_BODY]
 
 
 def channels_of(motion: Motion) -> dict[str, Array]:
-    """All measured channels by name, exact, the head left out."""
+    """All exact channels by name, without the head."""
     named = {f"x_{m}": motion.x[:, j] for j, m in enumerate(MESHES)}
     named |= {f"v_{m}": motion.v[:, j] for j, m in enumerate(MESHES)}
     named |= {f"F_{m}": motion.force[:, j] for j, m in enumerate(MESHES)}
@@ -189,7 +199,7 @@ def channels_of(motion: Motion) -> dict[str, Array]:
 
 
 def gated(name: str, phase: Array, values: Array) -> Array:
-    """What a ring gauge reads: NaN but for the cycles in which the planet passes."""
+    """Readings of a ring gauge: NaN outside the cycles in which the planet passes."""
     turn = phase / (2.0 * np.pi) + RING_CYCLES * (int(name[4]) - 1) / 3.0
     seen = turn % (RING_CYCLES / GAUGES) < PASSES
     return np.where(seen, values, np.nan)
@@ -205,7 +215,7 @@ def series_of(
     """The recording: head and the measured channels of a set.
 
     Args:
-        gates: whether forces are those of gauges at the ring.
+        gates: whether ring forces are read by gauges that see only passing planets.
     """
     n = len(motion.times)
     if gates:
@@ -221,8 +231,8 @@ def series_of(
 
 
 def law_force(c: Constants, point: Mapping[str, float], phase: Array, x: Array, v: Array) -> Array:
-    """k(t) f(x) + c v (n, 12) [N] of a rig without effect."""
-    p = machine(c, point)
+    """k(t) f(x) + c v (n, 12) [N] of a rig without effects."""
+    p = rig_model(c, point)
     half = half_backlash(c, point["delta_T"])
     flank = x - np.clip(x, -half, half)
     k = p.stiffness * (1.0 + c.k_amp * np.cos(phase))[:, None]
@@ -231,14 +241,14 @@ def law_force(c: Constants, point: Mapping[str, float], phase: Array, x: Array, 
 
 
 def own_error_shift(c: Constants, point: Mapping[str, float], phase: Array) -> tuple[Array, Array]:
-    """What own e(t) takes off the recorded x, v (n, 12), which hold the nominal e(t)."""
-    p = machine(c, point)
+    """Part of the rig's own e(t), beyond the nominal one, in recorded x and v (n, 12)."""
+    p = rig_model(c, point)
     off = p.error - NOMINAL.e_sp
     return off * np.sin(phase)[:, None], off * p.omega * np.cos(phase)[:, None]
 
 
 def contact(c: Constants, point: Mapping[str, float], motion: Motion) -> dict[str, float]:
-    """Shares of samples with drive and back flank closed, sun and ring meshes."""
+    """Shares of samples in drive and back contact, for sun and ring meshes."""
     half = half_backlash(c, point["delta_T"])
     dx, _ = own_error_shift(c, point, motion.phase)
     drive, back = motion.x - dx > half, motion.x - dx < -half

@@ -1,7 +1,7 @@
-"""Baselines that see what the diagnosis sees: recalibration, in-sample BIC, sparse regression.
+"""Baselines with the diagnosis's own evidence: recalibration, in-sample BIC, sparse regression.
 
-Each gives a report of the same schema, from the same evidence. None of them leaves a run out or
-says ``unknown`` by itself, as they are mostly used; all three know the tolerances.
+Each reports in the same schema. None leaves runs out or says ``unknown`` by itself, as they are
+mostly used; all three know the tolerances.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from herringbone_sim.practice.baselines import SCHEMA
 
 Report = dict[str, Any]
 
-HEALTHY = 1.1  # mean square of the residual over its noise below which calibration is enough
-SPARSE = 0.1  # share of the squares that a term has to take off to be kept
+HEALTHY = 1.1  # chi2 per value below which recalibration alone is accepted
+SPARSE = 0.1  # smallest reduction of the squared residual for a term to be selected
 
 
 def rivals(rig: str, evidence: Evidence | None) -> dict[str, Report]:
@@ -33,13 +33,13 @@ def rivals(rig: str, evidence: Evidence | None) -> dict[str, Report]:
 
 
 def recalibration_alone(evidence: Evidence) -> tuple[str, ...]:
-    """``none`` where the machine with its tolerances fits the noise, else ``unknown``."""
+    """``none`` if the gear with its tolerances fits to the noise, else ``unknown``."""
     none = evidence.candidates[0]
     return ("none",) if none.in_sample / evidence.count < HEALTHY else ("unknown",)
 
 
 def in_sample_bic(evidence: Evidence) -> tuple[str, ...]:
-    """The candidate with the least chi2 + p ln n of the runs that it was fitted to."""
+    """Effects of the candidate with the smallest chi2 + p ln n on the runs it was fitted to."""
 
     def bic(c: Candidate) -> float:
         return float(c.in_sample + c.size * np.log(evidence.count))
@@ -48,7 +48,7 @@ def in_sample_bic(evidence: Evidence) -> tuple[str, ...]:
 
 
 def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
-    """The effect whose linear terms take most off the squares, if that is a tenth of them."""
+    """The effect whose linear terms reduce the squared residual most, if by a tenth or more."""
     none = evidence.candidates[0]
     if not evidence.screened:
         return ("none",)
@@ -57,16 +57,17 @@ def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
     return (name,) if kept else ("none",)
 
 
-def _report(rig: str, found: Sequence[str]) -> Report:
+def _report(rig: str, effects: Sequence[str]) -> Report:
+    """Gap report with equal probabilities on the effects."""
     causes = [
-        {"effect": name, "locus": {}, "probability": 1.0 / len(found), "parameters": {}}
-        for name in found
+        {"effect": name, "locus": {}, "probability": 1.0 / len(effects), "parameters": {}}
+        for name in effects
     ]
     return {
         "schema": SCHEMA,
         "campaign": rig,
-        "verdict": found[0],
-        "effects": [] if found[0] in ("none", "unknown") else list(found),
+        "verdict": effects[0],
+        "effects": [] if effects[0] in ("none", "unknown") else list(effects),
         "causes": causes,
         "ambiguous_with": [],
         "gap": {"closure": None},

@@ -1,4 +1,4 @@
-"""The score of many reports: every figure of the check, with intervals, by strata."""
+"""Score of many reports: every figure with its interval, by strata."""
 
 from __future__ import annotations
 
@@ -18,9 +18,7 @@ from herringbone_sim.practice.intervals import (
     calibration_error,
     share,
 )
-from herringbone_sim.practice.label import read_label
-from herringbone_sim.practice.outcome import Outcome, outcome
-from herringbone_sim.recording.safe_json import read_json
+from herringbone_sim.practice.outcome import Outcome
 
 Outcomes = Sequence[Outcome]
 STRATA = ("truth", "d", "noise", "snr", "law", "channels", "regime")
@@ -28,18 +26,18 @@ CELL = ("noise", "law", "channels", "d")
 
 
 @dataclass(frozen=True)
-class Question:
-    """A figure: what is asked, of the outcomes, and the range that is aimed at."""
+class Metric:
+    """A figure: its function of the outcomes, and its target range."""
 
     name: str
-    ask: Callable[[Outcomes], Figure]
+    compute: Callable[[Outcomes], Figure]
     least: float = -np.inf
     most: float = np.inf
 
 
 @dataclass(frozen=True)
 class Row:
-    """A figure in a stratum; ``met`` is None without cases or without a target."""
+    """A figure in a stratum."""
 
     figure: str
     stratum: str
@@ -49,13 +47,14 @@ class Row:
 
     @property
     def met(self) -> bool | None:
+        """Whether the target is met; None without cases or without a target."""
         if self.result.n == 0 or not np.isfinite([self.least, self.most]).any():
             return None
         return bool(self.least <= self.result.value <= self.most)
 
 
 def of_kind(cases: Outcomes, *kinds: str) -> list[Outcome]:
-    """Outcomes whose truth is of these kinds."""
+    """Outcomes whose truth is of the given kinds."""
     return [case for case in cases if case.kind in kinds]
 
 
@@ -117,7 +116,7 @@ def _coverage(cases: Outcomes) -> Figure:
 
 
 def _closures(cases: Outcomes) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Of rigs with a known effect; a report without one closes nothing."""
+    """Closure (n,) of rigs with a known effect; 0 if the report has none."""
     return np.array([case.closure or 0.0 for case in of_kind(cases, "single", "pair")])
 
 
@@ -133,70 +132,49 @@ def _tenth(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
     return float(np.percentile(values, 10.0))
 
 
-QUESTIONS = (
-    Question("false attribution on none", _false_attribution, most=0.02),
-    Question("right effect first", _right_first, least=0.90),
-    Question("right or in the named class", _in_class, least=0.97),
-    Question("among the first three", _in_three, least=0.98),
-    Question("both effects of a pair", _both, least=0.70),
-    Question("mean probability on the truth", _mean_p, least=0.85),
-    Question("Brier score", _brier, most=0.25),
-    Question("calibration error", _calibration, most=0.05),
-    Question("AUROC unknown against known", _unknown, least=0.90),
-    Question("confident wrong names on unknown", _wrong_names, most=0.05),
-    Question("locus", _locus, least=0.95),
-    Question("parameter error, median", _error, most=0.05),
-    Question("coverage of 90 % intervals", _coverage, least=0.85, most=0.95),
-    Question("closure, median", lambda c: bootstrap(_closures(c), _median), least=0.90),
-    Question("closure, tenth percentile", lambda c: bootstrap(_closures(c), _tenth), least=0.70),
+METRICS = (
+    Metric("false attribution on none", _false_attribution, most=0.02),
+    Metric("right effect first", _right_first, least=0.90),
+    Metric("right or in the named class", _in_class, least=0.97),
+    Metric("among the first three", _in_three, least=0.98),
+    Metric("both effects of a pair", _both, least=0.70),
+    Metric("mean probability on the truth", _mean_p, least=0.85),
+    Metric("Brier score", _brier, most=0.25),
+    Metric("calibration error", _calibration, most=0.05),
+    Metric("AUROC unknown against known", _unknown, least=0.90),
+    Metric("confident wrong names on unknown", _wrong_names, most=0.05),
+    Metric("locus", _locus, least=0.95),
+    Metric("parameter error, median", _error, most=0.05),
+    Metric("coverage of 90 % intervals", _coverage, least=0.85, most=0.95),
+    Metric("closure, median", lambda c: bootstrap(_closures(c), _median), least=0.90),
+    Metric("closure, tenth percentile", lambda c: bootstrap(_closures(c), _tenth), least=0.70),
 )
 
 
 def score(cases: Outcomes) -> tuple[Row, ...]:
     """All figures over all cases, then over each stratum, with 95 % intervals.
 
-    Calibration is that of what a report says, all of which must be there.
+    Calibration compares the probability of what a report says with whether all of it is true.
 
     Raises:
         AnalysisError: no cases.
     """
     if not cases:
         raise AnalysisError("a score needs cases, got none: name folders with reports and labels")
-    rows = [_row(question, "all", cases) for question in QUESTIONS]
+    rows = [_row(metric, "all", cases) for metric in METRICS]
     for name in STRATA:
         for value in sorted({case.strata[name] for case in cases}):
             inside = [case for case in cases if case.strata[name] == value]
-            rows += [_row(question, f"{name}: {value}", inside) for question in QUESTIONS]
+            rows += [_row(metric, f"{name}: {value}", inside) for metric in METRICS]
     return tuple(rows)
 
 
-def _row(question: Question, stratum: str, cases: Outcomes) -> Row:
-    return Row(question.name, stratum, question.ask(cases), question.least, question.most)
-
-
-def read_cases(reports: Path, labels: Path, seals: dict[str, str]) -> tuple[Outcome, ...]:
-    """Outcomes of ``reports/NAME/report.json`` against ``labels/NAME.json``, for every seal.
-
-    Args:
-        seals: NAME to seal of its label; a report that is missing counts as a case lost.
-
-    Raises:
-        RecordingError: a label that is missing or not the one sealed.
-        AnalysisError: a report that is missing or breaks the schema; its name is said.
-    """
-    cases = []
-    for name, sealed in seals.items():
-        label = read_label(labels / f"{name}.json", sealed)
-        file = reports / name / "report.json"
-        try:
-            cases.append(outcome(label, read_json(file), name))
-        except (OSError, ValueError) as error:
-            raise AnalysisError(f"{file}: {error}: write a report for each label") from error
-    return tuple(cases)
+def _row(metric: Metric, stratum: str, cases: Outcomes) -> Row:
+    return Row(metric.name, stratum, metric.compute(cases), metric.least, metric.most)
 
 
 def write_table(rows: Sequence[Row], file: Path) -> None:
-    """The figures as CSV."""
+    """Write the figures as CSV."""
     with file.open("w", newline="", encoding="utf-8") as handle:
         table = csv.writer(handle)
         table.writerow(["stratum", "figure", "value", "low_95", "high_95", "n", "target", "met"])
@@ -208,22 +186,8 @@ def write_table(rows: Sequence[Row], file: Path) -> None:
 
 
 def target(row: Row) -> str:
-    """The aim of a row as text, as ``0.85 .. 0.95`` or ``<= 0.02``."""
+    """Target of a row as text, such as ``0.85 .. 0.95`` or ``<= 0.02``."""
     least, most = np.isfinite(row.least), np.isfinite(row.most)
     if least and most:
         return f"{row.least:g} .. {row.most:g}"
     return f">= {row.least:g}" if least else (f"<= {row.most:g}" if most else "")
-
-
-def table_text(rows: Sequence[Row]) -> str:
-    """The figures as lines to print."""
-    lines = []
-    for row in rows:
-        if row.result.n:
-            r = row.result
-            mark = {True: "met", False: "missed", None: ""}[row.met]
-            lines.append(
-                f"{row.stratum:24s} {row.figure:34s} {r.value:7.3f} [{r.low:6.3f}, {r.high:6.3f}] "
-                f"n = {r.n:4d}  {target(row):12s} {mark}"
-            )
-    return "\n".join(lines)

@@ -6,10 +6,10 @@ from herringbone_sim.errors import ParameterError
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """Seeds of ``2000:2200`` (the end is left out) and ``1,5,9``, or both; each once, sorted.
+    """Seeds from ``2000:2200`` (end excluded), ``1,5,9``, or both; each once, sorted.
 
     Raises:
-        ParameterError: another form, a seed below 0, or none at all.
+        ParameterError: another form, a negative seed, or none.
     """
     found: set[int] = set()
     try:

@@ -1,4 +1,4 @@
-"""Sensors that tell it wrong: effects on the recording, not on the machine."""
+"""Faults of sensors: effects on the recording, not on the gear."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import Cause, Kind, Point, at, sign
-from herringbone_sim.practice.machine import BODIES, MESHES, Array, Machine
+from herringbone_sim.practice.cause import Cause, Kind, Point, at, draw_sign
 from herringbone_sim.practice.record import Motion, channels_of
+from herringbone_sim.practice.rig_model import BODIES, MESHES, Array, RigModel
 
 Channels = dict[str, Array]
 UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4, "a": 5e4}
 
 
-def _untouched(p: Machine, _c: Cause, _point: Point) -> Machine:
+def _untouched(p: RigModel, _c: Cause, _point: Point) -> RigModel:
     return p
 
 
 def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
-    """Locus of some channels: where their mesh is, and the names."""
+    """Locus of some channels: the mesh of the first one, and the names."""
     first = channels[0]
     prefix, _, place = first.partition("_")
     mesh = prefix in "xvF" and prefix != "t" and place in MESHES
@@ -30,19 +30,19 @@ def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
 
 
 def draw_channel(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """One of the channels there are, and sign, unit and frequency of its fault."""
+    """Draw one of the channels, and sign, unit and frequency of its fault."""
     name = str(rng.choice(list(among)))
-    shape = {"sign": sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
+    shape = {"sign": draw_sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
     return channel_locus((name,)), shape | {"hertz": float(rng.uniform(900.0, 1900.0))}
 
 
 def draw_clock(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The clock, slow or fast."""
+    """Draw whether the clock is slow or fast."""
     return at() | {"channels": ["t"]}, {"sign": float(rng.choice([-1.0, 1.0]))}
 
 
 def draw_swap(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Two channels of one quantity whose swap shows: the sun and a ring mesh, or two bodies."""
+    """Draw two channels of one quantity: of the sun and a ring mesh, or of two bodies."""
     quantities = sorted({name[0] for name in among})
     one = str(rng.choice(quantities))
     if one == "u":
@@ -54,10 +54,10 @@ def draw_swap(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], d
 
 
 def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Array]) -> Channels:
-    """Channels with the fault: all names of ``exact``, and ``t`` where the clock is wrong.
+    """Channels with the fault: all names of ``exact``, and ``t`` if the clock is wrong.
 
     Args:
-        before: the motion a delay earlier, where there is one.
+        before: the motion a delay earlier, if needed.
     """
     seen: Channels = dict(exact)
     names = c.locus["channels"]
@@ -90,13 +90,13 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
 
 
 def _neighbour(name: str, among: Mapping[str, Array]) -> str:
-    """The channel of the same quantity that is wired next to one."""
+    """The next channel of the same quantity, as the source of crosstalk."""
     alike = [other for other in among if other[0] == name[0]]
     return alike[(alike.index(name) + 1) % len(alike)]
 
 
 def _missing_codes(values: Array, size: float) -> Array:
-    """A coarse encoder with steps of ``size`` RMS, every third code of which is missing."""
+    """Values rounded to steps of ``size`` RMS with every third code missing."""
     step = size * float(np.sqrt(np.mean(values**2)))
     code = np.floor(values / step)
     lost = np.mod(code, 3.0) == 1.0
@@ -105,20 +105,20 @@ def _missing_codes(values: Array, size: float) -> Array:
 
 
 def sensor(
-    start: float, cap: float, tell: Any, draw: Any = draw_channel, least: float = 0.0
+    start: float, cap: float, parameters: Any, draw: Any = draw_channel, least: float = 0.0
 ) -> Kind:
-    """A kind of fault of a sensor."""
-    return Kind("sensor", start, cap, draw, _untouched, tell, least)
+    """A kind of sensor fault."""
+    return Kind("sensor", start, cap, draw, _untouched, parameters, least)
 
 
-def _tell_bias(c: Cause) -> dict[str, tuple[Any, str]]:
+def _bias_parameter(c: Cause) -> dict[str, tuple[Any, str]]:
     unit = {"x": "m", "u": "m", "v": "m/s", "F": "N"}[c.locus["channels"][0][0]]
     return {"bias": (c.sign * c.size * c.shape["unit_of_size"], unit)}
 
 
 SENSORS: dict[str, Kind] = {
     "sensor_gain": sensor(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
-    "sensor_bias": sensor(0.02, 2.0, _tell_bias),
+    "sensor_bias": sensor(0.02, 2.0, _bias_parameter),
     "sensor_delay": sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
     "clock_drift": sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}, draw_clock),
     "channel_swap": sensor(1.0, 1.0, lambda c: {}, draw_swap, 1.0),

@@ -1,6 +1,6 @@
-"""What a mesh of the practice rig does, compiled: displacements, flanks, springs, dampers.
+"""Compiled functions of a mesh of the practice rig: displacement, backlash, spring, damper.
 
-Nothing here is shared with the simulator's kernel: absolute coordinates in SI units.
+They share nothing with the simulator's kernel: absolute coordinates in SI units.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from numba import njit
 
 from herringbone_sim.core.cache import forget_stale
 from herringbone_sim.core.numba_private import COMPILED
-from herringbone_sim.practice.machine import Array, Machine
+from herringbone_sim.practice.rig_model import Array, RigModel
 from herringbone_sim.practice.tables import HALFWAY, LARGEST
 
 TWO_PI = 2.0 * np.pi
-SECOND_TOUCHES = 8e-6  # deflection [m] at which a second pair touches
+SECOND_TOUCHES = 8e-6  # deflection [m] at which a second tooth pair comes into contact
 forget_stale(Path(__file__).parent, Path(__file__).parent)
 
-# As in core.packed: no reference counting, all scratch comes from outside.
+# As in core.packed: without reference counting, so callers allocate all arrays.
 compiled: Any = njit(cache=True, **COMPILED)
 
 
 def _read(table: Array, z: float) -> tuple[float, float]:
-    """Value and slope by z at z in 0..1 of a table, its ends beyond."""
+    """Value and slope by z of a table at z in 0..1, clamped at its ends."""
     cells = table.shape[1] - 1
     at = min(max(z, 0.0), 1.0) * cells
     i = min(int(at), cells - 1)
@@ -50,7 +50,7 @@ def _by_depth(table: Array, depth: float) -> float:
 by_depth: Any = compiled(_by_depth)
 
 
-def _window(p: Machine, m: int, phase: float) -> tuple[float, float]:
+def _window(p: RigModel, m: int, phase: float) -> tuple[float, float]:
     """Event of mesh m in 0..1 and its slope by phase [1/rad]; 0 outside its width."""
     z = ((phase / TWO_PI - p.event[1, m]) % p.event[0, m]) / p.event[2, m]
     if z >= 1.0:
@@ -62,10 +62,10 @@ def _window(p: Machine, m: int, phase: float) -> tuple[float, float]:
 window: Any = compiled(_window)
 
 
-def _displaced(p: Machine, m: int, phase: float, cos: float, sin: float) -> tuple[float, float]:
-    """What is taken off the deflection of mesh m [m], and its slope by phase [m/rad].
+def _displaced(p: RigModel, m: int, phase: float, cos: float, sin: float) -> tuple[float, float]:
+    """Displacement subtracted from the deflection of mesh m [m], and its slope by phase [m/rad].
 
-    That is e(t), less the displacements that no encoder sees, which add to the deflection.
+    It is e(t) minus the displacements by effects, which encoders do not measure.
     """
     value, slope = p.error[m] * sin - p.offset[m], p.error[m] * cos
     c, s = cos, sin
@@ -94,7 +94,7 @@ displaced: Any = compiled(_displaced)
 
 
 def _flank(x: float, drive: float, back: float, rounding: float) -> float:
-    """Backlash function of Eq. (1), its corners rounded over a width [m]."""
+    """Backlash function, Eq. (1), its corners rounded over a width [m]."""
     if rounding == 0.0:
         return x - drive if x > drive else (x + back if x < -back else 0.0)
     ahead: float = x - drive + np.sqrt((x - drive) ** 2 + rounding**2)
@@ -105,7 +105,9 @@ def _flank(x: float, drive: float, back: float, rounding: float) -> float:
 flank: Any = compiled(_flank)
 
 
-def _spring(p: Machine, m: int, f: float, phase: float, cos: float, sin: float, t: float) -> float:
+def _spring(
+    p: RigModel, m: int, f: float, phase: float, cos: float, sin: float, t: float
+) -> float:
     """Spring force [N] of mesh m at the deflection f [m]."""
     if p.phase_by_load[m] != 0.0:
         turn = p.phase_by_load[m] * np.tanh(abs(f) / 1e-5)
@@ -135,8 +137,8 @@ def _spring(p: Machine, m: int, f: float, phase: float, cos: float, sin: float, 
 spring: Any = compiled(_spring)
 
 
-def _damper(p: Machine, m: int, f: float, v: float) -> float:
-    """Damping force [N], a share of which lives by contact or by load."""
+def _damper(p: RigModel, m: int, f: float, v: float) -> float:
+    """Damping force [N], a share of which depends on contact or load."""
     if p.c_share[m] == 0.0:
         return float(p.damping[m] * v)
     depth = abs(f)
@@ -152,8 +154,8 @@ def _damper(p: Machine, m: int, f: float, v: float) -> float:
 damper: Any = compiled(_damper)
 
 
-def _wild(
-    p: Machine,
+def _random_function(
+    p: RigModel,
     f: float,
     v: float,
     load: float,
@@ -161,8 +163,8 @@ def _wild(
     t: float,
     own: float,
 ) -> tuple[float, float]:
-    """The random function at what a mesh meets, and of a displacement its slope by phase."""
-    q = p.wild
+    """The random function at a mesh state, and for a displacement its slope by phase."""
+    q = p.random
     value, slope = -q.mean, 0.0
     turn, share = phase / q.cycles, t / p.span
     for h in range(q.heights.size):
@@ -176,13 +178,14 @@ def _wild(
     return value, slope
 
 
-wild: Any = compiled(_wild)
+random_function: Any = compiled(_random_function)
 
 
-def _rub(p: Machine, m: int, force: float, phase: float, extra: Array) -> None:
-    """Sliding friction of mesh m onto the bodies (coordinates of ``extra``) [N].
+def _rub(p: RigModel, m: int, force: float, phase: float, extra: Array) -> None:
+    """Add the sliding friction of mesh m to the forces ``extra`` on the bodies [N].
 
-    Arms of involute flanks: tan alpha_t and the way from the pitch point over the base radius.
+    Lever arms of involute flanks: tan alpha_t and the distance from the pitch point over the base
+    radius.
     """
     turn = (phase - p.pitch) / TWO_PI
     s = turn - np.floor(turn + 0.5)

@@ -1,4 +1,4 @@
-"""Solve for the size of a cause that gives the detectability asked for."""
+"""Solve for the size of a cause that gives the requested detectability."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ import numpy as np
 
 from herringbone_sim.errors import DivergenceError
 from herringbone_sim.practice.cause import Cause
-from herringbone_sim.practice.machine import NOMINAL, Constants
+from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
 from herringbone_sim.practice.plan import FIT_RUNS, KINDS, Plan
-from herringbone_sim.practice.record import Watch
-from herringbone_sim.practice.take import largest, move, pooled, take
+from herringbone_sim.practice.record import Sampling
+from herringbone_sim.practice.rig_model import NOMINAL, Constants
 
-NEAR = 0.08
+NEAR = 0.08  # accepted error of log d
 TRIES = 8
-SHORT = Watch(30, 40)  # mesh cycles of the runs that sizes are sought with
-SHORT_OF_RING = Watch(30, 78)  # a turn of the ring is 77
+SHORT = Sampling(30, 40)  # mesh cycles of the trial runs
+SHORT_OF_RING = Sampling(30, 78)  # a turn of the ring is 77
 Solved = tuple[tuple[Cause, float], ...]
 Tries = list[tuple[float, float]]
 
 
 def solve_plan(plan: Plan) -> Solved:
-    """Causes at the sizes that give the plan's detectability, and what each then has."""
+    """Causes with the sizes that give the plan's detectability, and the detectability reached."""
     rig = NOMINAL.scaled(plan.factors)
     return tuple(solve_size(plan, rig, cause) for cause in plan.causes)
 
 
 def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
-    """The cause at the size whose detectability is the plan's, and what that is.
+    """The cause at the size that gives the plan's detectability, and the detectability reached.
 
-    Sought with short runs, then put right once by runs as they are recorded. The slope of log d
-    over log size is followed; the best try counts, within the kind's limits.
+    The size is sought with short runs by following the slope of log d over log size, then
+    corrected once with full runs; it stays within the limits of its kind.
 
     Raises:
-        DivergenceError: the rig leaves the range of any gear at every size tried.
+        DivergenceError: the state leaves the range of any gear at every size tried.
     """
     kind = KINDS[cause.internal]
     tries = _sought(plan, rig, cause)
@@ -45,7 +45,7 @@ def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
         )
     slope = _slope(tries)
     size, d = min(tries, key=lambda one: abs(np.log(one[1] / plan.d)))
-    whole = _detectability(plan, rig, cause.sized(size), Watch())
+    whole = _detectability(plan, rig, cause.sized(size), Sampling())
     if whole is None:
         return cause.sized(size), d
     if abs(np.log(whole / plan.d)) < NEAR:
@@ -55,11 +55,11 @@ def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
 
 
 def _sought(plan: Plan, rig: Constants, cause: Cause) -> Tries:
-    """Sizes tried with short runs and the detectability of each."""
+    """Sizes tried with short runs, and the detectability of each."""
     kind, tries, size = KINDS[cause.internal], Tries(), KINDS[cause.internal].start
-    watch = SHORT_OF_RING if cause.shape.get("member") == "ring" else SHORT
+    sampling = SHORT_OF_RING if cause.shape.get("member") == "ring" else SHORT
     for _ in range(TRIES):
-        d = _detectability(plan, rig, cause.sized(size), watch)
+        d = _detectability(plan, rig, cause.sized(size), sampling)
         if d is None:
             size *= 0.5
             continue
@@ -72,7 +72,7 @@ def _sought(plan: Plan, rig: Constants, cause: Cause) -> Tries:
 
 
 def _slope(tries: Tries) -> float:
-    """Growth of log d over log size between the last two tries, in the range of sane ones."""
+    """Slope of log d over log size from the last two trials, limited to 0.4 .. 2.5."""
     if len(tries) < 2 or tries[-2][0] == tries[-1][0]:
         return 1.0
     (size, d), (before, d_before) = tries[-1], tries[-2]
@@ -80,17 +80,18 @@ def _slope(tries: Tries) -> float:
 
 
 def _next(size: float, d: float, wanted: float, slope: float) -> float:
+    """Next size by the slope, changed by at most a factor of ten."""
     return size * float(np.clip((wanted / max(d, 1e-6)) ** (1.0 / slope), 0.1, 10.0))
 
 
-def _detectability(plan: Plan, rig: Constants, cause: Cause, watch: Watch) -> float | None:
-    """Over the runs for the fit; None where one of them leaves the range of any gear."""
+def _detectability(plan: Plan, rig: Constants, cause: Cause, sampling: Sampling) -> float | None:
+    """Detectability over the fit runs; None if one of them leaves the range of any gear."""
     alone = replace(plan, causes=(cause,))
     found = []
     try:
         for i in range(FIT_RUNS):
-            moved = move(alone, rig, (cause,), i, watch)
-            found.append(take(alone, rig, (cause,), i, moved, largest([moved.now])).found)
+            moved = simulate_run(alone, rig, (cause,), i, sampling)
+            found.append(observe_run(alone, rig, (cause,), i, moved, largest([moved.now])).measure)
     except DivergenceError:
         return None
     return pooled(found)

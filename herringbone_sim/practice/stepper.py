@@ -1,7 +1,7 @@
-"""Dormand-Prince 5(4) with a step that follows its error through the kinks.
+"""Dormand-Prince 5(4) with error control, also across the kinks of the force.
 
-J. R. Dormand, P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19. The tolerance is what makes a
-kink harmless: nothing looks for it.
+J. R. Dormand, P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19. Kinks are not located: the error
+control shortens the step there.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from herringbone_sim.errors import DivergenceError
 from herringbone_sim.practice.kernel import forces, rate
-from herringbone_sim.practice.machine import N_BODY, N_COORDINATE, N_MESH, Array, Machine
+from herringbone_sim.practice.rig_model import N_BODY, N_COORDINATE, N_MESH, Array, RigModel
 from herringbone_sim.practice.shapes import compiled
 
 STAGES = np.array(
@@ -28,11 +28,11 @@ STAGES = np.array(
 )
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-FARTHEST = 1.0  # metres that no gear moves around its steady rotation
+FARTHEST = 1.0  # displacement [m] of the carrier beyond which the motion has diverged
 
 
 def _run(
-    p: Machine,
+    p: RigModel,
     phase0: float,
     y: Array,
     times: Array,
@@ -47,7 +47,9 @@ def _run(
     extra: Array,
     depth: Array,
 ) -> int:
-    """Fill states (n, 30 or 42), force (n, 12) and extra (n, 15) at the times; samples filled."""
+    """Fill states (n, 30 or 42), force (n, 12) and extra (n, 15) at the times; returns samples
+    filled.
+    """
     n = y.size
     half = p.mass.size
     t, h = times[0], 1e-2 / p.omega
@@ -97,7 +99,7 @@ run: Any = compiled(_run)
 
 
 def _accelerate(
-    p: Machine,
+    p: RigModel,
     times: Array,
     phase: Array,
     states: Array,
@@ -105,22 +107,22 @@ def _accelerate(
     force: Array,
     extra: Array,
     depth: Array,
-    found: Array,
+    accelerations: Array,
 ) -> None:
-    """Fill ``found`` (n, 9) with second derivatives of the bodies."""
+    """Write second derivatives (n, 9) of the bodies into ``accelerations``."""
     half = p.mass.size
     for i in range(times.size):
-        # The phase at t = 0, as laws of the time alone need the time itself.
+        # Pass the phase at t = 0 and the time, as some laws depend on time alone.
         rate(p, times[i], phase[i] - p.omega * times[i], states[i], slope, force, extra, depth)
-        for k in range(found.shape[1]):
-            found[i, k] = slope[half + k]
+        for k in range(accelerations.shape[1]):
+            accelerations[i, k] = slope[half + k]
 
 
 accelerate: Any = compiled(_accelerate)
 
 
-def accelerations(p: Machine, times: Array, phase: Array, states: Array) -> Array:
-    """Second derivatives (n, 9) of the bodies at states (n, 30 or 42) [m/s^2]."""
+def accelerations(p: RigModel, times: Array, phase: Array, states: Array) -> Array:
+    """Second derivatives (n, 9) of the bodies [m/s^2] at states (n, 30 or 42)."""
     found = np.empty((len(states), N_BODY))
     scratch = np.zeros(states.shape[1]), np.zeros(N_MESH), np.zeros(p.mass.size)
     accelerate(p, times, phase, states, *scratch, np.zeros(2 * N_MESH), found)
@@ -128,21 +130,21 @@ def accelerations(p: Machine, times: Array, phase: Array, states: Array) -> Arra
 
 
 def integrate(
-    p: Machine, phase0: float, y: Array, times: Array, tolerance: float = 1e-7
+    p: RigModel, phase0: float, y: Array, times: Array, tolerance: float = 1e-7
 ) -> tuple[Array, Array, Array]:
     """States (n, 30 or 42), mesh forces (n, 12) and extra forces (n, 15) at times (n,) [s].
 
     Args:
         phase0: mesh phase [rad] at t = 0.
         y: (30,) coordinates [m] then rates [m/s] at the first time; not changed.
-        tolerance: local error, as a share of 0.1 mm, of 3 m/s and of 1 of own states; as it
-            stands 0.02 N at a mesh, far below the noise of sensors.
+        tolerance: local error relative to 0.1 mm, 3 m/s, and 1 for memory states; the default is
+            0.02 N at a mesh, far below the noise of sensors.
 
     Raises:
-        DivergenceError: the motion left the range of any gear.
+        DivergenceError: the state left the range of any gear.
     """
     n = len(times)
-    start = np.concatenate([y, np.zeros(N_MESH if p.wild.own_rate > 0.0 else 0)])
+    start = np.concatenate([y, np.zeros(N_MESH if p.random.own_rate > 0.0 else 0)])
     states = np.empty((n, len(start)))
     force, extra = np.empty((n, N_MESH)), np.empty((n, N_COORDINATE))
     slopes, stage = np.zeros((7, len(start))), np.zeros(len(start))

@@ -1,4 +1,4 @@
-"""Write a practice campaign as a rig would hand it in, its label apart."""
+"""Write a practice campaign to disk as bags, its label apart."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ def write_campaign(folder: Path, labels: Path, made: PracticeCampaign) -> str:
         The seal of the label.
 
     Raises:
-        RecordingError: the folder of labels lies in the campaign, a run exists, or the disk fails.
+        RecordingError: the folder of labels lies inside the campaign, a run exists, or the disk
+            fails.
     """
     if labels.absolute().is_relative_to(folder.absolute()):
         raise RecordingError(
@@ -48,6 +49,7 @@ def write_campaign(folder: Path, labels: Path, made: PracticeCampaign) -> str:
 
 
 def _yaml(made: PracticeCampaign) -> str:
+    """Text of ``campaign.yaml``."""
     content: dict[str, object] = {"rig": made.campaign.rig}
     if made.campaign.noise_share is not None:
         content["noise"] = {"kind": "white", "rms_share": made.campaign.noise_share}

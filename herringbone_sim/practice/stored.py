@@ -1,4 +1,4 @@
-"""A stored bench: outcomes of the diagnosis and of the baselines, each label held to its seal."""
+"""Read a stored bench: outcomes of the diagnosis and of the baselines, with seals checked."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Bench:
     """Outcomes of a bench.
 
     Attributes:
-        note: what ``bench.json`` holds.
+        note: content of ``bench.json``.
         cases: of the diagnosis; ``rivals``: of each baseline.
         sealed: number of labels.
-        sources: of the diagnosis, how many reports each gave.
-        seconds: that a diagnosis took.
-        left_out: seeds without a campaign.
+        sources: digest of the diagnosis's sources -> number of its reports.
+        durations_s: time of each diagnosis [s].
+        left_out: number of seeds without a campaign.
     """
 
     note: Mapping[str, Any]
@@ -33,15 +33,15 @@ class Bench:
     rivals: Mapping[str, tuple[Outcome, ...]]
     sealed: int
     sources: Mapping[str, int]
-    seconds: tuple[float, ...]
+    durations_s: tuple[float, ...]
     left_out: int
 
 
 def read_bench(folder: Path) -> Bench:
-    """All that is finished in a folder, each label held against its seal.
+    """Read all finished cases of a folder and check each label against its seal.
 
     Raises:
-        AnalysisError: nothing finished there, or a report that breaks the schema.
+        AnalysisError: no finished case, or a report that violates the schema.
         RecordingError: a label that was changed.
     """
     done = finished(folder)
@@ -65,7 +65,7 @@ def read_bench(folder: Path) -> Bench:
         rivals={name: tuple(them) for name, them in others.items()},
         sealed=len(read_seals(folder)),
         sources=Counter(str(note.get("sources")) for note in notes),
-        seconds=tuple(
+        durations_s=tuple(
             seconds for note in notes if isinstance(seconds := note.get("seconds"), (int, float))
         ),
         left_out=len(read_json(folder / "left_out.json")),
@@ -73,7 +73,7 @@ def read_bench(folder: Path) -> Bench:
 
 
 def stored_evidence(folder: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any], Evidence]]:
-    """Label, report and evidence of each finished campaign: what weights are fitted on.
+    """Yield label, report and evidence of each finished campaign, to fit weights.
 
     Raises:
         RecordingError: a label that was changed.

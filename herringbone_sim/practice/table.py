@@ -1,4 +1,4 @@
-"""The table of a bench: figures and targets beside the baselines, by strata, with reasons."""
+"""Table of a bench: figures and targets beside the baselines, by strata, with reasons."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.practice.bench import Seen
+from herringbone_sim.practice.bench import SeedOverlap
 from herringbone_sim.practice.intervals import Figure
 from herringbone_sim.practice.outcome import Outcome
 from herringbone_sim.practice.reasons import by_cause, reasons
 from herringbone_sim.practice.score import (
     CELL,
-    QUESTIONS,
+    METRICS,
     STRATA,
+    Metric,
     Outcomes,
-    Question,
     Row,
     target,
 )
 from herringbone_sim.practice.stored import Bench
 
-REACHED = 2.75  # of d = 3: sizes are solved for to some percent
+REACHED = 2.75  # smallest d that counts as 3, as sizes are solved for to some per cent
 AIM = "white noise of 40 dB, all channels, d >= 3"
 AT_ONE = "white noise of 40 dB, all channels, d = 1"
 OF_CELLS = (
@@ -43,7 +43,7 @@ FIRST_AT_ONE = 0.75
 
 
 def aimed(cases: Outcomes) -> list[Outcome]:
-    """Cases that the targets are for: ``AIM``, empty rigs included."""
+    """Cases that the targets are for (``AIM``), rigs without effects included."""
     return [case for case in cases if _usual(case) and case.reached >= REACHED]
 
 
@@ -53,13 +53,14 @@ def at_one(cases: Outcomes) -> list[Outcome]:
 
 
 def _usual(case: Outcome) -> bool:
+    """Whether a case has white noise of 40 dB and all channels."""
     usual = {"noise": "white", "snr": "40 dB", "channels": "full"}
     return all(case.strata[name] == value for name, value in usual.items())
 
 
-def rows_of(cases: Outcomes, stratum: str, questions: Sequence[Question] = QUESTIONS) -> list[Row]:
+def rows_of(cases: Outcomes, stratum: str, metrics: Sequence[Metric] = METRICS) -> list[Row]:
     """Every figure of a stratum."""
-    return [Row(q.name, stratum, q.ask(cases), q.least, q.most) for q in questions]
+    return [Row(q.name, stratum, q.compute(cases), q.least, q.most) for q in metrics]
 
 
 def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
@@ -72,7 +73,7 @@ def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
 
 
 def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
-    """Name and cases of each kind of noise x law x channels x d that there is."""
+    """Name and cases of each combination of noise, law, channels and d."""
     found: dict[str, list[Outcome]] = {}
     for case in cases:
         found.setdefault(" x ".join(case.strata[name] for name in CELL), []).append(case)
@@ -80,8 +81,8 @@ def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
 
 
 def bench_rows(bench: Bench) -> list[Row]:
-    """All figures, of the diagnosis and of the baselines, as they go to the CSV file."""
-    first = replace(QUESTIONS[1], least=FIRST_AT_ONE)
+    """All figures of the diagnosis and of the baselines, as rows of the CSV file."""
+    first = replace(METRICS[1], least=FIRST_AT_ONE)
     rows = rows_of(aimed(bench.cases), AIM)
     rows += rows_of(at_one(bench.cases), AT_ONE, [first])
     for name, cases in bench.rivals.items():
@@ -92,24 +93,26 @@ def bench_rows(bench: Bench) -> list[Row]:
 
 
 def _untargeted(rows: Sequence[Row]) -> list[Row]:
+    """Rows without targets."""
     return [replace(row, least=-np.inf, most=np.inf) for row in rows]
 
 
-def table_markdown(bench: Bench, seen: Seen | None = None) -> str:
+def table_markdown(bench: Bench, seed_overlap: SeedOverlap | None = None) -> str:
     """The table as Markdown."""
     cases = bench.cases
-    parts = [_head(bench, seen), _aim_part(bench), _one_part(cases)]
+    parts = [_head(bench, seed_overlap), _aim_part(bench), _one_part(cases)]
     parts += [_why_part(aimed(cases)), _strata_part(cases), _cell_part(cases)]
     parts.append(_cause_part(cases))
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _head(bench: Bench, seen: Seen | None) -> str:
+def _head(bench: Bench, seed_overlap: SeedOverlap | None) -> str:
+    """Title and facts of the bench."""
     note = bench.note
     frozen = note.get("calibration") or {}
     known = f"{frozen['file']} {frozen['sha256'][:16]}" if frozen else "no file of thresholds"
     failed = sum(bool(case.failed) for case in bench.cases)
-    marked = note.get("calibration_family") or bool(seen and seen.seeds)
+    marked = note.get("calibration_family") or bool(seed_overlap and seed_overlap.seeds)
     seeds = "SEEN WHILE CALIBRATING" if marked else "not seen while calibrating"
     lines = [
         "# Withheld effects",
@@ -119,8 +122,8 @@ def _head(bench: Bench, seen: Seen | None) -> str:
         f"- seeds: {seeds}; {known}",
         f"- drawn from: {_setting(note.get('setting', {}))}",
     ]
-    if bench.seconds:
-        middle, most = np.median(bench.seconds), max(bench.seconds)
+    if bench.durations_s:
+        middle, most = np.median(bench.durations_s), max(bench.durations_s)
         lines.append(f"- a diagnosis took {middle:.0f} s in the median, {most:.0f} s at most")
     if len(bench.sources) > 1:
         counts = ", ".join(f"{name}: {n}" for name, n in bench.sources.items())
@@ -129,6 +132,7 @@ def _head(bench: Bench, seen: Seen | None) -> str:
 
 
 def _setting(setting: Mapping[str, Any]) -> str:
+    """Setting of the bench as text."""
     return "; ".join(
         f"{name} {', '.join(map(str, value)) if isinstance(value, list) else value or 'by shares'}"
         for name, value in setting.items()
@@ -136,29 +140,32 @@ def _setting(setting: Mapping[str, Any]) -> str:
 
 
 def _aim_part(bench: Bench) -> str:
+    """Section on the cases that the targets are for."""
     names = list(bench.rivals)
     inside = aimed(bench.cases)
     others = {name: rows_of(aimed(cases), AIM) for name, cases in bench.rivals.items()}
     head = ["figure", "value", "95 %", "n", "target", "", *names]
     lines = [
-        [*_told(row), *(_value(others[name][i].result) for name in names)]
+        [*_row_cells(row), *(_value(others[name][i].result) for name in names)]
         for i, row in enumerate(rows_of(inside, AIM))
     ]
     return f"## {AIM} ({len(inside)} campaigns)\n\n" + _markdown(head, lines)
 
 
 def _one_part(cases: Outcomes) -> str:
+    """Section on the cases at d = 1."""
     inside = at_one(cases)
     if not inside:
         return ""
-    question = replace(QUESTIONS[1], least=FIRST_AT_ONE)
-    lines = [_told(row) for row in rows_of(inside, AT_ONE, [question])]
+    metric = replace(METRICS[1], least=FIRST_AT_ONE)
+    lines = [_row_cells(row) for row in rows_of(inside, AT_ONE, [metric])]
     return f"## {AT_ONE} ({len(inside)} campaigns)\n\n" + _markdown(
         ["figure", "value", "95 %", "n", "target", ""], lines
     )
 
 
-def _told(row: Row) -> list[str]:
+def _row_cells(row: Row) -> list[str]:
+    """Text cells of a row."""
     mark = {True: "met", False: "MISSED", None: ""}[row.met]
     r = row.result
     span = f"{r.low:.3f} .. {r.high:.3f}" if np.isfinite([r.low, r.high]).all() else ""
@@ -170,23 +177,24 @@ def _value(figure: Figure) -> str:
 
 
 def _why_part(cases: Outcomes) -> str:
-    """For each missed target the strata that miss it, and what goes wrong there."""
+    """Section on each missed target: the strata that miss it, and what goes wrong there."""
     found = []
-    for question, row in zip(QUESTIONS, rows_of(cases, AIM), strict=True):
+    for metric, row in zip(METRICS, rows_of(cases, AIM), strict=True):
         if row.met is not False:
             continue
         where = []
         for name, inside in strata(cases):
-            one = rows_of(inside, name, [question])[0]
+            one = rows_of(inside, name, [metric])[0]
             if one.met is False and len(inside) < len(cases):
                 where.append(f"{name} ({one.result.value:.3f}, n = {one.result.n})")
-        found.append(f"- {question.name}: {_value(row.result)}, target {target(row)}")
+        found.append(f"- {metric.name}: {_value(row.result)}, target {target(row)}")
         found.append(f"  - missed in: {'; '.join(where) or 'no single stratum'}")
-        found += [f"  - {text}" for text in reasons(question.name, cases)]
+        found += [f"  - {text}" for text in reasons(metric.name, cases)]
     return "## Why targets are missed\n\n" + "\n".join(found) if found else ""
 
 
 def _strata_part(cases: Outcomes) -> str:
+    """Tables of every figure by stratum."""
     parts = []
     for name in STRATA:
         values = sorted({case.strata[name] for case in cases})
@@ -195,8 +203,8 @@ def _strata_part(cases: Outcomes) -> str:
             for value in values
         ]
         lines = [
-            [question.name, *(f"{_value(c[i].result)} ({c[i].result.n})" for c in columns)]
-            for i, question in enumerate(QUESTIONS)
+            [metric.name, *(f"{_value(c[i].result)} ({c[i].result.n})" for c in columns)]
+            for i, metric in enumerate(METRICS)
         ]
         title = f"## All campaigns by {name}: value (n)\n\n"
         parts.append(title + _markdown(["figure", *values], lines))
@@ -204,24 +212,25 @@ def _strata_part(cases: Outcomes) -> str:
 
 
 def _cell_part(cases: Outcomes) -> str:
-    """A line for each cell of noise, law, channels and d."""
-    questions = [question for question in QUESTIONS if question.name in OF_CELLS]
+    """Section with a line for each combination of noise, law, channels and d."""
+    metrics = [metric for metric in METRICS if metric.name in OF_CELLS]
     lines = []
     for name, inside in cells(cases):
-        rows = rows_of(inside, name, questions)
+        rows = rows_of(inside, name, metrics)
         figures = [f"{_value(row.result)} ({row.result.n})" for row in rows]
         lines.append([name, str(len(inside)), *figures])
-    head = [" x ".join(CELL), "n", *(question.name for question in questions)]
+    head = [" x ".join(CELL), "n", *(metric.name for metric in metrics)]
     return "## All campaigns by cell: value (n)\n\n" + _markdown(head, lines)
 
 
 def _cause_part(cases: Outcomes) -> str:
+    """Table by cause."""
     head = ["cause", "n", "right first", "in class", "locus", "error", "closure", "else named"]
     return "## All campaigns by cause\n\n" + _markdown(head, by_cause(cases))
 
 
 def _markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table whose columns line up when printed as they stand."""
+    """A Markdown table with aligned columns."""
     rows = [list(head), *(list(line) for line in lines)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     texts = [
@@ -233,7 +242,7 @@ def _markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 
 
 def write_cases(cases: Outcomes, file: Path) -> None:
-    """One row a campaign, as CSV."""
+    """Write one row per campaign as CSV."""
     with file.open("w", newline="", encoding="utf-8") as handle:
         table = csv.writer(handle)
         rows = [_case_row(case) for case in cases]
@@ -242,6 +251,7 @@ def write_cases(cases: Outcomes, file: Path) -> None:
 
 
 def _case_row(case: Outcome) -> dict[str, Any]:
+    """Cells of a case by column."""
     texts = {name: " + ".join(getattr(case, name)) for name in ("truth", "internal", "said")}
     rest = {name: value for name, value in vars(case).items() if name not in ("strata", *texts)}
     given = {name: value for name, value in case.strata.items() if name != "truth"}

@@ -1,4 +1,4 @@
-"""Curves as tables that the compiled kernel reads: cubic pieces on an even grid over 0..1."""
+"""Curves as tables for the compiled kernel: piecewise cubics on an even grid over 0..1."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from herringbone_sim.practice.machine import N_TABLE, Array
+from herringbone_sim.practice.rig_model import N_TABLE, Array
 
 GRID: Array = np.linspace(0.0, 1.0, N_TABLE)
-HALFWAY = 2e-5  # deflection [m] in the middle of a table by deflection
-LARGEST = 0.96  # f / (f + HALFWAY) at the end of it: 0.48 mm
+HALFWAY = 2e-5  # deflection [m] f at which z = f / (f + HALFWAY) is 1/2
+LARGEST = 0.96  # z at the end of a table: f = 0.48 mm
 
 
 def table(values: Array) -> Array:
-    """(2, n) values and slopes times the grid's step; pieces rise where the values rise."""
+    """(2, n) values and slopes times the grid step of a monotonicity-preserving interpolation."""
     grid = np.linspace(0.0, 1.0, len(values))
     slopes = PchipInterpolator(grid, values).derivative()(grid)
     return np.stack([values, slopes / (len(values) - 1)])
 
 
 def deflections() -> Array:
-    """Deflections [m] of the nodes of a table by deflection."""
+    """Deflections [m] at the nodes of a table by deflection."""
     z = LARGEST * GRID
     found: Array = HALFWAY * z / (1.0 - z)
     return found
 
 
 def wave(parts: Any, count: int) -> tuple[Array, Array]:
-    """Cosines and sines (count,) of ``(order, amplitude, angle)``: a cos(order phase - angle)."""
+    """Cosines and sines (count,) of terms ``(order, a, angle)``: a cos(order phase - angle)."""
     cos, sin = np.zeros((2, count))
     for order, amplitude, angle in parts:
         cos[int(order) - 1] += amplitude * np.cos(angle)

@@ -1,6 +1,7 @@
-"""One campaign of the bench: what is drawn, its label, and the reports of diagnosis and rivals.
+"""One case of the bench: its plan, its label, and the reports of diagnosis and baselines.
 
-Both functions run in a process of their own and give back texts; nothing is written here.
+``label_of_seed`` and ``diagnose_case`` run in processes of their own and return texts; they write
+nothing.
 """
 
 from __future__ import annotations
@@ -40,11 +41,11 @@ FAILED = "failed"
 
 @dataclass(frozen=True)
 class Setting:
-    """What campaigns are drawn from; each seed draws one of each list.
+    """Values that campaigns are drawn from; each seed draws one of each list.
 
     Attributes:
         snr_dB, channels, d, regime, noise, law: as in ``plan.draw_plan``.
-        truth: none, single, pair, unknown, unseen or a kind of effect; None draws by their shares.
+        truth: none, single, pair, unknown, unseen or a kind of effect; None draws it.
     """
 
     snr_dB: tuple[float, ...] = (40.0,)
@@ -67,7 +68,7 @@ class Setting:
 
 
 def plan_of(setting: Setting, seed: int) -> Plan:
-    """The plan of a seed; ParameterError for values that there are not."""
+    """Plan of a seed; ParameterError for an unknown value."""
     rng = np.random.default_rng([seed, 0xBE])
     return draw_plan(
         seed,
@@ -81,8 +82,8 @@ def plan_of(setting: Setting, seed: int) -> Plan:
     )
 
 
-def truth_of(seed: int, setting: Setting) -> tuple[str | None, str]:
-    """Text of the label of a seed, or None and why there is none."""
+def label_of_seed(seed: int, setting: Setting) -> tuple[str | None, str]:
+    """Text of the label of a seed, or None and the reason."""
     try:
         return label_text(make_campaign(plan_of(setting, seed)).label), ""
     except DivergenceError as error:
@@ -90,10 +91,10 @@ def truth_of(seed: int, setting: Setting) -> tuple[str | None, str]:
 
 
 def remade(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) -> PracticeCampaign:
-    """The campaign of a sealed label again.
+    """Make the campaign of a sealed label again.
 
     Raises:
-        RecordingError: it comes out another: the generator changed, or the machine.
+        RecordingError: its seal differs: the generator changed, or the machine.
     """
     plan = plan_of(setting, seed)
     made = run_plan(plan, solved_as(plan, label))
@@ -105,11 +106,13 @@ def remade(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) -
     return made
 
 
-def trial(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) -> dict[str, str]:
+def diagnose_case(
+    seed: int, setting: Setting, label: Mapping[str, Any], sealed: str
+) -> dict[str, str]:
     """Texts of the files of a case, ``report.json`` last.
 
-    The label serves to make the campaign; the diagnosis gets the recordings alone. Where it fails
-    the report says ``failed`` with certainty, which is wrong whatever the truth.
+    The label is used to make the campaign; the diagnosis gets the recordings only. If it fails,
+    the report says ``failed`` with certainty, which counts as wrong.
     """
     made = remade(seed, setting, label, sealed)
     plain = {
@@ -141,7 +144,7 @@ def trial(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) ->
 
 
 def failure_report(rig: str, error: Exception) -> dict[str, Any]:
-    """A report that is wrong whatever the truth."""
+    """Report of a failed diagnosis, which counts as wrong."""
     cause = {"effect": FAILED, "locus": {}, "probability": 1.0, "parameters": {}}
     return {
         "campaign": rig,
@@ -156,9 +159,10 @@ def failure_report(rig: str, error: Exception) -> dict[str, Any]:
 
 @functools.cache
 def sources() -> str:
-    """Digest of what a verdict hangs on: the diagnosis, its thresholds, effects and the model.
+    """Digest of everything a verdict depends on: the diagnosis, its weights, effects and the
+    model.
 
-    Taken once: what a process has loaded does not follow changes of the files.
+    Computed once per process, which does not reload changed files.
     """
     package = Path(__file__).parents[1]
     own = sorted(

@@ -1,7 +1,7 @@
-"""Further effects that no catalogue holds, which no rule or threshold was ever set on.
+"""Further effects outside the catalogue, which no rule or weight was ever tuned on.
 
-The kinds of ``outside`` were in sight when the diagnosis learnt to say ``unknown``. These were
-not, so what is said of them tells how it meets a cause that nobody thought of.
+The effects of ``outside`` were known when the diagnosis learnt to say ``unknown``. These were not,
+so they show how it treats a cause that nobody anticipated.
 """
 
 from __future__ import annotations
@@ -10,38 +10,45 @@ from typing import Any
 
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, anywhere, at, by_kind
-from herringbone_sim.practice.machine import Machine
+from herringbone_sim.practice.cause import ALL, Cause, Kind, Point, at, draw_kind_locus, draw_locus
+from herringbone_sim.practice.rig_model import RigModel
 from herringbone_sim.practice.sensors import sensor
 
 Drawn = tuple[dict[str, Any], dict[str, Any]]
 
 
-def _hysteresis(p: Machine, c: Cause, _: Point) -> Machine:
+def _hysteresis(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add material hysteresis to the mesh springs."""
     return p._replace(hysteresis=c.size * c.meshes)
 
 
-def _square_damping(p: Machine, c: Cause, _: Point) -> Machine:
+def _square_damping(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add damping proportional to the squared velocity."""
     return p._replace(c_square=c.size * c.meshes)
 
 
-def _film(p: Machine, c: Cause, _: Point) -> Machine:
+def _film(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add squeeze-film damping near the flanks."""
     return p._replace(film=c.size * c.meshes)
 
 
-def _turn(p: Machine, c: Cause, _: Point) -> Machine:
+def _turn(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Vary the stiffness once a turn of the sun."""
     return p._replace(k_turn=c.size * c.meshes)
 
 
-def _second_pair(p: Machine, c: Cause, _: Point) -> Machine:
+def _second_pair(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add the stiffness of a second tooth pair at large deflection."""
     return p._replace(k_second=c.size * c.meshes)
 
 
-def _bar(p: Machine, c: Cause, _: Point) -> Machine:
+def _bar(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Connect the halves of the sun by a preloaded torsion spring."""
     return p._replace(bar=c.size)
 
 
-def _windage(p: Machine, c: Cause, _: Point) -> Machine:
+def _windage(p: RigModel, c: Cause, _: Point) -> RigModel:
+    """Add drag on the planets by their squared velocity."""
     return p._replace(windage=c.size)
 
 
@@ -50,11 +57,11 @@ def _size(unit: str) -> Any:
 
 
 def _anywhere(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    return anywhere(rng), {}
+    return draw_locus(rng), {}
 
 
 def _by_kind(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    return by_kind(rng), {}
+    return draw_kind_locus(rng), {}
 
 
 UNSEEN: dict[str, Kind] = {

@@ -1,4 +1,4 @@
-"""The MCAP files of a rosbag2 bag, while they are being written."""
+"""Write the MCAP files of a rosbag2 bag and its ``metadata.yaml``."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 
 from herringbone_sim.recording.cdr import Buffer
+from herringbone_sim.recording.guarded_file import FileIdentity, GuardedFile
 from herringbone_sim.recording.safe_yaml import parse_yaml
 from herringbone_sim.recording.schemas import MessageType, dump_yaml
-from herringbone_sim.recording.stream import Stream, Written
 
 CHUNK_SIZE = 1 << 20
 LIBRARY = "herringbone_sim"
@@ -25,11 +25,11 @@ MISSING_KEY = "herringbone_sim_missing_files"
 
 @dataclass(frozen=True)
 class Topic:
-    """A channel of an MCAP file.
+    """A topic as a channel of an MCAP file.
 
     Attributes:
         name: full name of the topic.
-        type_name: as in ``std_msgs/msg/String``.
+        type_name: such as ``std_msgs/msg/String``.
         definition: message definition in ``schema_encoding``.
         metadata: of the channel: ``offered_qos_profiles`` and ``topic_type_hash``.
     """
@@ -43,7 +43,7 @@ class Topic:
 
     @classmethod
     def of(cls, name: str, kind: MessageType, qos: Mapping[str, Any]) -> Topic:
-        """A topic with one publisher of the quality of service ``qos``."""
+        """Topic with one publisher that has the quality of service ``qos``."""
         metadata = {
             "offered_qos_profiles": dump_yaml([dict(qos)]),
             "topic_type_hash": kind.type_hash,
@@ -53,7 +53,7 @@ class Topic:
 
 @dataclass
 class Tally:
-    """Messages of one topic so far, and the span of their log times [ns]."""
+    """Number of messages of one topic and the first and last of their log times [ns]."""
 
     topic: Topic
     count: int = 0
@@ -61,24 +61,25 @@ class Tally:
     last_ns: int = 0
 
     def add(self, log_ns: int) -> None:
+        """Count one message."""
         self.first_ns = min(self.first_ns, log_ns) if self.count else log_ns
         self.last_ns = max(self.last_ns, log_ns) if self.count else log_ns
         self.count += 1
 
 
 def bag_metadata(file_name: str, tallies: Iterable[Tally]) -> dict[str, Any]:
-    """``rosbag2_bagfile_information`` of a bag of one file."""
+    """Content of ``rosbag2_bagfile_information`` for a bag of one file."""
     return split_metadata({file_name: tuple(tallies)})
 
 
 def split_metadata(
     files: Mapping[str, Sequence[Tally]], missing: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Content of ``rosbag2_bagfile_information``: rosbag2 wants each of these keys.
+    """Content of ``rosbag2_bagfile_information`` with all the keys that rosbag2 requires.
 
     Args:
         files: tallies of each file of the bag by its name, in the order of time.
-        missing: names of files of the bag that are not there any more.
+        missing: names of files of the bag that no longer exist.
     """
     every = [tally for tallies in files.values() for tally in tallies]
     return {
@@ -96,7 +97,10 @@ def split_metadata(
 
 
 def _span(tallies: Sequence[Tally]) -> dict[str, Any]:
-    """Own objects at each call, or YAML would write anchors, which rosbag2 does not."""
+    """Duration, start and message count in rosbag2's keys.
+
+    Each call builds new objects: YAML would write anchors for shared ones, which rosbag2 does not.
+    """
     used = [tally for tally in tallies if tally.count]
     first_ns = min((tally.first_ns for tally in used), default=0)
     last_ns = max((tally.last_ns for tally in used), default=0)
@@ -108,7 +112,7 @@ def _span(tallies: Sequence[Tally]) -> dict[str, Any]:
 
 
 def _by_topic(tallies: Iterable[Tally]) -> list[Tally]:
-    """One tally a topic, of all files together."""
+    """Tallies per topic, summed over all files."""
     found: dict[str, Tally] = {}
     for tally in tallies:
         whole = found.setdefault(tally.topic.name, Tally(tally.topic))
@@ -117,6 +121,7 @@ def _by_topic(tallies: Iterable[Tally]) -> list[Tally]:
 
 
 def _topic_metadata(tally: Tally) -> dict[str, Any]:
+    """Entry of one topic in ``topics_with_message_count``."""
     topic = tally.topic
     qos = parse_yaml(topic.metadata.get("offered_qos_profiles", "")) or []
     return {
@@ -132,7 +137,7 @@ def _topic_metadata(tally: Tally) -> dict[str, Any]:
 
 
 def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
-    """Write ``metadata.yaml`` whole or not at all; OSError."""
+    """Write ``metadata.yaml`` atomically; raises OSError."""
     part = folder / f"{METADATA_NAME}.part"
     try:
         with part.open("w", encoding="utf-8") as stream:
@@ -146,16 +151,17 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
 
 
 class Bag:
-    """Writes one MCAP file of a bag.
+    """Writer of one MCAP file of a bag.
 
-    Compression is lz4: on float64 samples it takes a third of the time of the zstd of ``mcap``.
-    Every method may raise OSError, FileLostError where the file is not what was written; then only
-    ``end`` (of a file that was moved away), ``close`` and ``abandon`` may follow.
+    Compressed with lz4, which on float64 samples takes a third of the time of the zstd of
+    ``mcap``. Every method may raise OSError, or FileLostError if the file was deleted, replaced or
+    cut by another program; after that only ``end`` (for a file that was moved), ``close`` and
+    ``abandon`` may be called.
     """
 
     def __init__(self, path: Path) -> None:
         """Create ``path``, which must not exist."""
-        self._stream = Stream(path)
+        self._stream = GuardedFile(path)
         self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE, compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library=LIBRARY)
         self._schemas: dict[tuple[str, bytes], int] = {}
@@ -168,7 +174,7 @@ class Bag:
 
     @property
     def complete(self) -> bool:
-        """Whether the file has its index."""
+        """Whether index and footer are written."""
         return self._complete
 
     @property
@@ -178,10 +184,11 @@ class Bag:
 
     @property
     def tallies(self) -> tuple[Tally, ...]:
+        """Message counts by topic."""
         return tuple(self._tallies.values())
 
     def add_topic(self, topic: Topic) -> int:
-        """Register a topic and give its channel number."""
+        """Register a topic and return its channel number."""
         key = (topic.type_name, topic.definition)
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(
@@ -201,7 +208,7 @@ class Bag:
         self._stream.whole = self._stream.position
 
     def flush(self) -> None:
-        """Bring all messages to the disk, so that they survive a kill and a power cut."""
+        """Write all messages to the disk, so that they survive a kill and a power cut."""
         self._stream.check()
         self._writer.flush()
         self._stream.whole = self._stream.position
@@ -212,18 +219,18 @@ class Bag:
         self._writer.add_metadata(name, dict(content))
 
     def rename(self, path: Path) -> None:
-        """Give the file the name by which it is to be found, which must be free."""
+        """Rename the file to a path that must not exist."""
         self._stream.rename(path)
 
-    def check(self) -> Written:
-        """The file as it is now."""
+    def check(self) -> FileIdentity:
+        """Identity and size of the file; FileLostError if it is not what was written."""
         return self._stream.check()
 
     def end(self, file_name: str | None = None) -> None:
-        """Append rosbag2's record and the index, all on the disk; ``close`` is to follow.
+        """Append rosbag2's metadata record and the index, and flush; call ``close`` next.
 
         Args:
-            file_name: name that the file will have, where it is to be renamed.
+            file_name: final name of the file, if it will be renamed.
         """
         information = bag_metadata(file_name or self.path.name, self.tallies)
         self.add_record("rosbag2", {"serialized_metadata": dump_yaml(information)})
@@ -236,7 +243,7 @@ class Bag:
         self._stream.close()
 
     def abandon(self) -> None:
-        """Cut the file behind its last whole record and close it, without an index."""
+        """Truncate the file after its last complete record and close it, without an index."""
         try:
             self._stream.cut()
         finally:

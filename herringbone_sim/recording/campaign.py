@@ -1,4 +1,4 @@
-"""Campaigns: a folder of runs of one rig with their operating points."""
+"""Read and write campaigns: a folder of runs of one rig with their operating points."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
 
 POINT = ("delta_T", "K", "T_1", "Omega")
 ROLES = ("fit", "held_out")
-# Faults that a message tells, one reason each; there is one an entry.
-MOST_TOLD = 3
-# Names of files can't be longer.
+# Faulty entries that an error message lists with their reason.
+MOST_LISTED = 3
+# Longest file name of common file systems.
 MOST_OF_A_NAME = 255
 FIELDS = f"path, role ({' or '.join(ROLES)}) and {', '.join(POINT)}"
 
@@ -36,11 +36,11 @@ class Campaign:
     """Runs of one rig.
 
     Attributes:
-        rig: name.
-        noise_share: RMS of the noise as a share of each channel's RMS; None when unknown.
+        rig: its name.
+        noise_share: RMS of the noise as a share of the RMS of each channel; None if unknown.
         runs: in the order of the file.
-        faults: (path, reason) of the entries that say nonsense and were left out.
-        sensors: what is told of single channels: name -> {rms, step, gain_tolerance, corner_hz}.
+        faults: (path, reason) of the invalid entries, which were left out.
+        sensors: data of single channels: name -> {rms, step, gain_tolerance, corner_hz}.
     """
 
     rig: str
@@ -53,11 +53,10 @@ class Campaign:
 def read_campaign(folder: Path) -> Campaign:
     """Read ``campaign.yaml`` of a folder.
 
-    An entry without path, role or operating point is left out and told in ``faults``.
+    An entry without path, role or operating point is left out and listed in ``faults``.
 
     Raises:
-        RecordingError: no such file, no runs in it, none of them with operating point and role,
-            or a share of noise that can't be one.
+        RecordingError: no such file, no valid run in it, or an invalid share of noise.
     """
     file = folder / "campaign.yaml"
     try:
@@ -80,8 +79,8 @@ def read_campaign(folder: Path) -> Campaign:
         raise RecordingError(f"{file} lists no runs: a campaign has at least one")
     runs, faults = _runs(folder, entries)
     if not runs:
-        told = "; ".join(f"{name}: {reason}" for name, reason in faults[:MOST_TOLD])
-        told += f"; and {len(faults) - MOST_TOLD} more" if len(faults) > MOST_TOLD else ""
+        told = "; ".join(f"{name}: {reason}" for name, reason in faults[:MOST_LISTED])
+        told += f"; and {len(faults) - MOST_LISTED} more" if len(faults) > MOST_LISTED else ""
         raise RecordingError(f"{file} lists no run of a campaign that can be used: {told}")
     sensors = _sensors(file, content.get("sensors") or {})
     return Campaign(rig, _noise_share(file, noise), tuple(runs), tuple(faults), sensors)
@@ -94,25 +93,26 @@ def write_campaign(
     noise: Mapping[str, Any] | None = None,
     sensors: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write ``campaign.yaml``; OSError.
+    """Write ``campaign.yaml``; raises OSError.
 
     Args:
         folder: of the runs.
-        rig: name.
+        rig: its name.
         entries: path, operating point and role of each run.
-        noise, sensors: what is known of them; None where nothing is.
+        noise, sensors: content of these keys; None if unknown.
     """
-    told = {"rig": rig, "noise": noise, "sensors": sensors, "runs": list(entries)}
-    content = {name: one for name, one in told.items() if one is not None}
+    content = {"rig": rig, "noise": noise, "sensors": sensors, "runs": list(entries)}
+    content = {name: value for name, value in content.items() if value is not None}
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
     (folder / "campaign.yaml").write_text(text, encoding="utf-8")
 
 
 def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list[tuple[str, str]]]:
+    """Valid runs of the entries, and (name, reason) of the others."""
     runs: list[CampaignRun] = []
     faults = []
     for i, entry in enumerate(entries):
-        name = _told_name(entry, i)
+        name = _entry_name(entry, i)
         try:
             run = _run(folder, entry)
         except (TypeError, ValueError) as error:
@@ -130,7 +130,8 @@ def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list
     return runs, faults
 
 
-def _told_name(entry: Any, i: int) -> str:
+def _entry_name(entry: Any, i: int) -> str:
+    """Name of an entry for messages: its path, or its number if it has no valid path."""
     path = entry.get("path") if isinstance(entry, dict) else None
     try:
         return f"entry {i}" if path is None else _name(path)
@@ -139,7 +140,7 @@ def _told_name(entry: Any, i: int) -> str:
 
 
 def _name(value: object) -> str:
-    """Name of a rig, or of a run's folder; ValueError where it can't be one."""
+    """Name of a rig, or of the folder of a run; ValueError if it can't be one."""
     odd = value is None or isinstance(value, (bool, list, dict))
     if odd or len(str(value)) > MOST_OF_A_NAME or not str(value).isprintable():
         raise ValueError(
@@ -150,6 +151,7 @@ def _name(value: object) -> str:
 
 
 def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
+    """Run from one entry; TypeError or ValueError if it is invalid."""
     if not isinstance(entry, Mapping):
         raise TypeError("an entry is a mapping of names to values")
     lacking = [name for name in ("path", "role", *POINT) if name not in entry]
@@ -164,21 +166,22 @@ def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
     return CampaignRun(folder / _name(entry["path"]), point, entry["role"])
 
 
-def _sensors(file: Path, told: Any) -> dict[str, dict[str, float]]:
-    """What is told of single channels; RecordingError for what is no number."""
+def _sensors(file: Path, given: Any) -> dict[str, dict[str, float]]:
+    """Data of single channels as floats; RecordingError if they are not numbers."""
     try:
         return {
             str(name): {str(key): float(value) for key, value in one.items()}
-            for name, one in told.items()
+            for name, one in given.items()
         }
     except (AttributeError, TypeError, ValueError) as error:
         raise RecordingError(
             f"sensors of {file} must be channels with numbers, as {{F_rp1_L: {{gain_tolerance: "
-            f"0.05}}}}, got {shown(told)} ({error}): mend it"
+            f"0.05}}}}, got {shown(given)} ({error}): mend it"
         ) from None
 
 
 def _noise_share(file: Path, noise: Mapping[str, Any]) -> float | None:
+    """``noise.rms_share``, None if it is missing; RecordingError unless it lies in 0 .. 1."""
     share = noise.get("rms_share")
     if share is None:
         return None

@@ -1,7 +1,7 @@
-"""CDR, the wire form of ROS 2 messages: fields to bytes and back, without ROS.
+"""CDR, the serialisation of ROS 2 messages, without ROS.
 
-Written little endian; either order is read. Alignment counts from the end of the four bytes of
-encapsulation.
+Written little endian; both byte orders are read. Alignment is counted from the end of the four
+bytes of the encapsulation header.
 """
 
 from __future__ import annotations
@@ -26,35 +26,40 @@ _ORDERS = {0: ">", 1: "<"}
 
 
 class CdrWriter:
-    """Appends fields with their padding."""
+    """Serialises fields one after the other with their padding."""
 
     def __init__(self) -> None:
         self.buffer = bytearray(ENCAPSULATION)
 
     def pack(self, code: str, *values: object) -> None:
-        """Values of the struct format ``code``, aligned to its last letter."""
+        """Append values of the struct format ``code``, aligned to its last type."""
         width = struct.calcsize(f"<{code[-1]}")
         self.buffer += bytes(-(len(self.buffer) - 4) % width)
         self.buffer += struct.pack(f"<{code}", *values)
 
     def text(self, value: str) -> None:
+        """Append a string."""
         raw = value.encode() + b"\0"
         self.pack("I", len(raw))
         self.buffer += raw
 
     def texts(self, values: Sequence[str]) -> None:
+        """Append a sequence of strings."""
         self.pack("I", len(values))
         for value in values:
             self.text(value)
 
     def numbers(self, code: str, values: Sequence[float]) -> None:
+        """Append a sequence of numbers of the struct type ``code``."""
         self.pack("I", len(values))
         if len(values):
             self.pack(f"{len(values)}{code}", *values)
 
 
 class CdrReader:
-    """Takes fields off a message, in the byte order of its encapsulation."""
+    """Reads fields one after the other in the byte order of the message; see ``checked`` for
+    errors.
+    """
 
     def __init__(self, message: Buffer) -> None:
         self.data = memoryview(message)
@@ -67,42 +72,51 @@ class CdrReader:
         self.at = 4
 
     def align(self, width: int) -> None:
+        """Skip padding up to a multiple of ``width`` bytes."""
         self.at += -(self.at - 4) % width
 
-    def one(self, code: str) -> int:
+    def scalar(self, code: str) -> int:
+        """Read one integer of the struct type ``code``."""
         self.align(struct.calcsize(f"<{code}"))
         (value,) = struct.unpack_from(f"{self.order}{code}", self.data, self.at)
         self.at += struct.calcsize(f"<{code}")
         return int(value)
 
     def double(self) -> float:
+        """Read one float64."""
         return float(self.array("f8", 1)[0])
 
     def raw(self, size: int) -> memoryview:
+        """Read ``size`` bytes; struct.error if the message is shorter."""
         if self.at + size > len(self.data):
             raise struct.error(f"{size} bytes wanted at {self.at} of {len(self.data)}")
         self.at += size
         return self.data[self.at - size : self.at]
 
     def text(self) -> str:
-        return str(self.raw(self.one("I")), "utf-8").rstrip("\0")
+        """Read a string."""
+        return str(self.raw(self.scalar("I")), "utf-8").rstrip("\0")
 
     def texts(self) -> list[str]:
-        return [self.text() for _ in range(self.one("I"))]
+        """Read a sequence of strings."""
+        return [self.text() for _ in range(self.scalar("I"))]
 
     def array(self, dtype: str, count: int) -> NDArray[np.generic]:
+        """Read ``count`` numbers of a NumPy type, as a view."""
         kind = np.dtype(self.order + dtype)
         if count:
             self.align(kind.itemsize)
         return np.frombuffer(self.raw(count * kind.itemsize), dtype=kind)
 
     def doubles(self) -> Array:
-        """A view of a sequence; a copy where the byte order is foreign."""
-        return self.array("f8", self.one("I")).astype(np.float64, copy=False)
+        """Read a sequence of float64: a view, or a copy if the byte order is not that of this
+        machine.
+        """
+        return self.array("f8", self.scalar("I")).astype(np.float64, copy=False)
 
 
 def checked(decode: Callable[[Buffer], T]) -> Callable[[Buffer], T]:
-    """Turn what a cut or foreign message provokes in ``decode`` into RecordingError."""
+    """Decorator: ``decode`` raises RecordingError for a message that is cut or not UTF-8."""
 
     @wraps(decode)
     def guarded(message: Buffer) -> T:

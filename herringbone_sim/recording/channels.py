@@ -1,4 +1,4 @@
-"""The ``channels`` message of a run: JSON from outside, checked once into what is known of it."""
+"""Parse and check the ``channels`` message of a run: JSON with units, parameters and state."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from herringbone_sim.effects.sensors import Clock
 from herringbone_sim.errors import RecordingError, shown
 from herringbone_sim.recording.safe_json import JsonError, parse_json
 
-# Some hundred characters a channel, of as many channels as fit into a message, leave half of it.
+# Twice what the largest number of channels needs, at some hundred characters a channel.
 MOST_CHARACTERS = 4 << 20
-# Written by this package it nests five deep.
+# This package writes five levels.
 MOST_LEVELS = 32
-# A name, a unit or a version stands in a line.
+# Longest name, unit or version [characters].
 MOST_IN_A_WORD = 100
-# Counts beyond this are no longer told apart as doubles.
+# Largest count that a double holds exactly.
 MOST_COUNT = 1 << 53
 
 
 @dataclass(frozen=True)
 class StoredState:
-    """State at the first sample, as ``core.integrate.State`` has it; every number is finite."""
+    """State at the first sample, fields as in ``core.integrate.State``; every number is finite."""
 
     y: tuple[float, ...]
     cycle: int
@@ -33,14 +33,14 @@ class StoredState:
 
 @dataclass(frozen=True)
 class Channels:
-    """What the ``channels`` message says; what it leaves out, or says wrongly, is empty.
+    """Content of the ``channels`` message; fields that are missing or invalid there are empty.
 
     Attributes:
-        content: all of it, as plain JSON with finite numbers.
-        source, model, version: who recorded the run.
+        content: the whole message as plain JSON with finite numbers.
+        source, model, version: program that recorded the run, its model and its version.
         units: by channel name.
-        parameters: by name, of the gear.
-        state: at the first sample; None if it is not known.
+        parameters: of the gear, by name.
+        state: at the first sample; None if unknown.
         clock: of the sensors at the first sample.
     """
 
@@ -55,11 +55,11 @@ class Channels:
 
 
 def read_channels(text: str) -> tuple[Channels, list[str]]:
-    """What a ``channels`` message says, and a sentence on each part of it that is wrong.
+    """Content of a ``channels`` message, and a sentence on each invalid part.
 
     Raises:
-        RecordingError: it is no JSON object, larger or deeper than any can be, or holds numbers
-            that JSON does not have.
+        RecordingError: no JSON object, one beyond the limits of size and depth, or numbers that
+            JSON does not have.
     """
     content = _parsed(text)
     parts: dict[str, Any] = {}
@@ -77,6 +77,7 @@ def read_channels(text: str) -> tuple[Channels, list[str]]:
 
 
 def _parsed(text: str) -> dict[str, Any]:
+    """The JSON object of a message; RecordingError if there is none."""
     if len(text) > MOST_CHARACTERS:
         raise RecordingError(
             f"it may have {MOST_CHARACTERS} characters, got {len(text)}: mend the program"
@@ -88,6 +89,7 @@ def _parsed(text: str) -> dict[str, Any]:
 
 
 def _finite(text: str) -> float:
+    """Float of a JSON number; ValueError if it is not finite."""
     value = float(text)
     if not isfinite(value):
         raise ValueError(f"{shown(text)}, which is no finite number")
@@ -95,12 +97,14 @@ def _finite(text: str) -> float:
 
 
 def _word(value: Any) -> str:
+    """A short printable text; ValueError otherwise."""
     if not isinstance(value, str) or len(value) > MOST_IN_A_WORD or not value.isprintable():
         raise ValueError("a word")
     return value
 
 
 def _units(value: Any) -> dict[str, str]:
+    """Unit by channel name; ValueError with the rule."""
     try:
         return {_word(entry["name"]): _word(entry.get("unit") or "") for entry in value}
     except (AttributeError, KeyError, TypeError, ValueError):
@@ -108,6 +112,7 @@ def _units(value: Any) -> dict[str, str]:
 
 
 def _mapping(value: Any) -> dict[str, Any]:
+    """A JSON object; ValueError with the rule."""
     if not isinstance(value, dict):
         raise ValueError("names and values")
     return value
@@ -126,6 +131,7 @@ def _count(value: Any) -> int:
 
 
 def _state(value: Any) -> StoredState:
+    """State at the first sample; ValueError with the rule."""
     try:
         y = tuple(_number(one) for one in value["y"])
         return StoredState(y, _count(value["cycle"]), _count(value["index"]), _number(value["t"]))
@@ -134,13 +140,14 @@ def _state(value: Any) -> StoredState:
 
 
 def _clock(value: Any) -> Clock:
+    """Clock of the sensors; ValueError with the rule."""
     try:
         return Clock(**{name: _number(one) for name, one in _mapping(value).items()})
     except (TypeError, ValueError):
         raise ValueError("t_s and shown_s, two numbers") from None
 
 
-# Name in the message, name of the field, and what reads it or raises ValueError with its rule.
+# Key in the message, field of Channels, and its parser, which raises ValueError with the rule.
 _PARTS = (
     ("source", "source", _word),
     ("model", "model", _word),

@@ -1,4 +1,4 @@
-"""Unpack a chunk of an MCAP file, into no more memory than it declares and is allowed."""
+"""Decompress a chunk of an MCAP file within limits on memory."""
 
 from __future__ import annotations
 
@@ -16,51 +16,51 @@ from mcap.opcode import Opcode
 from herringbone_sim.errors import shown
 
 RECORD = struct.Struct("<BQ")
-# What is unpacked at once of a chunk: programs make chunks of 1 to 16 MiB.
+# Largest chunk that is decompressed; usual ones have 1 to 16 MiB.
 MOST_BYTES = 256 << 20
-# The rows of a gear at rest differ by time and phase alone, so 120 channels pack 60 to 1.
+# Largest compression ratio accepted. Samples of a gear at rest with 120 channels reach 60.
 MOST_RATIO = 128
-# Sequence, two times and content differ from message to message, so none packs below this.
+# Fewest compressed bytes per record: sequence, times and content differ between messages.
 LEAST_PACKED_BYTES = 4
-# Schemas and channels that stand in one chunk, whatever it packs to.
+# Records accepted in a chunk of any size: schemas and channels.
 FEW_RECORDS = 4096
 
 _CHUNK = struct.Struct("<QQQII")
 _HELD = frozenset(map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)))
-# lz4 packs 255 to 1 at best, so what a slice unpacks to stays small beside MOST_BYTES.
+# Slice that is decompressed at once: at lz4's best ratio of 255 it stays far below MOST_BYTES.
 _SLICE = 1 << 16
 
 
 class UnknownCompressionError(ValueError):
-    """A chunk in a compression that is neither lz4 nor zstd."""
+    """A chunk with a compression other than lz4 and zstd."""
 
 
 @dataclass
-class Room:
-    """Bytes that may still be unpacked of a file.
+class UnpackBudget:
+    """Limits on the number of decompressed bytes of a file.
 
     Attributes:
-        chunk: most of one chunk.
-        left: of all that are to come.
+        per_chunk: limit for one chunk.
+        remaining: what is left for all chunks to come.
     """
 
-    chunk: int
-    left: int
+    per_chunk: int
+    remaining: int
 
     def check(self, size: int) -> None:
-        """ValueError where a chunk declares more than it may hold."""
-        most = min(self.chunk, self.left)
+        """Raise ValueError if a chunk declares more bytes than allowed."""
+        most = min(self.per_chunk, self.remaining)
         if size > most:
             raise ValueError(f"it declares {size} bytes unpacked, at most {most} are taken")
 
 
-def records(body: memoryview, room: Room) -> Iterator[tuple[int, memoryview]]:
-    """Opcode and content of the records of a chunk; takes what it unpacks off the room.
+def records(body: memoryview, budget: UnpackBudget) -> Iterator[tuple[int, memoryview]]:
+    """Opcode and content of the records of a chunk; its size is subtracted from the budget.
 
     Raises:
-        ValueError, struct.error, RuntimeError, zstandard.ZstdError: the chunk is damaged, larger
-            than there is room, or says something else of itself than what it holds.
-        UnknownCompressionError: nobody can unpack it.
+        ValueError, struct.error, RuntimeError, zstandard.ZstdError: the chunk is damaged, exceeds
+            the budget, or contradicts its own header.
+        UnknownCompressionError: unsupported compression.
     """
     _, _, size, crc, name_length = _CHUNK.unpack_from(body)
     start = _CHUNK.size + name_length
@@ -69,9 +69,9 @@ def records(body: memoryview, room: Room) -> Iterator[tuple[int, memoryview]]:
     packed = body[start + 8 : start + 8 + length]
     if len(packed) != length:
         raise ValueError("it is shorter than it says")
-    room.check(size)
+    budget.check(size)
     content, found = _unpacked(packed, compression, size)
-    room.left -= found
+    budget.remaining -= found
     if found != size:
         raise ValueError(f"it does not unpack to the {size} bytes that it declares")
     if crc and zlib.crc32(content) != crc:
@@ -80,7 +80,9 @@ def records(body: memoryview, room: Room) -> Iterator[tuple[int, memoryview]]:
 
 
 def _unpacked(packed: memoryview, compression: str, size: int) -> tuple[memoryview, int]:
-    """Content, and bytes found: more than ``size`` where there are more to come."""
+    """Decompressed content, and the number of bytes found: more than ``size`` if the chunk has
+    more.
+    """
     if compression == "":
         return packed, len(packed)
     if compression not in _UNPACK:
@@ -88,12 +90,13 @@ def _unpacked(packed: memoryview, compression: str, size: int) -> tuple[memoryvi
             "chunks may be compressed with lz4, zstd or not at all, got "
             f"{shown(compression)}: convert the file with 'mcap compress'"
         )
-    # Memory that nothing is written to costs nothing, so a chunk may declare too much.
+    # Untouched pages of np.empty take no memory, so a declared size that is too large is harmless.
     content = np.empty(size, np.uint8).data
     return content, _UNPACK[compression](packed, content)
 
 
 def _zstd(packed: memoryview, content: memoryview) -> int:
+    """Decompress zstd into ``content``; number of bytes found."""
     found = 0
     with zstandard.ZstdDecompressor().stream_reader(BytesIO(packed)) as reader:
         while found < len(content) and (n := reader.readinto(content[found:])):
@@ -102,6 +105,7 @@ def _zstd(packed: memoryview, content: memoryview) -> int:
 
 
 def _lz4(packed: memoryview, content: memoryview) -> int:
+    """Decompress lz4 into ``content`` slice by slice; number of bytes found."""
     found, unpack = 0, lz4.frame.LZ4FrameDecompressor()
     for at in range(0, len(packed), _SLICE):
         piece = unpack.decompress(packed[at : at + _SLICE], len(content) - found + 1)
@@ -118,6 +122,9 @@ _UNPACK = {"lz4": _lz4, "zstd": _zstd}
 
 
 def _split(content: memoryview, most: int) -> Iterator[tuple[int, memoryview]]:
+    """Yield opcode and content of each record; ValueError for an odd record or more than
+    ``most``.
+    """
     at, n = 0, 0
     while at < len(content):
         opcode, length = RECORD.unpack_from(content, at)

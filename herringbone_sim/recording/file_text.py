@@ -1,4 +1,4 @@
-"""Text of a file from outside: a regular file, of bounded length, in UTF-8."""
+"""Read a text file from outside: a regular file of limited length in UTF-8."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 
 def file_text(path: Path, most_bytes: int) -> str:
-    """Content of a file; a pipe, which might never end, is none.
+    """Content of a file; pipes and devices, which could block, are refused.
 
     Raises:
-        OSError: no such file, one that can't be read, or something that is no file.
-        ValueError: it has more bytes, or is not UTF-8.
+        OSError: no such file, unreadable, or not a regular file.
+        ValueError: it has more than ``most_bytes`` bytes, or is not UTF-8.
     """
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(handle, "rb") as stream:

@@ -1,4 +1,4 @@
-"""Files of a run: which they are, in what order, and that they lie in its folder."""
+"""The MCAP files of a run: their names, their order, and that they lie in its folder."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ NUMBERED = re.compile(r"(.*)_([0-9]{1,9})\.mcap")
 
 @dataclass(frozen=True)
 class BagInformation:
-    """What ``metadata.yaml`` says of a bag, as far as it says it as rosbag2 does.
+    """Content of ``metadata.yaml`` that is valid for rosbag2.
 
     Attributes:
-        n_messages: messages in all files; None if it doesn't say.
-        names: of the files that are there, in order.
-        missing: names of files that are not there, or were not when the run was recovered.
-        unlisted: files of the folder that have a name of the run and are not among them.
+        n_messages: number of messages in all files; None if missing.
+        names: of the existing files, in order.
+        missing: names of files that do not exist, or did not when the run was recovered.
+        unlisted: files in the folder that are named like those of the run but not listed.
         compression_mode: ``none``, or how rosbag2 compressed the bag.
-        told: whether names and number of messages stand in it as they should now.
-        notes: a sentence on everything odd about ``metadata.yaml`` itself.
+        up_to_date: whether the listed and missing files are those found in the folder.
+        notes: a sentence on everything wrong in ``metadata.yaml`` itself.
     """
 
     n_messages: int | None = None
@@ -36,12 +36,12 @@ class BagInformation:
     missing: tuple[str, ...] = ()
     unlisted: tuple[str, ...] = ()
     compression_mode: str = "none"
-    told: bool = False
+    up_to_date: bool = False
     notes: tuple[str, ...] = ()
 
     @property
     def file_notes(self) -> list[str]:
-        """A sentence on the files that are missing, and one on those that are not read."""
+        """Sentences on missing files and on files that are not read."""
         notes = []
         if self.missing:
             notes.append(
@@ -58,11 +58,12 @@ class BagInformation:
 
 
 def _names(names: Sequence[str]) -> str:
+    """List of names for a message."""
     return listed([_shortly(name) for name in names])
 
 
 def bag_information(folder: Path) -> BagInformation:
-    """Read ``metadata.yaml`` of a folder."""
+    """Read ``metadata.yaml`` of a folder; what is wrong in it is left empty and noted."""
     try:
         content = read_yaml(folder / METADATA_NAME).get("rosbag2_bagfile_information")
     except FileNotFoundError:
@@ -75,10 +76,12 @@ def bag_information(folder: Path) -> BagInformation:
 
 
 def _unread(what: str) -> BagInformation:
+    """Information for a ``metadata.yaml`` that can't be used."""
     return BagInformation(notes=(f"{METADATA_NAME} {what}",))
 
 
 def _checked(folder: Path, content: Mapping[Any, Any]) -> BagInformation:
+    """Information from a parsed ``metadata.yaml``, checked against the folder."""
     notes = []
     count = content.get("message_count")
     if not isinstance(count, int) or isinstance(count, bool):
@@ -92,7 +95,7 @@ def _checked(folder: Path, content: Mapping[Any, Any]) -> BagInformation:
             f"{listed([shown(name) for name in outside])}"
         )
         names = []
-    once, twice = _once(folder, names)
+    once, twice = _distinct(folder, names)
     if twice:
         notes.append(f"{METADATA_NAME} names {_names(twice)} twice: it is read once")
     ordered = sorted(once, key=_natural) if lost else once
@@ -113,12 +116,13 @@ def _checked(folder: Path, content: Mapping[Any, Any]) -> BagInformation:
 
 
 def _texts(value: Any) -> list[str]:
+    """A list of strings; empty if the value is anything else."""
     good = isinstance(value, list) and all(isinstance(one, str) for one in value)
     return list(value) if good else []
 
 
-def _once(folder: Path, names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of different files, and those that lead to a file named before."""
+def _distinct(folder: Path, names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of distinct files, and the names that repeat one of them."""
     found: dict[str, str] = {}
     twice = []
     for name in names:
@@ -130,12 +134,12 @@ def _once(folder: Path, names: Sequence[str]) -> tuple[list[str], list[str]]:
 def _lost(content: Mapping[Any, Any]) -> list[str]:
     """Names of the files that were missing when the run was recovered."""
     custom = content.get("custom_data")
-    told = custom.get(MISSING_KEY) if isinstance(custom, dict) else None
-    return told.split("\n") if isinstance(told, str) and told else []
+    listed_names = custom.get(MISSING_KEY) if isinstance(custom, dict) else None
+    return listed_names.split("\n") if isinstance(listed_names, str) and listed_names else []
 
 
 def _unlisted(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Files that are named as those of the run are, NAME_0.mcap, but are none of them."""
+    """Files named like those of the run, NAME_0.mcap, that ``metadata.yaml`` does not list."""
     runs = {numbered[1] for name in names if (numbered := NUMBERED.fullmatch(name))}
     known = set(names)
     found = sorted(folder.glob("*.mcap"), key=lambda file: _natural(file.name)) if runs else []
@@ -149,7 +153,7 @@ def _unlisted(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def readable_bag(folder: Path) -> BagInformation:
-    """As ``bag_information``; RecordingError for a bag that rosbag2 itself compressed."""
+    """Like ``bag_information``; RecordingError for a bag that rosbag2 compressed as a whole."""
     information = bag_information(folder)
     mode = information.compression_mode
     if mode not in ("none", "storage"):
@@ -161,12 +165,12 @@ def readable_bag(folder: Path) -> BagInformation:
 
 
 def check_file(path: Path) -> bool:
-    """Whether a path is a file, or else a folder.
+    """Whether a path is a file (True) or a folder (False).
 
-    A pipe or a device is never opened: reading one may hang or change it.
+    A pipe or a device is never opened: reading could block or change it.
 
     Raises:
-        RecordingError: it is neither, or no path at all.
+        RecordingError: neither, or no valid path.
     """
     try:
         mode = path.stat().st_mode
@@ -188,15 +192,16 @@ def check_file(path: Path) -> bool:
 
 
 def _shortly(path: Path | str) -> str:
+    """A path for a message, shortened if its name is long or not printable."""
     text = str(path)
     return text if text.isprintable() and len(Path(path).name) < 100 else shown(text)
 
 
 def bag_files(path: Path | str) -> list[Path]:
-    """The .mcap files of a run folder, in order, or the one that is named.
+    """The .mcap files of a run folder in order, or the file itself.
 
     Raises:
-        RecordingError: no such path, nothing to read in it, or a file that leads out of it.
+        RecordingError: no such path, no .mcap file in it, or a link that leads out of the folder.
     """
     path = Path(path)
     if check_file(path):
@@ -217,7 +222,7 @@ def bag_files(path: Path | str) -> list[Path]:
 
 
 def _is_inside(folder: Path, file: Path) -> bool:
-    """Whether a file, wherever its links lead, lies in a folder."""
+    """Whether a file lies in a folder after all links are resolved."""
     try:
         return file.resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError):
@@ -225,4 +230,5 @@ def _is_inside(folder: Path, file: Path) -> bool:
 
 
 def _natural(name: str) -> list[int]:
+    """Sort key: the numbers in a name."""
     return [int(digits) for digits in re.findall(r"\d+", name)]

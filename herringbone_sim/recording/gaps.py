@@ -1,4 +1,4 @@
-"""Missing samples: the phase advances by the same step a sample, so it counts them exactly."""
+"""Missing samples, counted exactly from the phase, which advances by equal steps."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import numpy as np
 
 from herringbone_sim.recording.cdr import Array
 
-# A double counts no further in ones.
+# Largest count that a double holds exactly.
 MOST_MISSING = 2.0**53
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Samples that are missing in one place.
+    """Consecutive missing samples.
 
     Attributes:
-        index: first sample behind the gap.
+        index: first sample after the gap.
         t_s: time of the last sample before it [s].
-        missing: number of samples.
+        missing: number of missing samples.
     """
 
     index: int
@@ -30,11 +30,11 @@ class Gap:
 def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
     """Places where ``counter`` advances by more than 1.5 times the steps before and after.
 
-    The step may change (another number of samples a cycle, another speed) without being a gap.
+    A change of the step (other samples per cycle, other speed) is not a gap.
 
     Args:
         times: (n,) times [s].
-        counter: (n,) the phase [rad], or whatever advances evenly.
+        counter: (n,) the phase [rad], or any quantity that advances in equal steps.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(counter)
@@ -51,13 +51,13 @@ def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
 
 
 def sample_gaps(names: tuple[str, ...], rows: Array) -> tuple[Gap, ...]:
-    """Gaps in samples (n, c), counted by ``phase``, or by ``t`` where there is no phase."""
+    """Gaps in samples (n, c), counted by ``phase``, or by ``t`` if there is no phase."""
     counter = "phase" if "phase" in names else "t"
     return find_gaps(rows[:, names.index("t")], rows[:, names.index(counter)])
 
 
 def gap_notes(names: tuple[str, ...], rows: Array) -> list[str]:
-    """A sentence on missing samples, if any are missing."""
+    """A sentence on missing samples, empty list if none are missing."""
     gaps = sample_gaps(names, rows)
     if not gaps:
         return []

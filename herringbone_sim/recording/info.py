@@ -1,4 +1,4 @@
-"""What a run holds: duration, rates, operating point, parameter changes, gaps, health."""
+"""Summary of a run: duration, rates, operating point, parameter changes, gaps, damage."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Channel:
     """A column of the samples.
 
     Attributes:
-        unit: as the ``channels`` topic says, empty if it doesn't.
-        nans: values that are no finite number.
+        unit: from the ``channels`` topic, empty if missing.
+        nans: number of values that are not finite.
         minimum, maximum, mean: of the finite ones; None if there are none.
     """
 
@@ -39,6 +39,7 @@ class Channel:
 
     @property
     def constant(self) -> bool:
+        """Whether all finite values are equal."""
         return self.minimum is not None and self.minimum == self.maximum
 
 
@@ -49,20 +50,20 @@ class RunInfo:
     Attributes:
         n_samples: samples in the files.
         t_first_s, t_last_s, duration_s: span of time [s].
-        sample_rate_hz: samples a second, from the median step; None for less than two samples.
-        samples_per_cycle: samples a mesh cycle, from the median step of ``phase``; or None.
+        sample_rate_hz: from the median step; None for less than two samples.
+        samples_per_cycle: per mesh cycle, from the median step of ``phase``; or None.
         mesh_hz: mesh frequency [Hz]; None without ``phase``.
         channels: one entry a column.
         changes: parameter changes.
         gaps: places where samples are missing.
-        time_jump: sample at which time does not increase; None if it always does.
+        time_jump: first sample whose time does not increase; None if it always does.
         parameters: of the model, as recorded.
-        source, model, version: who recorded it, as far as the ``channels`` topic says.
-        complete: whether every file is there and was finished.
-        missing_files: names of those that ``metadata.yaml`` tells of and are not there.
-        samples_counted: by the writer; None if it doesn't say.
+        source, model, version: program that recorded it, from the ``channels`` topic.
+        complete: whether every file exists and was finished.
+        missing_files: names of files that ``metadata.yaml`` lists and that do not exist.
+        samples_counted: by the writer; None if not recorded.
         bytes_on_disk, bytes_of_samples: size of the files, and of the samples unpacked.
-        notes: a sentence on everything odd.
+        notes: a sentence on everything unusual.
     """
 
     path: Path
@@ -91,12 +92,12 @@ class RunInfo:
 
     @property
     def missing(self) -> int:
-        """Samples that are missing in all gaps together."""
+        """Number of missing samples in all gaps."""
         return sum(gap.missing for gap in self.gaps)
 
 
 def recording_info(path: Path | str) -> RunInfo:
-    """Summary of a run folder or .mcap file, also of one whose time goes backwards.
+    """Summarise a run folder or .mcap file, also one whose time goes backwards.
 
     Raises:
         RecordingError: as ``read_recording``.
@@ -105,7 +106,7 @@ def recording_info(path: Path | str) -> RunInfo:
 
 
 def summarise(raw: RawRecording) -> RunInfo:
-    """Summary of a run in memory."""
+    """Summarise a run that is in memory."""
     times = raw.times
     time_step, phase_step = _median_step(times), _phase_step(raw)
     rate = 1 / time_step if time_step else None
@@ -138,6 +139,7 @@ def summarise(raw: RawRecording) -> RunInfo:
 
 
 def _median_step(values: Array) -> float | None:
+    """Median difference of successive values; None unless it is positive and finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(values)
     middle = float(np.median(steps)) if len(steps) else float("nan")
@@ -145,12 +147,14 @@ def _median_step(values: Array) -> float | None:
 
 
 def _phase_step(raw: RawRecording) -> float | None:
+    """Median step of the phase [rad]; None without ``phase``."""
     if "phase" not in raw.names:
         return None
     return _median_step(raw.rows[:, raw.names.index("phase")])
 
 
 def _channels(raw: RawRecording) -> tuple[Channel, ...]:
+    """Summary of every column."""
     units = raw.channels.units
     return tuple(
         _channel(name, units.get(name, ""), raw.rows[:, column])
@@ -159,6 +163,7 @@ def _channels(raw: RawRecording) -> tuple[Channel, ...]:
 
 
 def _channel(name: str, unit: str, values: Array) -> Channel:
+    """Summary of one column."""
     finite = values[np.isfinite(values)]
     nans = len(values) - len(finite)
     if not len(finite):
@@ -169,6 +174,7 @@ def _channel(name: str, unit: str, values: Array) -> Channel:
 
 
 def _jump_notes(times: Array, jump: int | None) -> list[str]:
+    """A sentence on the first time that does not increase."""
     if jump is None:
         return []
     return [
@@ -177,6 +183,7 @@ def _jump_notes(times: Array, jump: int | None) -> list[str]:
 
 
 def _channel_notes(channels: tuple[Channel, ...]) -> list[str]:
+    """Sentences on channels with values that are not finite, and on constant ones."""
     broken = [f"{channel.name} ({channel.nans})" for channel in channels if channel.nans]
     still = [c.name for c in channels if c.constant and c.name not in OPERATING]
     notes = [f"no finite number in some samples of {listed(broken)}"] if broken else []

@@ -1,4 +1,4 @@
-"""Load the files of a run into memory: of any program, finished or cut, times unchecked."""
+"""Load the files of a run into memory, finished or cut, without a check of the times."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ from herringbone_sim.recording.raw import (
     ParameterChange,
     RawRecording,
     content_notes,
-    without_samples,
+    no_samples_message,
 )
 from herringbone_sim.recording.run_files import RECORD_NAME
-from herringbone_sim.recording.scan import MOST_NOTES, Found, Scan
+from herringbone_sim.recording.scan import MOST_NOTES, Scan, ScannedMessage
 
-# Memory for a run of little size on the disk; it is that of a chunk of the largest kind.
+# Memory limit for a small run: one chunk of the largest size.
 LEAST_MEMORY = 256 << 20
-# Bytes in memory for each on the disk: periodic motions of a gear with many planets pack so well.
+# Memory limit per byte on the disk; periodic motions with many planets compress nearly as much.
 MEMORY_RATIO = 40
-# Columns beside those of the samples that are at work while a run is read: times, steps, gaps.
+# Further columns in memory while a run is read: times, steps, gaps.
 _COLUMNS_AT_WORK = 8
-# With more digits it is no count of samples.
+# A plausible count of samples.
 _COUNT = re.compile("[0-9]{1,15}")
-# An event in memory: the object itself, and how much larger its values are than on the disk.
+# Memory of a parameter event: of the object, and per byte of the message.
 _EVENT_BYTES, _EVENT_RATIO = 512, 8
 
 
 def is_samples(topic: Topic) -> bool:
-    """Whether this is the ``samples`` topic of any node."""
+    """Whether a topic is the ``samples`` topic of any node."""
     last, kind = (text.rpartition("/")[2] for text in (topic.name, topic.type_name))
     return (last, kind) == ("samples", "Float64MultiArray")
 
 
 def iter_sample_blocks(path: Path | str) -> Iterator[tuple[tuple[str, ...], Array]]:
-    """Channel names (c,) and rows (n, c), one message at a time, in the order of the file.
+    """Yield channel names (c,) and rows (n, c) of each message, in the order of the file.
 
     Raises:
         RecordingError: see ``read_recording``; time is not checked.
@@ -64,7 +64,7 @@ def iter_sample_blocks(path: Path | str) -> Iterator[tuple[tuple[str, ...], Arra
 
 
 class _Samples:
-    """Decodes ``samples`` and holds that topic and channels stay the same."""
+    """Decoder of ``samples`` messages that checks that topic and channels stay the same."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -72,15 +72,16 @@ class _Samples:
         self.names: tuple[str, ...] = ()
         self.n = 0
 
-    def decode(self, found: Found) -> tuple[tuple[str, ...], Array]:
-        names, rows = decode_samples(found.message)
+    def decode(self, scanned: ScannedMessage) -> tuple[tuple[str, ...], Array]:
+        """Names (c,) and rows (n, c) of a message; RecordingError if topic or channels change."""
+        names, rows = decode_samples(scanned.message)
         if not self.topic:
-            self.topic, self.names = found.topic.name, names
+            self.topic, self.names = scanned.topic.name, names
             self._check_names()
-        if found.topic.name != self.topic:
+        if scanned.topic.name != self.topic:
             raise RecordingError(
                 f"a run must hold the samples of one node, {self.path} has "
-                f"{listed([self.topic])} and {listed([found.topic.name])}: record each into a "
+                f"{listed([self.topic])} and {listed([scanned.topic.name])}: record each into a "
                 "run of its own"
             )
         if names != self.names:
@@ -93,6 +94,7 @@ class _Samples:
         return names, rows
 
     def _check_names(self) -> None:
+        """Raise RecordingError unless the names are unique, printable and include ``t``."""
         odd = not all(name.isprintable() for name in self.names)
         if "t" not in self.names or odd or len(set(self.names)) < len(self.names):
             raise RecordingError(
@@ -103,7 +105,7 @@ class _Samples:
 
 
 class _Loading:
-    """Takes the messages of one file after the other, into no more memory than is allowed."""
+    """Accumulates the messages of successive files within a memory limit."""
 
     def __init__(self, path: Path, most_bytes: int) -> None:
         name = path.stem if check_file(path) else path.resolve().name
@@ -115,19 +117,20 @@ class _Loading:
         self._n_left_out = self.n_messages = 0
         self._topics: set[str] = set()
         self._counts: list[int | None] = []
-        # Rows one behind the other: they grow in place, and hold no chunk in memory.
+        # All rows in one growing buffer, so that no chunk stays in memory.
         self._content = bytearray()
 
     def take_file(self, file: Path) -> None:
+        """Read all messages of the next file."""
         scan = Scan(file)
-        told = False
+        has_channels = False
         for found in scan.messages():
             self.n_messages += 1
             last = found.topic.name.rpartition("/")[2]
             if is_samples(found.topic):
                 self._take_rows(self.samples.decode(found)[1])
-            elif last == "channels" and not told:
-                told = True
+            elif last == "channels" and not has_channels:
+                has_channels = True
                 self._guarded(self._take_channels, found)
             elif last == "parameter_events":
                 self._take_memory(_EVENT_BYTES + _EVENT_RATIO * len(found.message))
@@ -135,11 +138,12 @@ class _Loading:
         self._take_scan(scan)
 
     def finish(self) -> RawRecording:
+        """The loaded run; RecordingError if it has no samples."""
         raw, names = self.raw, self.samples.names
         if self._n_left_out > MOST_NOTES:
             raw.notes.append(f"{self._n_left_out - MOST_NOTES} more messages are left out")
         if not self._content:
-            raise RecordingError(without_samples(raw, self._topics))
+            raise RecordingError(no_samples_message(raw, self._topics))
         raw.names = names
         raw.rows = np.frombuffer(self._content, dtype=np.float64).reshape(-1, len(names))
         raw.changes = tuple(self.changes)
@@ -149,11 +153,13 @@ class _Loading:
         return raw
 
     def _take_rows(self, rows: Array) -> None:
+        """Append samples."""
         n, c = rows.shape
         self._take_memory(n * (c + _COLUMNS_AT_WORK) * rows.itemsize)
         self._content += np.ascontiguousarray(rows).data.cast("B") if n else b""
 
     def _take_memory(self, size: int) -> None:
+        """Subtract bytes from the memory limit; RecordingError if it is exceeded."""
         self._left -= size
         if self._left < 0:
             raise RecordingError(
@@ -163,41 +169,44 @@ class _Loading:
                 "read_recording(path, most_bytes=...) more where it is known to be good"
             )
 
-    def _guarded(self, take: Callable[[Found], None], found: Found) -> None:
+    def _guarded(self, take: Callable[[ScannedMessage], None], scanned: ScannedMessage) -> None:
+        """Take a message; one that can't be decoded is noted and left out."""
         try:
-            take(found)
+            take(scanned)
         except RecordingError as error:
             self._n_left_out += 1
             if self._n_left_out <= MOST_NOTES:
                 self.raw.notes.append(
-                    f"a message of {listed([found.topic.name])} is left out: {error}"
+                    f"a message of {listed([scanned.topic.name])} is left out: {error}"
                 )
 
-    def _take_channels(self, found: Found) -> None:
-        """The first of a run counts: its state is that at the first sample."""
+    def _take_channels(self, scanned: ScannedMessage) -> None:
+        """Keep the first ``channels`` message of a run: its state is that at the first sample."""
         if not self.raw.channels.content:
-            self.raw.channels, notes = read_channels(decode_string(found.message))
+            self.raw.channels, notes = read_channels(decode_string(scanned.message))
             self.raw.notes += notes
 
-    def _take_event(self, found: Found) -> None:
-        event = decode_parameter_event(found.message)
+    def _take_event(self, scanned: ScannedMessage) -> None:
+        """Append a parameter change."""
+        event = decode_parameter_event(scanned.message)
         change = ParameterChange(event.stamp_ns / 1e9, event.stamp_ns, event.node, event.changed)
         self.changes.append(change)
 
     def _take_scan(self, scan: Scan) -> None:
+        """Take notes, completeness, topics and counts of a file that was read."""
         raw = self.raw
         raw.notes += scan.notes + scan.end_notes()
         raw.complete &= scan.complete
         raw.bytes_on_disk += scan.size
         self._topics |= {topic.name for topic in scan.topics.values() if is_samples(topic)}
-        told = dict(scan.metadata).get(RECORD_NAME, {})
-        raw.recovered |= "recovered" in told
-        count = told.get("samples_written", "")
+        record = dict(scan.metadata).get(RECORD_NAME, {})
+        raw.recovered |= "recovered" in record
+        count = record.get("samples_written", "")
         self._counts.append(int(count) if _COUNT.fullmatch(count) else None)
 
 
 def load(path: Path | str, most_bytes: int | None = None) -> RawRecording:
-    """All of a run in memory, without a check of its times; as ``read_recording``."""
+    """Load a whole run into memory without a check of its times; errors as ``read_recording``."""
     path = Path(path)
     files = bag_files(path)
     if most_bytes is None:
@@ -213,14 +222,14 @@ def load(path: Path | str, most_bytes: int | None = None) -> RawRecording:
     return loading.finish()
 
 
-def _compare(loading: _Loading, told: BagInformation) -> None:
-    """Hold the files of a run folder against what ``metadata.yaml`` says of them."""
+def _compare(loading: _Loading, information: BagInformation) -> None:
+    """Note where the files of a run folder differ from its ``metadata.yaml``."""
     raw = loading.raw
-    raw.notes += told.file_notes
-    raw.missing_files = told.missing
-    raw.complete &= not told.missing
-    if told.n_messages not in (None, loading.n_messages) and raw.complete:
+    raw.notes += information.file_notes
+    raw.missing_files = information.missing
+    raw.complete &= not information.missing
+    if information.n_messages not in (None, loading.n_messages) and raw.complete:
         raw.notes.append(
-            f"{METADATA_NAME} counts {shown(told.n_messages)} messages, {loading.n_messages} were "
-            "read"
+            f"{METADATA_NAME} counts {shown(information.n_messages)} messages, "
+            f"{loading.n_messages} were read"
         )

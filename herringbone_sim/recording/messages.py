@@ -1,7 +1,7 @@
-"""The four message types of a recording, from and to bytes.
+"""Encode and decode the four message types of a recording.
 
-Every ``decode_*`` raises RecordingError for a message that is shorter than its own lengths say,
-or in another encapsulation than plain CDR.
+Every ``decode_*`` raises RecordingError for a message that is shorter than its own lengths say, or
+not plain CDR.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from herringbone_sim.errors import RecordingError, shown
 from herringbone_sim.recording.cdr import Array, Buffer, CdrReader, CdrWriter, checked
 
-# A sample of more channels does not fit into a message of 64 kB, which UDP sends in one piece.
+# One sample must fit into 64 kB, which UDP sends in one piece.
 MOST_CHANNELS = 8000
 
 Value = bool | int | float | str | bytes | list[bool] | list[int] | list[float] | list[str] | None
@@ -25,7 +25,7 @@ _TYPES = ("none", "bool", "int", "float", "str", "bytes", "bools", "ints", "floa
 
 
 def encode_string(text: str) -> bytes:
-    """std_msgs/String."""
+    """Bytes of a std_msgs/String."""
     out = CdrWriter()
     out.text(text)
     return bytes(out.buffer)
@@ -39,6 +39,7 @@ def decode_string(message: Buffer) -> str:
 
 @lru_cache(maxsize=8)
 def _samples_head(names: tuple[str, ...], n: int) -> bytes:
+    """Bytes of a Float64MultiArray up to its data, for n samples of some channels."""
     out, c = CdrWriter(), len(names)
     out.pack("I", 2)
     for label, size, stride in (("sample", n, n * c), (",".join(names), c, c)):
@@ -51,7 +52,7 @@ def _samples_head(names: tuple[str, ...], n: int) -> bytes:
 
 
 def encode_samples(names: tuple[str, ...], rows: Array) -> bytes:
-    """std_msgs/Float64MultiArray of a block of samples.
+    """Bytes of a std_msgs/Float64MultiArray with a block of samples.
 
     Args:
         names: c channel names, without commas.
@@ -69,14 +70,16 @@ def decode_samples(message: Buffer) -> tuple[tuple[str, ...], Array]:
         RecordingError: the layout is not that of the ``samples`` topic.
     """
     source = CdrReader(message)
-    n_dims = source.one("I")
+    n_dims = source.scalar("I")
     if n_dims != 2:
         raise RecordingError(
             f"samples need a layout of 2 dimensions (sample, channels), got {n_dims}: "
             "put the channel names, separated by commas, into the label of the second"
         )
-    (_, n, _), (label, c, _) = ((source.text(), source.one("I"), source.one("I")) for _ in "nc")
-    offset = source.one("I")
+    (_, n, _), (label, c, _) = (
+        (source.text(), source.scalar("I"), source.scalar("I")) for _ in "nc"
+    )
+    offset = source.scalar("I")
     data = source.doubles()[offset:]
     n_names = label.count(",") + 1
     if c != n_names or n * c != len(data) or c > MOST_CHANNELS:
@@ -95,12 +98,12 @@ def _names(label: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class JointState:
-    """sensor_msgs/JointState: m meshes at one instant.
+    """Content of a sensor_msgs/JointState: m meshes at one instant.
 
     Attributes:
-        stamp_ns: time of the header in nanoseconds.
+        stamp_ns: time of the header [ns].
         names: m mesh names.
-        position, velocity, effort: (m,) displacement [m], its rate [m/s], force [N].
+        position, velocity, effort: (m,) displacement [m], velocity [m/s], force [N].
     """
 
     stamp_ns: int
@@ -112,7 +115,7 @@ class JointState:
 
 
 def encode_joint_state(state: JointState) -> bytes:
-    """sensor_msgs/JointState.
+    """Bytes of a sensor_msgs/JointState.
 
     Raises:
         RecordingError: the arrays are not all as long as the names.
@@ -134,9 +137,9 @@ def encode_joint_state(state: JointState) -> bytes:
 
 @checked
 def decode_joint_state(message: Buffer) -> JointState:
-    """A sensor_msgs/JointState."""
+    """Content of a sensor_msgs/JointState."""
     source = CdrReader(message)
-    stamp_ns = source.one("i") * 10**9 + source.one("I")
+    stamp_ns = source.scalar("i") * 10**9 + source.scalar("I")
     frame_id, names = source.text(), tuple(source.texts())
     position, velocity, effort = (source.doubles() for _ in range(3))
     return JointState(stamp_ns, names, position, velocity, effort, frame_id)
@@ -144,10 +147,10 @@ def decode_joint_state(message: Buffer) -> JointState:
 
 @dataclass(frozen=True)
 class ParameterEvent:
-    """rcl_interfaces/ParameterEvent.
+    """Content of a rcl_interfaces/ParameterEvent.
 
     Attributes:
-        stamp_ns: time of the change in nanoseconds.
+        stamp_ns: time of the change [ns].
         node: full name of the node.
         changed: new value by parameter name; None for a deleted or unset one.
     """
@@ -158,6 +161,7 @@ class ParameterEvent:
 
 
 def _type_of(value: object) -> str:
+    """Name of the ROS parameter type of a value; RecordingError if there is none."""
     if isinstance(value, (bool, np.bool_)):
         return "bool"
     if isinstance(value, (int, np.integer)):
@@ -179,6 +183,7 @@ def _type_of(value: object) -> str:
 
 
 def _write_value(out: CdrWriter, value: Value) -> None:
+    """Append a rcl_interfaces/ParameterValue."""
     kind = "none" if value is None else _type_of(value)
     held: dict[str, Any] = {kind: value}
     out.pack("B", _TYPES.index(kind))
@@ -192,12 +197,13 @@ def _write_value(out: CdrWriter, value: Value) -> None:
 
 
 def _read_value(source: CdrReader) -> Value:
-    kind = source.one("B")
-    scalars = (None, bool(source.one("B")), source.one("q"), source.double(), source.text())
+    """Read a rcl_interfaces/ParameterValue."""
+    kind = source.scalar("B")
+    scalars = (None, bool(source.scalar("B")), source.scalar("q"), source.double(), source.text())
     arrays = (
-        bytes(source.raw(source.one("I"))),
-        [bool(item) for item in source.raw(source.one("I"))],
-        [int(item) for item in source.array("i8", source.one("I"))],
+        bytes(source.raw(source.scalar("I"))),
+        [bool(item) for item in source.raw(source.scalar("I"))],
+        [int(item) for item in source.array("i8", source.scalar("I"))],
         [float(item) for item in source.doubles()],
         source.texts(),
     )
@@ -206,7 +212,7 @@ def _read_value(source: CdrReader) -> Value:
 
 
 def encode_parameter_event(event: ParameterEvent) -> bytes:
-    """rcl_interfaces/ParameterEvent with all values under ``changed_parameters``.
+    """Bytes of a rcl_interfaces/ParameterEvent with all values under ``changed_parameters``.
 
     Raises:
         RecordingError: a value that no ROS parameter can have.
@@ -225,12 +231,12 @@ def encode_parameter_event(event: ParameterEvent) -> bytes:
 
 @checked
 def decode_parameter_event(message: Buffer) -> ParameterEvent:
-    """A rcl_interfaces/ParameterEvent: new, changed and deleted parameters in one mapping."""
+    """Content of a rcl_interfaces/ParameterEvent: new, changed and deleted parameters together."""
     source = CdrReader(message)
-    stamp_ns, node = source.one("i") * 10**9 + source.one("I"), source.text()
+    stamp_ns, node = source.scalar("i") * 10**9 + source.scalar("I"), source.text()
     changed: dict[str, Value] = {}
     for deleted in (False, False, True):
-        for _ in range(source.one("I")):
+        for _ in range(source.scalar("I")):
             name, value = source.text(), _read_value(source)
             changed[name] = None if deleted else value
     return ParameterEvent(stamp_ns, node, changed)

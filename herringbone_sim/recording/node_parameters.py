@@ -1,4 +1,6 @@
-"""Parameters of the node beside those of the model, and how it takes the values of a file."""
+"""Parameters of the ROS node beyond those of the model, and the conversion of values from
+files.
+"""
 
 from __future__ import annotations
 
@@ -80,8 +82,8 @@ OF_NODE: Mapping[str, tuple[Any, Meaning]] = {
 }
 
 LONGEST_TEXT = 8192  # twice the longest path; /diagnostics carries it every second
-LONGEST_NAME = 64  # of what may be a typing error
-ALIKE = 0.66  # share of equal letters in a typing error; kk for K has two thirds
+LONGEST_NAME = 64  # characters of an unknown name that are compared with the known ones
+ALIKE = 0.66  # similarity of a mistyped name (difflib ratio); kk and K have two thirds
 
 
 def default_of(name: str) -> Any:
@@ -96,13 +98,14 @@ def meaning_of(name: str) -> Meaning:
     return OF_NODE[name][1] if name in OF_NODE else core.meaning(name)
 
 
-def fitted(name: str, value: Any) -> Any:
-    """A value in the type of its declaration, where a tool of ROS guessed another.
+def converted(name: str, value: Any) -> Any:
+    """A value converted to the type of its parameter, where ROS tools send another type.
 
-    They send 1 as an integer, 1e-3 as a text (YAML 1.1 wants a dot), off as a bool, and an empty
-    list as one of any type. A value that fits, or can't be made to, is the same object.
+    They send 1 as an integer, 1e-3 as a string (YAML 1.1 requires a dot), off as a bool, and an
+    empty list as one of any type. A value that needs no conversion, or allows none, is returned as
+    is.
     """
-    kind = type(default_of(name)) if known(name) else None
+    kind = type(default_of(name)) if is_known(name) else None
     if kind is float and (number := _number(value)) is not None:
         return number
     if kind is tuple and (numbers := _numbers(value)) is not None:
@@ -113,6 +116,7 @@ def fitted(name: str, value: Any) -> Any:
 
 
 def _number(value: Any) -> float | None:
+    """Float of a number or a numeric text, else None."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return None
     try:
@@ -122,6 +126,7 @@ def _number(value: Any) -> float | None:
 
 
 def _numbers(value: Any) -> list[float] | None:
+    """List of floats of a number, a list or a text like ``[1, 2]``, else None."""
     if isinstance(value, str) and value.startswith("[") and value.endswith("]"):
         value = value[1:-1].split(",")
     many = [value] if isinstance(value, (int, float, str)) else value
@@ -131,36 +136,36 @@ def _numbers(value: Any) -> list[float] | None:
     return found if len(found) == len(many) else None
 
 
-def known(name: str) -> bool:
-    """Whether a parameter is one of the model or of this node."""
+def is_known(name: str) -> bool:
+    """Whether the model or this node has a parameter of that name."""
     return name in OF_NODE or name in Parameters.__dataclass_fields__
 
 
-def unset(value: Any) -> bool:
-    """Whether a value of a file is none: ``[]`` there has no type."""
+def is_unset(value: Any) -> bool:
+    """Whether a value in a file means unset: None or an empty list, which has no type in ROS."""
     return value is None or (
         not isinstance(value, str) and hasattr(value, "__len__") and len(value) == 0
     )
 
 
-def unknown(name: str) -> str:
-    """That there is no such parameter, and which one may be meant."""
+def unknown_message(name: str) -> str:
+    """Message for an unknown parameter name, with the name that is probably meant."""
     own = {own.lower(): own for own in (*OF_NODE, *core.names())}
     near = difflib.get_close_matches(name[:LONGEST_NAME].lower(), own, n=1, cutoff=ALIKE)
     hint = f"did you mean {own[near[0]]}?" if near else "ros2 param list shows what there is"
     return f"no parameter {name}: {hint}"
 
 
-def foreign(name: str) -> bool:
-    """Parameters that rclpy itself reads: time, QoS overrides, type descriptions."""
+def read_by_rclpy(name: str) -> bool:
+    """Whether rclpy itself reads the parameter: time, QoS overrides, type descriptions."""
     return name.startswith(("use_sim_time", "qos_overrides.", "start_type_description_service"))
 
 
 def check(name: str, value: Any) -> None:
-    """Check one value of the node; those of the model are checked as a set when it is built.
+    """Check the value of one parameter; those of the model are checked together when it is built.
 
     Raises:
-        ParameterError: what is wrong with it.
+        ParameterError: the value is not allowed.
     """
     if name not in OF_NODE:
         core.coerce(name, value)
@@ -195,10 +200,10 @@ def check(name: str, value: Any) -> None:
 
 
 def gear_of_node(path: Path) -> tuple[Parameters, tuple[Active, ...], list[str]]:
-    """The gear that a node has which is started with a file, its effects, and what it warns of.
+    """Gear and effects of a node that starts with a parameter file, and the warnings it gives.
 
     Raises:
-        ParameterError: a file with which no node starts; it begins with the file.
+        ParameterError: the node would not start with the file; the message begins with the file.
     """
     taken: dict[str, Any] = {}
     notes = []
@@ -207,8 +212,8 @@ def gear_of_node(path: Path) -> tuple[Parameters, tuple[Active, ...], list[str]]
             warning = warning_of(name, value)
             if warning:
                 notes.append(warning)
-            if known(name) and not unset(value):
-                taken[name] = fitted(name, value)
+            if is_known(name) and not is_unset(value):
+                taken[name] = converted(name, value)
                 if name != EFFECTS:  # a list of them is turned into a text
                     check(name, taken[name])
         own = {name: value for name, value in taken.items() if name not in OF_NODE}
@@ -220,7 +225,7 @@ def gear_of_node(path: Path) -> tuple[Parameters, tuple[Active, ...], list[str]]
 
 
 def _dotted(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Names and values as ROS has them, which joins the names of nested mappings by dots."""
+    """Yield names and values, names of nested mappings joined by dots as in ROS."""
     for name, value in values.items():
         if isinstance(value, dict) and value:
             yield from _dotted(value, f"{before}{name}.")
@@ -229,10 +234,10 @@ def _dotted(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
 
 
 def warning_of(name: str, value: Any) -> str:
-    """What a node warns of that is started with such a value; empty where that is nothing."""
-    if not known(name):
-        return "" if foreign(name) else f"{unknown(name)}; it is ignored"
-    if unset(value) and default_of(name) != ():
+    """Warning of a node that starts with a value; empty if there is none."""
+    if not is_known(name):
+        return "" if read_by_rclpy(name) else f"{unknown_message(name)}; it is ignored"
+    if is_unset(value) and default_of(name) != ():
         return (
             f"{name} is empty and has its default {default_of(name)!r}: leave it out, or give a "
             "value (a list of none is [0.0])"

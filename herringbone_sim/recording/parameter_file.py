@@ -1,7 +1,7 @@
-"""Parameter files in the form that ROS 2 takes: ``NODE: {ros__parameters: {NAME: VALUE}}``.
+"""Parameter files in the format of ROS 2: ``NODE: {ros__parameters: {NAME: VALUE}}``.
 
-Numbers are read as ROS reads them (``1e-4`` is one), an integer where a double is meant is taken.
-Beside the parameters a file may hold ``effects``: as a text, which ROS takes, or as a list.
+Numbers are read as ROS reads them (``1e-4`` is a number); an integer is accepted for a double. A
+file may also contain ``effects``: as a string, as ROS requires, or as a list.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _OFTEN = 1e-3, 1e6
 
 
 class _Quoting(yaml.SafeDumper):
-    """Quotes every text: 1e5 or on is a text to one reader of YAML, and none to another."""
+    """YAML dumper that quotes every string: parsers differ on whether 1e5 or on is a string."""
 
 
 _Quoting.add_representer(
@@ -41,11 +41,11 @@ _Quoting.add_representer(
 
 
 def load_parameters(path: Path | str) -> Parameters:
-    """Parameters of a file without effects; those that it leaves out have their defaults.
+    """Parameters of a file without effects; parameters that it omits have their defaults.
 
     Raises:
-        ParameterError: no such file, not of this form, an unknown key, a set that no gear can
-            have, or effects, which whoever asks does not know of; it begins with the file.
+        ParameterError: no such file, another format, an unknown key, a set that no gear can have,
+            or effects; the message begins with the file.
     """
     parameters, actives = load_gear(path)
     if actives:
@@ -57,10 +57,10 @@ def load_parameters(path: Path | str) -> Parameters:
 
 
 def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
-    """Parameters and active effects of a file; without ``effects`` there are none.
+    """Parameters and active effects of a file.
 
     Raises:
-        ParameterError: as ``load_parameters``, or an effect that there is not.
+        ParameterError: as ``load_parameters``, or an unknown effect.
     """
     values = read_values(Path(path))
     try:
@@ -70,26 +70,28 @@ def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
 
 
 def gear_of_values(values: Mapping[str, Any]) -> tuple[Parameters, tuple[Active, ...]]:
-    """Parameters and active effects of values by name, as files and recordings hold them.
+    """Parameters and active effects from values by name, as in files and recordings.
 
     Raises:
-        ParameterError: an unknown name, a set that no gear can have, or no such effect.
+        ParameterError: an unknown name, a set that no gear can have, or an unknown effect.
     """
     of_model = {name: value for name, value in values.items() if name != EFFECTS}
     return from_mapping(of_model), read_effects(values.get(EFFECTS))
 
 
 def values_of_gear(parameters: Parameters, actives: Sequence[Active] = ()) -> dict[str, Any]:
-    """Values by name for JSON, the inverse of ``gear_of_values``; no effects, no such name."""
+    """Values by name for JSON, the inverse of ``gear_of_values``; no ``effects`` key without
+    effects.
+    """
     effects = {EFFECTS: effects_text(actives)} if actives else {}
     return to_mapping(parameters) | effects
 
 
 def ros_text(path: Path | str) -> str:
-    """A parameter file, of the gear or of the node too, as ROS takes it: effects as a text.
+    """Text of a parameter file in the form that ROS accepts: effects as a string.
 
     Raises:
-        ParameterError: no such file, or not of this form.
+        ParameterError: no such file, or another format.
     """
     values = read_values(Path(path))
     try:
@@ -105,10 +107,10 @@ def ros_text(path: Path | str) -> str:
 def save_parameters(
     path: Path | str, parameters: Parameters, title: str = "", actives: Sequence[Active] = ()
 ) -> None:
-    """Write every parameter with its unit and meaning; OSError where that can't be.
+    """Write every parameter with its unit and meaning; raises OSError.
 
     Args:
-        title: lines of comment for the head of the file.
+        title: comment lines for the head of the file.
         actives: effects of the gear.
     """
     Path(path).write_text(parameter_text(parameters, title, actives), encoding="utf-8")
@@ -117,7 +119,7 @@ def save_parameters(
 def parameter_text(parameters: Parameters, title: str = "", actives: Sequence[Active] = ()) -> str:
     """Text of a parameter file.
 
-    ROS can't type an empty list: an empty ``planet_angle`` is left out, and an empty series of
+    ROS can't type an empty list: an empty ``planet_angle`` is omitted, and an empty series of
     harmonics is written as one of amplitude zero.
     """
     head = [f"# {line}".rstrip() for line in title.splitlines()]
@@ -128,6 +130,7 @@ def parameter_text(parameters: Parameters, title: str = "", actives: Sequence[Ac
 
 
 def _line(name: str, value: Any) -> str:
+    """Line of one parameter with unit and meaning as a comment."""
     about = meaning(name)
     comment = f"# [{about.unit}] {about.text}{'; live' if about.live else ''}"
     if value == () and getattr(Parameters, name) == ():
@@ -136,6 +139,7 @@ def _line(name: str, value: Any) -> str:
 
 
 def _text(value: Any) -> str:
+    """YAML text of a value; a float reads back as the same float."""
     if isinstance(value, tuple):
         return f"[{', '.join(_text(one) for one in value)}]"
     if not isinstance(value, float):
@@ -146,7 +150,7 @@ def _text(value: Any) -> str:
 
 
 def read_values(path: Path) -> dict[str, Any]:
-    """Names and values of a file; ParameterError, which begins with the file."""
+    """Names and values of a file; raises ParameterError whose message begins with the file."""
     try:
         return _values(read_yaml(path))
     except OSError as error:
@@ -158,6 +162,7 @@ def read_values(path: Path) -> dict[str, Any]:
 
 
 def _values(document: Mapping[Any, Any]) -> dict[str, Any]:
+    """Names and values of a parsed file; ParameterError if its structure is another one."""
     values: dict[str, Any] = {}
     for node, content in document.items():
         if str(node).rsplit("/", 1)[-1] not in (NODE, "*", "**"):

@@ -1,4 +1,4 @@
-"""What lies in the files of a run, and what can be said of it."""
+"""Content of the files of a run before any check of its times."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class ParameterChange:
 
 @dataclass
 class RawRecording:
-    """What lies in the files of a run, with time as it is, not checked.
+    """Content of the files of a run; times are not checked.
 
     Attributes:
         names: c channel names.
         rows: (n, c) samples.
-        complete: whether every file is there and was finished.
-        missing_files: names of those that ``metadata.yaml`` tells of and are not there.
-        counted: samples that the writer says it wrote; None if a file doesn't say.
-        recovered: whether a file of it was rebuilt after it was cut off.
+        complete: whether every file exists and was finished.
+        missing_files: names of files that ``metadata.yaml`` lists and that do not exist.
+        counted: number of samples by the writer's record; None if a file has none.
+        recovered: whether a file was rebuilt after it had been cut off.
         bytes_on_disk: size of the .mcap files.
     """
 
@@ -65,8 +65,8 @@ class RawRecording:
         return np.array(self.rows[:, self.names.index("t")])
 
 
-def without_samples(raw: RawRecording, topics: set[str]) -> str:
-    """Why there are none, and what to do."""
+def no_samples_message(raw: RawRecording, topics: set[str]) -> str:
+    """Reason why a run has no samples, and what to do."""
     if not raw.complete or raw.recovered:
         return (
             f"a run must hold samples, {raw.path} was cut off before the first of them were whole "
@@ -84,6 +84,7 @@ def without_samples(raw: RawRecording, topics: set[str]) -> str:
 
 
 def content_notes(raw: RawRecording) -> list[str]:
+    """Sentences on missing channel data, missing samples and odd parameter changes."""
     notes = []
     if not raw.channels.content:
         notes.append("there is no channels message: units and parameters are unknown")
@@ -93,6 +94,7 @@ def content_notes(raw: RawRecording) -> list[str]:
 
 
 def _change_notes(raw: RawRecording) -> list[str]:
+    """A sentence on parameter changes outside of the samples, empty list if there are none."""
     times = raw.times
     outside = [change for change in raw.changes if not times[0] <= change.t_s <= times[-1]]
     if not outside:

@@ -1,4 +1,4 @@
-"""Read a run: samples, channels and parameter changes of any recording, finished or cut."""
+"""Read a run: samples, channel data and parameter changes of a recording, finished or cut."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class Recording:
     """A run that was read.
 
     Attributes:
-        path: as it was named: a run folder or a .mcap file.
+        path: as given: a run folder or a .mcap file.
         name: of the run.
         samples: full-rate samples.
-        channels: what the ``channels`` topic says; empty if there is none.
+        channels: content of the ``channels`` topic; empty if there is none.
         changes: parameter changes in the order of the file.
         complete: whether the file was finished.
-        notes: a sentence on everything odd.
-        jump_s: last time before the first that does not increase [s], told in the last note; None
-            where time increases.
+        notes: a sentence on everything unusual.
+        jump_s: time before the first sample that does not increase [s], described in the last
+            note; None if time increases.
     """
 
     path: Path
@@ -51,14 +51,14 @@ def first_jump(times: Array) -> int | None:
 
 
 def _late(times: Array) -> NDArray[np.bool_]:
-    """Whether each sample (n - 1,) behind the first is not later, by a finite time."""
+    """Whether (n - 1,) each sample after the first is not later by a finite time."""
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(times)
     return ~((steps > 0) & np.isfinite(steps))
 
 
 def longest_stretch(times: Array) -> slice:
-    """Samples of the longest stretch over which time (n,) increases."""
+    """Slice of the longest stretch over which time (n,) increases."""
     breaks = np.flatnonzero(_late(times)) + 1
     edges = np.concatenate([[0], breaks, [len(times)]])
     at = int(np.diff(edges).argmax())
@@ -73,13 +73,12 @@ def read_recording(
     Args:
         path: run folder or .mcap file.
         cut_at_jump: keep the longest stretch over which time increases.
-        most_bytes: memory that the samples may take; 40 times what is on the disk, or 256 MiB
-            where that is more, if not given.
+        most_bytes: memory that the samples may take; by default 40 times the size on the disk, at
+            least 256 MiB.
 
     Raises:
-        RecordingError: nothing there, no samples, channels that change or belong to two nodes,
-            a message that is no valid CDR, time that does not increase, or more than
-            ``most_bytes``.
+        RecordingError: no such run, no samples, channels that change or belong to two nodes, a
+            message that is no valid CDR, time that does not increase, or more than ``most_bytes``.
     """
     raw = load(path, most_bytes)
     times, rows = raw.times, raw.rows

@@ -1,4 +1,4 @@
-"""Read all that is whole in one MCAP file, and write it into a new one with an index."""
+"""Copy all intact messages of an MCAP file into a new one with an index."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from herringbone_sim.recording.load import is_samples
 from herringbone_sim.recording.messages import decode_samples
 from herringbone_sim.recording.run_files import RECORD_NAME
 from herringbone_sim.recording.safe_yaml import YamlError, parse_yaml
-from herringbone_sim.recording.scan import MOST_NOTES, Found, Scan
+from herringbone_sim.recording.scan import MOST_NOTES, Scan, ScannedMessage
 
 _QOS = "offered_qos_profiles"
 
 
 @dataclass
 class Survey:
-    """What a file holds.
+    """Content of a file.
 
     Attributes:
         scan: of the file, at its end.
         tallies: by topic name and type, also of topics without messages.
-        samples: samples that can be read.
+        samples: number of readable samples.
         span_s: times of the first and last of them [s]; None without samples.
-        notes: a sentence on everything odd.
+        notes: a sentence on everything unusual.
     """
 
     scan: Scan
@@ -42,17 +42,18 @@ class Survey:
 
     @property
     def messages(self) -> int:
+        """Number of intact messages."""
         return sum(tally.count for tally in self.tallies.values())
 
     @property
-    def lost(self) -> bool:
-        """Whether a new file would lack anything of this one."""
+    def loses_data(self) -> bool:
+        """Whether a copy would lack anything of this file."""
         scan = self.scan
-        return bool(scan.kept < scan.size or scan.damaged or scan.skipped)
+        return bool(scan.intact_bytes < scan.size or scan.damaged or scan.skipped)
 
 
 def survey(file: Path) -> Survey:
-    """Read a file from front to back; RecordingError where it can't be read."""
+    """Read a file from front to back; RecordingError if it can't be read."""
     found = Survey(Scan(file))
     n_unread = 0
     for message in found.scan.messages():
@@ -79,17 +80,18 @@ def _key(topic: Topic) -> tuple[str, str]:
     return topic.name, topic.type_name
 
 
-def _count_samples(found: Survey, message: Found) -> None:
+def _count_samples(survey_so_far: Survey, message: ScannedMessage) -> None:
+    """Add the samples of a message to the survey."""
     names, rows = decode_samples(message.message)
-    found.samples += len(rows)
+    survey_so_far.samples += len(rows)
     if len(rows) and "t" in names:
         times = rows[:, names.index("t")]
-        first = found.span_s[0] if found.span_s else float(times[0])
-        found.span_s = (first, float(times[-1]))
+        first = survey_so_far.span_s[0] if survey_so_far.span_s else float(times[0])
+        survey_so_far.span_s = (first, float(times[-1]))
 
 
 def _with_good_qos(topic: Topic) -> tuple[Topic, list[str]]:
-    """A topic without a quality of service that can't be read, as ``metadata.yaml`` tells it."""
+    """The topic, without its quality of service if that can't be parsed, and a note then."""
     try:
         profiles = parse_yaml(topic.metadata.get(_QOS, "")) or []
         if isinstance(profiles, list) and all(isinstance(one, dict) for one in profiles):
@@ -101,27 +103,27 @@ def _with_good_qos(topic: Topic) -> tuple[Topic, list[str]]:
     return replace(topic, metadata=metadata), [note]
 
 
-def rebuild(found: Survey, part: Path, name: str) -> Sequence[Tally]:
-    """Copy every whole message into ``part``, finished and on the disk; gives its tallies.
+def rebuild(source: Survey, part: Path, name: str) -> Sequence[Tally]:
+    """Copy every intact message into a new, finished file; returns its tallies.
 
     Args:
-        found: of the file that is copied.
-        part: file to write, which must not exist; removed again where that fails.
-        name: that the file will have.
+        source: survey of the file to copy.
+        part: file to write, which must not exist; removed if the copy fails.
+        name: final name of the file.
 
     Raises:
         OSError: the disk fails.
-        RecordingError: the file can't be read any more.
+        RecordingError: the source can't be read any more.
     """
     bag = Bag(part)
     try:
-        channels = {key: bag.add_topic(tally.topic) for key, tally in found.tallies.items()}
-        for message in Scan(found.file).messages():
+        channels = {key: bag.add_topic(tally.topic) for key, tally in source.tallies.items()}
+        for message in Scan(source.file).messages():
             key = _key(message.topic)
             if key in channels:
                 bag.write(channels[key], message.log_ns, message.publish_ns, message.message)
         bag.flush()
-        for record, content in _records(found):
+        for record, content in _records(source):
             bag.add_record(record, content)
         bag.end(name)
         bag.close()
@@ -133,8 +135,9 @@ def rebuild(found: Survey, part: Path, name: str) -> Sequence[Tally]:
     return bag.tallies
 
 
-def _records(found: Survey) -> list[tuple[str, dict[str, str]]]:
-    told = [record for record in found.scan.metadata if record[0] not in ("rosbag2", RECORD_NAME)]
-    own = dict(found.scan.metadata).get(RECORD_NAME, {})
-    counted = {"samples_written": str(found.samples), **own, "recovered": "true"}
+def _records(source: Survey) -> list[tuple[str, dict[str, str]]]:
+    """Metadata records of the copy: those of the source, and that it was recovered."""
+    told = [record for record in source.scan.metadata if record[0] not in ("rosbag2", RECORD_NAME)]
+    own = dict(source.scan.metadata).get(RECORD_NAME, {})
+    counted = {"samples_written": str(source.samples), **own, "recovered": "true"}
     return [*told, (RECORD_NAME, counted)]

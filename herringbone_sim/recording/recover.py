@@ -1,7 +1,7 @@
-"""Recover a run that was cut off: all that is whole, with a new index and ``metadata.yaml``.
+"""Recover a run that was cut off: all intact data, with a new index and ``metadata.yaml``.
 
-Every step leaves a run that can be read, or recovered again: a new file is written whole beside
-the old one, which gets a second name before the new one takes its place.
+After every step the run can be read, or recovered again: a new file is completed beside the old
+one, which gets a second name before the new one replaces it.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from herringbone_sim.recording.files import (
     bag_information,
     check_file,
 )
+from herringbone_sim.recording.guarded_file import is_written
 from herringbone_sim.recording.rebuild import Survey, rebuild, survey
 from herringbone_sim.recording.run_folder import remedy
-from herringbone_sim.recording.stream import is_written
 
 
 @dataclass(frozen=True)
 class RecoveryReport:
-    """What was found in a run and what became of it.
+    """Result of a recovery.
 
     Attributes:
-        paths: the .mcap files that are good now, in order.
+        paths: the intact .mcap files, in order.
         was_complete: whether all files were finished already; then they were left as they are.
-        changed: whether anything was written at all.
+        changed: whether anything was written.
         messages: messages kept.
         samples: samples kept.
         span_s: times of the first and last sample kept [s]; None without samples.
-        bytes_dropped: length of the tails that were no whole record.
+        bytes_dropped: length of the incomplete records at the ends.
         chunks_dropped: damaged chunks left out.
-        originals: where cut files were kept; none where nothing was left out.
-        missing: names of files that ``metadata.yaml`` tells of and are not there.
-        notes: a sentence on everything odd.
+        originals: copies of cut files; empty if nothing was left out.
+        missing: names of files that ``metadata.yaml`` lists and that do not exist.
+        notes: a sentence on everything unusual.
     """
 
     paths: tuple[Path, ...]
@@ -61,30 +61,30 @@ class RecoveryReport:
 def recover(path: Path | str, out: Path | str | None = None) -> RecoveryReport:
     """Rebuild index, summary and ``metadata.yaml`` of a run that was not finished.
 
-    Each new file replaces the old one at once when it is whole. The old one stays as
-    ``NAME_0.mcap.cut`` if anything in it had to be left out. A finished file is left as it is; a
-    missing or wrong ``metadata.yaml`` is written; it keeps the names of files that are not there.
-    Killed at any instant, it can be called again.
+    Each new file replaces the old one atomically. The old one is kept as ``NAME_0.mcap.cut`` if
+    anything in it had to be left out. Finished files are not changed; a missing or wrong
+    ``metadata.yaml`` is written and keeps the names of missing files. If it is killed at any
+    point, it can be called again.
 
     Args:
         path: run folder, or a .mcap file of it.
-        out: folder to create for the recovered run; the original is then left alone.
+        out: folder to create for the recovered run; the original is then not changed.
 
     Raises:
-        RecordingError: nothing to recover, files of several runs in the folder, ``out`` exists,
-            without ``out`` a run that is still being recorded, or the disk fails; what was not
-            recovered is then as it was.
+        RecordingError: nothing to recover, files of several runs in the folder, ``out`` exists, a
+            run that is still being recorded (without ``out``), or the disk fails; what was not
+            recovered is then unchanged.
     """
     files = _files(Path(path))
     if out is None:
         _check_ended(files)
     surveys = [survey(file) for file in files]
-    told = bag_information(surveys[0].file.parent)
-    report = _report(surveys, told)
+    information = bag_information(surveys[0].file.parent)
+    report = _report(surveys, information)
     try:
         if out is not None:
             return _recover_elsewhere(surveys, Path(os.path.abspath(out)), report)
-        return _recover_in_place(surveys, report, told)
+        return _recover_in_place(surveys, report, information)
     except RecordingError:
         raise
     except (OSError, ValueError) as error:
@@ -96,7 +96,7 @@ def recover(path: Path | str, out: Path | str | None = None) -> RecoveryReport:
 
 
 def _files(path: Path) -> list[Path]:
-    """Those of the run, also where one of them is named, as they share ``metadata.yaml``."""
+    """All files of the run, also if one of them is named, because they share ``metadata.yaml``."""
     alone = check_file(path)
     if alone and path.suffix != ".mcap":
         return [path]
@@ -113,7 +113,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def _check_ended(files: Sequence[Path]) -> None:
-    """RecordingError where a file of the run, or its next one, is still being written."""
+    """Raise RecordingError if a file of the run, or its next one, is still being written."""
     for file in (*files, *_next(files[-1])):
         if is_written(file):
             raise RecordingError(
@@ -122,7 +122,8 @@ def _check_ended(files: Sequence[Path]) -> None:
             )
 
 
-def _report(surveys: Sequence[Survey], told: BagInformation) -> RecoveryReport:
+def _report(surveys: Sequence[Survey], information: BagInformation) -> RecoveryReport:
+    """Report before anything is written."""
     spans = [one.span_s for one in surveys if one.span_s]
     cut = [one.scan for one in surveys if not one.scan.complete]
     return RecoveryReport(
@@ -132,17 +133,18 @@ def _report(surveys: Sequence[Survey], told: BagInformation) -> RecoveryReport:
         messages=sum(one.messages for one in surveys),
         samples=sum(one.samples for one in surveys),
         span_s=(spans[0][0], spans[-1][1]) if spans else None,
-        bytes_dropped=sum(scan.size - scan.kept for scan in cut),
+        bytes_dropped=sum(scan.size - scan.intact_bytes for scan in cut),
         chunks_dropped=sum(one.scan.damaged for one in surveys),
         originals=(),
-        missing=told.missing,
-        notes=(*(note for one in surveys for note in one.notes), *told.file_notes),
+        missing=information.missing,
+        notes=(*(note for one in surveys for note in one.notes), *information.file_notes),
     )
 
 
 def _recover_elsewhere(
     surveys: Sequence[Survey], out: Path, report: RecoveryReport
 ) -> RecoveryReport:
+    """Write the recovered run into a new folder."""
     if os.path.lexists(out):
         raise RecordingError(f"the folder for the recovered run must be new, {out} exists")
     part = out.with_name(f"{out.name}.part")
@@ -164,7 +166,7 @@ def _recover_elsewhere(
 
 
 def _sweep_folder(part: Path, name: str) -> None:
-    """Remove what a recovery that was killed left, and nothing else."""
+    """Remove the remains of a killed recovery; RecordingError if anything else is there."""
     if not os.path.lexists(part):
         return
     held = {file.name for file in part.iterdir()} if part.is_dir() else {part.name}
@@ -182,11 +184,12 @@ def _sweep_folder(part: Path, name: str) -> None:
 
 
 def _recover_in_place(
-    surveys: Sequence[Survey], report: RecoveryReport, told: BagInformation
+    surveys: Sequence[Survey], report: RecoveryReport, information: BagInformation
 ) -> RecoveryReport:
+    """Replace cut files by recovered ones in the folder of the run."""
     cut = [one for one in surveys if not one.scan.complete]
     for one in cut:
-        _check_kept(one)
+        _check_original_name(one)
     for one in surveys:
         for half in ("part", "cut.part"):
             _beside(one.file, half).unlink(missing_ok=True)
@@ -196,10 +199,10 @@ def _recover_in_place(
     for one in cut:
         part = _beside(one.file, "part")
         rebuild(one, part, one.file.name)
-        if one.lost:
-            originals.append(_keep(one.file))
+        if one.loses_data:
+            originals.append(_keep_original(one.file))
         part.replace(one.file)
-    written = _mend_metadata(surveys, told)
+    written = _mend_metadata(surveys, information)
     notes = report.notes
     if written and not cut:
         notes = (*notes, f"{METADATA_NAME} was missing or wrong and is written anew")
@@ -207,7 +210,7 @@ def _recover_in_place(
 
 
 def _next(last: Path) -> list[Path]:
-    """What there is of the next file of a run while it is opened, if its files have numbers."""
+    """Path of the unfinished next file of a run, if its files are numbered."""
     numbered = NUMBERED.fullmatch(last.name)
     if not numbered:
         return []
@@ -215,26 +218,36 @@ def _next(last: Path) -> list[Path]:
 
 
 def _beside(file: Path, ending: str) -> Path:
+    """Path with an ending appended to the file name."""
     return file.with_name(f"{file.name}.{ending}")
 
 
-def _check_kept(one: Survey) -> None:
-    kept = _beside(one.file, "cut")
-    if one.lost and os.path.lexists(kept) and not _is_kept(one.file, kept):
+def _check_original_name(file_survey: Survey) -> None:
+    """Raise RecordingError if the name for the original is taken by another file."""
+    kept = _beside(file_survey.file, "cut")
+    if (
+        file_survey.loses_data
+        and os.path.lexists(kept)
+        and not _is_original(file_survey.file, kept)
+    ):
         raise RecordingError(
             f"{kept} exists, from a recovery before this one: move it away, then recover again"
         )
 
 
-def _is_kept(file: Path, kept: Path) -> bool:
-    """Whether the second name of a file is there already: a recovery was killed behind it."""
-    return kept.is_file() and (file.samefile(kept) or filecmp.cmp(file, kept, shallow=False))
+def _is_original(file: Path, original: Path) -> bool:
+    """Whether the second name of a file exists already, from a recovery that was killed after
+    it.
+    """
+    return original.is_file() and (
+        file.samefile(original) or filecmp.cmp(file, original, shallow=False)
+    )
 
 
-def _keep(file: Path) -> Path:
-    """Second name for the cut file, which never lacks one; a copy where there are no links."""
+def _keep_original(file: Path) -> Path:
+    """Give a cut file a second name; copied where the file system has no hard links."""
     kept = _beside(file, "cut")
-    if _is_kept(file, kept):
+    if _is_original(file, kept):
         return kept
     try:
         os.link(file, kept)
@@ -248,11 +261,13 @@ def _keep(file: Path) -> Path:
     return kept
 
 
-def _mend_metadata(surveys: Sequence[Survey], told: BagInformation) -> bool:
-    """Write ``metadata.yaml`` where it does not say what the files hold; whether it was."""
+def _mend_metadata(surveys: Sequence[Survey], information: BagInformation) -> bool:
+    """Write ``metadata.yaml`` if it does not describe the files; returns whether it was
+    written.
+    """
     held = {one.file.name: tuple(one.tallies.values()) for one in surveys}
     folder = surveys[0].file.parent
-    if told.told and told.n_messages == sum(one.messages for one in surveys):
+    if information.up_to_date and information.n_messages == sum(one.messages for one in surveys):
         return False
-    write_metadata(folder, split_metadata(held, told.missing))
+    write_metadata(folder, split_metadata(held, information.missing))
     return True

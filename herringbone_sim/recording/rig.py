@@ -1,6 +1,8 @@
-"""Make a rig: a campaign of recordings of a gear within its tolerance, with effects or without.
+"""Simulate a rig: a campaign of recordings of a gear within its tolerances, with or without
+effects.
 
-What comes out is what ``campaign.read_campaign`` reads; what is in it stands in a label apart.
+The campaign is read by ``campaign.read_campaign``; the true effects are written to a separate
+label.
 """
 
 from __future__ import annotations
@@ -31,9 +33,9 @@ from herringbone_sim.recording.writer import RunWriter, split_rows
 
 Array = NDArray[np.float64]
 SCHEMA = "rig/label/1"
-MOST = 2.0  # of what a converter shows, over the largest value
+FULL_SCALE = 2.0  # range of the converter over the largest value of a channel
 
-# Ranges of delta_T [K], K, T_1 [N m] and Omega of the runs, in turn: quiet and violent ones.
+# Ranges of delta_T [K], K, T_1 [N m] and Omega, used by the runs in turn; periodic and chaotic.
 POINTS = (
     ((75.0, 95.0), (0.0, 0.0), (205.0, 320.0), (0.93, 1.05)),
     ((15.0, 45.0), (0.0, 0.0), (220.0, 480.0), (0.91, 1.12)),
@@ -48,18 +50,19 @@ POINTS = (
 
 @dataclass(frozen=True)
 class RigPlan:
-    """How a campaign is made.
+    """Settings of a simulated campaign.
 
     Attributes:
-        nominal: the gear as its data sheet has it, full model.
-        actives: effects that the rig has beside its tolerance.
-        runs, held_out: number of runs, and how many of them, the last ones, are kept out.
+        nominal: the gear by its data sheet, full model.
+        actives: effects of the rig beyond its tolerances.
+        runs, held_out: number of runs, and how many of them, the last ones, are held out.
         cycles, transient: mesh cycles recorded, and left out before.
-        noise_share: RMS of the noise as a share of each channel's RMS.
-        bits: of the converter; 0 for none.
-        tolerance: largest share by which a constant is off the data sheet.
-        seed: of tolerance, operating points, starts and noise.
-        later: 0, or the number of a later day: the same rig, other points, starts and noise.
+        noise_share: RMS of the noise as a share of the RMS of each channel.
+        bits: of the analogue-to-digital converter; 0 for none.
+        tolerance: largest relative deviation of a constant from the data sheet.
+        seed: of tolerances, operating points, initial states and noise.
+        later: 0, or the number of a later day: the same rig with other operating points, initial
+            states and noise.
         channels: of meshes and bodies that are recorded; empty for all.
     """
 
@@ -95,7 +98,7 @@ class RigPlan:
 
 
 def hidden_effects(seed: int, model: Model) -> tuple[Active, ...]:
-    """Effects drawn by a seed: none in one case of five, two in another, else one."""
+    """Draw effects by a seed: none or two with probability 0.2 each, else one."""
     rng = np.random.default_rng([seed, 1])
     number = int(rng.choice((0, 1, 2), p=(0.2, 0.6, 0.2)))
     names = rng.choice(list(effects()), size=number, replace=False)
@@ -103,6 +106,7 @@ def hidden_effects(seed: int, model: Model) -> tuple[Active, ...]:
 
 
 def _drawn(name: str, model: Model, rng: Generator) -> Active:
+    """An effect with a drawn place and drawn parameters."""
     one = effects()[name]
     if name == "channel_swap":
         planets = rng.permutation(len(model.layout.planets))[:2]
@@ -132,11 +136,11 @@ def _drawn(name: str, model: Model, rng: Generator) -> Active:
 
 
 def make_campaign(folder: Path, plan: RigPlan, name: str) -> dict[str, Any]:
-    """Write runs and ``campaign.yaml``; returns the label, which is written nowhere here.
+    """Write runs and ``campaign.yaml``; returns the label, which is not written.
 
     Raises:
         RecordingError: a run exists, or can't be written.
-        DivergenceError: the motion left the range of any gear.
+        DivergenceError: the state left the range of any physical motion.
     """
     rng = np.random.default_rng([plan.seed, 2])
     own, factors = within_tolerance(plan.nominal, plan.tolerance, rng)
@@ -157,10 +161,10 @@ def make_campaign(folder: Path, plan: RigPlan, name: str) -> dict[str, Any]:
 def within_tolerance(
     nominal: Parameters, tolerance: float, rng: Generator
 ) -> tuple[Parameters, dict[str, float]]:
-    """A gear as it was built, and its factors on the data sheet's constants.
+    """Draw the parameters of the built gear, and their factors on the data sheet.
 
-    Stiffness and error of sun and ring meshes apart, inertias, planet mass and damping ratio. The
-    natural frequency that Omega and K refer to stays that of the data sheet.
+    Drawn are stiffness and error of sun and ring meshes (separately), inertias, planet mass and
+    damping ratio. The natural frequency that Omega and K refer to stays that of the data sheet.
     """
     names = ("k_m_sp", "k_m_rp", "I_s", "I_p", "I_c", "m_p", "I_r", "xi", "e_sp", "e_rp")
     factors = {name: float(rng.uniform(1.0 - tolerance, 1.0 + tolerance)) for name in names}
@@ -178,25 +182,26 @@ def within_tolerance(
 def make_run(
     plan: RigPlan, own: Parameters, point: dict[str, float], rng: Generator
 ) -> TimeSeries:
-    """Samples of a run as the rig's sensors and converter give them.
+    """Samples of a run as sensors and converter of the rig give them.
 
-    x and v come from encoders, so they hold the nominal e(t); the control is a torque worked out
-    with the nominal inertia of the carrier.
+    x and v are measured by encoders and therefore contain the nominal e(t); the control torque is
+    computed with the nominal inertia of the carrier.
     """
     nominal = build(plan.nominal.changed(point))
     ratio = nominal.scales.M_c / build(own).scales.M_c
     start = {"initial_noise": 0.05, "seed": int(rng.integers(2**31 - 1))}
     model = build(own.changed({**point, **start, "K": point["K"] * ratio}))
-    machine = [one for one in plan.actives if one.effect.level != "sensor"]
-    _, settled = simulate(model, machine, plan.transient)
-    series, _ = simulate(model, machine, plan.cycles, settled)
+    of_gear = [one for one in plan.actives if one.effect.level != "sensor"]
+    _, settled = simulate(model, of_gear, plan.transient)
+    series, _ = simulate(model, of_gear, plan.cycles, settled)
     shown = _as_encoders(series, model, nominal, point["K"])
-    seen = _converted(distort(shown, plan.actives), plan, rng)
+    seen = _digitised(distort(shown, plan.actives), plan, rng)
     names = tuple(n for n in seen.names if n in HEAD or not plan.channels or n in plan.channels)
     return TimeSeries(seen.times, seen.columns(names), names)
 
 
 def _as_encoders(series: TimeSeries, own: Model, nominal: Model, K: float) -> TimeSeries:
+    """Samples with the nominal mesh error in x and v instead of the true one, and time from 0."""
     data, names = series.data.copy(), series.names
     s, n = own.scales, own.layout.n_mesh
     for row in data:
@@ -209,7 +214,8 @@ def _as_encoders(series: TimeSeries, own: Model, nominal: Model, K: float) -> Ti
     return TimeSeries(data[:, 0].copy(), data, names)
 
 
-def _converted(series: TimeSeries, plan: RigPlan, rng: Generator) -> TimeSeries:
+def _digitised(series: TimeSeries, plan: RigPlan, rng: Generator) -> TimeSeries:
+    """Samples with white noise added and rounded to the steps of the converter."""
     data = series.data.copy()
     for j, name in enumerate(series.names):
         if name not in HEAD:
@@ -217,12 +223,13 @@ def _converted(series: TimeSeries, plan: RigPlan, rng: Generator) -> TimeSeries:
             rms = float(np.sqrt(np.mean(clean**2)))
             data[:, j] += plan.noise_share * rms * rng.normal(size=len(clean))
             if plan.bits:
-                step = 2.0 * MOST * np.abs(clean).max() / 2.0**plan.bits
+                step = 2.0 * FULL_SCALE * np.abs(clean).max() / 2.0**plan.bits
                 data[:, j] = np.round(data[:, j] / step) * step if step > 0.0 else data[:, j]
     return TimeSeries(series.times, data, series.names)
 
 
 def _point(i: int, rng: Generator) -> dict[str, float]:
+    """Operating point of run i, drawn from its ranges in ``POINTS``."""
     hot, control, torque, speed = (rng.uniform(*bounds) for bounds in POINTS[i % len(POINTS)])
     return {
         "delta_T": round(float(hot), 1),
@@ -233,17 +240,19 @@ def _point(i: int, rng: Generator) -> dict[str, float]:
 
 
 def _write(folder: Path, name: str, series: TimeSeries, rig: str) -> None:
+    """Write a run as a bag."""
     channels = {"channels": [describe(one) for one in series.names], "source": rig}
     writer = RunWriter.create(folder, name, f"/{rig}", channels, series.names, 0)
     for rows in split_rows(len(series), len(series.names)):
         writer.write_samples(series.data[rows])
-        writer.flush()  # what is cut off later leaves the rest
+        writer.flush()  # an interruption then leaves all rows before it
     writer.close()
 
 
 def _label(
     plan: RigPlan, factors: dict[str, float], entries: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
+    """Label of a campaign: the true effects and parameters."""
     return {
         "schema": SCHEMA,
         "seed": plan.seed,
@@ -263,14 +272,14 @@ def _label(
     }
 
 
-def _with_units(one: Active) -> dict[str, Any]:
-    units = {p.name: p.unit for p in one.effect.parameters}
-    values = parameter_values(one)
+def _with_units(active_effect: Active) -> dict[str, Any]:
+    units = {p.name: p.unit for p in active_effect.effect.parameters}
+    values = parameter_values(active_effect)
     return {name: {"value": v, "unit": units.get(name, "-")} for name, v in values.items()}
 
 
 def write_label(folder: Path, name: str, label: dict[str, Any]) -> str:
-    """Write ``NAME.json`` to a folder of labels; returns its SHA-256, which seals it.
+    """Write ``NAME.json`` to a folder of labels; returns its SHA-256, which proves it unchanged.
 
     Raises:
         RecordingError: the label exists, or the folder can't be written.

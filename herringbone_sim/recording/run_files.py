@@ -1,4 +1,4 @@
-"""The files of one run while they are written, one after the other, and what became of them."""
+"""Write the files of one run one after the other, and track what became of them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from herringbone_sim.recording.bag import (
     write_metadata,
 )
 from herringbone_sim.recording.cdr import Buffer
+from herringbone_sim.recording.guarded_file import FileIdentity, FileLostError
 from herringbone_sim.recording.messages import decode_samples
 from herringbone_sim.recording.run_folder import reason, remedy
 from herringbone_sim.recording.scan import Scan
-from herringbone_sim.recording.stream import FileLostError, Written
 
 RECORD_NAME = "herringbone_sim"
 
@@ -30,34 +30,35 @@ class _Count:
     """Samples of one file.
 
     Attributes:
-        written: handed in.
-        kept: known to lie on the disk.
+        written: passed to the writer.
+        flushed: known to be on the disk.
         first_s, last_s: their times [s], NaN before the first.
     """
 
     written: int = 0
-    kept: int = 0
+    flushed: int = 0
     first_s: float = float("nan")
     last_s: float = float("nan")
 
     def add(self, n: int, first_s: float, last_s: float) -> None:
+        """Count n samples."""
         self.first_s = self.first_s if self.written else first_s
         self.last_s = last_s
         self.written += n
 
-    def lose(self, kept: int) -> str:
-        """Note that only so many are left; says it."""
-        self.kept = kept
-        gone = self.written - kept
+    def lose(self, flushed: int) -> str:
+        """Record that only ``flushed`` samples are left; returns a sentence on it."""
+        self.flushed = flushed
+        gone = self.written - flushed
         span = f"t = {self.first_s:.9g} to {self.last_s:.9g} s" if self.written else "no time"
         return f"{gone} of its {self.written} samples ({span}) are lost"
 
 
 @dataclass(frozen=True)
 class _Finished:
-    """A file of the run that is closed."""
+    """A closed file of the run."""
 
-    file: Written
+    file: FileIdentity
     tallies: tuple[Tally, ...]
     count: _Count
 
@@ -65,16 +66,17 @@ class _Finished:
 class RunFiles:
     """``NAME_0.mcap``, ``NAME_1.mcap``, ... in a run folder, and its ``metadata.yaml``.
 
-    The first failure of the disk ends the run with RecordingError, cut behind the last whole
-    record. A file that was deleted, replaced, cut or moved away by others ends it with
+    The first disk failure truncates the file after its last complete record and ends the run with
+    RecordingError. A file that was deleted, replaced, cut or moved by another program ends it with
     RecordingLostError. Every later call is refused.
 
     Args:
-        folder: of the run, there already.
+        folder: of the run, existing.
         topics: of each file; the first two are ``channels`` and ``samples``.
 
     Attributes:
-        losses: a sentence on each file that is no longer what was written.
+        losses: a sentence on each file that is not what was written.
+        ended: why the run has ended; None before.
     """
 
     def __init__(self, folder: Path, topics: Sequence[Topic]) -> None:
@@ -87,26 +89,26 @@ class RunFiles:
 
     @property
     def written(self) -> int:
-        """Samples handed in."""
+        """Number of samples passed in."""
         return sum(count.written for count in self._counts)
 
     @property
-    def kept(self) -> int:
-        """Samples known to lie on the disk."""
-        return sum(count.kept for count in self._counts)
+    def flushed(self) -> int:
+        """Number of samples known to be on the disk."""
+        return sum(count.flushed for count in self._counts)
 
     @property
     def size(self) -> int:
-        """Bytes in the file that is being written."""
+        """Size of the current file [bytes]."""
         return self._bag.size
 
     @property
     def first_s(self) -> float:
-        """Time [s] of the first sample of the file that is being written; NaN before it."""
+        """Time [s] of the first sample of the current file; NaN before it."""
         return self._counts[-1].first_s
 
     def open(self, log_ns: int, channels: Buffer) -> None:
-        """Open the next file; it gets its name when the ``channels`` message is on the disk.
+        """Open the next file; it gets its final name once the ``channels`` message is on the disk.
 
         Raises:
             OSError: the disk fails.
@@ -127,48 +129,50 @@ class RunFiles:
         self._counts.append(_Count())
 
     def write(self, topic: int, log_ns: int, publish_ns: int, message: Buffer) -> None:
-        """Append a message of a topic, by its place among the topics."""
+        """Append a message to the topic with that index."""
         with self._writing():
             self._bag.write(self._numbers[topic], log_ns, publish_ns, message)
 
     def count(self, n: int, first_s: float, last_s: float) -> None:
-        """Account n samples that were appended, and the times [s] of the first and the last."""
+        """Count n samples that were appended, with the times [s] of the first and the last."""
         self._counts[-1].add(n, first_s, last_s)
 
     def flush(self) -> None:
-        """Bring everything to the disk, and see that it is there."""
+        """Write everything to the disk, and check that the files are intact."""
         with self._writing():
             self._bag.flush()
-            self._counts[-1].kept = self._counts[-1].written
+            self._counts[-1].flushed = self._counts[-1].written
         self._note_gone()
 
     def next(self, log_ns: int, channels: Buffer) -> None:
-        """Finish the file and open the next one with its ``channels`` message."""
+        """Finish the current file and open the next one with its ``channels`` message."""
         self._finish({})
         with self._writing():
             self.open(log_ns, channels)
 
     def close(self, health: Mapping[str, str]) -> None:
-        """Finish the file and write ``metadata.yaml`` of all that are there."""
+        """Finish the current file and write ``metadata.yaml``."""
         self._finish(health)
         self._note_gone()
         self._write_metadata()
         self.ended = f"the recording {self.folder} is closed: start another"
 
     def _write_metadata(self) -> None:
+        """Write ``metadata.yaml``; RecordingError says how to repair the run if that fails."""
         files = {one.file.path.name: one.tallies for one in self._finished}
         try:
             write_metadata(self.folder, split_metadata(files))
         except OSError as error:
             said = (
                 f"can't write {self.folder / METADATA_NAME} ({reason(error)}): the recording is "
-                f"finished, {self.kept} of {self.written} samples are on the disk; "
+                f"finished, {self.flushed} of {self.written} samples are on the disk; "
                 f"{remedy(error)} and run 'python -m herringbone_sim recover {self.folder}'"
             )
             self.ended = said
             raise RecordingError(said) from error
 
     def _finish(self, health: Mapping[str, str]) -> None:
+        """Flush, end and close the current file."""
         self.flush()
         with self._writing():
             self._end(health)
@@ -177,6 +181,7 @@ class RunFiles:
         self._finished.append(_Finished(written, self._bag.tallies, self._counts[-1]))
 
     def _end(self, health: Mapping[str, str]) -> None:
+        """Append the metadata record and the index, unless the file has them."""
         if not self._bag.complete:
             counts = {"samples_written": str(self._counts[-1].written)}
             self._bag.add_record(RECORD_NAME, {**health, **counts})
@@ -184,6 +189,7 @@ class RunFiles:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
+        """Context that turns errors of the disk into the end of the run."""
         if self.ended:
             raise RecordingError(self.ended)
         try:
@@ -196,18 +202,18 @@ class RunFiles:
             failed = f"the recording {self.folder} ended early ({reason(error)})"
             self.ended = f"{failed}: {remedy(error)} and start another"
             raise RecordingError(
-                f"{failed}: {self.kept} of {self.written} samples were flushed to the disk and "
+                f"{failed}: {self.flushed} of {self.written} samples were flushed to the disk and "
                 f"stay readable; {remedy(error)}, run 'python -m herringbone_sim recover "
                 f"{self.folder}', and start another"
             ) from error
 
     def _lost(self, lost: FileLostError) -> RecordingLostError:
-        """End the run whose file is lost, and say what of it is left."""
-        path, kept = self._bag.path, self._left(lost)
-        lies = self._counts[-1].lose(kept)
+        """End the run whose file is lost, and describe what of it is left."""
+        path, flushed = self._bag.path, self._left(lost)
+        lies = self._counts[-1].lose(flushed)
         left = f"; the rest is in {lost.where}" if lost.where else ""
-        if lost.where and kept == self._counts[-1].written:
-            lies, left = f"nothing is lost, its {kept} samples are in {lost.where}", ""
+        if lost.where and flushed == self._counts[-1].written:
+            lies, left = f"nothing is lost, its {flushed} samples are in {lost.where}", ""
         said = f"{path} {lost}: {lies}{left}"
         self.losses.append(said)
         self._note_gone(Path(lost.where).parent if lost.where else None)
@@ -215,7 +221,7 @@ class RunFiles:
         return RecordingLostError(said)
 
     def _left(self, lost: FileLostError) -> int:
-        """Samples that are left of a lost file, which is closed."""
+        """Number of samples left in a lost file; closes it."""
         if lost.where:
             with suppress(OSError):
                 self._end({})
@@ -223,12 +229,12 @@ class RunFiles:
                 return self._counts[-1].written
             with suppress(OSError):
                 self._bag.abandon()
-            return self._counts[-1].kept
+            return self._counts[-1].flushed
         self._bag.close()
-        return surviving(self._bag.path, self._topics[1].name) if lost.cut else 0
+        return readable_samples(self._bag.path, self._topics[1].name) if lost.cut else 0
 
     def _note_gone(self, moved: Path | None = None) -> None:
-        """Look for the files that were finished before, in the folder or where it was moved to."""
+        """Note finished files that are gone, from the folder or from where it was moved to."""
         places = [self.folder] if moved is None else [self.folder, moved]
         for one in list(self._finished):
             faults = [one.file.fault(place) for place in places]
@@ -237,8 +243,8 @@ class RunFiles:
                 self.losses.append(f"{one.file.path} {faults[0]}: {one.count.lose(0)}")
 
 
-def surviving(file: Path, topic: str) -> int:
-    """Samples of a topic that can still be read from a file."""
+def readable_samples(file: Path, topic: str) -> int:
+    """Number of samples of a topic that can still be read from a file."""
     found = 0
     with suppress(RecordingError):
         for one in Scan(file).messages():

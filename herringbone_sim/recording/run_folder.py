@@ -1,4 +1,4 @@
-"""What a run may be called and hold, and the folder that is made for it."""
+"""Names and content allowed for a run, and the creation of its folder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from herringbone_sim.errors import RecordingError
 
 
 def check_name(name: str) -> None:
-    """RecordingError unless a name is that of one folder."""
+    """Raise RecordingError unless a name is that of a single folder."""
     led_out = name in ("", ".", "..") or any(mark in name for mark in "/\\") or Path(name).drive
     if led_out or name != name.strip() or not name.isprintable():
         raise RecordingError(
@@ -23,7 +23,7 @@ def check_name(name: str) -> None:
 
 
 def check_channels(names: Sequence[str]) -> None:
-    """RecordingError unless a reader can part the names and finds the time."""
+    """Raise RecordingError unless the names are unique, free of commas and include ``t``."""
     odd = [name for name in names if not name.strip() or "," in name or name != name.strip()]
     if odd or "t" not in names or len(set(names)) != len(names):
         raise RecordingError(
@@ -33,7 +33,7 @@ def check_channels(names: Sequence[str]) -> None:
 
 
 def channels_text(channels: Mapping[str, Any]) -> str:
-    """Content of the ``channels`` topic as JSON; RecordingError where it can't be."""
+    """Content of the ``channels`` topic as JSON; RecordingError if it can't be."""
     try:
         return json.dumps(channels, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -44,10 +44,10 @@ def channels_text(channels: Mapping[str, Any]) -> str:
 
 
 def make_run_folder(record_dir: Path, name: str) -> Path:
-    """New folder of a run.
+    """Create the folder of a run.
 
     Raises:
-        RecordingError: it exists, or can't be made.
+        RecordingError: it exists, or can't be created.
     """
     folder = record_dir / name
     try:
@@ -67,13 +67,13 @@ def make_run_folder(record_dir: Path, name: str) -> Path:
 
 
 def next_run(folder: Path) -> str:
-    """Name of a run that goes on from one: NAME-2, NAME-3, ..., the first that is free."""
+    """First free name of a run that continues another: NAME-2, NAME-3, ..."""
     names = (f"{folder.name}-{number}" for number in itertools.count(2))
     return next(name for name in names if not (folder.parent / name).exists())
 
 
 def remedy(error: OSError) -> str:
-    """What to do when the system refuses to write."""
+    """What a user can do about an OSError of writing."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "free the disk"
     where = error.filename2 or error.filename
@@ -81,5 +81,5 @@ def remedy(error: OSError) -> str:
 
 
 def reason(error: Exception) -> str:
-    """What an error of the system says."""
+    """Text of an error."""
     return getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -1,4 +1,4 @@
-"""JSON from outside: the one reader of this package, with limits on what a text can blow up."""
+"""Parse JSON from outside; the only JSON reader of this package, with limits on size and depth."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Any
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.recording.file_text import file_text
 
-# Thirty times the longest that this package writes; of brackets alone it takes some 400 MiB.
+# Thirty times the longest file that this package writes; parsing takes up to 400 MiB.
 MOST_BYTES = 16 << 20
-# Written by this package it nests twenty deep; far below what the interpreter can stand.
+# This package writes twenty levels; the recursion limit of Python is far higher.
 MOST_LEVELS = 64
 
 
 class JsonError(HerringboneError, ValueError):
-    """A text that is no JSON object, or one beyond the limits."""
+    """A text that is no JSON object, or exceeds the limits."""
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The JSON object that a file holds.
+    """The JSON object in a file.
 
     Raises:
-        OSError: no such file, one that can't be read, or something that is no file.
+        OSError: no such file, unreadable, or not a regular file.
         JsonError: as ``parse_json``, or more than ``MOST_BYTES``, or not UTF-8.
     """
     return parse_json(json_text(path))
@@ -41,14 +41,14 @@ def json_text(path: Path) -> str:
 def parse_json(
     text: str, levels: int = MOST_LEVELS, number: Callable[[str], float] = float
 ) -> dict[str, Any]:
-    """The JSON object that a text holds; whole numbers have 64 bits at most.
+    """The JSON object in a text; integers have at most 64 bits.
 
     Args:
-        levels: how deep its brackets may nest.
-        number: makes a number of ``1.5``, ``NaN`` or ``Infinity``, or raises ValueError.
+        levels: largest nesting depth.
+        number: converts ``1.5``, ``NaN`` or ``Infinity``, or raises ValueError.
 
     Raises:
-        JsonError: it is no JSON, deeper, or something else than an object.
+        JsonError: no JSON, nested too deeply, or not an object.
     """
     try:
         content = json.loads(text, parse_int=_integer, parse_float=number, parse_constant=number)

@@ -1,7 +1,7 @@
-"""YAML from outside: the one reader of this package, with limits on all that a text can blow up.
+"""Parse YAML from outside; the only YAML reader of this package, with limits on size and aliases.
 
-Numbers are read as ROS reads them (``1e-4`` is one, ``1:30`` and ``1_000`` are texts), dates are
-texts. Text is measured as a stream of events before anything is built of it.
+Numbers are read as ROS reads them (``1e-4`` is a number, ``1:30`` and ``1_000`` are strings),
+dates are strings. The event stream is measured before any object is built.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from herringbone_sim.recording.file_text import file_text
 
 # A bag of 500 topics has a metadata.yaml of some 500 kB; this much takes about two seconds.
 MOST_BYTES = 1 << 20
-# Values and keys, those behind an alias once for each time it stands.
+# Values and keys, with aliases expanded.
 MOST_NODES = 100_000
-# Metadata of rosbag2 nests six deep.
+# Metadata of rosbag2 has six levels.
 MOST_LEVELS = 32
-# Quality of service of all publishers of a topic stands in one text, 300 characters for each.
+# Longest string: the QoS profiles of all publishers of a topic, 300 characters each.
 MOST_CHARACTERS = 1 << 16
-# Digits beyond the 17 of a double say nothing; nobody pads a number to so many.
+# A double has 17 significant digits.
 MOST_DIGITS = 100
 _TAG = "tag:yaml.org,2002:"
 
 
 class YamlError(HerringboneError, ValueError):
-    """A text that is no YAML, or YAML beyond the limits; it says in which line."""
+    """A text that is no YAML, or exceeds the limits; the message names the line."""
 
 
 class _Loader(yaml.CSafeLoader):
-    """Safe YAML of texts, numbers, truth values and nothing, as ROS tells them apart."""
+    """Safe YAML with strings, numbers, booleans and null, distinguished as in ROS."""
 
     yaml_implicit_resolvers = {}  # noqa: RUF012
 
 
-# Type, how a text of it looks, and what it may begin with.
+# Type, pattern of its text, and possible first characters.
 _PLAIN = (
     ("bool", "(?i:yes|no|true|false|on|off)", "yYnNtTfFoO"),
     ("null", "~|null|Null|NULL|", ("~", "n", "N", "")),
@@ -58,11 +58,11 @@ for _kind, _pattern, _first in _PLAIN:
 
 
 def read_yaml(path: Path) -> dict[Any, Any]:
-    """The mapping that a file holds.
+    """The mapping in a file.
 
     Raises:
-        OSError: no such file, one that can't be read, or something that is no file.
-        YamlError: it is no YAML, beyond the limits, or holds something else than a mapping.
+        OSError: no such file, unreadable, or not a regular file.
+        YamlError: no YAML, beyond the limits, or not a mapping.
     """
     content = parse_yaml(_text(path))
     if not isinstance(content, dict):
@@ -71,10 +71,10 @@ def read_yaml(path: Path) -> dict[Any, Any]:
 
 
 def parse_yaml(text: str) -> Any:
-    """What a text holds: dict, list, str, int, float, bool or None.
+    """Content of a text: dict, list, str, int, float, bool or None.
 
     Raises:
-        YamlError: it is no YAML, or beyond the limits: of length, depth, aliases, scalars.
+        YamlError: no YAML, or beyond the limits on length, depth, aliases or scalars.
     """
     if len(text) > MOST_BYTES:
         raise YamlError(f"it must have {MOST_BYTES} characters at most, got {len(text)}")
@@ -82,10 +82,11 @@ def parse_yaml(text: str) -> Any:
         _check(yaml.parse(text, Loader=_Loader))
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
-        raise YamlError(_told(error)) from None
+        raise YamlError(_describe(error)) from None
 
 
 def _text(path: Path) -> str:
+    """Text of a file; YamlError if it is too long or not UTF-8."""
     try:
         return file_text(path, MOST_BYTES)
     except ValueError as error:
@@ -94,7 +95,7 @@ def _text(path: Path) -> str:
 
 @dataclass
 class _Open:
-    """A list or mapping whose end has not come: its anchor, how many nodes, its keys."""
+    """A list or mapping that has not ended: its anchor, keys, and numbers of nodes and entries."""
 
     anchor: str | None
     keys: set[str] | None
@@ -103,17 +104,19 @@ class _Open:
 
     @property
     def key_comes(self) -> bool:
+        """Whether the next event is a key."""
         return self.keys is not None and self.n_entries % 2 == 0
 
 
 @dataclass
 class _Measure:
-    """Walks over events and refuses what would blow up."""
+    """Walks over YAML events and raises YamlError where a limit is exceeded."""
 
     sizes: dict[str, int] = field(default_factory=dict)
     open: list[_Open] = field(default_factory=list)
 
     def take(self, event: Any) -> None:
+        """Measure one event."""
         if isinstance(event, yaml.AliasEvent):
             self._add(self._aliased(event))
         elif isinstance(event, yaml.ScalarEvent):
@@ -122,12 +125,13 @@ class _Measure:
             self._begin(event)
         elif isinstance(event, yaml.CollectionEndEvent):
             done = self.open.pop()
-            self._keep(done.anchor, done.n_nodes)
+            self._store_size(done.anchor, done.n_nodes)
             self._add(done.n_nodes)
         if self.open and self.open[-1].n_nodes > MOST_NODES:
             raise _refused(event, f"at most {MOST_NODES} values may stand in it, aliases resolved")
 
     def _aliased(self, event: Any) -> int:
+        """Number of nodes that an alias stands for."""
         if self.open and self.open[-1].key_comes:
             raise _refused(event, "a key must be a text, got an alias")
         if event.anchor not in self.sizes:
@@ -135,6 +139,7 @@ class _Measure:
         return self.sizes[event.anchor]
 
     def _scalar(self, event: Any) -> None:
+        """Check and count a scalar."""
         _check_tag(event)
         if len(event.value) > MOST_CHARACTERS:
             raise _refused(event, f"a text may have {MOST_CHARACTERS} characters, got more")
@@ -142,10 +147,11 @@ class _Measure:
             raise _refused(event, f"a number may have {MOST_DIGITS} digits, got more")
         if self.open and self.open[-1].key_comes:
             self._key(event)
-        self._keep(event.anchor, 1)
+        self._store_size(event.anchor, 1)
         self._add(1)
 
     def _key(self, event: Any) -> None:
+        """Check that a key is not repeated."""
         keys = self.open[-1].keys
         assert keys is not None
         if event.value in keys:
@@ -153,6 +159,7 @@ class _Measure:
         keys.add(event.value)
 
     def _begin(self, event: Any) -> None:
+        """Check the nesting depth and open a list or mapping."""
         _check_tag(event)
         if self.open and self.open[-1].key_comes:
             raise _refused(event, "a key must be a text, got a list or mapping")
@@ -162,23 +169,27 @@ class _Measure:
         self.sizes.pop(event.anchor, None)
         self.open.append(_Open(event.anchor, set() if mapping else None))
 
-    def _keep(self, anchor: str | None, n_nodes: int) -> None:
+    def _store_size(self, anchor: str | None, n_nodes: int) -> None:
+        """Remember the number of nodes of an anchor."""
         if anchor is not None:
             self.sizes[anchor] = n_nodes
 
     def _add(self, n_nodes: int) -> None:
+        """Add nodes to the enclosing list or mapping."""
         if self.open:
             self.open[-1].n_nodes += n_nodes
             self.open[-1].n_entries += 1
 
 
 def _check(events: Iterable[Any]) -> None:
+    """Measure all events of a text; YamlError where a limit is exceeded."""
     measure = _Measure()
     for event in events:
         measure.take(event)
 
 
 def _check_tag(event: Any) -> None:
+    """Refuse explicit type tags."""
     if event.tag not in (None, "!", f"{_TAG}str", f"{_TAG}seq", f"{_TAG}map"):
         raise _refused(event, f"no type may be given to a value, got {shown(event.tag)}")
 
@@ -188,11 +199,12 @@ def _is_number(text: str) -> bool:
 
 
 def _refused(event: Any, rule: str) -> YamlError:
+    """Error with a rule and the line."""
     return YamlError(f"{rule}, in line {event.start_mark.line + 1}")
 
 
-def _told(error: yaml.YAMLError) -> str:
-    """What PyYAML found, in a line."""
+def _describe(error: yaml.YAMLError) -> str:
+    """Message of a PyYAML error in one line."""
     mark = getattr(error, "problem_mark", None)
     where = f", in line {mark.line + 1}" if mark is not None else ""
     problem = (

@@ -1,7 +1,6 @@
-"""Walk through an MCAP file of any origin, finished or cut, from front to back.
+"""Read an MCAP file of any origin, finished or cut, from front to back.
 
-``mcap``'s own readers give up at the first odd byte. This one takes every whole record in front
-of the end of the file, leaves out a chunk whose content is damaged, and says so.
+The readers of ``mcap`` stop at the first invalid byte; this one skips damaged chunks and notes it.
 """
 
 from __future__ import annotations
@@ -26,24 +25,24 @@ from herringbone_sim.recording.chunk import (
     MOST_BYTES,
     MOST_RATIO,
     RECORD,
-    Room,
     UnknownCompressionError,
+    UnpackBudget,
     records,
 )
 from herringbone_sim.recording.files import check_file
 
-# A robot has some hundred topics, and rosbag2 describes each in metadata.yaml.
+# Far more topics than a robot has; rosbag2 describes each in metadata.yaml.
 MOST_TOPICS = 4096
-# Of all their definitions together: that of a large message has some 50 kB.
+# Of all schemas and channels; a large message definition has some 50 kB.
 MOST_DEFINED_BYTES = 64 << 20
-# Odd places of a file that are told one by one.
+# Damaged places of a file that are reported one by one.
 MOST_NOTES = 10
 
 _MESSAGE = struct.Struct("<HIQQ")
 _FOOTER = struct.Struct("<QQI")
 _TAIL = RECORD.size + _FOOTER.size + len(MCAP0_MAGIC)
 _BEHIND_CRC = len(MCAP0_MAGIC) + 4
-# As plain numbers: they are compared with a byte of each of millions of records.
+# Plain integers, as comparing with an Enum is slow for millions of records.
 _MESSAGE_CODE = int(Opcode.MESSAGE)
 _ENDS = frozenset(map(int, (Opcode.DATA_END, Opcode.FOOTER)))
 _OF_SUMMARY = frozenset(map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)))
@@ -53,8 +52,8 @@ _TAKEN = frozenset(
 _DAMAGE = (zstandard.ZstdError, EndOfFile, RuntimeError, ValueError, struct.error, MemoryError)
 
 
-class Found(NamedTuple):
-    """A message as it lies in the file; times in ns."""
+class ScannedMessage(NamedTuple):
+    """A message in the file; times in ns."""
 
     topic: Topic
     log_ns: int
@@ -67,16 +66,16 @@ class Scan:
 
     Args:
         path: the file.
-        most_bytes: most that is unpacked of a chunk, and read of any other record, at once.
+        most_bytes: largest size of a decompressed chunk, and of any other record.
 
     Attributes:
-        topics: channels met so far, by number.
-        metadata: metadata records, name and content, in order.
-        complete: whether the file was finished, and its index is whole.
+        topics: by channel number, as far as read.
+        metadata: metadata records (name, content), in order.
+        complete: whether the file was finished and its index is intact.
         size: bytes of the file.
-        kept: bytes up to the end of the last whole record.
-        damaged: records, chunks above all, left out.
-        skipped: attachments, and messages of a channel that was never announced.
+        intact_bytes: bytes up to the end of the last complete record.
+        damaged: number of records, mainly chunks, left out.
+        skipped: number of attachments, and of messages of an undefined channel.
     """
 
     def __init__(self, path: Path, most_bytes: int = MOST_BYTES) -> None:
@@ -85,10 +84,10 @@ class Scan:
         self.metadata: list[tuple[str, dict[str, str]]] = []
         self.complete = False
         self.size = 0
-        self.kept = 0
+        self.intact_bytes = 0
         self.damaged = 0
         self.skipped = 0
-        self._room = Room(most_bytes, most_bytes)
+        self._budget = UnpackBudget(most_bytes, most_bytes)
         self._schemas: dict[int, Schema] = {}
         self._defined: dict[tuple[int, bytes], bytes] = {}
         self._defined_bytes = 0
@@ -99,30 +98,30 @@ class Scan:
         self._n_messages = 0
         self._counted: int | None = None
 
-    def messages(self) -> Iterator[Found]:
-        """Every message that is whole, in the order of the file.
+    def messages(self) -> Iterator[ScannedMessage]:
+        """Yield every intact message, in the order of the file.
 
         Raises:
-            RecordingError: no MCAP file, a compression that nobody knows, or too many topics.
+            RecordingError: no MCAP file, an unsupported compression, or too many topics.
         """
         with self._open() as stream:
             self._check_magic(stream)
             self._read_summary(stream)
             self._ended = False
             for opcode, body in self._records(stream, _TAKEN):
-                yield from self._take_whole(opcode, body)
+                yield from self._intact(opcode, body)
         if self._unknown and not self._n_messages:
             raise RecordingError(f"{self.path}: {self._unknown}") from self._unknown
         if self._ended:
-            self.kept = self.size
+            self.intact_bytes = self.size
         self.complete &= self._ended
 
     def _open(self) -> BinaryIO:
-        """The file; a pipe or a device is not opened, for reading may hang or change it."""
+        """Open the file; not a pipe or a device, as reading could block or change it."""
         check_file(self.path)
         try:
             self.size = self.path.stat().st_size
-            self._room.left = max(self._room.chunk, MOST_RATIO * self.size)
+            self._budget.remaining = max(self._budget.per_chunk, MOST_RATIO * self.size)
             return self.path.open("rb")
         except OSError as error:
             raise RecordingError(
@@ -130,16 +129,17 @@ class Scan:
             ) from error
 
     def _check_magic(self, stream: BinaryIO) -> None:
+        """Raise RecordingError unless the file starts as MCAP does."""
         start = stream.read(len(MCAP0_MAGIC))
         if start != MCAP0_MAGIC:
             raise RecordingError(
                 f"{self.path} is not an MCAP file: it must start with {MCAP0_MAGIC!r}, got "
                 f"{start!r}: name another file"
             )
-        self.kept = stream.tell()
+        self.intact_bytes = stream.tell()
 
     def _read_summary(self, stream: BinaryIO) -> None:
-        """Take the channels of a finished file from its end: their first copy may be damaged."""
+        """Read topics of a finished file from its summary, as their first copy may be damaged."""
         start = stream.tell()
         at = max(self.size - _TAIL, start)
         stream.seek(at)
@@ -152,23 +152,23 @@ class Scan:
             if summary and self.complete:
                 stream.seek(summary)
                 for opcode, body in self._records(stream, _OF_SUMMARY):
-                    list(self._take_whole(opcode, body))
+                    list(self._intact(opcode, body))
             self._index_damaged = not self.complete
         stream.seek(start)
-        self.kept = start
+        self.intact_bytes = start
         self._defined.clear()
 
     def _records(
         self, stream: BinaryIO, taken: frozenset[int]
     ) -> Iterator[tuple[int, memoryview]]:
-        """Records of some kinds, to the end of the section or the first that is not whole."""
-        at, most = stream.tell(), self._room.chunk
+        """Yield records of some kinds up to the end of the section or the first incomplete one."""
+        at, most = stream.tell(), self._budget.per_chunk
         while len(head := stream.read(RECORD.size)) == RECORD.size:
             opcode, length = RECORD.unpack(head)
             at += RECORD.size + length
             if opcode == 0 or at > self.size:
                 return
-            self.kept = at
+            self.intact_bytes = at
             if opcode in _ENDS:
                 self._ended = True
                 return
@@ -184,13 +184,13 @@ class Scan:
             if length:
                 stream.seek(at)
 
-    def _take_whole(self, opcode: int, body: memoryview) -> Iterator[Found]:
-        """Messages of a record, as far as it is whole."""
+    def _intact(self, opcode: int, body: memoryview) -> Iterator[ScannedMessage]:
+        """Yield the messages of a record as far as it is intact."""
         try:
             if opcode == _MESSAGE_CODE:
                 yield from self._message(body)
             elif opcode == Opcode.CHUNK:
-                for inner, record in records(body, self._room):
+                for inner, record in records(body, self._budget):
                     if inner == _MESSAGE_CODE:
                         yield from self._message(record)
                     else:
@@ -203,23 +203,26 @@ class Scan:
             self._leave_out(len(body), str(error) or type(error).__name__)
 
     def _leave_out(self, length: int, why: str) -> None:
+        """Count and note a damaged record."""
         self.damaged += 1
         if self.damaged <= MOST_NOTES:
             self._notes.append(
-                f"a record of {length} bytes that ends at byte {self.kept} is damaged ({why}) and "
-                "left out"
+                f"a record of {length} bytes that ends at byte {self.intact_bytes} is damaged "
+                f"({why}) and left out"
             )
 
-    def _message(self, body: memoryview) -> tuple[Found] | tuple[()]:
+    def _message(self, body: memoryview) -> tuple[ScannedMessage] | tuple[()]:
+        """The message of a record, none if its channel is undefined."""
         channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
         self._n_messages += 1
         topic = self.topics.get(channel)
         if topic is None:
             self.skipped += 1
             return ()
-        return (Found(topic, log_ns, publish_ns, body[_MESSAGE.size :]),)
+        return (ScannedMessage(topic, log_ns, publish_ns, body[_MESSAGE.size :]),)
 
     def _note_record(self, opcode: int, body: memoryview) -> None:
+        """Take a metadata, statistics, schema or channel record."""
         if opcode == Opcode.METADATA:
             record = Metadata.read(_fields(body))
             self.metadata.append((record.name, record.metadata))
@@ -229,7 +232,7 @@ class Scan:
             self._define(opcode, body)
 
     def _define(self, opcode: int, body: memoryview) -> None:
-        """Take a schema or a channel; files repeat them, as before each chunk."""
+        """Register a schema or a channel; files repeat them, for instance before each chunk."""
         key = (opcode, bytes(body[:2]))
         content = bytes(body)
         if self._defined.get(key) == content:
@@ -260,7 +263,7 @@ class Scan:
 
     @property
     def notes(self) -> list[str]:
-        """A sentence on everything odd."""
+        """A sentence on everything unusual."""
         more = self.damaged - MOST_NOTES
         notes = self._notes + ([f"{more} more records are damaged and left out"] * (more > 0))
         if self._counted is not None and self._counted != self._n_messages:
@@ -279,7 +282,7 @@ class Scan:
                 f"the index of {self.path.name} is damaged and not used; 'python -m "
                 "herringbone_sim recover' rebuilds it"
             ]
-        tail = self.size - self.kept
+        tail = self.size - self.intact_bytes
         left_out = f"its last {tail} of {self.size} bytes are no whole record and left out; "
         return [
             f"the file {self.path.name} was not finished: {left_out if tail else ''}'python -m "
@@ -288,6 +291,7 @@ class Scan:
 
 
 def _checksum(stream: BinaryIO, start: int, end: int) -> int:
+    """CRC-32 of the bytes start .. end."""
     stream.seek(start)
     crc, left = 0, end - start
     while left > 0 and (piece := stream.read(min(left, 1 << 20))):

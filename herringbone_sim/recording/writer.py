@@ -1,7 +1,7 @@
-"""Recording of a run: a bag that survives a kill, a full disk, a wrong name and a deletion.
+"""Record a run as a bag that survives a kill, a full disk, and deletion of its files by others.
 
-The caller, one thread, hands in blocks of samples, states and parameter changes, calls ``flush``
-every half second, ``next_file`` where a file is large enough, and ``close`` at the end.
+The caller, in one thread, passes blocks of samples, states and parameter changes, calls ``flush``
+every half second, ``next_file`` when a file is large enough, and ``close`` at the end.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ from herringbone_sim.recording.schemas import (
 
 __all__ = ["RECORD_NAME", "RunWriter", "encode_samples", "split_rows", "stamp_ns"]
 
-SAMPLES, STATE, EVENTS = 1, 2, 3  # places of the topics of a file; 0 is channels
+SAMPLES, STATE, EVENTS = 1, 2, 3  # index of each topic in a file; 0 is channels
 MESSAGE_LIMIT = 64_000
 
 
 def stamp_ns(t_s: float) -> int:
-    """Nanoseconds, rounded, of a time [s]."""
+    """Time [s] in nanoseconds, rounded."""
     return round(t_s * 1e9)
 
 
 def split_rows(n: int, c: int, label_bytes: int | None = None) -> list[slice]:
-    """Slices of a block (n, c) whose messages each stay below 64000 bytes.
+    """Slices of a block (n, c) such that each message stays below 64000 bytes.
 
     Args:
         n: samples in the block.
         c: channels.
-        label_bytes: length of the comma-separated channel names; 32 a channel if not given.
+        label_bytes: length of the comma-separated channel names; by default 32 per channel.
 
     Raises:
         RecordingError: not even one sample fits.
@@ -74,12 +74,12 @@ def split_rows(n: int, c: int, label_bytes: int | None = None) -> list[slice]:
 
 
 class RunWriter:
-    """Writes one run; made by ``RunWriter.create``.
+    """Writer of one run, made by ``RunWriter.create``.
 
-    The first failure of the disk raises RecordingError, cuts the file behind its last whole
-    record, and ends the recording: what was written stays readable, every later write is refused
-    with RecordingError, and ``close`` does nothing. A file that others deleted, replaced, cut or
-    moved away while it was written does the same with RecordingLostError.
+    The first disk failure raises RecordingError, truncates the file after its last complete record
+    and ends the recording: what was written stays readable, every later write raises
+    RecordingError, and ``close`` does nothing. A file that another program deleted, replaced, cut
+    or moved during the recording does the same with RecordingLostError.
     """
 
     def __init__(self, files: RunFiles, channel_names: tuple[str, ...], start_ns: int):
@@ -101,17 +101,17 @@ class RunWriter:
         """Create ``record_dir/name/name_0.mcap`` and write the ``channels`` message.
 
         Args:
-            record_dir: folder of the runs, made if it is missing.
+            record_dir: folder of the runs, created if missing.
             name: name of the run.
-            topic_prefix: full name of the node, as ``/herringbone_sim``.
-            channels: content of the ``channels`` topic, to be written as JSON.
+            topic_prefix: full name of the node, such as ``/herringbone_sim``.
+            channels: content of the ``channels`` topic, written as JSON.
             channel_names: c names of the columns of a block; one is ``t``.
             start_ns: wall time [ns] of t = 0.
             t_s: time [s] of the first sample.
 
         Raises:
-            RecordingError: a name that exists or leads out of ``record_dir``, channel names that
-                no recording can have, or a folder that can't be written.
+            RecordingError: a name that exists or leads out of ``record_dir``, invalid channel
+                names, or a folder that can't be written.
         """
         check_name(name)
         check_channels(channel_names)
@@ -138,30 +138,30 @@ class RunWriter:
 
     @property
     def samples_written(self) -> int:
-        """Samples taken so far: the counter that proves that none was lost."""
+        """Number of samples passed in: the counter that proves that none was lost."""
         return self._files.written
 
     @property
     def samples_kept(self) -> int:
-        """Samples known to lie on the disk: those flushed, less those lost since."""
-        return self._files.kept
+        """Number of samples known to be on the disk: flushed and not lost since."""
+        return self._files.flushed
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """A sentence on each file that is no longer what was written.
+        """A sentence on each file that is not what was written.
 
-        Those of files that were finished before are found at each ``flush``, and raise nothing.
+        Files that were finished before are checked at each ``flush``, and raise nothing.
         """
         return tuple(self._files.losses)
 
     @property
     def file_bytes(self) -> int:
-        """Size of the file that is being written."""
+        """Size of the current file [bytes]."""
         return self._files.size
 
     @property
     def file_first_s(self) -> float:
-        """Time [s] of the first sample of the file that is being written; NaN before it."""
+        """Time [s] of the first sample of the current file; NaN before it."""
         return self._files.first_s
 
     def write_samples(self, block: Array, publish_ns: int | None = None) -> None:
@@ -199,7 +199,9 @@ class RunWriter:
         effort: Array,
         publish_ns: int | None = None,
     ) -> None:
-        """Write displacement [m], its rate [m/s] and force [N], each (m,), of m meshes at t_s."""
+        """Write displacement [m], velocity [m/s] and force [N], each (m,), of m meshes at t_s
+        [s].
+        """
         state = JointState(self._stamp(t_s), names, position, velocity, effort)
         self._write(STATE, t_s, encode_joint_state(state), publish_ns)
 
@@ -210,12 +212,12 @@ class RunWriter:
         changed: Mapping[str, Value],
         publish_ns: int | None = None,
     ) -> None:
-        """Write accepted changes, with the simulation time [s] at which they took effect."""
+        """Write accepted changes with the simulation time [s] at which they took effect."""
         event = ParameterEvent(self._stamp(t_s), node_name, changed)
         self._write(EVENTS, t_s, encode_parameter_event(event), publish_ns)
 
     def flush(self) -> None:
-        """Bring everything to the disk, and see that it is there: call it every half second.
+        """Write everything to the disk and check the files: call it every half second.
 
         Raises:
             RecordingLostError: the file is no longer what was written.
@@ -224,11 +226,12 @@ class RunWriter:
         self._files.flush()
 
     def next_file(self, channels: Mapping[str, Any], t_s: float) -> None:
-        """Finish the file and go on in the next one, ``NAME_1.mcap`` after ``NAME_0.mcap``.
+        """Finish the current file and continue in the next one, ``NAME_1.mcap`` after
+        ``NAME_0.mcap``.
 
         Args:
-            channels: content of the ``channels`` topic with the state at the next sample, so
-                that the file can be repeated alone.
+            channels: content of the ``channels`` topic with the state at the next sample, so that
+                the file can be replayed alone.
             t_s: time [s] of the next sample.
 
         Raises:
@@ -238,19 +241,20 @@ class RunWriter:
         self._files.next(self._log_ns(t_s), encode_string(channels_text(channels)))
 
     def close(self, health: Mapping[str, str] | None = None) -> None:
-        """Finish the file and write ``metadata.yaml``; nothing if the recording has ended.
+        """Finish the file and write ``metadata.yaml``; does nothing if the recording has ended.
 
         Args:
-            health: what else to keep in the file, as counters of dropped blocks.
+            health: further counters to store in the file, such as dropped blocks.
 
         Raises:
             RecordingLostError: the file is no longer what was written.
-            RecordingError: the disk fails only now.
+            RecordingError: the disk fails.
         """
         if not self._files.ended:
             self._files.close(health or {})
 
     def _stamp(self, t_s: float) -> int:
+        """Time [s] in nanoseconds; RecordingError if it is not finite."""
         if not np.isfinite(t_s):
             raise RecordingError(
                 f"the time of a message must be finite, got {t_s!r} s: record nothing of a "
@@ -259,15 +263,17 @@ class RunWriter:
         return stamp_ns(t_s)
 
     def _write(self, topic: int, t_s: float, message: Buffer, publish_ns: int | None) -> None:
+        """Append a message to a topic."""
         log_ns = self._log_ns(t_s)
         self._files.write(topic, log_ns, log_ns if publish_ns is None else publish_ns, message)
 
     def _log_ns(self, t_s: float) -> int:
+        """Wall time [ns] of a simulation time [s]."""
         return self._start_ns + self._stamp(t_s)
 
 
 def _topics(prefix: str) -> list[Topic]:
-    """What each file of a run holds, in the order of the numbers above."""
+    """Topics of each file of a run, in the order of the indices above."""
     return [
         Topic.of(f"{prefix}/channels", STRING, qos_profile(1, latched=True)),
         Topic.of(f"{prefix}/samples", FLOAT64_MULTI_ARRAY, qos_profile(10)),

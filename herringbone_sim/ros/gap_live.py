@@ -1,4 +1,4 @@
-"""``gap live``: listens to a rig and a simulator, shows and publishes residual and place."""
+"""``gap live``: compares the samples of a rig and a simulator, and publishes the residual."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from herringbone_sim.views.mirror.live_text import data
 NAME = "gap"
 DEPTH = 200
 SAMPLES = "std_msgs/msg/Float64MultiArray"
-REST = 2.0  # a look is followed by a pause of so many times what it took
+REST = 2.0  # least pause after a comparison, as a multiple of its duration
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is compared, and how often.
+    """Topics to compare, and how often.
 
     Attributes:
         rig, simulator: prefixes of the topics ``samples`` and ``channels``.
-        nominal: the rig as its data sheet has it.
-        noise_share: RMS of the rig's noise as a share of each channel's RMS; None when unknown.
-        every_s: wall time between looks [s], at least.
-        for_s: ends after this wall time [s]; infinite by default.
+        nominal: parameters of the rig by its data sheet.
+        noise_share: RMS of the rig's noise as a share of the RMS of each channel; None if unknown.
+        every_s: least wall time between comparisons [s].
+        for_s: wall time after which it ends [s]; infinite by default.
     """
 
     rig: str
@@ -58,11 +58,10 @@ class Plan:
 
 
 class GapNode(GuardedNode):
-    """Feeds two ears from topics and publishes what is found: ``~/residual``, ``~/difference``,
-    ``~/place``.
+    """Node that compares two streams and publishes ``~/residual``, ``~/difference``, ``~/place``.
 
     Raises:
-        ParameterError: a prefix that ROS does not take as a name.
+        ParameterError: a prefix that is no valid ROS name.
     """
 
     def __init__(self, plan: Plan, **options: Any) -> None:
@@ -80,25 +79,27 @@ class GapNode(GuardedNode):
         self._place = self.create_publisher(String, "~/place", STREAM)
 
     def _hear(self, message: DiagnosticArray) -> None:
+        """Pass the diagnostics of the two simulators to their streams."""
         for status in message.status:
             ear = self._ears.get(status.name)
             if ear:
                 ear.says(one_line(status.message))
 
     def look(self) -> Picture:
-        """What is known now; published too."""
+        """Compare the latest samples and publish the result."""
         for listener in self._listeners:
             listener.follow()
         picture = self.comparison.look()
         self._publish(picture)
         return picture
 
-    def others(self) -> tuple[str, ...]:
-        """Topics of samples that there are, whoever sends them."""
+    def sample_topics(self) -> tuple[str, ...]:
+        """Topics of samples that exist, whoever publishes them."""
         found = self.get_topic_names_and_types()
         return tuple(n for n, kinds in found if n.endswith("/samples") and SAMPLES in kinds)
 
     def _publish(self, picture: Picture) -> None:
+        """Publish residual, difference of the motions, and place."""
         found = picture.residual
         if found is not None and picture.rig.fresh:
             values = Values(
@@ -118,7 +119,7 @@ class GapNode(GuardedNode):
 
 
 class _Listener:
-    """Subscriptions of one ear, as reliable as the publisher."""
+    """Subscriptions to one stream, with the reliability of its publisher."""
 
     def __init__(self, node: GapNode, ear: Ear) -> None:
         self._node, self._ear = node, ear
@@ -131,7 +132,9 @@ class _Listener:
             raise ParameterError(f"{ear.topic} is no name of a topic: {error}") from error
 
     def follow(self) -> None:
-        """Take what a best-effort publisher sends: a reliable subscriber gets nothing of it."""
+        """Subscribe with the publisher's reliability: a reliable subscriber gets nothing of best
+        effort.
+        """
         known = self._node.get_publishers_info_by_topic(self._ear.topic)
         reliable = all(
             one.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT for one in known
@@ -142,6 +145,7 @@ class _Listener:
             self._samples = self._subscribe()
 
     def _subscribe(self) -> Any:
+        """Subscription with the present reliability."""
         kind = ReliabilityPolicy.RELIABLE if self._reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(reliability=kind, history=HistoryPolicy.KEEP_LAST, depth=DEPTH)
         return self._node.create_subscription(
@@ -150,10 +154,10 @@ class _Listener:
 
 
 def listen(plan: Plan, show: Callable[[Picture, tuple[str, ...]], None]) -> int:
-    """Look again and again until SIGINT, SIGTERM or the end of the time; 0.
+    """Compare repeatedly until SIGINT, SIGTERM or the end of the time; returns 0.
 
     Args:
-        show: handed every picture, and the topics of samples that there are.
+        show: called with every comparison and the topics of samples that exist.
     """
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -177,6 +181,7 @@ def _look_on(
     stop: threading.Event,
     show: Callable[[Picture, tuple[str, ...]], None],
 ) -> None:
+    """Compare repeatedly while a thread serves the node."""
     executor = SingleThreadedExecutor(context=node.context)
     over = threading.Event()
     thread = threading.Thread(
@@ -188,7 +193,7 @@ def _look_on(
     try:
         while not stop.wait(min(pause, max(end - time.monotonic(), 0.0))):
             began = time.monotonic()
-            show(node.look(), node.others())
+            show(node.look(), node.sample_topics())
             pause = max(plan.every_s, REST * (time.monotonic() - began))
             if time.monotonic() >= end:
                 return

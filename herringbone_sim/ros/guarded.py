@@ -1,4 +1,6 @@
-"""A node that no message from outside ends: what raises is refused, counted, logged, answered."""
+"""A node that survives invalid messages: exceptions of callbacks are counted, logged and
+answered.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
-TURN_S = 0.2  # so late a signal is heard
-LONGEST_LINE = 300  # characters of a refusal: a few lines of a terminal, whatever was sent
+TURN_S = 0.2  # longest wait before a signal is noticed
+LONGEST_LINE = 300  # characters of a refusal, however long the message was
 
 
 def one_line(text: str) -> str:
-    """A text on one line of bounded length, the middle left out where it is longer."""
+    """Text on one line of at most 300 characters, with the middle left out if it is longer."""
     plain = textwrap.shorten(text, len(text) + 1)
     if len(plain) <= LONGEST_LINE:
         return plain
@@ -32,18 +34,18 @@ def one_line(text: str) -> str:
 
 
 def with_names(reason: str, names: Sequence[str]) -> str:
-    """A reason led by the parameters that it is about, unless it names one of them."""
+    """A reason prefixed with the names of its parameters, unless it mentions one of them."""
     if any(re.search(rf"(?<!\w){re.escape(name)}(?!\w)", reason) for name in names):
         return reason
     return f"{', '.join(names)}: {reason}"
 
 
 class GuardedNode(Node):  # type: ignore[misc]
-    """A node whose callbacks may raise, in whatever executor.
+    """A node whose callbacks may raise, in any executor.
 
     Attributes:
-        refused: how many messages, requests and callbacks were refused or failed.
-        last_refused: why the last one was.
+        refused: number of messages, requests and callbacks that were refused or failed.
+        last_refused: reason of the last one.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -53,7 +55,7 @@ class GuardedNode(Node):  # type: ignore[misc]
         self._parameter_service = _CheckedParameterService(self)
 
     def refuse(self, reason: str) -> str:
-        """Count and log a refusal; the reason on one line."""
+        """Count and log a refusal; returns the reason on one line."""
         said = one_line(reason)
         with self._counting:
             self.refused += 1
@@ -62,33 +64,35 @@ class GuardedNode(Node):  # type: ignore[misc]
         return said
 
     def failed(self, what: str, error: Exception) -> str:
-        """Count and log an error that nobody foresaw; what is said of it."""
+        """Count and log an unexpected error; returns the message."""
         return self.refuse(f"{what}: this is an error of ours: {error!r}")
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **options: Any
     ) -> Any:
-        """As in rclpy, with a guarded callback."""
+        """Like rclpy's, with a guarded callback."""
         guarded = self._guarded(callback, topic)
         return super().create_subscription(msg_type, topic, guarded, *args, **options)
 
     def create_timer(
         self, timer_period_sec: float, callback: Callable[..., Any], *args: Any, **options: Any
     ) -> Any:
-        """As in rclpy, with a guarded callback."""
+        """Like rclpy's, with a guarded callback."""
         guarded = self._guarded(callback, "a timer")
         return super().create_timer(timer_period_sec, guarded, *args, **options)
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ) -> Any:
-        """As in rclpy, with a guarded callback; where it fails the answer is an empty one."""
+        """Like rclpy's, with a guarded callback; if it raises, the response is an empty one."""
         guarded = self._guarded(callback, srv_name, srv_type.Response)
         return super().create_service(srv_type, srv_name, guarded, **options)
 
     def _guarded(
         self, callback: Callable[..., Any], what: str, instead: Callable[[], Any] | None = None
     ) -> Callable[..., Any]:
+        """Callback that logs an exception and returns ``instead()`` or None."""
+
         @functools.wraps(callback)
         def call(*args: Any) -> Any:
             try:
@@ -100,7 +104,7 @@ class GuardedNode(Node):  # type: ignore[misc]
         return call
 
     def set_from_messages(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
-        """Take or refuse a set of parameters as a whole, of whatever names, types and values."""
+        """Accept or refuse a set of parameters as a whole, of any names, types and values."""
         try:
             parameters = [Parameter.from_parameter_msg(message) for message in messages]
         except (ValueError, TypeError) as error:
@@ -118,7 +122,7 @@ class GuardedNode(Node):  # type: ignore[misc]
         return result
 
     def serve(self, executor: Executor, going: Callable[[], bool]) -> None:
-        """Spin while it is going; what the executor itself raises is counted, and ends nothing."""
+        """Spin while ``going``; exceptions of the executor itself are counted."""
         executor.add_node(self)
         while going() and self.context.ok():
             try:
@@ -130,7 +134,9 @@ class GuardedNode(Node):  # type: ignore[misc]
 
 
 class _CheckedParameterService(ParameterService):  # type: ignore[misc]
-    """The parameter services of rclpy; a request to set has an answer for each parameter."""
+    """The parameter services of rclpy; a request to set always gets a result for each
+    parameter.
+    """
 
     def _set_parameters_callback(
         self, request: SetParameters.Request, response: SetParameters.Response

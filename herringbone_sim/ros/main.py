@@ -20,13 +20,13 @@ from herringbone_sim.ros.guarded import one_line
 from herringbone_sim.ros.node import THREADS, SimulatorNode
 
 OF_ROS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
-ANSWERS_S = 2.0  # for services that still run to send their answer at the end
+ANSWERS_S = 2.0  # longest wait for running services at the end
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; 2 when its parameters can't be.
+    """Run the node until SIGINT or SIGTERM; returns 2 if its parameters are invalid.
 
-    ROS stays up until the node has ended its recording, so the signals are handled here.
+    Signals are handled here, because ROS must stay up until the node has ended its recording.
     """
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -34,7 +34,7 @@ def main(args: Sequence[str] | None = None) -> int:
     node = None
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        # Whether such a gear can be built was said when its file was made.
+        # Warnings about an implausible gear are given where its parameter file is made.
         warnings.simplefilter("ignore", ParameterWarning)
         node = SimulatorNode()
         node.get_logger().info(f"running the {node.get_parameter('model').value} model")
@@ -50,7 +50,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def spin(node: SimulatorNode, stop: threading.Event) -> None:
-    """Serve until the end is wanted, then let services that still run answer."""
+    """Serve until ``stop`` is set, then let running services answer."""
     executor = MultiThreadedExecutor(num_threads=THREADS, context=node.context)
     node.serve(executor, lambda: not stop.is_set())
     node.loop.close()

@@ -1,4 +1,4 @@
-"""From deliveries to the mirror in the viewer."""
+"""Pass deliveries of the loop to the mirror in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from herringbone_sim.views.mirror.mirror import RerunMirror
 
 
 class Mirror:
-    """Feeds a ``RerunMirror`` with deliveries; off when there is none."""
+    """Feeds a ``RerunMirror`` with deliveries; inactive with ``mirror: off``."""
 
     def __init__(self, mirror: RerunMirror) -> None:
         self._mirror = mirror
@@ -26,10 +26,10 @@ class Mirror:
 
     @classmethod
     def of(cls, model: Model, options: Mapping[str, Any], report: Callable[[str], None]) -> Mirror:
-        """Mirror with the node's ``mirror*`` parameters; ParameterError when they can't be.
+        """Mirror from the node's ``mirror*`` parameters; ParameterError if they are invalid.
 
         Args:
-            report: is told what fails.
+            report: called with messages on failures.
         """
         s = model.scales
         return cls(
@@ -46,14 +46,16 @@ class Mirror:
 
     @property
     def state(self) -> str:
+        """State of the mirror, as shown in ``/diagnostics``."""
         return self._mirror.state
 
     @property
     def dropped(self) -> int:
+        """Number of blocks that were not shown."""
         return self._mirror.dropped
 
     def show(self, deliveries: list[Delivery], regime: Regime) -> None:
-        """Hand the latest deliveries on, without waiting."""
+        """Queue the latest deliveries without waiting."""
         if self._mirror.mode == "off":
             return
         last = deliveries[-1]
@@ -76,6 +78,7 @@ class Mirror:
         self._mirror.put(block)
 
     def _events(self, deliveries: list[Delivery], regime: Regime) -> tuple[str, ...]:
+        """Texts on parameter changes, and on a new kind of motion."""
         lines = [
             f"t = {change.t_s:.6f} s: " + ", ".join(f"{k} = {v}" for k, v in change.values.items())
             for delivery in deliveries
@@ -91,6 +94,6 @@ class Mirror:
 
 
 def half_backlash(model: Model) -> dict[str, float]:
-    """Half-backlash b' [m] of the first mesh of each kind."""
+    """Half-backlash b' [m] of the first mesh of each kind, ``sp`` and ``rp``."""
     half = model.half_backlash_m
     return {"sp": float(half[0]), "rp": float(half[len(half) // 2])}

@@ -1,4 +1,7 @@
-"""The node: parameters, commands and services around the loop; streams, recorder and mirror."""
+"""The node: parameters, commands and services around the loop; streams, recorder and mirror.
+
+Slightly over 300 lines: every callback of the node stands here, the work in the other modules.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.effects.sensors import check_effects
 from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import HerringboneError, ParameterError, RecordingError
-from herringbone_sim.recording.node_parameters import check, known, unknown
+from herringbone_sim.recording.node_parameters import check, is_known, unknown_message
 from herringbone_sim.recording.parameter_file import EFFECTS
 from herringbone_sim.ros import parameters as ros_parameters
 from herringbone_sim.ros.guarded import GuardedNode, with_names
@@ -49,10 +52,10 @@ COMPILING_EFFECTS = (
 
 
 class SimulatorNode(GuardedNode):
-    """Integrates a herringbone planetary gear in real time and lets others steer it.
+    """Simulates a herringbone planetary gear in real time, controlled by topics and services.
 
     Raises:
-        ParameterError: parameters that can't be.
+        ParameterError: invalid parameters.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -60,7 +63,7 @@ class SimulatorNode(GuardedNode):
         ros_parameters.declare(self)
         self._target = ros_parameters.read_model(self)
         actives = ros_parameters.read_actives(self)
-        self.fault = self._told = ""
+        self.fault = self._last_said = ""
         model = build(self._target)
         factor = self._get("real_time_factor")
         check_pace(model, factor)
@@ -80,6 +83,7 @@ class SimulatorNode(GuardedNode):
         self._open()
 
     def _get(self, name: str) -> Any:
+        """Value of a parameter."""
         return self.get_parameter(name).value
 
     def _mirror_options(self) -> dict[str, Any]:
@@ -87,9 +91,9 @@ class SimulatorNode(GuardedNode):
         return {name: self._get(name) for name in names}
 
     def _open(self) -> None:
-        """Callbacks, services, timers, threads: last, when all they use is there."""
+        """Create callbacks, services, timers and threads, after everything that they use."""
         self.add_on_set_parameters_callback(self._validate)
-        self.add_post_set_parameters_callback(self._act)
+        self.add_post_set_parameters_callback(self._apply)
         for name in COMMANDS:
             open_subscription(self, Float64, f"~/cmd/{name}", self._command(name), STREAM)
         group, group_of_step = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
@@ -116,7 +120,7 @@ class SimulatorNode(GuardedNode):
             self._sim_clock.tick()
 
     def _offer(self, name: str, serve: Callable[[], str], group: CallbackGroup) -> None:
-        """A service around a verb that returns its answer or raises."""
+        """Create a service from a function that returns its message or raises."""
 
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
@@ -131,6 +135,7 @@ class SimulatorNode(GuardedNode):
         self.create_service(Trigger, f"~/{name}", answer, callback_group=group)
 
     def _record_first(self) -> None:
+        """Start the recording that ``record: true`` asks for; log a failure."""
         try:
             path = self._start_recording(self.loop.model, self.loop.state)
             self.get_logger().info(f"recording to {path}")
@@ -138,10 +143,12 @@ class SimulatorNode(GuardedNode):
             self.get_logger().error(f"not recording: {error}; the simulation goes on")
 
     def _deliver(self, delivery: Delivery) -> None:
+        """Pass a delivery of the loop to recorder and streams."""
         self.recorder.put(delivery)
         self.streams.put(delivery)
 
     def _mirror_on(self, deliveries: list[Delivery], regime: Regime) -> None:
+        """Pass deliveries to the mirror."""
         self._decimate.speed = self.loop.pace.reached or 1.0
         self.mirror.show(deliveries, regime)
 
@@ -154,6 +161,7 @@ class SimulatorNode(GuardedNode):
         self.get_logger().error(text)
 
     def _validate(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Callback of rclpy before parameters are set: refuse invalid ones."""
         try:
             self._check(ros_parameters.plain(parameters))
         except ParameterError as error:
@@ -161,16 +169,16 @@ class SimulatorNode(GuardedNode):
         return SetParametersResult(successful=True)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As in rclpy; every refusal, also of a name, type or range, is counted and answered.
+        """Like rclpy's; every refusal, also of a name, type or range, is counted and answered.
 
-        A read-only parameter may be set to what it is: that changes nothing.
+        A read-only parameter may be set to its present value, which changes nothing.
         """
         strangers = [p.name for p in parameter_list if not self.has_parameter(p.name)]
         if strangers:
-            result = SetParametersResult(reason=unknown(strangers[0]))
+            result = SetParametersResult(reason=unknown_message(strangers[0]))
         else:
             wanted = [ros_parameters.adapted(p) for p in parameter_list]
-            news = [p for p in wanted if not ros_parameters.stands(self, p)]
+            news = [p for p in wanted if not ros_parameters.is_unchanged(self, p)]
             if wanted and not news:
                 return SetParametersResult(successful=True)
             result = super().set_parameters_atomically(news)
@@ -180,8 +188,9 @@ class SimulatorNode(GuardedNode):
         return result
 
     def _check(self, values: dict[str, Any]) -> None:
+        """Check new values together with those in force; ParameterError if the gear is invalid."""
         for name, value in values.items():
-            if known(name):
+            if is_known(name):
                 check(name, value)
         of_model = {k: v for k, v in values.items() if k in core.live_names()}
         factor = values.get("real_time_factor", self._get("real_time_factor"))
@@ -189,7 +198,8 @@ class SimulatorNode(GuardedNode):
         check_pace(model, factor)
         check_effects(model, read_effects(values.get(EFFECTS, self._get(EFFECTS))))
 
-    def _act(self, parameters: Sequence[Parameter]) -> None:
+    def _apply(self, parameters: Sequence[Parameter]) -> None:
+        """Callback of rclpy after parameters were set: pass them to the loop."""
         values = ros_parameters.plain(parameters)
         of_model = {k: v for k, v in values.items() if k in core.live_names()}
         recorded = of_model | {k: v for k, v in values.items() if k in (*PACE, EFFECTS)}
@@ -203,6 +213,8 @@ class SimulatorNode(GuardedNode):
             self._decimate.publish_rate = values["publish_rate"]
 
     def _command(self, name: str) -> Any:
+        """Callback of a command topic: set the parameter of that name."""
+
         def take(message: Float64) -> None:
             parameter = Parameter(name, Parameter.Type.DOUBLE, message.data)
             self.set_parameters_atomically([parameter])
@@ -210,16 +222,19 @@ class SimulatorNode(GuardedNode):
         return take
 
     def _pause(self) -> str:
+        """Service ``pause``."""
         self.loop.pause()
         return f"paused at t = {self.loop.call(lambda _, state: state.t):.9g} s"
 
     def _resume(self) -> str:
+        """Service ``resume``."""
         if self.fault:
             raise HerringboneError(f"{self.fault}: call reset first")
         self.loop.resume()
         return f"running from t = {self.loop.t_s:.9g} s"
 
     def _step(self) -> str:
+        """Service ``step``: advance by ``step_cycles`` mesh cycles."""
         if self.fault:
             raise HerringboneError(f"{self.fault}: call reset first")
         wanted = self._get("step_cycles")
@@ -233,13 +248,14 @@ class SimulatorNode(GuardedNode):
         return f"advanced {wanted} mesh cycles to t = {came.t_s:.9g} s"
 
     def _reset(self) -> str:
+        """Service ``reset``."""
         name = self._next_name()
         said = self.loop.call(lambda *_: self._reset_now(name))
         self._tell_time()
         return f"reset to t = 0 s{said}"
 
     def _reset_now(self, name: str) -> str:
-        """Reset in any case; what came of a recording that was running."""
+        """Reset the loop; returns a text on the recording that was running."""
         ended = self.recorder.end() if self.recorder.path else None
         self.loop.reset()
         self.fault = ""
@@ -255,11 +271,13 @@ class SimulatorNode(GuardedNode):
         return f"{said}; recording goes on in {path}"
 
     def _record_start(self) -> str:
+        """Service ``record/start``."""
         name = self._next_name()
         path = self.loop.call(lambda model, state: self._start_recording(model, state, name))
         return f"recording to {path}"
 
     def _start_recording(self, model: Model, state: State, name: str = "") -> Path:
+        """Start a recording at a state; returns its folder."""
         try:
             folder = Path(self._get("record_dir")).expanduser()
         except RuntimeError as error:
@@ -272,12 +290,14 @@ class SimulatorNode(GuardedNode):
         return run_name(str(self._get("record_name")), bool(self.recorder.path))
 
     def _record_stop(self) -> str:
+        """Service ``record/stop``."""
         outcome = self.recorder.stop()
         if outcome.lost:
             raise RecordingError(str(outcome))
         return str(outcome)
 
     def _diagnose(self) -> None:
+        """Publish ``/diagnostics``."""
         if self.loop.compiling:
             self._say_once(COMPILING_EFFECTS if self.loop.ready else COMPILING)
         message = DiagnosticArray(status=[simulator_status(self)])
@@ -285,17 +305,17 @@ class SimulatorNode(GuardedNode):
         self._diagnostics.publish(message)
 
     def _say_once(self, text: str) -> None:
-        if text != self._told:
-            self._told = text
+        if text != self._last_said:
+            self._last_said = text
             self.get_logger().info(text)
 
     @property
     def real_time_factor(self) -> float:
-        """Simulation over wall time, as wanted."""
+        """Requested simulation time over wall time."""
         return float(self._get("real_time_factor"))
 
     def destroy_node(self) -> None:
-        """End the loop, finish the recording and the mirror, then the node."""
+        """Stop the loop, finish the recording and the mirror, then destroy the node."""
         self.loop.close()
         if self.recorder.path:
             ended = self.recorder.end()

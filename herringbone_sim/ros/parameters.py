@@ -1,4 +1,4 @@
-"""ROS parameters from the one table in ``core.parameters``, and those of the node itself."""
+"""ROS parameters of the node, declared from the table in ``core.parameters`` and its own."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from herringbone_sim.effects.written import read_effects
 from herringbone_sim.recording.node_parameters import (
     OF_NODE,
     check,
+    converted,
     default_of,
-    fitted,
-    known,
+    is_known,
+    is_unset,
     meaning_of,
-    unset,
     warning_of,
 )
 from herringbone_sim.recording.parameter_file import EFFECTS
@@ -41,7 +41,7 @@ TYPES = {
 
 
 def descriptor(name: str) -> ParameterDescriptor:
-    """What ``ros2 param describe`` shows."""
+    """Descriptor that ``ros2 param describe`` shows."""
     about = meaning_of(name)
     kind = type(default_of(name))
     unit = "" if about.unit == "-" else f" [{about.unit}]"
@@ -62,16 +62,16 @@ def descriptor(name: str) -> ParameterDescriptor:
 
 
 def adapted(parameter: Parameter) -> Parameter:
-    """The parameter in the type of its declaration, where a tool of ROS guessed another."""
+    """The parameter converted to its declared type, where a ROS tool sent another type."""
     name = parameter.name
-    value = fitted(name, parameter.value)
+    value = converted(name, parameter.value)
     if value is parameter.value:
         return parameter
     return Parameter(name, Parameter.Type(TYPES[type(default_of(name))]), value)
 
 
 def declare(node: Node) -> None:
-    """Declare all parameters; unknown ones are warned of, unset ones have their defaults.
+    """Declare all parameters; unknown ones give a warning, unset ones keep their defaults.
 
     Raises:
         ParameterError: an override of the wrong type, or outside its range.
@@ -81,9 +81,9 @@ def declare(node: Node) -> None:
         warning = warning_of(name, override.value)
         if warning:
             node.get_logger().warning(warning)
-        if not known(name):
+        if not is_known(name):
             continue
-        if unset(override.value):
+        if is_unset(override.value):
             del overrides[name]
         else:
             overrides[name] = adapted(override)
@@ -98,24 +98,26 @@ def declare(node: Node) -> None:
 
 
 def _declare_empty(node: Node, about: ParameterDescriptor) -> None:
-    """Declare an empty list of numbers: rclpy takes the type of a new one from its first value."""
+    """Declare an empty list of numbers; rclpy takes the type of a parameter from its first
+    value.
+    """
     node.declare_parameter(about.name, [0.0])
     node.set_parameters([Parameter(about.name, Parameter.Type.DOUBLE_ARRAY, [])])
     node.set_descriptor(about.name, about)
 
 
 def read_model(node: Node) -> Parameters:
-    """The model's parameters as declared; ParameterError as when built."""
+    """Parameters of the model as declared; ParameterError if no gear can have them."""
     return core.from_mapping({name: node.get_parameter(name).value for name in core.names()})
 
 
 def read_actives(node: Node) -> tuple[Active, ...]:
-    """The effects as declared; ParameterError when there are none such."""
+    """Effects as declared; ParameterError for an unknown one."""
     return read_effects(node.get_parameter(EFFECTS).value)
 
 
-def stands(node: Node, parameter: Parameter) -> bool:
-    """Whether a read-only parameter has the value that it is to be set to."""
+def is_unchanged(node: Node, parameter: Parameter) -> bool:
+    """Whether a read-only parameter already has the value that it is to be set to."""
     if not node.describe_parameter(parameter.name).read_only:
         return False
     now = node.get_parameter(parameter.name)
@@ -125,5 +127,5 @@ def stands(node: Node, parameter: Parameter) -> bool:
 
 
 def plain(parameters: Iterable[Parameter]) -> dict[str, Any]:
-    """Names and plain values of ROS parameters."""
+    """Values of ROS parameters by name."""
     return {p.name: p.value for p in parameters}

@@ -1,6 +1,6 @@
-"""Publishers and subscriptions whose quality of service a user may override by parameter.
+"""Publishers and subscriptions whose quality of service can be overridden by parameters.
 
-The parameters are those of every ROS 2 node, as
+The parameters are those of every ROS 2 node, such as
 ``qos_overrides./herringbone_sim/state.publisher.reliability``.
 """
 
@@ -34,17 +34,17 @@ LATCHED = QoSProfile(
     depth=1,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-REFUSALS = (  # of rclpy, where a policy has a name or a value that there is not
+REFUSALS = (  # raised by rclpy for a policy with an unknown name or value
     *(ParameterException, InvalidQoSProfileException, RuntimeError, ValueError, AssertionError),
     rclpy_implementation.RCLError,
 )
 
 
 def open_publisher(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Any:
-    """A publisher with overridable history, depth and reliability.
+    """Create a publisher with overridable history, depth and reliability.
 
     Raises:
-        ParameterError: an override that can't be.
+        ParameterError: an invalid override.
     """
     with _refusing(node, topic):
         return node.create_publisher(kind, topic, copy.copy(qos), qos_overriding_options=_open())
@@ -53,10 +53,10 @@ def open_publisher(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Any:
 def open_subscription(
     node: Node, kind: Any, topic: str, take: Callable[[Any], None], qos: QoSProfile
 ) -> Any:
-    """A subscription with overridable history, depth and reliability.
+    """Create a subscription with overridable history, depth and reliability.
 
     Raises:
-        ParameterError: an override that can't be.
+        ParameterError: an invalid override.
     """
     with _refusing(node, topic):
         return node.create_subscription(
@@ -70,6 +70,7 @@ def _open() -> QoSOverridingOptions:
 
 @contextmanager
 def _refusing(node: Node, topic: str) -> Iterator[None]:
+    """Context that turns rclpy's errors on an invalid policy into ParameterError."""
     try:
         yield
     except REFUSALS as error:

@@ -1,4 +1,4 @@
-"""The recorder: takes every block, loses none, and never ends the simulation."""
+"""The recorder: writes every block, and never ends the simulation if it fails."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from herringbone_sim.ros.session import (
     Place,
     Session,
     channels_content,
-    told,
+    loss_summary,
 )
 from herringbone_sim.runtime import Delivery
 
@@ -28,12 +28,12 @@ UNLIMITED = Limits()
 
 
 class Recorder:
-    """Starts and stops recordings, each in a thread of its own.
+    """Starts and stops recordings, each with a thread of its own.
 
     Args:
         node_name: full name of the node, the prefix of its topics.
-        decimate: picks the rows of a delivery that go to ``state``.
-        warn: called with a text when a recording fails or loses something.
+        decimate: selects the rows of a delivery that go to ``state``.
+        warn: called with a text if a recording fails or loses samples.
     """
 
     def __init__(
@@ -50,25 +50,25 @@ class Recorder:
 
     @property
     def path(self) -> Path | None:
-        """Folder of the run that is being recorded, or None."""
+        """Folder of the current run, None without a recording."""
         session = self._session
         return session.path if session else None
 
     @property
     def samples(self) -> int:
-        """Samples of this recording that lie on the disk."""
+        """Number of samples of this recording that are on the disk."""
         session = self._session
-        return session.kept if session else 0
+        return session.samples_kept if session else 0
 
     @property
     def error(self) -> str:
-        """Why the recording ended early, or what it lost while it goes on; else empty."""
+        """Why the recording ended early, or what it has lost so far; else empty."""
         session = self._session
         if session is None or not (session.error or session.losses):
             return ""
         if session.error:
             return session.error
-        said = f"a file of the recording was disturbed: {told(session.losses)}"
+        said = f"a file of the recording was disturbed: {loss_summary(session.losses)}"
         return f"{said}; recording to {session.path}"
 
     def start(
@@ -81,10 +81,10 @@ class Recorder:
         clock: Clock | None = None,
         limits: Limits = UNLIMITED,
     ) -> Path:
-        """Open a run that begins with the sample at ``state``; returns its absolute path.
+        """Start a run that begins with the sample at ``state``; returns its absolute path.
 
         Raises:
-            RecordingError: one is running already, or the folder can't be made.
+            RecordingError: a recording is running, or the folder can't be created.
         """
         if self._session:
             raise RecordingError(f"already recording to {self.path}: call record/stop first")
@@ -94,13 +94,13 @@ class Recorder:
         return self._session.path
 
     def put(self, delivery: Delivery) -> None:
-        """Take a delivery; waits when the disk is slower than the motion, so none is lost."""
+        """Queue a delivery; blocks if the disk is too slow, so that no sample is lost."""
         with self._lock:
             if self._session:
                 self._session.put(delivery)
 
     def stop(self) -> Outcome:
-        """Finish the recording, and say what became of it.
+        """Finish the recording and return its outcome.
 
         Raises:
             RecordingError: none is running, or it ended early (what was written is kept).
@@ -112,7 +112,7 @@ class Recorder:
         return session.stop()
 
     def end(self) -> Outcome | RecordingError:
-        """As ``stop``; where that raises, the error."""
+        """Like ``stop``, but returns the error instead of raising it."""
         try:
             return self.stop()
         except RecordingError as error:
@@ -120,6 +120,6 @@ class Recorder:
 
 
 def run_name(given: str, running: bool) -> str:
-    """Name of the next run: as given, with the wall time behind it where one is running."""
+    """Name of the next run: ``given``, with the wall time appended if a recording is running."""
     stamp = time.strftime("%Y-%m-%d_%H-%M-%S") + f"-{time.time_ns() // 10**6 % 1000:03d}"
     return given if given and not running else f"{given or 'run'}_{stamp}"

@@ -1,4 +1,4 @@
-"""Send a recording over the topics of the node, at a chosen speed, as ``ros2 bag play`` would."""
+"""Publish a recording on the topics of the node at a chosen speed, like ``ros2 bag play``."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ ON_SECTION = 1e-6
 
 @dataclass(frozen=True)
 class Playing:
-    """How a recording is sent.
+    """How a recording is published.
 
     Attributes:
-        speed: recorded over wall time; 1 is the machine's own time.
-        start_s: what is left out at its beginning [s].
-        loop: whether it begins again, there, at its end.
-        clock_hz: rate of ``/clock`` [1/s], the time of the recording; 0 sends none.
+        speed: recorded time over wall time.
+        start_s: time left out at its beginning [s].
+        loop: whether it is repeated from there.
+        clock_hz: rate of ``/clock`` with the time of the recording [1/s]; 0 for none.
 
     Raises:
-        ParameterError: a number that can't be.
+        ParameterError: a number out of range.
     """
 
     speed: float = 1.0
@@ -74,7 +74,7 @@ class Playing:
 
 @dataclass
 class Stop:
-    """The signal that asked for an end, 0 as long as none has."""
+    """Number of the signal that asked to stop, 0 before."""
 
     number: int = 0
 
@@ -91,14 +91,15 @@ class Sent:
 def publish(recording: Recording, playing: Playing, node_name: str = "herringbone_sim") -> Sent:
     """Publish ``~/channels``, ``~/samples``, ``~/section`` and ``~/state`` of a run.
 
-    ``~/state`` is taken at phase 0, so it is a section and never an alias. SIGINT and SIGTERM end
-    it; to be called in the main thread.
+    ``~/state`` is sampled at phase 0, so a live plot shows a section and no aliasing. SIGINT and
+    SIGTERM end it; call it in the main thread.
 
     Args:
-        node_name: whose topics; two nodes of one name confuse subscribers.
+        node_name: name of the node whose topics are used; two nodes of one name confuse
+            subscribers.
 
     Raises:
-        ParameterError: a name that ROS doesn't take, a start behind the end, a second clock.
+        ParameterError: an invalid name, a start after the end, or another publisher of ``/clock``.
     """
     series = recording.samples
     length_s = float(series.times[-1] - series.times[0])
@@ -120,7 +121,7 @@ def publish(recording: Recording, playing: Playing, node_name: str = "herringbon
 
 @contextmanager
 def stop_on_signals() -> Iterator[Stop]:
-    """Take SIGINT and SIGTERM as the wish to stop, while inside."""
+    """Context in which SIGINT and SIGTERM only set the number in ``Stop``."""
     stop = Stop()
 
     def take(number: int, _: object) -> None:
@@ -136,6 +137,7 @@ def stop_on_signals() -> Iterator[Stop]:
 
 
 def _node(name: str) -> Node:
+    """Create a node; ParameterError for an invalid name."""
     try:
         return Node(name)
     except (InvalidNodeNameException, InvalidNamespaceException) as error:
@@ -146,7 +148,7 @@ def _node(name: str) -> Node:
 
 @dataclass
 class _Player:
-    """A node with the topics of a recording, and how far it has been sent."""
+    """Publishers of a recording and the progress of sending it."""
 
     node: Node
     recording: Recording
@@ -157,6 +159,7 @@ class _Player:
     clock: Any = None
 
     def __post_init__(self) -> None:
+        """Create the publishers and find the section points."""
         node, series = self.node, self.recording.samples
         self.channels = node.create_publisher(String, "~/channels", LATCHED)
         self.samples = node.create_publisher(Float64MultiArray, "~/samples", STREAM)
@@ -175,7 +178,7 @@ class _Player:
         self.first = int(np.searchsorted(series.times, first_s - 1e-9))
 
     def play(self) -> Sent:
-        """Send it, in rounds if that is wanted."""
+        """Send the recording, repeatedly if asked."""
         if self.playing.clock_hz:
             self._open_clock()
         self.channels.publish(String(data=json.dumps(self.recording.channels.content)))
@@ -199,6 +202,7 @@ class _Player:
         return Sent(self.sent, all_of_it, self.stop.number)
 
     def _open_clock(self) -> None:
+        """Create the publisher of ``/clock``; ParameterError if another node has one."""
         limit, others = time.monotonic() + DISCOVERY_S, 0
         while not others and time.monotonic() < limit and not self.stop.number:
             time.sleep(TURN_S)
@@ -211,6 +215,7 @@ class _Player:
         self.clock = self.node.create_publisher(Clock, "/clock", 10)
 
     def _round(self, bar: tqdm) -> None:
+        """Send the recording once, paced by wall time."""
         times = self.recording.samples.times
         turn_s = min(TURN_S, 1.0 / self.playing.clock_hz) if self.playing.clock_hz else TURN_S
         began, at = time.monotonic(), self.first
@@ -224,6 +229,7 @@ class _Player:
             rclpy.spin_once(self.node, timeout_sec=turn_s)
 
     def _tick(self, t_s: float) -> None:
+        """Publish the time if it is due."""
         now = time.monotonic()
         if self.clock is not None and now >= self.clock_due_s:
             self.clock_due_s = now + 1.0 / self.playing.clock_hz
@@ -231,6 +237,7 @@ class _Player:
             self.clock.publish(Clock(clock=Time(sec=seconds, nanosec=part)))
 
     def _send(self, at: int, end: int) -> None:
+        """Publish the rows at .. end, and the section points among them."""
         series = self.recording.samples
         for rows in split_rows(end - at, len(series.names), len(",".join(series.names))):
             if self.stop.number:
@@ -243,6 +250,7 @@ class _Player:
             self._send_section(points)
 
     def _send_section(self, points: np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
+        """Publish section points, and the state at the last of them."""
         series = self.recording.samples
         self.section.publish(
             encode_samples(self.of_section, series.columns(self.of_section)[points])
@@ -254,7 +262,7 @@ class _Player:
             self.state.publish(encode_joint_state(StateSample(stamp, self.meshes, x, v, force)))
 
     def _wait_for_listeners(self) -> None:
-        """Give subscribers time to find the topics; go on without them after that."""
+        """Wait up to 2 s for a subscriber of the samples."""
         limit = time.monotonic() + DISCOVERY_S
         topic = self.samples.topic_name
         while time.monotonic() < limit and not (

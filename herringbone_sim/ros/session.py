@@ -1,4 +1,4 @@
-"""One recording of the node, from its start to its end: every block, and the truth about them."""
+"""One recording of the node from start to end, with an exact account of its samples."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from herringbone_sim.version import VERSION
 
 QUEUE_BLOCKS = 256
 FLUSH_S = 0.25
-TOLD = 3  # losses that one line tells
+MOST_LISTED = 3  # losses that one line tells
 
 
 def channels_content(
     model: Model, state: State, actives: Sequence[Active] = (), clock: Clock | None = None
 ) -> dict[str, Any]:
-    """Content of the ``channels`` topic: all that a run can be repeated from.
+    """Content of the ``channels`` topic: everything needed to replay a run.
 
     Args:
         state: at the first sample.
-        actives: effects of the gear and its sensors; they stand with the parameters.
-        clock: how that of the sensors stands.
+        actives: effects of the gear and its sensors; stored with the parameters.
+        clock: of the sensors at the first sample.
     """
     p = model.parameters
     return {
@@ -65,7 +65,7 @@ def channels_content(
 
 @dataclass(frozen=True)
 class Limits:
-    """When a file is large enough for the next one to begin; 0 is never.
+    """Limits at which the next file begins; 0 for none.
 
     Attributes:
         size_mb: megabytes, of 10^6 bytes.
@@ -76,7 +76,9 @@ class Limits:
     span_s: float = 0.0
 
     def reached(self, writer: RunWriter, t_s: float) -> bool:
-        """Whether the sample at t_s [s] belongs in the next file; not in one without samples."""
+        """Whether the sample at t_s [s] belongs in the next file; False in a file without
+        samples.
+        """
         span_s = t_s - writer.file_first_s
         large = 0.0 < self.size_mb <= writer.file_bytes / 1e6
         return not math.isnan(span_s) and (large or 0.0 < self.span_s <= span_s)
@@ -84,13 +86,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording.
+    """Result of a recording.
 
     Attributes:
         path: folder of its last run.
-        written: samples that lie on the disk.
-        offered: samples that there were to record.
-        losses: a sentence on each file that others deleted, replaced, cut or moved away.
+        written: samples that are on the disk.
+        offered: samples that were to be recorded.
+        losses: a sentence on each file that was deleted, replaced, cut or moved by others.
     """
 
     path: Path
@@ -100,23 +102,23 @@ class Outcome:
 
     @property
     def lost(self) -> int:
-        """Samples that lie nowhere on the disk."""
+        """Number of samples that are not on the disk."""
         return self.offered - self.written
 
     def __str__(self) -> str:
-        said = f" ({told(self.losses)})" if self.losses else ""
+        said = f" ({loss_summary(self.losses)})" if self.losses else ""
         return f"{self.written} samples written, {self.lost} lost{said}, to {self.path}"
 
 
-def told(losses: Sequence[str]) -> str:
-    """The losses in one line, of many the last ones."""
-    more = [f"{len(losses) - TOLD} before that"] if len(losses) > TOLD else []
-    return "; ".join([*losses[-TOLD:], *more])
+def loss_summary(losses: Sequence[str]) -> str:
+    """The losses in one line; of many only the last ones."""
+    more = [f"{len(losses) - MOST_LISTED} before that"] if len(losses) > MOST_LISTED else []
+    return "; ".join([*losses[-MOST_LISTED:], *more])
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a recording is written, and how.
+    """Where and how a recording is written.
 
     Attributes:
         record_dir: folder of the runs.
@@ -132,20 +134,20 @@ class Place:
 
 
 class Session:
-    """Writes deliveries to a run in a thread of its own, and goes on in another where it vanishes.
+    """Writes deliveries to a run in a thread; continues in a new run if its files are lost.
 
     Args:
         place: where to.
-        first: what the first sample comes from: model, state, effects, clock.
-        decimate: picks the rows of a delivery that go to ``state``.
-        warn: called with a text when the recording fails or loses something.
+        first: origin of the first sample: model, state, effects, clock.
+        decimate: selects the rows of a delivery that go to ``state``.
+        warn: called with a text if the recording fails or loses samples.
 
     Attributes:
-        offered: samples that there were to record.
-        error: why it ended early; empty while it goes on.
+        offered: samples that were to be recorded.
+        error: why it ended early; empty before.
 
     Raises:
-        RecordingError: the run can't be made.
+        RecordingError: the run can't be created.
     """
 
     def __init__(
@@ -159,7 +161,7 @@ class Session:
         self._decimate = decimate
         self._warn = warn
         self._queue: Queue[Delivery | None] = Queue(QUEUE_BLOCKS)
-        self.offered, self.error, self._told = 0, "", 0
+        self.offered, self.error, self._reported = 0, "", 0
         model, state, _, _ = first
         self._start_ns = time.time_ns() - round(state.t * 1e9)
         self._vanished = False
@@ -168,6 +170,7 @@ class Session:
         self._thread.start()
 
     def _create(self, name: str, model: Model, content: dict[str, Any], t_s: float) -> RunWriter:
+        """Writer of a new run."""
         place, names = self._place, model.layout.channels
         start = self._start_ns
         return RunWriter.create(
@@ -176,21 +179,21 @@ class Session:
 
     @property
     def path(self) -> Path:
-        """Folder of the run that is written now."""
+        """Folder of the run that is being written."""
         return self._runs[-1].path
 
     @property
-    def kept(self) -> int:
-        """Samples known to lie on the disk."""
+    def samples_kept(self) -> int:
+        """Number of samples known to be on the disk."""
         return sum(run.samples_kept for run in self._runs)
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """A sentence on each file that others deleted, replaced, cut or moved away."""
+        """A sentence on each file that was deleted, replaced, cut or moved by others."""
         return tuple(loss for run in self._runs for loss in run.losses)
 
     def put(self, delivery: Delivery) -> None:
-        """Take a delivery; waits when the disk is slower than the motion, so none is lost."""
+        """Queue a delivery; blocks if the disk is too slow, so that no sample is lost."""
         self.offered += len(delivery.block.rows)
         if not self.error:
             self._queue.put(delivery)
@@ -203,12 +206,13 @@ class Session:
         """
         self._queue.put(None)
         self._thread.join()
-        outcome = Outcome(self.path, self.kept, self.offered, self.losses)
+        outcome = Outcome(self.path, self.samples_kept, self.offered, self.losses)
         if self.error:
             raise RecordingError(f"{self.error}; {outcome}")
         return outcome
 
     def _run(self) -> None:
+        """Thread: write deliveries and flush every quarter of a second until the end."""
         flushed, ended = time.monotonic(), False
         while not ended:
             delivery, ended = self._next()
@@ -225,10 +229,10 @@ class Session:
                     self._runs[-1].close({"samples_offered": str(self.offered)})
             except Exception as error:
                 self._fail(error)
-            self._tell()
+            self._report_losses()
 
     def _next(self) -> tuple[Delivery | None, bool]:
-        """The next delivery, if there is one in time, and whether it was the last."""
+        """The next delivery, None if none came in time, and whether the recording ends."""
         try:
             delivery = self._queue.get(timeout=FLUSH_S)
         except Empty:
@@ -236,6 +240,7 @@ class Session:
         return delivery, delivery is None
 
     def _fail(self, error: Exception) -> None:
+        """Note a failure; a lost file only marks that a new run is needed."""
         if isinstance(error, RecordingLostError):
             self._vanished = True
             return
@@ -243,20 +248,23 @@ class Session:
         self.error = self.error or said
         self._warn(f"the recording ended: {said}; the simulation goes on")
 
-    def _tell(self) -> None:
-        """Log what is lost since the last time."""
+    def _report_losses(self) -> None:
+        """Log the losses since the last call."""
         losses = self.losses
-        for loss in losses[self._told :]:
+        for loss in losses[self._reported :]:
             self._warn(f"a file of the recording was disturbed: {loss}")
-        self._told = len(losses)
+        self._reported = len(losses)
 
     def _take(self, delivery: Delivery) -> None:
+        """Write one delivery."""
         if len(delivery.block.rows):
             self._open_for(delivery)
         self._write(delivery)
 
     def _open_for(self, delivery: Delivery) -> None:
-        """A file for the delivery: the one that is open, the next one, or one of a new run."""
+        """Have a file open for the delivery: the present one, the next one, or one of a new
+        run.
+        """
         t_s = float(delivery.block.rows[0, 0])
         try:
             if not self._vanished and self._place.limits.reached(self._runs[-1], t_s):
@@ -270,6 +278,7 @@ class Session:
             self._warn(f"recording goes on in {self.path}")
 
     def _write(self, delivery: Delivery) -> None:
+        """Write parameter changes, samples and decimated states of a delivery."""
         block, layout, writer = delivery.block, delivery.model.layout, self._runs[-1]
         now = time.time_ns()
         for change in delivery.changes:

@@ -1,4 +1,4 @@
-"""``/clock``: simulation time for other nodes, from one publisher in a domain."""
+"""Simulation time on ``/clock`` for other nodes, with one publisher per domain."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from herringbone_sim.ros.qos import STREAM, open_publisher
 
 PERIOD_S = 0.01
-DISCOVERY_S = 0.5  # for the publishers of other nodes to be found
+DISCOVERY_S = 0.5  # wait for the discovery of other publishers
 
 
 class SimClock:
@@ -22,8 +22,8 @@ class SimClock:
 
     Args:
         node: owner of publisher and timer.
-        steady, group: what the timer goes by, and belongs to.
-        t_s: simulation time [s] now.
+        steady, group: clock and callback group of the timer.
+        t_s: returns the simulation time [s].
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class SimClock:
         node.create_timer(PERIOD_S, self.tick, group, clock=steady)
 
     def tick(self) -> None:
-        """Tell the time now."""
+        """Publish the present simulation time."""
         if self._publisher is not None:
             seconds, part = divmod(round(self._t_s() * 1e9), 10**9)
             self._publisher.publish(ClockMessage(clock=Time(sec=seconds, nanosec=part)))

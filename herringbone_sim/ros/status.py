@@ -1,4 +1,4 @@
-"""What the node says of itself in ``/diagnostics``."""
+"""Status of the simulator in ``/diagnostics``."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from herringbone_sim.effects.written import effects_text
 if TYPE_CHECKING:
     from herringbone_sim.ros.node import SimulatorNode
 
-BEHIND = 0.9  # of the wanted real-time factor
+BEHIND = 0.9  # share of the requested real-time factor below which the node is behind
 
 
 def simulator_status(node: SimulatorNode) -> DiagnosticStatus:
-    """Level and message are the worst that holds, values all the figures."""
+    """Diagnostic status: level and message of the most severe condition, and all figures as
+    values.
+    """
     loop, recorder, mirror = node.loop, node.recorder, node.mirror
     reached = 0.0 if loop.paused else loop.pace.reached
     values = {
@@ -48,6 +50,7 @@ def simulator_status(node: SimulatorNode) -> DiagnosticStatus:
 
 
 def _level(node: SimulatorNode) -> tuple[bytes, str]:
+    """Level and text of the most severe condition."""
     loop = node.loop
     if node.fault or node.recorder.error:
         return DiagnosticStatus.ERROR, node.fault or node.recorder.error

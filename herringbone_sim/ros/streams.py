@@ -1,4 +1,4 @@
-"""Topics: blocks of samples, decimated state, section, regime; in a thread of its own."""
+"""Publish samples, decimated state, section and regime in a thread of its own."""
 
 from __future__ import annotations
 
@@ -36,10 +36,11 @@ ENOUGH_PER_CYCLE = 8
 
 
 class Decimator:
-    """Picks the samples of ``~/state``: evenly where it is fast enough, else at phase 0.
+    """Selects the samples of ``~/state``: evenly spaced if the rate allows it, else at phase 0.
 
-    At phase 0 only every m-th mesh cycle is taken, m without small factors, so that a period of
-    2, 3, 4, ... cycles shows all its points: a live plot is a section, never an alias.
+    At phase 0 only every m-th mesh cycle is taken, with m coprime to 2, 3, 5 and 7, so that a
+    motion of period 2, 3, 4, ... shows all its points: a live plot then shows a section, not an
+    alias.
     """
 
     def __init__(self, publish_rate: float) -> None:
@@ -47,7 +48,7 @@ class Decimator:
         self.speed = 1.0
 
     def __call__(self, delivery: Delivery) -> list[int]:
-        """Row numbers to send, in order."""
+        """Indices of the rows to publish, ascending."""
         block, p = delivery.block, delivery.model.parameters
         rate = self.speed / sample_period_s(delivery.model)
         per_cycle = p.samples_per_cycle
@@ -63,7 +64,7 @@ class Decimator:
 
 
 def coprime(least: float) -> int:
-    """Smallest whole number from ``least`` on that shares no factor with 2, 3, 5, 7."""
+    """Smallest integer from ``least`` on that is coprime to 2, 3, 5 and 7."""
     m = max(math.ceil(least), 1)
     while math.gcd(m, 210) != 1:
         m += 1
@@ -71,13 +72,13 @@ def coprime(least: float) -> int:
 
 
 class Streams:
-    """Publishes deliveries; drops and counts when the executor or DDS is too slow.
+    """Publishes deliveries; drops and counts them if the executor or DDS is too slow.
 
     Args:
         node: owner of the publishers.
-        decimate: picks the rows of ``~/state``.
-        onward: called in this thread with every delivery and the regime, about every
-            ``REGIME_S`` seconds of wall time (the mirror hangs on it).
+        decimate: selects the rows of ``~/state``.
+        onward: called in the publishing thread with the deliveries since the last call and the
+            regime, about every ``REGIME_S`` seconds of wall time (for the mirror).
     """
 
     def __init__(
@@ -97,27 +98,29 @@ class Streams:
         self._channels = open_publisher(node, String, "~/channels", LATCHED)
         self._regime = open_publisher(node, DiagnosticArray, "~/regime", STREAM)
         self._monitor = RegimeMonitor()
-        self._told = 0.0
+        self._last_regime_s = 0.0
         self._batch: list[Delivery] = []
         self._missed: Delivery | None = None
         self._queue: Queue[Delivery | None] = Queue(QUEUE_BLOCKS)
         self._thread = threading.Thread(target=self._run, name="streams", daemon=True)
 
     def start(self, model: Model, state: State, actives: Sequence[Active], clock: Clock) -> None:
-        """Tell ``~/channels`` of what comes, long before the first samples where it compiles."""
+        """Publish ``~/channels`` at once, as compiling may delay the first samples, and start the
+        thread.
+        """
         self._publish_channels(channels_content(model, state, actives, clock), ())
         self._thread.start()
 
     def close(self) -> None:
-        """Send what waits and end the thread."""
+        """Publish what is queued and end the thread."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join(10.0)
 
     def put(self, delivery: Delivery) -> None:
-        """Take a delivery, or drop and count it when the queue is full.
+        """Queue a delivery, or drop and count it if the queue is full.
 
-        The next one then carries its changes, and has the monitor start afresh.
+        The next delivery then carries its parameter changes and restarts the regime monitor.
         """
         missed, self._missed = self._missed, None
         if missed:
@@ -130,35 +133,40 @@ class Streams:
             self._missed = delivery
 
     def announce(self, delivery: Delivery) -> None:
-        """Publish ``~/channels``: names, units, parameters in force, what changed and when."""
+        """Publish ``~/channels``: names, units, parameters in force, latest changes with their
+        times.
+        """
         content = channels_content(
             delivery.model, delivery.block.start, delivery.actives, delivery.clock
         )
         self._publish_channels(content, delivery.changes)
 
     def _publish_channels(self, content: dict[str, Any], changes: Sequence[Change]) -> None:
+        """Publish the content of ``~/channels`` with the latest parameter changes."""
         content["changes"] = [{"t": c.t_s, "values": dict(c.values)} for c in changes]
         self._channels.publish(String(data=json.dumps(content)))
 
     def _run(self) -> None:
+        """Thread: publish deliveries until ``close``."""
         while True:
             try:
                 delivery = self._queue.get(timeout=REGIME_S)
             except Empty:
-                self._tell()
+                self._publish_regime()
                 continue
             if delivery is None or not self._node.context.ok():
                 return
             try:
                 self._publish(delivery)
                 self._batch.append(delivery)
-                if time.monotonic() - self._told >= REGIME_S:
-                    self._tell()
+                if time.monotonic() - self._last_regime_s >= REGIME_S:
+                    self._publish_regime()
             except Exception as error:
                 self.dropped += 1
                 self._node.get_logger().error(f"a block was not published: {error!r}")
 
     def _publish(self, delivery: Delivery) -> None:
+        """Publish samples, section and state of one delivery."""
         block, names = delivery.block, delivery.model.layout.channels
         if delivery.changes or delivery.restarted or self.regime is None:
             self.announce(delivery)
@@ -172,6 +180,7 @@ class Streams:
             self._publish_state(delivery.model, block.rows[i])
 
     def _publish_section(self, delivery: Delivery) -> None:
+        """Publish the samples at phase 0."""
         n = delivery.model.layout.n_mesh
         names = delivery.model.layout.channels
         keep = [0, 1, *range(5, 5 + 2 * n)]
@@ -183,15 +192,17 @@ class Streams:
     def _publish_state(
         self, model: Model, row: np.ndarray[tuple[int], np.dtype[np.float64]]
     ) -> None:
+        """Publish displacement, velocity and force of all meshes of one sample."""
         n = model.layout.n_mesh
         x, v, force = row[5 : 5 + n], row[5 + n : 5 + 2 * n], row[5 + 2 * n : 5 + 3 * n]
         sample = StateSample(stamp_ns(float(row[0])), model.layout.meshes, x, v, force)
         self._state.publish(encode_joint_state(sample))
 
-    def _tell(self) -> None:
+    def _publish_regime(self) -> None:
+        """Publish the regime and pass the deliveries since the last call onward."""
         if not self._batch:
             return
-        self._told = time.monotonic()
+        self._last_regime_s = time.monotonic()
         model = self._batch[-1].model
         self.regime = self._monitor.regime(model)
         name = self._node.get_fully_qualified_name()
@@ -207,7 +218,7 @@ class Streams:
 def regime_status(
     node_name: str, regime: Regime, model: Model, delivery: Delivery
 ) -> DiagnosticStatus:
-    """The regime as a diagnostic status: message is the label, values the figures."""
+    """The regime as a diagnostic status: its label as message, figures as values."""
     p = model.parameters
     values = {
         "regime": regime.label,

@@ -16,7 +16,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from herringbone_sim.core.cache import told_of_compiling
+from herringbone_sim.core.cache import on_compiling
 from herringbone_sim.core.integrate import Block, State, Stepper, warm_up
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import live_names
@@ -169,7 +169,7 @@ class Loop:
             Sensors(machine, chosen)
             wanted = _Wanted(machine, chosen, values)
             others = self._ready or not machine.alike(self._stepper)
-            later = self._preparing or (others and not machine.compiled)
+            later = self._preparing or (others and not machine.is_compiled)
             self._preparing += bool(later)
             if not later:
                 self._pending.append(wanted)
@@ -202,7 +202,7 @@ class Loop:
         def begun() -> None:
             self._compiling = True
 
-        with told_of_compiling(begun):
+        with on_compiling(begun):
             warm_up(machine.model)
         self._compiling = False
 

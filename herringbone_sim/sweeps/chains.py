@@ -1,8 +1,8 @@
-"""Continuations and ramps: each value goes on from where the one before ended.
+"""Continuations and ramps: each value starts from the final state of the value before it.
 
-Chains run along the first axis of a sweep, side by side over the others. A chain that breaks
-(no gear by such values, or a motion that diverges) begins anew at the initial state of the gear
-once there is one again.
+A chain runs along the first axis of a sweep; the other axes give chains side by side. If a value
+has no valid gear or its motion diverges, the chain starts again from the initial state of the gear
+at the next valid value.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
 from herringbone_sim.sweeps.observe import (
-    Asked,
+    ObservationRequest,
     Table,
     asymmetries,
-    build_all,
+    build_models,
     empty_table,
     observe,
     section_displacements,
@@ -34,16 +34,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Job:
-    """One part of a sweep, with no more of the sweep than it needs: it may have far to go.
+    """One part of a sweep, cut out so that little data goes to a worker.
 
     Attributes:
-        part: its number.
-        sweep: the values that it needs, cut out of the whole.
-        indices: flat indices in that.
-        first: flat index in the whole of the first value there.
-        visited: places of the first axis that its chains have been at before.
-        before: (width, n_state) states in which the part before it on its chains ended; None for
-            the first one, and where every value starts by itself.
+        part: number of the part.
+        sweep: the values that the part needs, cut out of the whole sweep.
+        indices: flat indices of the part in that cut.
+        first: flat index in the whole sweep of the first value of the cut.
+        visited: places on the first axis that the chains passed before this part.
+        before: (width, n_state) final states of the part before it; None for the first part, and
+            where every value starts from the initial state.
     """
 
     part: int
@@ -55,7 +55,9 @@ class Job:
 
     @property
     def rows(self) -> list[range]:
-        """What is observed at once: all, or the places of the first axis in the chains' order."""
+        """Groups of flat indices computed together: all, or one place of the first axis at a
+        time.
+        """
         sweep, indices = self.sweep, self.indices
         if not sweep.chained:
             return [indices]
@@ -65,7 +67,7 @@ class Job:
 
 
 def job_of(sweep: Sweep, part: int, before: Array | None = None) -> Job:
-    """The job of a part; ``before`` as in ``Job``."""
+    """Job of a part of a sweep; ``before`` as in ``Job``."""
     indices = sweep.part(part)
     if not sweep.chained:
         small, first = sweep.cut(indices)
@@ -81,62 +83,73 @@ def job_of(sweep: Sweep, part: int, before: Array | None = None) -> Job:
 
 
 def _moved(indices: range, first: int) -> range:
+    """Range of indices relative to ``first``."""
     return range(indices.start - first, indices.stop - first)
 
 
 def observe_parts(jobs: Sequence[Job]) -> list[Table]:
-    """Tables of some parts, in the order of the grid, computed side by side."""
+    """Compute the tables of several parts side by side; rows in the order of the grid."""
     rows, before = [job.rows for job in jobs], [job.before for job in jobs]
     tables: list[list[Table]] = [[] for _ in jobs]
     for step in range(max(map(len, rows))):
         going = [i for i in range(len(jobs)) if step < len(rows[i])]
-        found = _observe([replace(jobs[i], before=before[i]) for i in going], step)
-        for i, table in zip(going, found, strict=True):
+        computed = _observe([replace(jobs[i], before=before[i]) for i in going], step)
+        for i, table in zip(going, computed, strict=True):
             tables[i].append(table)
             before[i] = table.get("end")
     return [_whole(job, parts) for job, parts in zip(jobs, tables, strict=True)]
 
 
 def part_before(sweep: Sweep, part: int) -> int | None:
-    """The part whose end the chains of a part start from; None for the first one."""
+    """Number of the part whose final states a part starts from; None for the first one."""
     before = part + 1 if sweep.downwards else part - 1
     return before if sweep.chained and 0 <= before < sweep.n_parts else None
 
 
 def last_states(sweep: Sweep, table: Table) -> Array:
-    """States (width, n_state) in which the chains leave a part, from its table."""
+    """Final states (width, n_state) of the chains of a part, from its table."""
     ends: Array = table["end"][: sweep.width] if sweep.downwards else table["end"][-sweep.width :]
     return ends
 
 
 def _observe(jobs: Sequence[Job], step: int) -> list[Table]:
+    """Tables of one group of values of each job."""
     if jobs[0].sweep.ramped:
         return [_ramp(job, job.rows[step], job.visited + step) for job in jobs]
-    return observe([_asked(job, job.rows[step], job.visited + step) for job in jobs])
+    return observe([_request(job, job.rows[step], job.visited + step) for job in jobs])
 
 
-def _asked(job: Job, row: range, place: int) -> Asked:
+def _request(job: Job, row: range, place: int) -> ObservationRequest:
+    """Request for the values of one group of a job."""
     look = job.sweep.observation
-    return Asked(job.sweep, row, _starts(job, row), place * (look.transient + look.cycles))
+    return ObservationRequest(
+        job.sweep, row, _starts(job, row), place * (look.transient + look.cycles)
+    )
 
 
 def _whole(job: Job, tables: list[Table]) -> Table:
+    """Table of a job from the tables of its groups, in the order of the grid of the whole
+    sweep.
+    """
     ordered = tables[::-1] if job.sweep.downwards else tables
     table = {name: np.concatenate([table[name] for table in ordered]) for name in tables[0]}
     return table | {"index": table["index"] + job.first}
 
 
 def _neighbour(sweep: Sweep, index: int) -> int:
-    """Flat index of the value visited before."""
+    """Flat index of the previous value of the chain."""
     return index + sweep.width if sweep.downwards else index - sweep.width
 
 
 def _starts(job: Job, row: range) -> Array | None:
-    """States (width, n_state) that carry the motion before over to the values of a row."""
+    """Start states (width, n_state) of a group: the states before, at the same mesh displacements.
+
+    NaN where a gear or the state before it is missing, None for a job without states before.
+    """
     if job.before is None:
         return None
     starts = np.full_like(job.before, np.nan)
-    (models, _) = build_all(job.sweep, row)
+    (models, _) = build_models(job.sweep, row)
     for i, (index, new) in enumerate(zip(row, models, strict=True)):
         if new is not None and not np.isnan(job.before[i]).any():
             old = build(job.sweep.parameters_at(_neighbour(job.sweep, index)))
@@ -147,6 +160,7 @@ def _starts(job: Job, row: range) -> Array | None:
 
 
 def _ramp(job: Job, row: range, place: int) -> Table:
+    """Table of one group of values of a ramp."""
     table, before = empty_table(job.sweep, row), job.before
     reasons = []
     for i, index in enumerate(row):
@@ -159,6 +173,7 @@ def _ramp(job: Job, row: range, place: int) -> Table:
 def _ramp_one(
     sweep: Sweep, table: Table, i: int, index: int, start: Array | None, place: int
 ) -> str:
+    """Ramp to one value, enter its row i of the table, and return why it failed, or empty."""
     look = sweep.observation
     try:
         path = _path(sweep, index, start is None)
@@ -177,7 +192,9 @@ def _ramp_one(
 
 
 def _path(sweep: Sweep, index: int, anew: bool) -> list[Parameters]:
-    """The gear in every mesh cycle: from the value before to this one, or held where none is."""
+    """Parameters in every mesh cycle: from the previous value to this one, or constant at a
+    start.
+    """
     look = sweep.observation
     if anew:
         return [sweep.parameters_at(index)] * (look.transient + look.cycles)
@@ -193,30 +210,31 @@ def ramp(
     cycle: int = 0,
     actives: Sequence[Active] = (),
 ) -> tuple[Array | None, Model]:
-    """Drive one gear through a path of parameters, a mesh cycle each, as the node does.
+    """Integrate one gear while its parameters change once a mesh cycle, as in the node.
 
     Args:
         path: n parameter sets that differ in live parameters.
         start: (n_state,) state at phase 0 with the first of them; by default its initial state.
         cycle: mesh cycles that the control has run before.
-        actives: effects of the gear; their own states stand behind the others.
+        actives: effects of the gear; their further states are the last of the state vector.
 
     Returns:
-        (n + 1, n_state) states at the start of every cycle and at the end, None when the motion
-        diverged; and the last model.
+        states: (n + 1, n_state) at the start of every cycle and at the end; None if the motion
+            diverged.
+        model: the last one.
     """
-    machine = stepper(build(path[0]), actives)
-    state = replace(machine.start(), cycle=cycle)
+    gear_stepper = stepper(build(path[0]), actives)
+    state = replace(gear_stepper.start(), cycle=cycle)
     if start is not None:
         state = replace(state, y=start.copy())
     states = [state.y]
     for parameters in path:
-        if parameters is not machine.model.parameters:
+        if parameters is not gear_stepper.model.parameters:
             new = stepper(build(parameters), actives)
-            state, machine = change(machine, new, state), new
-        block = machine.advance(state, parameters.samples_per_cycle)
+            state, gear_stepper = change(gear_stepper, new, state), new
+        block = gear_stepper.advance(state, parameters.samples_per_cycle)
         if block.diverged:
-            return None, machine.model
+            return None, gear_stepper.model
         state = block.end
         states.append(state.y)
-    return np.array(states), machine.model
+    return np.array(states), gear_stepper.model

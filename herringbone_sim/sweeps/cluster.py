@@ -1,4 +1,4 @@
-"""A Dask cluster as an executor: who does not answer is told before anything is started."""
+"""A Dask cluster as an executor, with a scheduler or workers that are missing reported first."""
 
 from __future__ import annotations
 
@@ -17,10 +17,13 @@ WORKERS_S = 60
 
 @contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """An executor and the number of its cores; work of a worker that dies is given to another.
+    """Executor on a Dask cluster and its number of cores; work of a lost worker is run again.
+
+    Args:
+        address: of the scheduler, such as ``tcp://HOST:8786``.
 
     Raises:
-        AnalysisError: no scheduler there, no workers, or no Dask.
+        AnalysisError: no scheduler answers there, it has no workers, or Dask is not installed.
     """
     try:
         from distributed import Client
@@ -42,7 +45,9 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
 
 
 def _check(address: str) -> None:
-    """A client that finds nobody would hold up the end of the process: look before it is made."""
+    """Raise AnalysisError if no scheduler answers; a Client without one would block the process
+    exit.
+    """
     from distributed.comm.addressing import get_address_host_port
 
     try:
@@ -57,6 +62,7 @@ def _check(address: str) -> None:
 
 
 async def _greet(address: str) -> None:
+    """Open and close a Dask connection to an address; OSError if nothing there speaks Dask."""
     from distributed.core import connect
     from distributed.security import Security
 
@@ -71,6 +77,7 @@ async def _greet(address: str) -> None:
 
 
 def _last_cause(error: BaseException) -> BaseException:
+    """The first exception of a chain of causes."""
     while error.__cause__ is not None:
         error = error.__cause__
     return error

@@ -1,7 +1,7 @@
-"""Two gears over one parameter: which motions each has, and what moves between them.
+"""Compare the motions of two gears over one parameter, and match the boundaries between motions.
 
-A motion is named by its period in periods of the gear's own forcing, so that one which repeats
-once a revolution, because a tooth is cracked, is P1 too.
+The period of a motion is given in forcing periods of the gear, so a motion that repeats once a
+revolution because of a cracked tooth is still P1.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ Labels = Sequence[str]
 
 APERIODIC, FAILED = "aperiodic", "failed"
 CONTACT = {0.0: "contact kept", 1.0: "one flank lost", 2.0: "both flanks hit"}
-LEAST_STRETCH = 0.02  # of the values: shorter stretches are windows and stragglers
+LEAST_STRETCH = 0.02  # share of the values; shorter stretches are periodic windows, not regimes
 
 
 @dataclass(frozen=True)
-class Side:
-    """One of the two gears.
+class GearSweeps:
+    """Sweeps of one of the two gears over the same values.
 
     Attributes:
         name: ``nominal`` or ``augmented``.
-        results: over the same n values of one axis, by how a value is reached.
-        forcing: mesh cycles after which its effects repeat.
+        results: sweep results over the same n values of one axis, by the start of the sweep
+            (``fixed``, ``up``, ...).
+        forcing: forcing period of its effects in mesh cycles.
     """
 
     name: str
@@ -45,23 +46,23 @@ class Side:
         return next(iter(self.results.values())).axes[0]
 
     def motions(self, way: str) -> list[str]:
-        """``P1``, ``aperiodic``, ``failed``, ... at each value."""
+        """Name of the motion at each value: ``P1``, ``aperiodic``, ``failed``, ..."""
         return [motion(value, self.forcing) for value in self.results[way]["period"]]
 
     def contacts(self, way: str) -> list[str]:
-        """What contact is lost at each value, as ``CONTACT`` names it, or ``failed``."""
+        """Contact loss at each value, a text of ``CONTACT`` or ``failed``."""
         return [CONTACT.get(float(one), FAILED) for one in self.results[way]["contact_loss"]]
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Where one thing gives way to another as the parameter rises.
+    """Parameter value at which the motion or the contact loss changes.
 
     Attributes:
         kind: ``motion`` or ``contact``.
-        before, after: what is there below and above.
-        value: of the parameter.
-        half_width: half of what lies between the last value below and the first above.
+        before, after: label below and above it.
+        value: middle between the last value below and the first above.
+        half_width: half of their distance.
     """
 
     kind: str
@@ -72,12 +73,12 @@ class Boundary:
 
 
 @dataclass(frozen=True)
-class Move:
-    """A boundary of one gear and that of the other; None where only one of them has it.
+class BoundaryShift:
+    """A boundary of the nominal gear and the matching one of the augmented gear; one may be None.
 
     Attributes:
-        way: how the values were reached.
-        nominal, augmented: of the two gears.
+        way: start of the sweeps.
+        nominal, augmented: the boundary of each gear.
     """
 
     way: str
@@ -86,27 +87,27 @@ class Move:
 
     @property
     def boundary(self) -> Boundary:
-        """The one that there is; that of the nominal gear where both are."""
+        """The boundary of the nominal gear, else that of the augmented one."""
         found = self.nominal or self.augmented
         assert found is not None
         return found
 
     @property
     def shift(self) -> float:
-        """How far it moves; NaN where only one gear has it."""
+        """Augmented minus nominal parameter value; NaN if only one gear has the boundary."""
         if self.nominal is None or self.augmented is None:
             return float("nan")
         return self.augmented.value - self.nominal.value
 
     @property
-    def error(self) -> float:
-        """Up to which the shift is uncertain: the two half-widths together."""
+    def uncertainty(self) -> float:
+        """Uncertainty of the shift: the sum of the half-widths."""
         return sum(one.half_width for one in (self.nominal, self.augmented) if one is not None)
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Values from low to high, and what is there."""
+    """Interval of the parameter, and the different motions that coexist in it."""
 
     low: float
     high: float
@@ -114,7 +115,7 @@ class Stretch:
 
 
 def motion(period: float, forcing: int = 1) -> str:
-    """Name of a motion by its period in mesh cycles (0 aperiodic, NaN failed)."""
+    """Name of a motion from its period in mesh cycles (0 aperiodic, NaN failed)."""
     if not np.isfinite(period):
         return FAILED
     cycles = int(period)
@@ -123,8 +124,8 @@ def motion(period: float, forcing: int = 1) -> str:
     return f"P{cycles // forcing}" if cycles % forcing == 0 else f"{cycles} mesh cycles"
 
 
-def regimes(labels: Labels) -> list[tuple[int, int, str]]:
-    """First and last index of each stretch of one label; the short ones are left out."""
+def label_stretches(labels: Labels) -> list[tuple[int, int, str]]:
+    """First index, last index and label of each stretch of equal labels, short ones left out."""
     least = LEAST_STRETCH * len(labels)
     edges = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]), len(labels)]
     long = [(a, b - 1, labels[a]) for a, b in pairwise(edges) if b - a >= least]
@@ -138,7 +139,7 @@ def regimes(labels: Labels) -> list[tuple[int, int, str]]:
 
 
 def boundaries(kind: str, values: Sequence[float], labels: Labels) -> list[Boundary]:
-    """Where the labels (n,) of rising values (n,) change for long."""
+    """Boundaries between the stretches of labels (n,) over rising parameter values (n,)."""
     return [
         Boundary(
             kind,
@@ -147,65 +148,72 @@ def boundaries(kind: str, values: Sequence[float], labels: Labels) -> list[Bound
             (values[first] + values[last]) / 2.0,
             (values[first] - values[last]) / 2.0,
         )
-        for (_, last, before), (first, _, after) in pairwise(regimes(labels))
+        for (_, last, before), (first, _, after) in pairwise(label_stretches(labels))
     ]
 
 
-def moves(nominal: Side, augmented: Side, way: str) -> list[Move]:
-    """All boundaries of both gears by one way, those of one kind matched to the nearest."""
-    found: list[Move] = []
+def match_boundaries(nominal: GearSweeps, augmented: GearSweeps, way: str) -> list[BoundaryShift]:
+    """Boundaries of both gears for one start of the sweeps, equal changes matched to the
+    nearest.
+    """
+    found: list[BoundaryShift] = []
     for kind in ("motion", "contact"):
         mine, other = (_boundaries(side, way, kind) for side in (nominal, augmented))
         found += _matched(way, mine, other)
     return sorted(found, key=lambda one: (one.boundary.kind != "motion", one.boundary.value))
 
 
-def _boundaries(side: Side, way: str, kind: str) -> list[Boundary]:
+def _boundaries(side: GearSweeps, way: str, kind: str) -> list[Boundary]:
     labels = side.motions(way) if kind == "motion" else side.contacts(way)
     return boundaries(kind, side.axis.values, labels)
 
 
-def _matched(way: str, mine: list[Boundary], other: list[Boundary]) -> list[Move]:
+def _matched(way: str, nominal: list[Boundary], augmented: list[Boundary]) -> list[BoundaryShift]:
+    """Pair boundaries with equal labels before and after, the nearest first; each is used once."""
     pairs = sorted(
         (abs(a.value - b.value), i, j)
-        for i, a in enumerate(mine)
-        for j, b in enumerate(other)
+        for i, a in enumerate(nominal)
+        for j, b in enumerate(augmented)
         if (a.before, a.after) == (b.before, b.after)
     )
     partner: dict[int, int] = {}
     for _, i, j in pairs:
         if i not in partner and j not in partner.values():
             partner[i] = j
-    both = [Move(way, a, other[partner[i]] if i in partner else None) for i, a in enumerate(mine)]
+    both = [
+        BoundaryShift(way, a, augmented[partner[i]] if i in partner else None)
+        for i, a in enumerate(nominal)
+    ]
     taken = set(partner.values())
-    return both + [Move(way, None, b) for j, b in enumerate(other) if j not in taken]
+    return both + [BoundaryShift(way, None, b) for j, b in enumerate(augmented) if j not in taken]
 
 
-def shares(nominal: Side, augmented: Side, way: str) -> dict[str, tuple[float, float]]:
-    """Share of the values at which each gear has a motion, by its name; the commonest first."""
+def shares(nominal: GearSweeps, augmented: GearSweeps, way: str) -> dict[str, tuple[float, float]]:
+    """Share of the values (nominal, augmented) by name of the motion, the most frequent first."""
     counts = [Counter(side.motions(way)) for side in (nominal, augmented)]
     n = len(nominal.axis)
     names = [name for name, _ in (counts[0] + counts[1]).most_common()]
     return {name: (counts[0][name] / n, counts[1][name] / n) for name in names}
 
 
-def coexisting(side: Side) -> list[Stretch]:
-    """Stretches over which different ways to a value end in the same different motions."""
+def coexisting(side: GearSweeps) -> list[Stretch]:
+    """Stretches over which sweeps that start differently end in different motions."""
     at, values = motions_at(side), side.axis.values
-    stretches = regimes(["\n".join(sorted(motions)) for motions in at])
+    stretches = label_stretches(["\n".join(sorted(motions)) for motions in at])
     found = [(values[a], values[b], tuple(label.split("\n"))) for a, b, label in stretches]
     return [Stretch(*one) for one in found if len(one[2]) > 1]
 
 
-def motions_at(side: Side) -> list[list[str]]:
-    """Names of the different motions at each value, in the order of the ways; no failed ones.
+def motions_at(side: GearSweeps) -> list[list[str]]:
+    """Names of the different motions at each value, in the order of the starts, without failed
+    ones.
 
-    ``(left = right)`` stands behind those whose halves move alike. Two motions of one name are
-    two where they are told apart, see ``diagram.differ``.
+    A motion with equal halves has ``(left = right)`` in its name. Motions of equal names are
+    listed apart if ``diagram.differ`` tells them apart.
     """
     branches = [diagram_of([found]).branches[0] for found in side.results.values()]
     names = [
-        _told_apart(side.motions(way), branch)
+        _with_symmetry(side.motions(way), branch)
         for way, branch in zip(side.results, branches, strict=True)
     ]
     apart = {(i, j): differ(branches[i], branches[j]) for i in range(len(names)) for j in range(i)}
@@ -219,7 +227,8 @@ def motions_at(side: Side) -> list[list[str]]:
     return found
 
 
-def _told_apart(names: Sequence[str], branch: Branch) -> list[str]:
+def _with_symmetry(names: Sequence[str], branch: Branch) -> list[str]:
+    """Add ``(left = right)`` to the names of motions whose asymmetry is below ``SAME``."""
     alike = branch.asymmetry <= SAME
     pairs = zip(names, alike, strict=True)
     return [f"{name} (left = right)" if same else name for name, same in pairs]

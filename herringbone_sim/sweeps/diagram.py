@@ -1,4 +1,4 @@
-"""Bifurcation diagrams over one parameter, by several ways of getting to each value."""
+"""Bifurcation diagrams over one parameter, from sweeps with different starts."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from herringbone_sim.sweeps.store import Result
 
 Array = NDArray[np.float64]
 
-SAME = 0.01  # b_c: section points of one orbit come back closer than this, those of two do not
+SAME = 0.01  # b_c: largest distance of section points of one and the same orbit
 
 
 @dataclass(frozen=True)
 class Branch:
-    """The motions met by one way of getting to each value.
+    """Motions found by one sweep over the parameter.
 
     Attributes:
         start: ``fixed``, ``up``, ``down``, ``ramp_up`` or ``ramp_down``.
         values: (n,) of the parameter.
-        point_values: (n, m) value at each section point: it moves within a ramp.
+        point_values: (n, m) parameter value at each section point, which changes within a ramp.
         points: (n, m) section displacements of one mesh, b_c.
-        period: (n,) mesh cycles; 0 aperiodic; NaN failed, or moving all the time.
-        exponent, within, transverse: (n,) per tau, see ``observe``.
-        asymmetry: (n,) RMS of left less right, b_c.
-        reasons: n texts, empty where all went well.
+        period: (n,) mesh cycles; 0 aperiodic; NaN failed, or a ramp.
+        exponent, within, transverse: (n,) Lyapunov exponents per tau, see ``observe``.
+        asymmetry: (n,) RMS of left minus right displacements, b_c.
+        reasons: n texts, empty where nothing failed.
     """
 
     start: str
@@ -50,7 +50,7 @@ class Diagram:
 
     Attributes:
         axis: the parameter.
-        mesh: whose displacements the points are.
+        mesh: the mesh whose displacements are the points.
         branches: in the order in which they were given.
     """
 
@@ -59,10 +59,13 @@ class Diagram:
     branches: tuple[Branch, ...]
 
     def branch(self, start: str) -> Branch | None:
+        """The branch with a given start, None if there is none."""
         return next((one for one in self.branches if one.start == start), None)
 
     def hysteresis(self) -> NDArray[np.bool_]:
-        """Where (n,) two of the branches, ramps left out, end in different motions."""
+        """Whether (n,) any branch ends in another motion than the first one; ramps are left
+        out.
+        """
         held = [one for one in self.branches if not one.start.startswith("ramp")]
         apart = np.zeros(len(self.axis), dtype=bool)
         for one in held[1:]:
@@ -71,10 +74,10 @@ class Diagram:
 
 
 def diagram_of(results: Sequence[Result]) -> Diagram:
-    """Diagram of sweeps over one axis that differ in how they start.
+    """Bifurcation diagram from sweeps over one axis that differ in how they start.
 
     Raises:
-        AnalysisError: no sweep, more than one axis, different values, or no points kept.
+        AnalysisError: no sweep, more than one axis, different values, or no section points stored.
     """
     sweeps = [result.sweep for result in results]
     axes = {sweep.axes for sweep in sweeps}
@@ -89,30 +92,34 @@ def diagram_of(results: Sequence[Result]) -> Diagram:
     return Diagram(axis, sweeps[0].observation.mesh, tuple(map(_branch, results)))
 
 
-def differ(one: Branch, other: Branch) -> NDArray[np.bool_]:
-    """Where (n,) two branches end in different motions; false where either failed.
+def differ(a: Branch, b: Branch) -> NDArray[np.bool_]:
+    """Whether (n,) two branches end in different motions; False where either failed.
 
-    Motions differ when their periods do, when one keeps left and right alike and the other does
-    not, or when the section points of two periodic motions lie further apart than 0.01 b_c. Two
-    aperiodic motions are not told apart by their points.
+    Motions differ if their periods differ, if only one of them has equal left and right, or if the
+    section points of two periodic motions differ by more than 0.01 b_c. Two aperiodic motions are
+    not distinguished by their points.
     """
-    known = np.isfinite(one.period) & np.isfinite(other.period)
-    periods = one.period != other.period
-    sides = (one.asymmetry > SAME) != (other.asymmetry > SAME)
-    apart: NDArray[np.bool_] = known & (periods | sides | _orbits_apart(one, other))
+    known = np.isfinite(a.period) & np.isfinite(b.period)
+    periods = a.period != b.period
+    sides = (a.asymmetry > SAME) != (b.asymmetry > SAME)
+    apart: NDArray[np.bool_] = known & (periods | sides | _orbits_apart(a, b))
     return apart
 
 
-def _orbits_apart(one: Branch, other: Branch) -> NDArray[np.bool_]:
-    apart = np.zeros(len(one.values), dtype=bool)
-    for i in np.flatnonzero((one.period > 0) & (one.period == other.period)):
-        p = int(one.period[i])
-        a, b = np.sort(one.points[i, -p:]), np.sort(other.points[i, -p:])
+def _orbits_apart(first: Branch, second: Branch) -> NDArray[np.bool_]:
+    """Whether (n,) the sorted section points of two motions of equal period differ by more than
+    SAME.
+    """
+    apart = np.zeros(len(first.values), dtype=bool)
+    for i in np.flatnonzero((first.period > 0) & (first.period == second.period)):
+        p = int(first.period[i])
+        a, b = np.sort(first.points[i, -p:]), np.sort(second.points[i, -p:])
         apart[i] = np.abs(a - b).max() > SAME
     return apart
 
 
 def _branch(result: Result) -> Branch:
+    """Branch of a diagram from the result of one sweep."""
     values = np.array(result.sweep.axes[0].values)
     points = result["points"]
     return Branch(
@@ -130,7 +137,9 @@ def _branch(result: Result) -> Branch:
 
 
 def _point_values(result: Result, values: Array, count: int) -> Array:
-    """Value of the parameter (n, count) at each point; a ramp comes from the value before."""
+    """Parameter value (n, count) at each section point; within a ramp it changes every mesh
+    cycle.
+    """
     sweep = result.sweep
     ends = np.repeat(values[:, None], count, axis=1)
     if not sweep.ramped:

@@ -1,7 +1,8 @@
-"""Run what is missing of sweeps, over the cores of this machine or on a Dask cluster.
+"""Compute the missing parts of sweeps, on the cores of this machine or on a Dask cluster.
 
-Parts are computed anywhere and written here, each as soon as it is done, so a run that is cut off
-loses only the parts under way. What a part holds does not depend on who computes it.
+Parts are computed by workers and written by this process as soon as they are done, so an
+interrupted run loses only the parts in progress. The content of a part does not depend on the
+worker.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 from tqdm import tqdm
 
 from herringbone_sim.core.lanes.vector import LANES
+from herringbone_sim.sweeps.array_cache import print_above_bar
 from herringbone_sim.sweeps.chains import (
     Job,
     job_of,
@@ -24,23 +26,22 @@ from herringbone_sim.sweeps.chains import (
     part_before,
 )
 from herringbone_sim.sweeps.cluster import cluster
-from herringbone_sim.sweeps.kept import told
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import Store
 
 Entry = tuple[Store, Job]
 Task = tuple[Entry, ...]
 
-AHEAD = 2  # tasks under way for each core: one computed, one waiting
+AHEAD = 2  # tasks submitted per core: one running, one waiting
 
 
 def run_stores(
     stores: Sequence[Store], workers: int | None = None, scheduler: str | None = None
 ) -> None:
-    """Compute and write every part that is missing.
+    """Compute and write every missing part of some sweeps.
 
-    Ctrl-C ends it after the parts under way; what was written stays, and the next call goes on.
-    Parts that are damaged are named on stderr and computed again.
+    Ctrl-C ends it after the parts in progress; what was written stays, and the next call
+    continues. Damaged parts are named on stderr and computed again.
 
     Args:
         stores: sweeps that run side by side.
@@ -48,12 +49,12 @@ def run_stores(
         scheduler: address of a Dask scheduler to run on instead.
 
     Raises:
-        AnalysisError: no scheduler there, or no Dask.
+        AnalysisError: no scheduler answers there, or Dask is not installed.
     """
     values = sum(store.sweep.size for store in stores)
     lacking = [store.missing() for store in stores]
     for store, parts in zip(stores, lacking, strict=True):
-        _tell_damaged(store, parts)
+        _report_damaged(store, parts)
     to_do = sum(
         len(s.sweep.part(n)) for s, parts in zip(stores, lacking, strict=True) for n in parts
     )
@@ -75,19 +76,21 @@ def run_stores(
             waiting.extendleft(_tasks(following))
 
 
-def _tell_damaged(store: Store, lacking: Sequence[int]) -> None:
-    """Name the parts that are there and can't be believed."""
+def _report_damaged(store: Store, lacking: Sequence[int]) -> None:
+    """Print the names of parts whose files exist but fail their check."""
     paths = [store.path(part) for part in lacking]
     names = [path.name for path in paths if path.exists()]
     if names:
-        told(
+        print_above_bar(
             f"{store.folder / 'parts'}: {', '.join(names)} can't be believed (damaged, or written "
             "without a checksum by an earlier version): computed again"
         )
 
 
 def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:
-    """Parts that can be computed now: all, or of chains the first whose forerunner is there."""
+    """Yield jobs that can start now: all missing parts, or the first missing one of a chained
+    sweep.
+    """
     sweep = store.sweep
     if not sweep.chained:
         yield from ((store, job_of(sweep, part)) for part in missing)
@@ -100,7 +103,7 @@ def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:
 
 
 def _next(store: Store, part: int, table: Table) -> Iterator[Entry]:
-    """The part of a chain that goes on from one that is done."""
+    """Yield the job that continues a chain after a completed part, skipping stored parts."""
     sweep, step = store.sweep, -1 if store.sweep.downwards else 1
     while sweep.chained and 0 <= part + step < sweep.n_parts:
         part += step
@@ -112,23 +115,25 @@ def _next(store: Store, part: int, table: Table) -> Iterator[Entry]:
 
 
 def _tasks(entries: Sequence[Entry]) -> Iterator[Task]:
-    """Narrow continuations that are observed alike share the lanes of a task."""
-    alike: dict[object, list[Entry]] = {}
+    """Yield tasks of one job each; chains too narrow to fill the lanes are grouped if
+    compatible.
+    """
+    compatible: dict[object, list[Entry]] = {}
     for store, job in entries:
         sweep = store.sweep
         if sweep.chained and not sweep.ramped and sweep.width < LANES:
             base = sweep.base
             kind = (base.layout, base.order, base.method, sweep.observation, sweep.effects)
-            alike.setdefault(kind, []).append((store, job))
+            compatible.setdefault(kind, []).append((store, job))
         else:
             yield ((store, job),)
-    yield from (tuple(together) for together in alike.values())
+    yield from (tuple(together) for together in compatible.values())
 
 
 def _completed(
     pool: Executor, waiting: deque[Task], most: int
 ) -> Iterator[tuple[Task, list[Table]]]:
-    """Results in the order in which they come, at most so many tasks under way."""
+    """Yield tasks with their tables as they complete, with at most ``most`` tasks in progress."""
     running: dict[Future[list[Table]], Task] = {}
     try:
         while waiting or running:
@@ -145,7 +150,7 @@ def _completed(
 
 @contextmanager
 def _pool(workers: int | None, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
-    """An executor and the number of its cores."""
+    """Executor of threads or of a Dask cluster, and its number of cores."""
     if scheduler is not None:
         with cluster(scheduler) as pool:
             yield pool

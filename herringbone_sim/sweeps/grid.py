@@ -1,4 +1,4 @@
-"""What a sweep is: a gear, the axes over which its parameters run, and what is observed."""
+"""Definition of a sweep: a gear, the axes of its parameters, and what is observed."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from herringbone_sim.recording.safe_json import parse_json
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
 KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
 CHUNK = 256
-ALIKE = ("n_planets", "order")  # what all values of one batch share
+UNSWEPT = ("n_planets", "order")  # equal for all values of one batch
 _Made = TypeVar("_Made", "Observation", "Sweep")
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Values that one parameter takes, in increasing order.
+    """Increasing values of one parameter.
 
     Raises:
-        ParameterError: no such number, or values that do not increase.
+        ParameterError: no such numeric parameter, or values that do not increase.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Axis:
 
     def __post_init__(self) -> None:
         default = getattr(Parameters, self.name, None) if meaning(self.name) else None
-        if isinstance(default, (tuple, str)) or self.name in ALIKE:
+        if isinstance(default, (tuple, str)) or self.name in UNSWEPT:
             raise ParameterError(
                 f"{self.name} makes no axis: sweep a number that leaves the size of the model as "
                 "it is, such as delta_T, xi, K, Omega or T_1"
@@ -58,15 +58,14 @@ class Axis:
 
 @dataclass(frozen=True)
 class Observation:
-    """What is done at each value.
+    """Length of the run at each value and the quantities computed from it.
 
     Attributes:
         transient: mesh cycles left out first.
-        cycles: mesh cycles that exponents and contact are averaged over; the length of a ramp
-            from one value to the next.
-        points: section points looked at, of the last cycles; a period needs 5 repeats in them.
-        exponents: whether to work out Lyapunov exponents.
-        mesh: name such as ``sp_L`` whose section displacements are kept, or "" for none.
+        cycles: mesh cycles that are averaged over; in a ramp, from one value to the next.
+        points: section points, from the last cycles; a period is detected from 5 repeats in them.
+        exponents: whether to compute Lyapunov exponents.
+        mesh: name such as ``sp_L`` whose section displacements are stored, or "" for none.
     """
 
     transient: int = 300
@@ -85,21 +84,21 @@ class Observation:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A grid of parameter values, flattened with the first axis slowest, cut into chunks.
+    """A grid of parameter values, flattened with the first axis slowest, cut into parts.
 
     Attributes:
-        base: the gear; what is no axis stays as it is here.
-        axes: one or more; the first is the one along which a continuation runs.
-        observation: what is done at each value.
+        base: all parameters that are no axis.
+        axes: one or more; a continuation runs along the first.
+        observation: what is computed at each value.
         start: ``fixed``: every value starts from the initial state of the gear; ``up``, ``down``:
-            each starts where the one before on the first axis ended; ``ramp_up``, ``ramp_down``:
-            the parameter of the first axis moves every mesh cycle, and nothing starts anew.
-        chunk: values computed, stored and lost together.
-        effects: that the gear has, as a text (``effects.written``); empty for none.
+            from the final state of the value before it on the first axis; ``ramp_up``,
+            ``ramp_down``: one motion, with the parameter of the first axis changed every cycle.
+        chunk: number of values that are computed and stored together.
+        effects: of the gear, as YAML text (``effects.written``); empty for none.
 
     Raises:
-        ParameterError: no such start, an axis twice, a mesh or an effect that the gear does not
-            have.
+        ParameterError: an unknown start, an axis twice, or a mesh or an effect that the gear does
+            not have.
     """
 
     base: Parameters
@@ -125,12 +124,12 @@ class Sweep:
 
     @property
     def actives(self) -> tuple[Active, ...]:
-        """Effects that act on the machine; those of sensors change no motion."""
+        """Effects on the gear; those of sensors are left out, as they change no motion."""
         return tuple(one for one in read_effects(self.effects) if one.effect.level != "sensor")
 
     @property
     def n_state(self) -> int:
-        """States that a value starts from and ends in, own states of effects included."""
+        """Length of the state vector, further states of effects included."""
         start: State = stepper(build(self.base), self.actives).start()
         return len(start.y)
 
@@ -148,19 +147,22 @@ class Sweep:
 
     @property
     def width(self) -> int:
-        """Values at one place of the first axis: chains that run side by side."""
+        """Number of chains: values at one place of the first axis."""
         return math.prod(self.shape[1:])
 
     @property
     def chained(self) -> bool:
+        """Whether values start from the one before them."""
         return self.start != "fixed"
 
     @property
     def downwards(self) -> bool:
+        """Whether chains run from the last value to the first."""
         return self.start.endswith("down")
 
     @property
     def ramped(self) -> bool:
+        """Whether the parameter changes every mesh cycle."""
         return self.start.startswith("ramp")
 
     @property
@@ -172,12 +174,16 @@ class Sweep:
         return max(self.chunk // self.width, 1) * self.width if self.chained else self.chunk
 
     def part(self, number: int) -> range:
-        """Flat indices of one part; parts of a continuation hold whole places of its axis."""
+        """Flat indices of one part; in a chained sweep a part holds whole places of the first
+        axis.
+        """
         first = number * self._part_size
         return range(first, min(first + self._part_size, self.size))
 
     def cut(self, indices: range) -> tuple[Sweep, int]:
-        """A sweep of the values around some flat indices, and the flat index of its first one."""
+        """Smallest sub-grid that contains the given flat indices, and the flat index of its first
+        value.
+        """
         axes, first, width = list(self.axes), 0, self.size
         for k, axis in enumerate(self.axes):
             width //= len(axis)
@@ -189,24 +195,24 @@ class Sweep:
         return replace(self, axes=tuple(axes)), first
 
     def values_at(self, index: int) -> dict[str, float]:
-        """Values of the axes at a flat index."""
+        """Values of the axes at a flat index, by name."""
         place = np.unravel_index(index, self.shape)
         return {axis.name: axis.values[i] for axis, i in zip(self.axes, place, strict=True)}
 
     def parameters_at(self, index: int) -> Parameters:
-        """The gear at a flat index; ParameterError where there can be none."""
+        """Parameters at a flat index; ParameterError if no gear can have them."""
         return self.base.changed(self.values_at(index))
 
     def to_json(self) -> str:
-        """Text from which ``sweep_from_json`` makes an equal sweep."""
+        """JSON text from which ``sweep_from_json`` restores an equal sweep."""
         return json.dumps(asdict(self) | {"base": to_mapping(self.base)}, indent=1)
 
 
 def sweep_from_json(text: str) -> Sweep:
-    """The sweep that ``Sweep.to_json`` wrote.
+    """Sweep from the text of ``Sweep.to_json``.
 
     Raises:
-        ParameterError: the text holds no sweep.
+        ParameterError: the text describes no sweep.
     """
     try:
         found = {"effects": ""} | parse_json(text)
@@ -221,17 +227,20 @@ def sweep_from_json(text: str) -> Sweep:
         raise ParameterError(f"no description of a sweep: {error}") from None
 
 
-def _axis(found: Mapping[str, Any]) -> Axis:
-    name, values = found["name"], found["values"]
+def _axis(entry: Mapping[str, Any]) -> Axis:
+    """Axis from its JSON entry; TypeError unless it has a name and a list of numbers."""
+    name, values = entry["name"], entry["values"]
     if not isinstance(name, str) or not isinstance(values, list):
-        raise TypeError(f"an axis must have a name and a list of values, got {shown(found)}")
+        raise TypeError(f"an axis must have a name and a list of values, got {shown(entry)}")
     if not all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in values):
         raise TypeError(f"the values of {shown(name)} must be numbers, got {shown(values)}")
     return Axis(name, tuple(float(one) for one in values))
 
 
 def _typed(made: _Made) -> _Made:
-    """What was made, if its plain values have the types of their defaults."""
+    """The dataclass itself, after a check that its plain fields have the types of their
+    defaults.
+    """
     for item in fields(made):
         kind, value = type(item.default), getattr(made, item.name)
         if kind in (bool, int, str) and type(value) is not kind:
@@ -240,7 +249,7 @@ def _typed(made: _Made) -> _Made:
 
 
 def axis_from_text(text: str) -> Axis:
-    """Axis of ``NAME=LOW:HIGH:COUNT`` (both ends included) or ``NAME=VALUE,VALUE,...``.
+    """Axis from ``NAME=LOW:HIGH:COUNT`` (both ends included) or ``NAME=VALUE,VALUE,...``.
 
     Raises:
         ParameterError: a text of another form.
@@ -261,21 +270,22 @@ def axis_from_text(text: str) -> Axis:
         ) from None
 
 
-def for_sweeps(base: Parameters, kept: Mapping[str, Any]) -> Parameters:
-    """The gear with the steps of a sweep: order 14, 8 steps and 1 sample a mesh cycle.
+def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:
+    """Parameters with the integration steps of a sweep: order 14, 8 steps and 1 sample a mesh
+    cycle.
 
-    RK4 keeps its own steps: so few would be too long for it.
+    With ``method: rk4`` the number of steps stays, as 8 would be too few.
 
     Args:
-        kept: parameters that the user chose; they stay.
+        chosen: parameters that the user set; they are not changed.
     """
     steps = KERNEL | ({"steps_per_cycle": base.steps} if base.method == "rk4" else {})
-    return base.changed({name: value for name, value in steps.items() if name not in kept})
+    return base.changed({name: value for name, value in steps.items() if name not in chosen})
 
 
-def differences(one: Sweep, other: Sweep) -> list[str]:
-    """What tells two sweeps apart, as ``name: value, value``."""
-    pairs = zip(_flat(one).items(), _flat(other).values(), strict=True)
+def differences(first: Sweep, second: Sweep) -> list[str]:
+    """Differences between two sweeps, as texts ``name: value, value``."""
+    pairs = zip(_flat(first).items(), _flat(second).values(), strict=True)
     return [f"{name}: {_short(a)}, {_short(b)}" for (name, a), b in pairs if a != b]
 
 

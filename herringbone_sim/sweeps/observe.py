@@ -1,19 +1,19 @@
-"""One part of a sweep: from flat indices to a table, a row a value.
+"""One part of a sweep: from flat indices to a table with one row a value.
 
 The columns of a table, n rows:
 
     index               flat index in the grid
     NAME                value of each axis
-    period              mesh cycles; 0 aperiodic; NaN failed, or too few points to say
+    period              mesh cycles; 0 aperiodic; NaN failed, or too few points to decide
     exponent            largest Lyapunov exponent per tau, and its standard error
     exponent_error
-    within, transverse  the same for perturbations that keep, and that part, left and right; NaN
-                        where they differ already
-    asymmetry           RMS of left less right over the section, b_c
+    within, transverse  the same of left-right symmetric and antisymmetric perturbations; NaN
+                        for a motion whose left and right differ
+    asymmetry           RMS of left minus right displacements over the section, b_c
     sun_back, sun_separated, sun_drive, ring_...    shares of the time, mean of the meshes
-    contact_loss        0 never, 1 on one side, 2 on both flanks of some mesh
-    points              (n, points) section displacements of one mesh, b_c, where wanted
-    end                 (n, n_state) last states, own ones of effects too, where the next value
+    contact_loss        0 never, 1 lost on one flank, 2 contact on both flanks of some mesh
+    points              (n, points) section displacements of one mesh, b_c, if requested
+    end                 (n, n_state) final states, those of effects included, if the next value
                         starts from them
     reason              why a value failed, or empty
 
@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 Table = dict[str, NDArray[Any]]
 
 STATES = ("back", "separated", "drive")
-NO_TIME = 1e-9  # share of the time below which it is rounding
+NO_TIME = 1e-9  # share of the time below which a contact state counts as rounding error
 SCALARS = (
     "period",
     "exponent",
@@ -56,14 +56,14 @@ SCALARS = (
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Values of one sweep.
+class ObservationRequest:
+    """Values of one sweep to be computed.
 
     Attributes:
-        sweep: that they are of.
+        sweep: the sweep.
         indices: n flat indices.
-        starts: (n, n_state) states at phase 0; None, and NaN in a row, for the initial state of
-            the gear.
+        starts: (n, n_state) states at phase 0; NaN in a row, or None, for the initial state of the
+            gear.
         cycle: mesh cycles that the control has run before.
     """
 
@@ -73,14 +73,14 @@ class Asked:
     cycle: int = 0
 
 
-def observe(asked: Sequence[Asked]) -> list[Table]:
-    """A table for each of what is asked, all in one batch.
+def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
+    """Compute a table for each request, all in one batch.
 
-    The sweeps are alike in what they observe, in effects, and in layout and order of their gears.
+    The sweeps must have equal observation, effects, layout and Taylor order.
     """
     tables = [empty_table(one.sweep, one.indices) for one in asked]
     actives = asked[0].sweep.actives
-    found = [build_all(one.sweep, one.indices) for one in asked]
+    found = [build_models(one.sweep, one.indices) for one in asked]
     models = [[model for model in built if model is not None] for built, _ in found]
     whole = [model for chosen in models for model in chosen]
     look = asked[0].sweep.observation
@@ -107,7 +107,7 @@ def observe(asked: Sequence[Asked]) -> list[Table]:
 
 
 def empty_table(sweep: Sweep, indices: Sequence[int]) -> Table:
-    """Rows with their indices and values, all else NaN."""
+    """Table with indices and axis values filled in, all else NaN."""
     n = len(indices)
     values = [sweep.values_at(index) for index in indices]
     table: Table = {"index": np.array(indices, dtype=np.int64)}
@@ -120,8 +120,8 @@ def empty_table(sweep: Sweep, indices: Sequence[int]) -> Table:
     return table
 
 
-def build_all(sweep: Sweep, indices: Sequence[int]) -> tuple[list[Model | None], list[str]]:
-    """Models of some values, None where there can be none, and why."""
+def build_models(sweep: Sweep, indices: Sequence[int]) -> tuple[list[Model | None], list[str]]:
+    """Models at flat indices, None where no gear can have the values, and the reasons why."""
     models: list[Model | None] = []
     reasons: list[str] = []
     for index in indices:
@@ -135,20 +135,20 @@ def build_all(sweep: Sweep, indices: Sequence[int]) -> tuple[list[Model | None],
 
 
 def section_displacements(sweep: Sweep, models: Sequence[Model], sections: Array) -> Array:
-    """Displacements (n, points) of the wanted mesh at phase 0 from states (n, points, n_state)."""
+    """Displacements (n, points) of the chosen mesh at phase 0 from states (n, points, n_state)."""
     layout = sweep.base.layout
     mesh = layout.meshes.index(sweep.observation.mesh)
     rest = np.array([relative(m, np.zeros(layout.n_state), 0.0)[0][mesh] for m in models])
     units = np.eye(layout.n_state)[: layout.n_coordinate]
     row = np.round([relative(models[0], unit, 0.0)[0][mesh] - rest[0] for unit in units])
     found: Array = np.repeat(rest[:, None], sections.shape[1], axis=1)
-    for k in np.flatnonzero(row):  # one by one: a product of matrices may round by their size
+    for k in np.flatnonzero(row):  # a matrix product would round differently by batch size
         found += row[k] * sections[..., k]
     return found
 
 
 def asymmetries(sections: Array) -> Array:
-    """RMS (n,) of left less right displacements over sections (n, points, n_state)."""
+    """RMS (n,) of left minus right displacements over sections (n, points, n_state)."""
     q, r = np.split(sections[..., : sections.shape[-1] // 2], [2], axis=-1)
     left, right = np.split(r, 2, axis=-1)
     parted = np.concatenate([q[..., :1] - q[..., 1:], left - right], axis=-1)
@@ -156,7 +156,10 @@ def asymmetries(sections: Array) -> Array:
 
 
 def contact_loss(contact: Array) -> Array:
-    """0, 1 or 2 (n,) from shares (n, n_mesh, 3): never apart, one flank only, both flanks hit."""
+    """Contact-loss class (n,) from contact shares (n, n_mesh, 3).
+
+    0 never separated, 1 separated but one flank only, 2 contact on both flanks of some mesh.
+    """
     back, apart, drive = np.moveaxis(contact > NO_TIME, -1, 0)
     both = back & drive
     worst = np.max(np.where(both, 2.0, np.where(apart, 1.0, 0.0)), axis=1)
@@ -164,28 +167,30 @@ def contact_loss(contact: Array) -> Array:
     return result
 
 
-def _starts(one: Asked, built: Sequence[Model | None]) -> Array:
-    """Start states (k, n_state) of those values that could be built."""
+def _starts(request: ObservationRequest, built: Sequence[Model | None]) -> Array:
+    """Start states (k, n_state) of the k values whose model could be built."""
     rows = [i for i, model in enumerate(built) if model is not None]
-    own = np.zeros((len(rows), one.sweep.n_state))
+    own = np.zeros((len(rows), request.sweep.n_state))
     for i, row in enumerate(rows):
         model = built[row]
         if model is not None:
             own[i, : model.layout.n_state] = initial_state(model)
-    if one.starts is None:
+    if request.starts is None:
         return own
-    given = one.starts[rows]
+    given = request.starts[rows]
     result: Array = np.where(np.isnan(given).any(axis=1, keepdims=True), own, given)
     return result
 
 
 def _slice(batch: Batch, first: int, stop: int) -> Batch:
+    """Rows first .. stop of all arrays of a batch."""
     return Batch(*(getattr(batch, item.name)[first:stop] for item in fields(batch)))
 
 
 def _fill(
     table: Table, rows: list[int], sweep: Sweep, models: Sequence[Model], batch: Batch
 ) -> None:
+    """Enter the results of a batch into rows of a table."""
     table["exponent"][rows] = batch.exponents
     table["exponent_error"][rows] = batch.exponent_errors
     table["within"][rows] = batch.within

@@ -1,4 +1,6 @@
-"""Periods of many motions at once: ``analysis.periods.find_period``, compiled, without noise."""
+"""Periods of many motions at once: ``analysis.periods.find_period`` compiled, for noise-free
+data.
+"""
 
 from __future__ import annotations
 
@@ -26,15 +28,14 @@ compiled: Any = njit(cache=True, nogil=True, error_model="numpy")
 def find_periods(
     sections: Array, max_period: int = MAX_PERIOD, tolerance: float = TOLERANCE
 ) -> Array:
-    """Period (n,) in mesh cycles of each motion; 0 = aperiodic; NaN = too few points to say.
+    """Period (n,) in mesh cycles of each motion; 0 = aperiodic; NaN = too few points to decide.
 
-    The smallest p for which all points m, m + p, m + 2 p, ... of the window gather around one
-    centre, to ``tolerance`` in the RMS, and do not part more and more: slow chaos passes from
-    point to point, but not over the window.
+    The smallest p for which the points m, m + p, m + 2 p, ... scatter around their centre by no
+    more than ``tolerance`` (RMS), without drifting apart: slow chaos can pass close to a period,
+    but not over the whole window.
 
     Args:
-        sections: (n, m, k) section points in units of the scale of the motion; the states of the
-            model are.
+        sections: (n, m, k) section points in units of order one, as the states of the model are.
         max_period: largest period tried; each needs 5 repeats within the window.
         tolerance: largest RMS distance from the centres.
     """
@@ -47,7 +48,7 @@ def find_periods(
 
 
 def _spread(points: Any, period: int) -> Any:
-    """RMS distance per coordinate of the points from the centres of their groups."""
+    """RMS distance per coordinate of the points (m, k) from the centres of their groups."""
     m, k = points.shape
     squares = 0.0
     for first in range(period):
@@ -66,7 +67,7 @@ _compiled_spread = compiled(_spread)
 
 
 def _grows(points: Any, period: int) -> Any:
-    """Whether the distance from one repeat to the next grows from the first to the last third."""
+    """Whether the distance between repeats is larger in the last third than in the first."""
     n = points.shape[0] - period
     returns = np.empty(n)
     for i in range(n):
@@ -82,14 +83,19 @@ def _grows(points: Any, period: int) -> Any:
 _compiled_grows = compiled(_grows)
 
 
-def _find_all(sections: Any, largest: int, tolerance: float, aperiodic: float, found: Any) -> None:
+def _find_all(
+    sections: Any, largest: int, tolerance: float, aperiodic: float, periods: Any
+) -> None:
+    """Write the period of each section (n, m, k) into ``found`` (n,), ``aperiodic`` if there is
+    none.
+    """
     for i in range(sections.shape[0]):
         if np.isnan(sections[i, 0, 0]):
             continue
-        found[i] = aperiodic
+        periods[i] = aperiodic
         for period in range(1, largest + 1):
             if _compiled_spread(sections[i], period) <= tolerance:
-                found[i] = 0.0 if _compiled_grows(sections[i], period) else period
+                periods[i] = 0.0 if _compiled_grows(sections[i], period) else period
                 break
 
 

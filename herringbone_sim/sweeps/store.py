@@ -1,7 +1,7 @@
-"""A sweep in a folder: ``sweep.json`` and one Parquet file a part, each written whole or not.
+"""A sweep in a folder: ``sweep.json`` and one Parquet file per part, each written atomically.
 
-Each part keeps the checksum of its values in the metadata of its schema; one that fails it, or has
-none, does not count.
+Each part stores the checksum of its values in the metadata of its schema; a part without a valid
+checksum counts as missing.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
+from herringbone_sim.sweeps.array_cache import digest
 from herringbone_sim.sweeps.grid import Axis, Sweep, differences, sweep_from_json
-from herringbone_sim.sweeps.kept import digest, make_folder, whole
 from herringbone_sim.sweeps.observe import SCALARS, Array, Table
+from herringbone_sim.sweeps.output import make_folder, whole_file
 
 FILE = "sweep.json"
 CHECKSUM = b"sha256"  # key in the metadata of the schema of a part
@@ -35,9 +36,9 @@ class Store:
     """Folder of one sweep.
 
     Attributes:
-        folder: holds ``sweep.json`` and ``parts/00000.parquet``, ...
-        sweep: what is described there.
-        kernel: digest of the sources that its parts are computed by.
+        folder: contains ``sweep.json`` and ``parts/00000.parquet``, ...
+        sweep: the sweep described there.
+        kernel: digest of the sources that its parts are computed with.
     """
 
     folder: Path
@@ -45,25 +46,26 @@ class Store:
     kernel: str = ""
 
     def path(self, part: int) -> Path:
+        """File of a part."""
         return self.folder / "parts" / f"{part:05d}.parquet"
 
     def has(self, part: int) -> bool:
-        """Whether a part is there and whole."""
+        """Whether a part is stored and undamaged."""
         return self.read_part(part) is not None
 
     def missing(self) -> list[int]:
-        """Numbers of the parts that are not there, or damaged."""
+        """Numbers of the parts that are not stored, or damaged."""
         return [part for part in range(self.sweep.n_parts) if not self.has(part)]
 
     def write(self, part: int, table: Table) -> None:
-        """Write a part, whole or not at all."""
+        """Write a part atomically."""
         columns = {name: _column(values) for name, values in table.items()}
         sealed = pa.table(columns, metadata={CHECKSUM: checksum(table)})
-        with whole(self.path(part)) as file:
+        with whole_file(self.path(part)) as file:
             pq.write_table(sealed, file, compression="zstd")
 
     def read_part(self, part: int) -> Table | None:
-        """The table of one part, as it was written; None where there is none, or a damaged one."""
+        """Table of one part as it was written; None if it is missing or damaged."""
         try:
             found = pq.read_table(self.path(part))
             table = {name: _array(found.column(name)) for name in found.column_names}
@@ -76,12 +78,12 @@ class Store:
 
 @dataclass(frozen=True)
 class Failure:
-    """Values that failed for one kind of reason: the same text but for its numbers.
+    """Values that failed for the same reason, texts being compared without their numbers.
 
     Attributes:
-        count: how many.
-        ranges: the least and the largest of them on each axis, by name.
-        reason: of the first of them.
+        count: number of values.
+        ranges: smallest and largest value on each axis, by name.
+        reason: text of the first of them.
     """
 
     count: int
@@ -98,12 +100,12 @@ class Failure:
 
 @dataclass(frozen=True)
 class Result:
-    """All that a sweep found, as arrays in the shape of its grid.
+    """All results of a sweep, as arrays in the shape of its grid.
 
     Attributes:
         sweep: what was run.
         columns: name -> (*shape,) or (*shape, k) array, see ``observe``; NaN where it failed.
-        reasons: (*shape,) texts, empty where all went well.
+        reasons: (*shape,) texts, empty where nothing failed.
     """
 
     sweep: Sweep
@@ -118,7 +120,7 @@ class Result:
         return self.sweep.axes
 
     def failures(self) -> list[Failure]:
-        """The kinds of reasons to fail that were met, the commonest first."""
+        """Failed values grouped by reason, the largest group first."""
         kinds: dict[str, list[int]] = {}
         for index, reason in enumerate(self.reasons.flat):
             if reason:
@@ -127,6 +129,7 @@ class Result:
         return sorted(found, key=lambda one: -one.count)
 
     def _failure(self, indices: list[int]) -> Failure:
+        """Failure of the values at some flat indices."""
         places = np.unravel_index(indices, self.sweep.shape)
         ranges = {
             axis.name: (axis.values[int(at.min())], axis.values[int(at.max())])
@@ -136,7 +139,7 @@ class Result:
 
 
 def open_store(folder: Path | str, sweep: Sweep) -> Store:
-    """Folder for a sweep: a new one, or the one in which the same sweep was begun.
+    """Create the folder of a sweep, or open it to continue the same sweep.
 
     Raises:
         AnalysisError: the folder holds another sweep, or an unfinished one of another version of
@@ -151,19 +154,19 @@ def open_store(folder: Path | str, sweep: Sweep) -> Store:
                 f"{folder} holds another sweep ({'; '.join(differences(begun.sweep, sweep))}): "
                 "choose another folder, or repeat that sweep as it was"
             )
-        if begun.kernel != store.kernel and _begun_alone(begun):
+        if begun.kernel != store.kernel and _complete_by_other_version(begun):
             return begun
     make_folder(store.folder / "parts")
-    with whole(described) as file:
+    with whole_file(described) as file:
         file.write(_described(store).encode())
     return store
 
 
-def _begun_alone(store: Store) -> bool:
-    """Whether a sweep of another kernel is complete; False when nothing of it is there.
+def _complete_by_other_version(store: Store) -> bool:
+    """Whether a sweep of another kernel is complete; False if none of its parts are stored.
 
     Raises:
-        AnalysisError: only a part of it is there.
+        AnalysisError: only some of its parts are stored.
     """
     missing = len(store.missing())
     if 0 < missing < store.sweep.n_parts:
@@ -175,11 +178,12 @@ def _begun_alone(store: Store) -> bool:
 
 
 def _described(store: Store) -> str:
+    """Text of ``sweep.json``."""
     return json.dumps(json.loads(store.sweep.to_json()) | {"kernel": store.kernel}, indent=1)
 
 
 def load_store(folder: Path | str) -> Store:
-    """Folder of a sweep that was begun; AnalysisError when there is none in it."""
+    """Store of an existing folder; AnalysisError if it holds no sweep."""
     described = Path(folder) / FILE
     try:
         text = json_text(described)
@@ -192,7 +196,7 @@ def load_store(folder: Path | str) -> Store:
 
 
 def load_result(store: Store) -> Result:
-    """All that is in a folder so far; values that were not run, or lost, are NaN and told so."""
+    """Results stored so far; values not run, or lost, are NaN with the reason ``not run yet``."""
     sweep = store.sweep
     columns = {name: np.full(sweep.size, np.nan) for name in SCALARS}
     reasons = np.full(sweep.size, NOT_RUN, dtype=object)
@@ -210,7 +214,7 @@ def load_result(store: Store) -> Result:
 
 
 def checksum(table: Table) -> str:
-    """SHA-256 of the names, types, shapes and values of a table; one NaN is as good as another."""
+    """SHA-256 of the names, types, shapes and values of a table; all NaNs count as equal."""
     found = hashlib.sha256()
     for name, values in sorted(table.items()):
         content = _content(values)
@@ -220,6 +224,7 @@ def checksum(table: Table) -> str:
 
 
 def _content(values: NDArray[Any]) -> bytes:
+    """Bytes of a column for the checksum, all NaNs made equal."""
     if values.dtype == object:
         return json.dumps(values.tolist(), default=str).encode()
     if values.dtype.kind == "f":
@@ -228,12 +233,14 @@ def _content(values: NDArray[Any]) -> bytes:
 
 
 def _column(values: NDArray[Any]) -> Any:
+    """Arrow array of a column, (n,) or (n, k)."""
     if values.ndim == 1:
         return pa.array(values)
     return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
 
 
 def _array(column: Any) -> Any:
+    """NumPy array of an Arrow column."""
     whole = column.combine_chunks()
     if pa.types.is_fixed_size_list(whole.type):
         flat = whole.flatten().to_numpy(zero_copy_only=False)

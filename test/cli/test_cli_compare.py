@@ -15,12 +15,12 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.effects.written import read_effects
 from herringbone_sim.recording.parameter_file import load_parameters, save_parameters
 from herringbone_sim.sweeps.compare import (
-    Side,
+    GearSweeps,
     boundaries,
     coexisting,
+    label_stretches,
+    match_boundaries,
     motion,
-    moves,
-    regimes,
     shares,
 )
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep
@@ -48,7 +48,7 @@ def side(name: str, *edges: float, forcing: int = 1, other: float = 90.0, lost: 
         columns |= {"contact_loss": np.where(np.array(VALUES) < lost, 2.0, 1.0)}
         return Result(sweep, columns, np.full(n, "", dtype=object))
 
-    return Side(
+    return GearSweeps(
         name, {"fixed": result(edges), "down": result((min(other, edges[0]),) * 2)}, forcing
     )
 
@@ -62,7 +62,7 @@ def test_motions_are_named_by_the_period_of_the_forcing() -> None:
 
 def test_stretches_that_do_not_last_make_no_boundary() -> None:
     labels = ["a"] * 60 + ["b"] + ["a"] * 40 + ["b"] * 30 + ["a"] + ["c"] * 60
-    assert regimes(labels) == [(0, 100, "a"), (101, 130, "b"), (132, 191, "c")]
+    assert label_stretches(labels) == [(0, 100, "a"), (101, 130, "b"), (132, 191, "c")]
     found = boundaries("motion", [float(i) for i in range(len(labels))], labels)
     assert [(one.before, one.after, one.value, one.half_width) for one in found] == [
         ("a", "b", 100.5, 0.5),
@@ -72,16 +72,20 @@ def test_stretches_that_do_not_last_make_no_boundary() -> None:
 
 def test_boundaries_of_two_gears_are_matched_and_told() -> None:
     nominal, augmented = side("nominal", 64.5, 79.5), side("augmented", 70.5, 82.5, forcing=27)
-    found = moves(nominal, augmented, "fixed")
+    found = match_boundaries(nominal, augmented, "fixed")
     assert [one.shift for one in found] == [6.0, 3.0, 0.0]
-    assert [one.error for one in found] == [1.0] * 3
+    assert [one.uncertainty for one in found] == [1.0] * 3
     assert headline(found) == (
         "2 of 3 shared boundaries move, aperiodic to P2 by +6; 0 are new, 0 are gone"
     )
     assert cells(found[1]) == ["P2 to P1", "79.5", "82.5", "+3 ± 1"]
-    found = moves(nominal, side("augmented", 64.5, 100.0, lost=0.0), "fixed")
+    found = match_boundaries(nominal, side("augmented", 64.5, 100.0, lost=0.0), "fixed")
     assert [cells(one)[-1] for one in found] == ["+0 ± 1", "gone", "gone"]
-    assert cells(moves(side("n", 50.0, 50.0), nominal, "fixed")[0])[1:] == ["–", "64.5", "new"]
+    assert cells(match_boundaries(side("n", 50.0, 50.0), nominal, "fixed")[0])[1:] == [
+        "–",
+        "64.5",
+        "new",
+    ]
     assert shares(nominal, augmented, "fixed")["P1"] == (11 / 31, 8 / 31)
 
 

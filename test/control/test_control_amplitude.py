@@ -17,10 +17,10 @@ from herringbone_sim.control.amplitude import (
 )
 from herringbone_sim.control.runs import Look, Motions, Runs, repeats
 from herringbone_sim.control.starts import Starts, start_states
-from herringbone_sim.core.batch import layout_mirror
+from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.recording.parameter_file import load_parameters
-from herringbone_sim.sweeps.grid import Axis, for_sweeps
+from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
 
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 K = np.linspace(0.0, 1.0, 11)
@@ -29,7 +29,7 @@ K = np.linspace(0.0, 1.0, 11)
 @pytest.fixture(scope="module")
 def paper():
     path = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
-    return for_sweeps(load_parameters(path).changed({"xi": 0.085}), {})
+    return with_sweep_steps(load_parameters(path).changed({"xi": 0.085}), {})
 
 
 def flags(*reached):

@@ -10,7 +10,7 @@ import pytest
 from herringbone_sim.control.robustness import DIFFERENCES, gathered, survival, transverse_map
 from herringbone_sim.control.runs import ALIKE, Look, Runs
 from herringbone_sim.recording.parameter_file import load_parameters
-from herringbone_sim.sweeps.grid import Axis, for_sweeps
+from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
 
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 @pytest.fixture(scope="module")
 def paper():
     path = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
-    return for_sweeps(load_parameters(path).changed({"xi": 0.085}), {})
+    return with_sweep_steps(load_parameters(path).changed({"xi": 0.085}), {})
 
 
 @pytest.mark.parametrize("what", sorted(DIFFERENCES))

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from gears import UNEVEN
 
-from herringbone_sim.core.batch import layout_mirror, run_batch
+from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper, largest_exponent
+from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.model import build, relative
 from herringbone_sim.core.packed import LIMIT
 from herringbone_sim.core.parameters import Parameters

@@ -115,11 +115,11 @@ def test_a_constant_of_another_module_reaches_the_code_compiled_before(tmp_path,
 def test_what_is_compiled_is_told_and_what_is_loaded_is_not(tmp_path):
     source = (
         "from numba import njit\n"
-        "from herringbone_sim.core.cache import told_of_compiling\n"
+        "from herringbone_sim.core.cache import on_compiling\n"
         "@njit(cache=True)\n"
         "def twice(x):\n"
         "    return 2 * x\n"
-        "with told_of_compiling(lambda: print('compiling')):\n"
+        "with on_compiling(lambda: print('compiling')):\n"
         "    print(twice(2))\n"
     )
     script = tmp_path / "script.py"

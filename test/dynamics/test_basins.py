@@ -15,9 +15,9 @@ from herringbone_sim.dynamics.attractors import (
     AS_A_SET,
     PAIR,
     attractor_of,
-    distinct,
-    like_neighbours,
-    same,
+    drop_repeats,
+    same_attractor,
+    same_set_share,
 )
 from herringbone_sim.dynamics.basins import (
     explore,
@@ -27,9 +27,9 @@ from herringbone_sim.dynamics.basins import (
     slice_starts,
     wilson,
 )
+from herringbone_sim.dynamics.exponent_methods import motion_kind
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
-from herringbone_sim.dynamics.opinions import kind_of
 from herringbone_sim.recording.parameter_file import load_parameters
 
 PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
@@ -80,9 +80,9 @@ def test_symmetries():
     pair = attractor_of(cycle((0.1, 0.5), (0.2, 0.3)), swap)
     image = attractor_of(cycle((0.3, 0.2), (0.5, 0.1)), swap)
     assert [one.symmetry for one in (alike, turned, pair)] == [ALIKE, AS_A_SET, PAIR]
-    assert same(pair, image, swap)
-    assert not same(pair, image)
-    assert not same(alike, turned, swap)
+    assert same_attractor(pair, image, swap)
+    assert not same_attractor(pair, image)
+    assert not same_attractor(alike, turned, swap)
     assert turned.label == "P2, symmetric as a set"
     assert attractor_of(cycle((0.1, 0.5))).label == "P1"
 
@@ -96,9 +96,9 @@ def test_pieces_of_one_chaos_mix_and_two_do_not():
         return np.array(points[100:])
 
     one, other = henon(0.1, 100), henon(0.2, 200)
-    assert like_neighbours(one, other) == pytest.approx(0.5, abs=0.12)
-    assert like_neighbours(one, other + np.array([0.0, 0.1])) > 0.9
-    assert like_neighbours(one, one.copy()) < 0.1
+    assert same_set_share(one, other) == pytest.approx(0.5, abs=0.12)
+    assert same_set_share(one, other + np.array([0.0, 0.1])) > 0.9
+    assert same_set_share(one, one.copy()) < 0.1
 
 
 def test_a_period_too_long_to_be_seen_is_one_attractor():
@@ -108,11 +108,11 @@ def test_a_period_too_long_to_be_seen_is_one_attractor():
     pieces = [np.tile(cycle, (5, 1))[first : first + 120] for first in (0, 11, 30)]
     found = [attractor_of(piece) for piece in pieces]
     assert [one.period for one in found] == [0, 0, 0]
-    assert same(found[0], found[1])
-    assert same(found[0], found[2])
-    assert not same(found[0], attractor_of(np.tile(other + 4.0, (5, 1))[:120]))
+    assert same_attractor(found[0], found[1])
+    assert same_attractor(found[0], found[2])
+    assert not same_attractor(found[0], attractor_of(np.tile(other + 4.0, (5, 1))[:120]))
     assert attractor_of(np.tile(cycle, (6, 1))).period == 37
-    assert np.array_equal(distinct(pieces[0], 1e-6), pieces[0][-37:])
+    assert np.array_equal(drop_repeats(pieces[0], 1e-6), pieces[0][-37:])
 
 
 def test_a_failed_run_is_counted_and_attracts_nothing():
@@ -216,11 +216,11 @@ def growth(*exponents):
 def test_kinds_of_motion():
     turn = np.exp(1j * np.arange(200) * (5**0.5 - 1) * np.pi)
     torus = np.column_stack([turn.real, turn.imag])
-    assert kind_of(torus, growth(0.0, 0.0)) == "quasi-periodic"
-    assert kind_of(torus, growth(0.08, 0.0)) == "chaotic"
-    assert kind_of(torus, growth(0.08, 0.05)) == "hyperchaotic"
-    assert kind_of(torus, growth(-0.1, -0.2)) == "a long period"
-    assert kind_of(np.tile(torus[:3], (20, 1)), growth(-0.1, -0.2)) == "P3"
+    assert motion_kind(torus, growth(0.0, 0.0)) == "quasi-periodic"
+    assert motion_kind(torus, growth(0.08, 0.0)) == "chaotic"
+    assert motion_kind(torus, growth(0.08, 0.05)) == "hyperchaotic"
+    assert motion_kind(torus, growth(-0.1, -0.2)) == "a long period"
+    assert motion_kind(np.tile(torus[:3], (20, 1)), growth(-0.1, -0.2)) == "P3"
 
 
 def test_sections_do_not_hang_on_the_number_of_threads(gear):

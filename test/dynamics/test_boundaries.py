@@ -19,8 +19,8 @@ from orbit_support import (
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.boundaries import find_boundaries
-from herringbone_sim.dynamics.cascade import Options, explore
-from herringbone_sim.dynamics.continuation import Steps
+from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
+from herringbone_sim.dynamics.continuation import StepControl
 from herringbone_sim.dynamics.curve import Family
 from herringbone_sim.dynamics.flow import GearFlow, mirror, settle
 from herringbone_sim.dynamics.gear_family import gear_family
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 
 
 def test_the_flip_and_the_fold_of_the_henon_map():
-    curve, branch = branch_of(henon, -0.5, 0.5, [0.7, 0.2], 0.2, steps=Steps(points=250))
+    curve, branch = branch_of(henon, -0.5, 0.5, [0.7, 0.2], 0.2, steps=StepControl(points=250))
     found = {one.kind: one for one in find_boundaries(curve, branch)}
     assert set(found) == {"flip", "fold"}
     assert found["fold"].value == pytest.approx(-(0.7**2) / 4, abs=1e-9)
@@ -45,7 +45,9 @@ def test_the_flip_and_the_fold_of_the_henon_map():
 
 def test_the_cascade_of_the_logistic_map_from_one_orbit():
     """Flips at 3, 1 + sqrt(6), 3.5440903596 and 3.5644072661 (OEIS A086180, A091517)."""
-    found = explore(Family(logistic, 2.5, 3.57), [(2.8, np.array([[0.6]]))], None, Options(16))
+    found = trace_cascade(
+        Family(logistic, 2.5, 3.57), [(2.8, np.array([[0.6]]))], None, CascadeOptions(16)
+    )
     assert [one.period for one in found] == [1, 2, 4, 8, 16]
     flips = [b.value for one in found for b in one.boundaries if b.kind == "flip"][:4]
     expected = [3.0, 1 + np.sqrt(6), 3.5440903596, 3.5644072661]
@@ -55,7 +57,7 @@ def test_the_cascade_of_the_logistic_map_from_one_orbit():
 def test_the_cascade_is_the_same_from_its_middle():
     """From P4 on, its parents are found where it halves, and no branch twice."""
     start = closest_return(logistic(3.5), np.array([0.38282]), 4, 100)
-    found = explore(Family(logistic, 2.5, 3.54), [(3.5, start)], None, Options(4))
+    found = trace_cascade(Family(logistic, 2.5, 3.54), [(3.5, start)], None, CascadeOptions(4))
     assert sorted(one.period for one in found) == [1, 2, 4]
     assert sorted(b.value for one in found for b in one.boundaries) == pytest.approx(
         [3.0, 1 + np.sqrt(6)], abs=1e-8
@@ -101,8 +103,8 @@ def test_symmetry_breaks_where_the_transverse_multiplier_says():
 def test_a_branch_with_unlike_sides_leaves_a_symmetric_one():
     family = Family(lambda r: coupled(r, 0.1), 2.5, 3.5, SWAP)
     starts = [(2.6, np.array([[0.6, 0.6]]))]
-    without = explore(family, starts, None, Options(2))
-    found = explore(family, starts, None, Options(2, asymmetric=True))
+    without = trace_cascade(family, starts, None, CascadeOptions(2))
+    found = trace_cascade(family, starts, None, CascadeOptions(2, asymmetric=True))
     assert all(one.symmetric for one in without)
     apart = [one for one in found if not one.symmetric]
     assert len(found) == len(without) + len(apart)
@@ -162,7 +164,7 @@ def test_at_a_grazing_of_the_gear_a_mesh_turns_back_on_its_border(paper):
     family, watch = gear_family(paper, "delta_T", 63.0, 67.0)
     flow = family.flow_at(66.0)
     orbit = find_orbit(flow, settle(flow, flow.start(), 600), mirror=family.mirror)
-    (one,) = explore(family, [(66.0, orbit.points)], watch, Options(1))
+    (one,) = trace_cascade(family, [(66.0, orbit.points)], watch, CascadeOptions(1))
     (grazing,) = one.boundaries
     assert (grazing.kind, grazing.detail) == ("grazing", "rp_L = rp_R back")
     assert not grazing.changes_stability
@@ -177,7 +179,7 @@ def test_the_flip_of_the_gear_is_where_its_simulated_period_doubles(paper):
     family, watch = gear_family(p, "xi", 0.155, 0.175)
     flow = family.flow_at(0.17)
     orbit = find_orbit(flow, settle(flow, flow.start(), 500), mirror=mirror(p.layout))
-    found = explore(family, [(0.17, orbit.points)], watch, Options(2))
+    found = trace_cascade(family, [(0.17, orbit.points)], watch, CascadeOptions(2))
     flip = next(b for one in found for b in one.boundaries if b.kind == "flip")
     assert [one.period for one in found] == [1, 2]
     for away, period in ((-5e-4, 2), (5e-4, 1)):
@@ -192,7 +194,7 @@ def test_period_four_of_the_gear_ends_in_the_flip_of_period_two(paper):
     family, _ = gear_family(paper.changed({"delta_T": 50.0}), "xi", 0.135, 0.15)
     flow = family.flow_at(0.14)
     start = closest_return(flow, settle(flow, flow.start(), 600), 4, 20)
-    four, two = explore(family, [(0.14, start)], None, Options(4))
+    four, two = trace_cascade(family, [(0.14, start)], None, CascadeOptions(4))
     assert (four.period, two.period) == (4, 2)
     assert four.branch.ends[1] == "halved"
     flip = next(one for one in two.boundaries if one.kind == "flip")
@@ -205,7 +207,7 @@ def test_period_two_of_the_gear_ends_in_a_fold_beside_a_stable_period_one(paper)
     family, _ = gear_family(paper, "delta_T", 76.0, 100.0)
     flow = family.flow_at(78.0)
     start = closest_return(flow, settle(flow, flow.start(), 500), 2, 10)
-    (two,) = explore(family, [(78.0, start)], None, Options(2))
+    (two,) = trace_cascade(family, [(78.0, start)], None, CascadeOptions(2))
     (fold,) = [b for b in two.boundaries if b.kind == "fold"]
     below = family.flow_at(fold.value - 0.05)
     above = family.flow_at(fold.value + 0.05)

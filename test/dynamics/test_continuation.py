@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from orbit_support import SWAP, LinearOscillator, branch_of, coupled, henon, logistic
 
-from herringbone_sim.dynamics.continuation import Steps, branch_off, follow
+from herringbone_sim.dynamics.continuation import StepControl, branch_off, follow
 from herringbone_sim.dynamics.curve import Family, begin
 from herringbone_sim.errors import AnalysisError
 
@@ -73,5 +73,5 @@ def test_where_left_and_right_are_alike_they_stay_so():
 def test_a_branch_that_cannot_begin_or_go_on_says_why():
     with pytest.raises(AnalysisError, match="no orbit of period 1"):
         begin(Family(henon, -1.0, 1.0), np.array([[0.5, 0.1]]), -0.9)
-    _, branch = branch_of(henon, -0.5, 0.5, [0.7, 0.2], 0.4, steps=Steps(points=4))
+    _, branch = branch_of(henon, -0.5, 0.5, [0.7, 0.2], 0.4, steps=StepControl(points=4))
     assert branch.ends == ("4 points", "4 points")

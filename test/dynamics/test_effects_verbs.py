@@ -14,8 +14,8 @@ from herringbone_sim.control.amplitude import survey
 from herringbone_sim.control.runs import Look, Runs
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.dynamics.exponent_methods import compare_exponents
 from herringbone_sim.dynamics.flow import GearFlow, effect_cycles, settle, symmetry
-from herringbone_sim.dynamics.opinions import all_opinions
 from herringbone_sim.dynamics.orbits import find_orbit, multipliers
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
 from herringbone_sim.dynamics.turning import SAMPLES, border_passes, displacement
@@ -86,13 +86,13 @@ def test_a_displacement_is_what_samples_do_not_show() -> None:
 
 def test_exponents_of_a_cracked_gear_need_no_period() -> None:
     """Their sum is the loss by damping; the motion repeats once a revolution of the sun."""
-    found = all_opinions(gear(CRACK), 300, 300)
+    found = compare_exponents(gear(CRACK), 300, 300)
     assert float(found.spectrum.exponents.sum()) == pytest.approx(found.divergence, rel=1e-9)
     assert found.symmetric is None
     assert found.longest == 64 * 27
     assert found.motion in ("P27", "a long period")
     rings = ";".join(f"tooth_crack@{mesh}:member={m}" for mesh, m in MEMBERS)
-    told = all_opinions(gear(rings), 300, 50)
+    told = compare_exponents(gear(rings), 300, 50)
     assert told.motion == "a long period, left = right"
     assert told.longest == 64
 
@@ -107,7 +107,7 @@ def test_an_orbit_of_a_cracked_gear_takes_a_revolution() -> None:
     assert flow.cycles == 27
     y = settle(flow, flow.start(), 20)
     orbit = find_orbit(flow, y[None])
-    assert orbit.found
+    assert orbit.converged
     assert np.abs(flow.advance(orbit.points[0], np.zeros((0, flow.n)))[0] - y).max() < 1e-6
     largest = np.log(np.abs(multipliers(orbit).all[0])) / flow.period
     once = GearFlow(model, 1)

@@ -33,7 +33,7 @@ def test_an_unstable_fixed_point_of_the_henon_map():
     a, b = 1.4, 0.3
     x = (b - 1 + np.sqrt((1 - b) ** 2 + 4 * a)) / (2 * a)
     orbit = find_orbit(henon(a), np.array([0.5, 0.1]))
-    assert orbit.found
+    assert orbit.converged
     assert orbit.points[0] == pytest.approx([x, b * x], abs=1e-12)
     expected = np.sort(np.roots([1, 2 * a * x, -b]))
     assert np.sort(multipliers(orbit).within.real) == pytest.approx(expected, abs=1e-10)
@@ -79,7 +79,7 @@ def test_multipliers_of_halves_that_are_alike_are_split():
 
 def test_where_there_is_no_orbit_a_reason_is_given():
     nothing = find_orbit(henon(-0.5), np.array([0.3, 0.1]))
-    assert not nothing.found
+    assert not nothing.converged
     assert nothing.reason
     with pytest.raises(AnalysisError, match="periodic orbit"):
         multipliers(nothing)
@@ -113,7 +113,7 @@ def stable():
 
 def test_the_stable_orbit_is_the_one_that_simulation_reaches(stable):
     flow, y, orbit = stable
-    assert orbit.found
+    assert orbit.converged
     assert orbit.iterations > 0
     assert orbit.points[0] == pytest.approx(y, abs=1e-9)
     assert iterate(flow, orbit.points[0], 20)[-1] == pytest.approx(y, abs=1e-9)

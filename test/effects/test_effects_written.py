@@ -9,7 +9,7 @@ import pytest
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect, effects
-from herringbone_sim.effects.written import effects_text, read_effects, write_effects
+from herringbone_sim.effects.written import effects_text, parameter_values, read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_gear, load_parameters, save_parameters
 
@@ -55,7 +55,12 @@ def test_a_text_says_the_same_as_the_list() -> None:
 @pytest.mark.parametrize("name", sorted(effects()))
 def test_every_effect_goes_there_and_back(name: str) -> None:
     one = active(effect(name), Locus("sp", "2", "R"))
-    assert read_effects(write_effects((one,))) == (one,)
+    entry = {
+        "effect": one.effect.id,
+        "locus": vars(one.locus),
+        "parameters": parameter_values(one),
+    }
+    assert read_effects([entry]) == (one,)
     assert read_effects(effects_text((one,))) == (one,)
 
 

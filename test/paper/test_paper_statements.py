@@ -36,7 +36,7 @@ from herringbone_sim.paper.statements import (
     statements,
 )
 from herringbone_sim.recording.parameter_file import load_parameters
-from herringbone_sim.sweeps.kept import digest
+from herringbone_sim.sweeps.array_cache import digest
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 

@@ -147,8 +147,8 @@ def test_labels_are_sealed_first_and_a_stopped_bench_goes_on(tmp_path, monkeypat
         return _texts(seed, setting, label, sealed)
 
     monkeypatch.setattr(bench, "pool", _threads)
-    monkeypatch.setattr(bench, "truth_of", label)
-    monkeypatch.setattr(bench, "trial", diagnosis)
+    monkeypatch.setattr(bench, "label_of_seed", label)
+    monkeypatch.setattr(bench, "diagnose_case", diagnosis)
     monkeypatch.setattr(bench, "AHEAD", 1)
     seen = check_seeds(FRESH, False)
     with pytest.raises(KeyboardInterrupt):
@@ -179,8 +179,8 @@ def test_a_diagnosis_that_fails_is_wrong_whatever_the_truth(monkeypatch):
 
     monkeypatch.setattr(trial, "diagnose", breaks)
     setting = Setting(truth="none")
-    label = json.loads(trial.truth_of(104, setting)[0])
-    texts = trial.trial(104, setting, label, seal(label))
+    label = json.loads(trial.label_of_seed(104, setting)[0])
+    texts = trial.diagnose_case(104, setting, label, seal(label))
     assert list(texts)[-1] == "report.json"
     assert "singular" in json.loads(texts["case.json"])["failure"]
     report = json.loads(texts["report.json"])

@@ -11,7 +11,7 @@ import pytest
 from herringbone_sim.diagnosis import judge
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.calibrate import (
-    Practised,
+    CaseEvidence,
     calibrate,
     judged,
     read_evidence,
@@ -22,11 +22,13 @@ KEPT = Path(__file__).resolve().parents[1] / "data" / "evidence.jsonl"
 
 
 @pytest.fixture(scope="module")
-def campaigns() -> list[Practised]:
+def campaigns() -> list[CaseEvidence]:
     return read_evidence(KEPT)
 
 
-def test_the_weights_of_the_package_come_out_of_the_evidence(campaigns: list[Practised]) -> None:
+def test_the_weights_of_the_package_come_out_of_the_evidence(
+    campaigns: list[CaseEvidence],
+) -> None:
     kept = json.loads(judge.FILE.read_text(encoding="utf-8"))
     found = calibrate(campaigns)
     assert found.penalty == kept["penalty"]
@@ -35,14 +37,14 @@ def test_the_weights_of_the_package_come_out_of_the_evidence(campaigns: list[Pra
         assert found.figures[stratum] == pytest.approx(row, abs=0.01)
 
 
-def test_no_healthy_rig_is_blamed(campaigns: list[Practised]) -> None:
+def test_no_healthy_rig_is_blamed(campaigns: list[CaseEvidence]) -> None:
     healthy = [c for c in campaigns if not c.truth]
     assert len(healthy) > 20
     for one in healthy:
         assert judge.chances(one.evidence)[0].effects in ((), ("unknown",))
 
 
-def test_nine_in_ten_intervals_hold_the_truth(campaigns: list[Practised]) -> None:
+def test_nine_in_ten_intervals_hold_the_truth(campaigns: list[CaseEvidence]) -> None:
     """By the share that is fitted for it, and by a larger one more of them."""
     error, sd, size = np.concatenate([np.array(c.sizes).reshape(-1, 3) for c in campaigns]).T
     inside = [
@@ -54,14 +56,14 @@ def test_nine_in_ten_intervals_hold_the_truth(campaigns: list[Practised]) -> Non
 
 
 def test_judged_again_each_campaign_gets_what_its_evidence_says(
-    campaigns: list[Practised],
+    campaigns: list[CaseEvidence],
 ) -> None:
     right = np.array([judged(c, judge.frozen_weights()) for c in campaigns])
     assert np.all(right[:, 0] <= 1.0 + 1e-9)
     assert right[:, 2].mean() > 0.75  # 0.05 by chance among some twenty effects
 
 
-def test_evidence_goes_there_and_back(campaigns: list[Practised], tmp_path: Path) -> None:
+def test_evidence_goes_there_and_back(campaigns: list[CaseEvidence], tmp_path: Path) -> None:
     write_evidence(tmp_path / "again.jsonl", campaigns)
     assert read_evidence(tmp_path / "again.jsonl") == campaigns
 

@@ -15,23 +15,23 @@ from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.cause import at, mesh_mask
 from herringbone_sim.practice.label import read_label, seal
 from herringbone_sim.practice.laws import window
-from herringbone_sim.practice.machine import BODIES, MESHES, NOMINAL, machine
+from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
 from herringbone_sim.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, draw_plan
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import (
     CHANNEL_SETS,
-    Watch,
+    Sampling,
     geometry,
     law_force,
     own_error_shift,
-    record_motion,
+    simulate_motion,
 )
+from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, rig_model
 from herringbone_sim.practice.shapes import displaced, flank
 from herringbone_sim.practice.solve import solve_size
 from herringbone_sim.practice.stepper import integrate
 from herringbone_sim.practice.store import write_campaign
 from herringbone_sim.practice.tables import table
-from herringbone_sim.practice.take import largest, move, pooled, take
 from herringbone_sim.practice.unseen import UNSEEN
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
@@ -58,7 +58,7 @@ def at_rest(p):
 @pytest.mark.parametrize("Omega", [0.35, 1.154])
 def test_agrees_with_the_simulator_without_effect(Omega):
     point = {**POINT, "Omega": Omega}
-    p = machine(NOMINAL, point)
+    p = rig_model(NOMINAL, point)
     model = build(Parameters(model="full", samples_per_cycle=24, **point))
     stepper = Stepper(model)
     rows = stepper.advance(stepper.start(), 24 * 20).rows
@@ -69,7 +69,7 @@ def test_agrees_with_the_simulator_without_effect(Omega):
 
 
 def test_error_falls_with_the_tolerance():
-    p = machine(NOMINAL, POINT)
+    p = rig_model(NOMINAL, POINT)
     times = np.linspace(0.0, 10 * 2 * np.pi / p.omega, 241)
     exact = integrate(p, 0.0, at_rest(p), times, 1e-12)[0]
     off = [
@@ -81,7 +81,7 @@ def test_error_falls_with_the_tolerance():
 
 def test_energy_balance():
     """Work of T_1, T_2 and K, less what the dampers take, is what is stored; k and e constant."""
-    p = machine(NOMINAL, {**POINT, "K": 0.0})
+    p = rig_model(NOMINAL, {**POINT, "K": 0.0})
     p = p._replace(k_cos=0.0 * p.k_cos, error=0.0 * p.error)
     y = np.zeros(30)
     y[15:17], y[18:24] = 4.0, -2.0
@@ -100,7 +100,7 @@ def test_energy_balance():
 
 
 def test_kernel_shapes_have_the_slopes_they_claim():
-    p = machine(NOMINAL, POINT)
+    p = rig_model(NOMINAL, POINT)
     event, turn_cos = p.event.copy(), np.zeros((3, 12))
     event[4, 0], event[2, 0], turn_cos[:, 0] = 1e-5, 1.3, (2e-6, 0.0, 1e-6)
     p_sin = np.zeros((4, 12))
@@ -119,7 +119,7 @@ def test_kernel_shapes_have_the_slopes_they_claim():
 def test_forces_of_a_rig_without_effect_obey_its_own_law():
     plan = draw_plan(3, "none")
     rig = NOMINAL.scaled(plan.factors)
-    motion = record_motion(machine(rig, plan.points[4]), plan.phases[4], plan.starts[4]).now
+    motion = simulate_motion(rig_model(rig, plan.points[4]), plan.phases[4], plan.starts[4]).now
     dx, dv = own_error_shift(rig, plan.points[4], motion.phase)
     law = law_force(rig, plan.points[4], motion.phase, motion.x - dx, motion.v - dv)
     np.testing.assert_allclose(motion.force, law, atol=1e-6)
@@ -128,8 +128,8 @@ def test_forces_of_a_rig_without_effect_obey_its_own_law():
 def test_recorded_channels_are_consistent():
     """x is geometry of u less the nominal e, dx/dt is v, u has no rigid trend."""
     point = {**POINT, "K": 0.0}
-    p = machine(NOMINAL.scaled({"e_sp": 1.02, "I_p": 0.99}), point)
-    found = record_motion(p, 1.3, np.zeros(30), Watch(lags=(1e-6,)))
+    p = rig_model(NOMINAL.scaled({"e_sp": 1.02, "I_p": 0.99}), point)
+    found = simulate_motion(p, 1.3, np.zeros(30), Sampling(lags=(1e-6,)))
     motion, (before,) = found.now, found.before
     e = NOMINAL.e_sp * np.sin(motion.phase)[:, None]
     np.testing.assert_allclose(motion.x, geometry(motion.u) * p.cos_beta - e, atol=1e-12)
@@ -140,33 +140,33 @@ def test_recorded_channels_are_consistent():
     middle = (motion.x[2:] - motion.x[:-2]) / (2.0 * step)
     share = np.sqrt(np.mean((middle - motion.v[1:-1]) ** 2) / np.mean(motion.v**2))
     assert share < 0.15
-    rigid = np.array([2.0, 2.0, *[1.0] * 7]) * machine(NOMINAL, point).mass[:9]
+    rigid = np.array([2.0, 2.0, *[1.0] * 7]) * rig_model(NOMINAL, point).mass[:9]
     assert abs(np.polyfit(motion.times, motion.u @ rigid, 1)).max() < 1e-8
     assert motion.times[0] == 0.0
     assert motion.phase[0] == pytest.approx(1.3)
 
 
-def taken(plan, rig, cause, i, watch=None):
-    moved = move(plan, rig, (cause,), i, watch)
-    return take(plan, rig, (cause,), i, moved, largest([moved.now]))
+def taken(plan, rig, cause, i, sampling=None):
+    moved = simulate_run(plan, rig, (cause,), i, sampling)
+    return observe_run(plan, rig, (cause,), i, moved, largest([moved.now]))
 
 
 @pytest.mark.parametrize("name", [*NAMED, *UNNAMED, *UNSEEN, *RANDOM_PHYSICS])
 def test_every_effect_is_felt_and_none_at_size_zero(name):
     plan = draw_plan(5, name, 3.0)
     rig, cause = NOMINAL.scaled(plan.factors), plan.causes[0]
-    felt = taken(plan, rig, cause, 3, Watch(20, 78))
-    assert felt.found.d[0] > 0.01
+    felt = taken(plan, rig, cause, 3, Sampling(20, 78))
+    assert felt.measure.d[0] > 0.01
     if KINDS[name].sense == "body":
-        assert felt.found.own_clean < 1e-6
-    untouched = machine(rig, plan.points[4])
+        assert felt.measure.own_clean < 1e-6
+    untouched = rig_model(rig, plan.points[4])
     sensor = KINDS[name].sense == "sensor"
     equipped = KINDS[name].apply(untouched, cause, plan.points[4])
     changed = [
         field
-        for field, one in {**untouched._asdict(), **untouched.wild._asdict()}.items()
-        if field != "wild"
-        and not np.array_equal(one, {**equipped._asdict(), **equipped.wild._asdict()}[field])
+        for field, one in {**untouched._asdict(), **untouched.random._asdict()}.items()
+        if field != "random"
+        and not np.array_equal(one, {**equipped._asdict(), **equipped.random._asdict()}[field])
     ]
     assert bool(changed) is not sensor
 
@@ -177,7 +177,7 @@ def test_detectability_is_as_asked(name):
     rig = NOMINAL.scaled(plan.factors)
     cause, d = solve_size(plan, rig, plan.causes[0])
     assert d == pytest.approx(3.0, rel=0.1)
-    again = [taken(plan, rig, cause, i).found for i in range(5)]
+    again = [taken(plan, rig, cause, i).measure for i in range(5)]
     assert pooled(again) == pytest.approx(3.0, rel=0.12)
 
 
@@ -245,6 +245,6 @@ def test_masks_and_refusals():
     for wrong in WRONG:
         with pytest.raises(ParameterError, match="must be one of"):
             draw_plan(1, **wrong)
-    p = machine(NOMINAL, POINT)
+    p = rig_model(NOMINAL, POINT)
     with pytest.raises(DivergenceError, match="smaller effect"):
         integrate(p._replace(drive=1e12), 0.0, np.zeros(30), np.linspace(0.0, 1.0, 50))

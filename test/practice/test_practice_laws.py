@@ -22,14 +22,14 @@ from herringbone_sim.practice.laws import (
     warm,
     window,
 )
-from herringbone_sim.practice.machine import NOMINAL, machine
+from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
 from herringbone_sim.practice.plan import KINDS, draw_plan
 from herringbone_sim.practice.random_physics import INPUTS, KNOWN, TARGETS, function
-from herringbone_sim.practice.shapes import read, wild
+from herringbone_sim.practice.rig_model import NOMINAL, rig_model
+from herringbone_sim.practice.shapes import random_function, read
 from herringbone_sim.practice.solve import solve_size
 from herringbone_sim.practice.stepper import integrate
 from herringbone_sim.practice.tables import GRID, deflections, table
-from herringbone_sim.practice.take import largest, move, pooled, take
 
 POINTS = [{"delta_T": T, "K": 0.1, "T_1": 800.0, "Omega": 1.0} for T in (10.0, 50.0, 90.0)]
 SEEDS = range(40, 50)
@@ -41,7 +41,7 @@ def accelerations(cause, point, cycles):
     Args:
         cycles: first and last mesh cycle of the states.
     """
-    p = machine(NOMINAL, point)
+    p = rig_model(NOMINAL, point)
     if cause is not None:
         p = KINDS[cause.internal].apply(p, cause, point)
     rng = np.random.default_rng(5)
@@ -72,7 +72,7 @@ def test_a_family_holds_curves_far_from_the_catalogue(name):
         both = [other, replace(other, shape={**plain, "law": "catalogue"})]
         cycles = (0.0, 77.0)
         if "at" in other.shape:
-            first = event(machine(NOMINAL, POINTS[0]), other, 3).event[1, other.meshes > 0.0][0]
+            first = event(rig_model(NOMINAL, POINTS[0]), other, 3).event[1, other.meshes > 0.0][0]
             cycles = (first - 1.5, first + 2.5)
         bare = [accelerations(None, at, cycles) for at in POINTS]
         added = [
@@ -121,7 +121,9 @@ def test_a_tooth_of_a_planet_meets_the_ring_half_a_turn_after_the_sun():
         for law, found in after.items():
             cause = draw_plan(seed, "tooth_spall", law=law).causes[0]
             if cause.shape["member"] == "planet" and cause.locus["mesh"] == "all":
-                starts = event(machine(NOMINAL, POINTS[0]), cause, 4).event[1, cause.meshes > 0.0]
+                starts = event(rig_model(NOMINAL, POINTS[0]), cause, 4).event[
+                    1, cause.meshes > 0.0
+                ]
                 found.add(float((starts[-1] - starts[0]) % 25.0))
     assert {round(one, 9) for one in after["catalogue"]} == {12.0}
     assert {round(one, 9) for one in after["other"]} == {12.0, 12.5, 13.0}
@@ -164,27 +166,27 @@ def test_random_physics_draws_inputs_targets_and_places_outside_the_catalogue():
 
 def test_a_random_displacement_moves_at_the_rate_it_claims():
     cause = next(c for c in wild_causes(60) if c.shape["target"] == "displacement")
-    p = KINDS["random_physics"].apply(machine(NOMINAL, POINTS[0], 1e-2), cause, POINTS[0])
+    p = KINDS["random_physics"].apply(rig_model(NOMINAL, POINTS[0], 1e-2), cause, POINTS[0])
     for phase in (0.4, 9.0):
         near = [
-            wild(p, 0.0, 0.0, 0.0, phase + off, (phase + off) / p.omega, 0.0)
+            random_function(p, 0.0, 0.0, 0.0, phase + off, (phase + off) / p.omega, 0.0)
             for off in (-1e-5, 1e-5)
         ]
-        middle = wild(p, 0.0, 0.0, 0.0, phase, phase / p.omega, 0.0)
+        middle = random_function(p, 0.0, 0.0, 0.0, phase, phase / p.omega, 0.0)
         assert (near[1][0] - near[0][0]) / 2e-5 == pytest.approx(middle[1], rel=1e-5, abs=1e-7)
 
 
 def test_an_own_state_follows_its_mesh_and_remembers():
     cause = next(c for c in wild_causes(80) if c.shape.get("follows") == "deflection")
-    p = KINDS["random_physics"].apply(machine(NOMINAL, POINTS[0]), cause, POINTS[0])
-    p = p._replace(wild=p.wild._replace(size=0.0 * p.wild.size))
+    p = KINDS["random_physics"].apply(rig_model(NOMINAL, POINTS[0]), cause, POINTS[0])
+    p = p._replace(random=p.random._replace(size=0.0 * p.random.size))
     times = np.arange(4000) * 2e-7
     states, _, _ = integrate(p, 0.0, np.zeros(30), times, 1e-9)
     assert states.shape == (4000, 42)
     x = (states[:, 3] - states[:, 2]) * p.cos_beta - p.error[6] * np.sin(p.omega * times)
     f = 1e5 * (x - np.clip(x, -p.half_back[6], p.half_backlash[6]))
     slope = np.gradient(states[:, 36], times)
-    expected = p.wild.own_rate * (f - states[:, 36])
+    expected = p.random.own_rate * (f - states[:, 36])
     assert np.abs(slope - expected)[5:-5].max() < 0.02 * np.abs(expected).max()
     assert np.ptp(states[:, 36]) > 1e-3
 
@@ -195,7 +197,7 @@ def test_random_physics_is_scaled_to_the_detectability(seed):
     rig = NOMINAL.scaled(plan.factors)
     cause, d = solve_size(plan, rig, plan.causes[0])
     assert d == pytest.approx(3.0, rel=0.15)
-    moved = [move(plan, rig, (cause,), i) for i in range(5)]
+    moved = [simulate_run(plan, rig, (cause,), i) for i in range(5)]
     most = largest([one.now for one in moved])
-    found = [take(plan, rig, (cause,), i, one, most).found for i, one in enumerate(moved)]
+    found = [observe_run(plan, rig, (cause,), i, one, most).measure for i, one in enumerate(moved)]
     assert pooled(found) == pytest.approx(3.0, rel=0.2)

@@ -16,16 +16,16 @@ from herringbone_sim.practice.chain import (
     random_part,
     turns,
 )
-from herringbone_sim.practice.machine import BODIES, MESHES, NOMINAL, machine, omega_n, radii
 from herringbone_sim.practice.noise import NOISES, Noise, draw_noise
 from herringbone_sim.practice.plan import draw_plan
 from herringbone_sim.practice.record import (
     COS_BETA,
-    Watch,
+    Sampling,
     channels_of,
     geometry,
-    record_motion,
+    simulate_motion,
 )
+from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, omega_n, radii, rig_model
 from herringbone_sim.practice.store import write_campaign
 
 POINT = {"delta_T": 84.3, "K": 0.0, "T_1": 819.0, "Omega": 1.0}
@@ -38,7 +38,7 @@ def rms(values):
 
 @pytest.fixture(scope="module")
 def motion():
-    return record_motion(machine(NOMINAL, POINT), 0.4, np.zeros(30), Watch(20, 120)).now
+    return simulate_motion(rig_model(NOMINAL, POINT), 0.4, np.zeros(30), Sampling(20, 120)).now
 
 
 def rng():
@@ -98,8 +98,8 @@ def test_a_filter_answers_a_sine_at_its_corner_as_it_must(order, gain, turn):
 def test_a_filtered_run_is_late_by_its_delay_and_its_filter():
     part = {"order": 1, "corner": 20.0, "ratio": 1.0, "delay_s": 4e-6}
     late = part["delay_s"] + 1.0 / (part["corner"] * omega_n())
-    watch = Watch(20, 30, (late,), part["delay_s"])
-    found = record_motion(machine(NOMINAL, POINT), 0.4, np.zeros(30), watch)
+    watch = Sampling(20, 30, (late,), part["delay_s"])
+    found = simulate_motion(rig_model(NOMINAL, POINT), 0.4, np.zeros(30), watch)
     seen, same = deterministic(
         Noise("filtered", 0.01, parts={"filter": part}), found.now, found.fine
     )
@@ -140,7 +140,7 @@ def test_encoders_count_in_steps_and_x_and_v_come_from_the_counts(motion, counts
     off = seen["u_s_L"] - motion.u[:, 0]
     assert rms(off - off.mean()) == pytest.approx(step / np.sqrt(12.0), rel=0.1)
     slope = np.gradient(x[:, 0] + NOMINAL.e_sp * np.sin(motion.phase), motion.times)
-    v = slope - NOMINAL.e_sp * machine(NOMINAL, POINT).omega * np.cos(motion.phase)
+    v = slope - NOMINAL.e_sp * rig_model(NOMINAL, POINT).omega * np.cos(motion.phase)
     np.testing.assert_allclose(seen["v_sp1_L"], v, atol=1e-6 * rms(v))
     np.testing.assert_array_equal(seen["F_sp1_L"], motion.force[:, 0])
 
@@ -192,7 +192,7 @@ def test_kinds_are_drawn_from_the_seed_and_told_only_if_white():
     for kind in NOISES:
         one, other = (draw_plan(11, "none", noise=kind).noise for _ in range(2))
         assert one == other
-        assert one.told is (kind == "white")
+        assert one.share_given is (kind == "white")
         assert draw_plan(12, "none", noise=kind).noise.parts != one.parts or not one.parts
     mixed = [draw_plan(seed, "none", noise="mixture").noise.parts for seed in range(30)]
     assert all(len(parts) >= 2 for parts in mixed)

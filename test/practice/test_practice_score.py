@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -12,15 +11,13 @@ from herringbone_sim.errors import AnalysisError, RecordingError
 from herringbone_sim.practice.baselines import always_none, largest_residual
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.intervals import auroc, bootstrap, calibration_error, share
-from herringbone_sim.practice.label import label_text, seal
-from herringbone_sim.practice.machine import MESHES
+from herringbone_sim.practice.label import label_text, read_label, seal
 from herringbone_sim.practice.outcome import outcome
 from herringbone_sim.practice.plan import draw_plan
+from herringbone_sim.practice.rig_model import MESHES
 from herringbone_sim.practice.score import (
-    QUESTIONS,
-    read_cases,
+    METRICS,
     score,
-    table_text,
     write_table,
 )
 
@@ -161,7 +158,7 @@ def test_figures_over_cases_and_strata():
     missed, met = figure(rows, "false attribution on none"), figure(rows, "both effects of a pair")
     assert (missed.met, met.met) == (False, False)
     assert figure(rows, "AUROC unknown against known").met is True
-    assert {row.figure for row in rows} == {question.name for question in QUESTIONS}
+    assert {row.figure for row in rows} == {question.name for question in METRICS}
 
 
 def test_wilson_interval_by_its_formula():
@@ -192,25 +189,22 @@ def test_a_report_that_breaks_the_schema_is_refused(tmp_path):
         score([])
 
 
-def test_sealed_labels_and_reports_in_folders(tmp_path):
+def test_a_sealed_label_is_scored_and_a_changed_one_refused(tmp_path):
     label = a_label("mean_stiffness")
     (tmp_path / "labels").mkdir()
-    (tmp_path / "reports" / "c0").mkdir(parents=True)
     (tmp_path / "labels" / "c0.json").write_text(label_text(label))
-    file = tmp_path / "reports" / "c0" / "report.json"
-    with pytest.raises(AnalysisError, match="report for each label"):
-        read_cases(tmp_path / "reports", tmp_path / "labels", {"c0": seal(label)})
-    file.write_text(json.dumps(a_report("mean_stiffness", {"mean_stiffness": 1.0})))
-    cases = read_cases(tmp_path / "reports", tmp_path / "labels", {"c0": seal(label)})
-    assert cases[0].right
+    file = tmp_path / "labels" / "c0.json"
     with pytest.raises(RecordingError, match="changed after"):
-        read_cases(tmp_path / "reports", tmp_path / "labels", {"c0": "0" * 64})
+        read_label(file, "0" * 64)
+    report = a_report("mean_stiffness", {"mean_stiffness": 1.0})
+    cases = (outcome(read_label(file, seal(label)), report, "c0"),)
+    assert cases[0].right
     rows = score(cases)
     write_table(rows, tmp_path / "score.csv")
     lines = (tmp_path / "score.csv").read_text().splitlines()
     assert lines[0].startswith("stratum,figure,value")
     assert len(lines) == len(rows) + 1
-    assert "right effect first" in table_text(rows)
+    assert any(",right effect first," in line for line in lines)
 
 
 def test_baselines_name_what_stands_out():

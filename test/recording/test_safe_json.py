@@ -17,7 +17,6 @@ from herringbone_sim.practice.bench import read_json as read_bench_json
 from herringbone_sim.practice.bench import read_seals
 from herringbone_sim.practice.label import read_label
 from herringbone_sim.practice.outcome import outcome
-from herringbone_sim.practice.score import read_cases
 from herringbone_sim.recording.safe_json import MOST_BYTES, JsonError, read_json
 from herringbone_sim.sweeps.store import load_store
 
@@ -43,7 +42,8 @@ def cases(file: Path) -> Any:
         folder.mkdir()
     label.write_text("{}")
     file.rename(place / "report.json")
-    return read_cases(file.parent, label.parent, {"a": hashlib.sha256(b"{}").hexdigest()})
+    sealed = read_label(label, hashlib.sha256(b"{}").hexdigest())
+    return outcome(sealed, read_bench_json(place / "report.json"), "a")
 
 
 READERS = [read_json, sweep, read_report, read_label, read_bench_json, cases]

@@ -20,7 +20,7 @@ from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import save_parameters
 from herringbone_sim.sweeps.chains import job_of, observe_parts
-from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, for_sweeps, sweep_from_json
+from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, sweep_from_json, with_sweep_steps
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import load_result, load_store
 
@@ -31,7 +31,7 @@ RING = "ring_flexibility@rp/all/all:stiffness=3e9"
 
 
 def gear(**values: object) -> Parameters:
-    return for_sweeps(Parameters().changed({"delta_T": 85.0, **values}), {})
+    return with_sweep_steps(Parameters().changed({"delta_T": 85.0, **values}), {})
 
 
 def table_of(sweep: Sweep) -> Table:

@@ -16,8 +16,8 @@ from herringbone_sim.sweeps.grid import (
     Sweep,
     axis_from_text,
     differences,
-    for_sweeps,
     sweep_from_json,
+    with_sweep_steps,
 )
 
 
@@ -77,14 +77,14 @@ def test_sweeps_that_can_not_be_are_refused() -> None:
 
 def test_the_steps_of_a_sweep_leave_what_the_user_set() -> None:
     base = gear(order=20, steps_per_cycle=32, samples_per_cycle=4)
-    kept = for_sweeps(base, {"order": 20})
+    kept = with_sweep_steps(base, {"order": 20})
     assert (kept.order, kept.steps_per_cycle, kept.samples_per_cycle) == (20, 8, 1)
 
 
 def test_rk4_keeps_its_own_steps() -> None:
     base = gear(method="rk4", steps_per_cycle=200, samples_per_cycle=300)
-    assert for_sweeps(base, {"method": "rk4"}).steps == 300
-    assert for_sweeps(base, {"steps_per_cycle": 200}).steps == 200
+    assert with_sweep_steps(base, {"method": "rk4"}).steps == 300
+    assert with_sweep_steps(base, {"steps_per_cycle": 200}).steps == 200
 
 
 def test_differences_name_what_differs() -> None:

@@ -12,7 +12,7 @@ import pytest
 from sweep_support import assert_same, run, small
 
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps import kept
+from herringbone_sim.sweeps import array_cache
 from herringbone_sim.sweeps.chains import job_of, observe_parts
 from herringbone_sim.sweeps.store import (
     NOT_RUN,
@@ -142,7 +142,7 @@ def test_a_sweep_of_another_kernel_is_not_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = run(tmp_path, small(), workers=1)
-    monkeypatch.setattr(kept, "_sources", lambda: ("another",))
+    monkeypatch.setattr(array_cache, "_sources", lambda: ("another",))
     old = open_store(tmp_path, small())
     assert_same(load_result(old), whole)
     old.path(1).unlink()

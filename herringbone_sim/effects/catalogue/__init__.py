@@ -1,1 +1,3 @@
-"""The effects, one file each: a module with ``EFFECT`` in this folder is all that it takes."""
+"""The effects of the catalogue, one file each: a module here with ``EFFECT`` is found by
+itself.
+"""

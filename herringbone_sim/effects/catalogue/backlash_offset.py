@@ -16,7 +16,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """b' plus the offset, not below zero."""
+    """Add the offset to b', limited to zero from below."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             law[PLAY, m] = max(law[PLAY, m] + theta[0], 0.0)
@@ -25,7 +25,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """b' plus the offset, not below zero."""
+    """Add the offset to b', limited to zero from below."""
     slots.half_backlash = np.maximum(slots.half_backlash + theta[0] * mask, 0.0)
 
 

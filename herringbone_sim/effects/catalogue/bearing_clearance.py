@@ -30,9 +30,11 @@ MASK, PIN, MASS, COS_BETA, SHARE, CARRIER, BRAKE, DRIVE, ORDER, ANGLE = range(10
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows (10, n_mesh): mask of both meshes of a half; number of its pin; mass of the pin [kg],
-    on its own first half alone; cos beta; planets that a mesh stands for; M_c [kg]; T_2 / r_bc
-    over T_1 [1/m]; force on the carrier over K [N]; order and phase [rad] of the control.
+    """Rows (10, n_mesh) for the law.
+
+    Mask of both meshes of a half; index of its pin; mass of the pin [kg], entered at its first
+    half; cos beta; planets that a mesh stands for; M_c [kg]; T_2 / r_bc over T_1 [1/m]; force on
+    the carrier over K [N]; order and phase [rad] of the control.
     """
     p, s = model.parameters, model.scales
     halves = mask.size // 2
@@ -50,13 +52,15 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def rise(z):
-    """ln(1 + e^z), for any z."""
+    """Smoothed max(z, 0): ln(1 + e^z), computed without overflow."""
     return max(z, 0.0) + np.log1p(np.exp(-abs(z)))
 
 
 @law
 def hold(theta, mass, w, rate):
-    """Force [N] of the seat on a pin of some mass [kg]."""
+    """Force [N] of the seat on a pin of some mass [kg] at displacement w [m] and its rate
+    [m/s].
+    """
     width = theta[SOFTNESS] * theta[CLEARANCE]
     b = theta[CLEARANCE]
     g = play(w, b)
@@ -85,7 +89,7 @@ def carrier_acceleration(theta, site, now, own, force):
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """d = -w cos beta on all meshes of a pin, and its rate."""
+    """Displacement d = -w cos beta on all meshes of a free pin, and its rate."""
     if theta[CLEARANCE] > 0.0:
         for m in range(law.shape[1]):
             if site[MASK, m] != 0.0:
@@ -96,7 +100,9 @@ def excite(theta, site, gear, now, own, law):
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """The carrier is pushed by the seats in the place of the meshes: -m w'' of every pin."""
+    """Replace the mesh forces of free pins on the carrier by the seat forces, minus m w'' of each
+    pin.
+    """
     if theta[CLEARANCE] > 0.0:
         y = carrier_acceleration(theta, site, now, own, force)
         for m in range(force.size):
@@ -111,7 +117,7 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 
 @law
 def drive(theta, site, gear, now, own, force, slope):
-    """The equation of motion of every pin, relative to the carrier."""
+    """Equation of motion of each free pin relative to the carrier."""
     half = force.size // 2
     slope[:] = 0.0
     if theta[CLEARANCE] > 0.0:
@@ -130,7 +136,7 @@ def drive(theta, site, gear, now, own, force, slope):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """The pins' equations of motion, and what they change in the carrier's."""
+    """Add the pins as further coordinates, with their seat forces on the carrier."""
     if theta[CLEARANCE] <= 0.0:
         return
     model = slots.model
@@ -141,7 +147,7 @@ def fill(
     here = np.array([held & (rows[PIN] == pin) for pin in pins], dtype=float)
     mass, share, cos_beta = rows[MASS, pins], rows[SHARE, pins], rows[COS_BETA, 0]
     free = rows[CARRIER, 0] - np.sum(share * mass)
-    # Of the carrier without its free pins: acceleration by mesh forces, by seats, by all else.
+    # Acceleration of the carrier without its free pins: by mesh forces, seats and other loads.
     by_mesh = rows[SHARE] * cos_beta * ~held / free
     by_seat, by_load = share / free, -rows[BRAKE, 0] * T_1 / free
     by_control = rows[DRIVE, 0] / free

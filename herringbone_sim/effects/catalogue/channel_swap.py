@@ -1,6 +1,6 @@
 """Channel swap: two channels carry each other's values.
 
-Source: the definition; the machine does not change.
+Source: by definition; the motion does not change.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from herringbone_sim.errors import ParameterError, listed
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """The series with the two channels swapped; ParameterError unless there are two."""
+    """Swap two channels; ParameterError unless there are two."""
     if len(channels) != 2:
         raise ParameterError(f"channel_swap takes two channels, got {listed(channels)}: name both")
     one, other = channels

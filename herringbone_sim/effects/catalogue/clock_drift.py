@@ -1,6 +1,6 @@
 """Clock drift: the recorded time runs at another rate, t (1 + ppm 1e-6); a slow clock is negative.
 
-Source: the definition; the machine does not change, and no other channel either.
+Source: by definition; neither the motion nor any other channel changes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from herringbone_sim.effects.effect import Effect, Parameter
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """The series with the times of the drifting clock."""
+    """Replace the times by those of the drifting clock."""
     times = series.times * (1.0 + 1e-6 * theta[0])
     return replaced(TimeSeries(times, series.data, series.names), {"t": times})
 

@@ -18,7 +18,7 @@ F_0 = 1e-5
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """The spring's part of the force by another power of f."""
+    """Change the spring force to another power of f."""
     for m in range(force.size):
         f = play(x[m], law[PLAY, m])
         if site[0, m] != 0.0 and f != 0.0:
@@ -29,7 +29,7 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """The spring by another power of f."""
+    """Change the spring force to another power of f."""
     slots.bend_spring(mask, theta[0], F_0)
 
 

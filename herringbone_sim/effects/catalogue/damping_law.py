@@ -16,7 +16,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """c v by its share elsewhere than everywhere."""
+    """Scale a share of c v by s."""
     for m in range(force.size):
         if site[0, m] != 0.0:
             f = abs(play(x[m], law[PLAY, m]))
@@ -27,7 +27,7 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """c v by its share elsewhere than everywhere."""
+    """Scale a share of c v by s."""
     slots.bend_damping(mask, *theta)
 
 

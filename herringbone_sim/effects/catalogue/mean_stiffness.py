@@ -1,4 +1,4 @@
-"""Mean stiffness: k(t) off by a factor, k = factor k_own(t).
+"""Mean stiffness: k(t) multiplied by a factor.
 
 Source: a factor on Eq. (7); Eqs. (5), (6) of the paper give k_m from the parts of a tooth pair.
 """
@@ -16,7 +16,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """k times the factor."""
+    """Multiply k by the factor."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             law[STIFFNESS, m] *= theta[0]
@@ -25,7 +25,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """k times the factor."""
+    """Multiply k by the factor."""
     slots.scale_stiffness(np.where(mask > 0.0, theta[0], 1.0))
 
 

@@ -1,7 +1,7 @@
-"""Pin position: one planet's pin off its place, d = offset on its sun and its ring meshes.
+"""Pin position: one planet's pin is displaced, d = offset on its sun and its ring meshes.
 
-Source: a pin that is behind by w along the carrier's motion takes w less off x in Eqs. (15) and
-(16) alike, so d = w cos beta on all four.
+Source: a pin that lies w behind along the carrier's motion adds w to x in Eqs. (15) and (16)
+alike, so d = w cos beta on all four meshes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """A constant d."""
+    """Add a constant d."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             law[SHIFT, m] += theta[0]
@@ -25,7 +25,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """A constant d."""
+    """Add a constant d."""
     slots.displacement = slots.displacement + theta[0] * mask
 
 

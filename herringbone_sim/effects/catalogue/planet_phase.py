@@ -1,7 +1,7 @@
-"""Planet phase: one planet's mesh phase is ahead, k(phase + angle), e(phase + angle).
+"""Planet phase: the mesh phase of one planet is advanced, k(phase + angle), e(phase + angle).
 
-Source: the phase of Eqs. (7), (9), by which order j shifts by j times the angle; the recorded x
-holds the nominal e(t), so the difference of e shows as a displacement.
+Source: the phase of Eqs. (7), (9); order j shifts by j times the angle. Recorded x contains the
+nominal e(t), so the difference of e appears as a displacement.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Profile error: d = cos cos(order phase) + sin sin(order phase), independent of load.
 
-Source: one more harmonic of the transmission error, Eq. (9); as e is taken off the deflection in
-Eqs. (15), (16), d is that harmonic with the opposite sign.
+Source: one more harmonic of the transmission error, Eq. (9); e is subtracted from the deflection
+in Eqs. (15), (16), so d is that harmonic with the opposite sign.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """d and its rate."""
+    """Add d and its rate."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = site[ORDER, m] * now[PHASE]
@@ -38,7 +38,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """One harmonic of d."""
+    """Add one harmonic of d."""
     slots.add_displacement(float(options["order"]), theta[0] * mask, theta[1] * mask)
 
 

@@ -1,8 +1,8 @@
-"""Ring flexibility: each half of the ring turns on its own spring.
+"""Ring flexibility: each half of the ring turns on a spring.
 
-M_r u'' = cos beta sum F_rp - k u - c u', with M_r = I_r / r_br^2 and c = 2 damping sqrt(k M_r);
-the ring gives way, d = -u cos beta on the ring meshes of its side. Source: Eq. (13) written for a
-ring that is not fixed, as in lumped models of planetary gears (Lin and Parker 1999).
+M_r u'' = cos beta sum F_rp - k u - c u', with M_r = I_r / r_br^2 and c = 2 damping sqrt(k M_r); u
+displaces the ring meshes of its side by d = -u cos beta. Source: Eq. (13) for a ring that is not
+fixed, as in lumped models of planetary gears (Lin and Parker 1999).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """d = -u cos beta of the side, and its rate."""
+    """Add d = -u cos beta of each side, and its rate."""
     half = law.shape[1] // 2
     if not np.isinf(theta[0]):
         for m in range(half, law.shape[1]):
@@ -39,7 +39,7 @@ def excite(theta, site, gear, now, own, law):
 
 @law
 def drive(theta, site, gear, now, own, force, slope):
-    """The ring's own equation of motion, side by side."""
+    """Equation of motion of each ring half."""
     half = force.size // 2
     slope[:] = 0.0
     if not np.isinf(theta[0]):
@@ -57,7 +57,7 @@ def drive(theta, site, gear, now, own, force, slope):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """The ring's own equation of motion, side by side."""
+    """Add the ring halves as further coordinates."""
     if np.isinf(theta[0]):
         return
     model = slots.model

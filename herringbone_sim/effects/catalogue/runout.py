@@ -1,8 +1,8 @@
 """Run-out: d = amplitude cos(2 pi (cycles - late) / Z + phase), once a revolution of a member.
 
-Z are the mesh cycles a revolution against the carrier (27, 25, 77 for sun, planet, ring of the
-nominal rig), ``late`` when the same place of the member reaches the mesh of each planet. Source:
-eccentricity as displacement excitation in the place of e(t), Eqs. (15), (16).
+Z are the mesh cycles of a revolution relative to the carrier (27, 25, 77 for sun, planet, ring of
+the nominal rig); ``late`` is when the same place of the member reaches the mesh of each planet.
+Source: eccentricity as displacement excitation like e(t), Eqs. (15), (16).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """d and its rate, once a revolution."""
+    """Add d and its rate, once a revolution."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = (now[PHASE] - TWO_PI * site[2, m]) / site[1, m] + theta[1]
@@ -30,7 +30,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """One harmonic of d, once a revolution."""
+    """Add one harmonic of d, once a revolution."""
     _, cycles, late = revolutions(slots.model, mask, options)
     order = 1.0 / float(cycles[0])
     angle = theta[1] - 2.0 * np.pi * late * order

@@ -1,6 +1,6 @@
 """Sensor bias: a channel shows y + bias, in the channel's unit.
 
-Source: the definition of a zero error; the machine does not change.
+Source: definition of a zero error; the motion does not change.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from herringbone_sim.effects.site import ANYWHERE
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """The series with the bias on these channels."""
+    """Add the bias to the channels."""
     return replaced(series, {name: series[name] + theta[0] for name in channels})
 
 

@@ -1,7 +1,7 @@
 """Sensor delay: a channel shows y(t - delay).
 
-Between samples by the shape-keeping cubic of Akima; before the first sample the first value
-holds. Source: the definition; the machine does not change.
+Interpolated between samples by Akima's cubic; before the first sample the first value is used.
+Source: by definition; the motion does not change.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from herringbone_sim.effects.site import ANYWHERE
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """The series with these channels late."""
+    """Delay the channels."""
     at = series.times - theta[0]
     return replaced(series, {name: between(series.times, series[name], at) for name in channels})
 

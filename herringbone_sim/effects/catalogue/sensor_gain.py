@@ -1,6 +1,6 @@
 """Sensor gain: a channel shows gain y.
 
-Source: the definition of a calibration error; the machine does not change.
+Source: definition of a calibration error; the motion does not change.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from herringbone_sim.effects.site import ANYWHERE
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """The series with these channels times the gain."""
+    """Multiply the channels by the gain."""
     return replaced(series, {name: theta[0] * series[name] for name in channels})
 
 

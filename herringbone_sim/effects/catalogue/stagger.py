@@ -1,7 +1,7 @@
-"""Stagger: one side's mesh phase is ahead, k(phase + angle) and e(phase + angle).
+"""Stagger: the mesh phase of one side is advanced, k(phase + angle) and e(phase + angle).
 
-Source: the phase of Eqs. (7), (9), by which order j shifts by j times the angle; the recorded x
-holds the nominal e(t), so the difference of e shows as a displacement.
+Source: the phase of Eqs. (7), (9); order j shifts by j times the angle. Recorded x contains the
+nominal e(t), so the difference of e appears as a displacement.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """k and e of the meshes ahead by the angle."""
+    """Advance k and e of the meshes by the angle."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             shift_phase(gear, now, m, theta[0], law)
@@ -25,7 +25,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """k and e of the meshes ahead by the angle."""
+    """Advance k and e of the meshes by the angle."""
     slots.shift_phase(mask, theta[0])
 
 

@@ -1,6 +1,6 @@
-"""A further harmonic of k(t): k += k_m [cos cos(order phase) + sin sin(order phase)].
+"""Additional harmonic of k(t): k += k_m [cos cos(order phase) + sin sin(order phase)].
 
-Source: Eq. (7) with one more term; order 1 corrects the amplitude and phase of Eq. (8).
+Source: Eq. (7) with one more term; order 1 corrects amplitude and phase of Eq. (8).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """k plus the harmonic, as a share of the mean."""
+    """Add the harmonic to k."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = site[ORDER, m] * now[PHASE]
@@ -35,7 +35,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """k plus the harmonic, as a share of the gear's own mean."""
+    """Add the harmonic to k, its amplitude relative to the gear's own mean."""
     k_m = mean_stiffness(slots.model.parameters) * mask
     slots.add_stiffness(float(options["order"]), theta[0] * k_m, theta[1] * k_m)
 

@@ -1,6 +1,6 @@
 """Thermal backlash: b' changes with temperature at another rate, b' + rate delta_T.
 
-Source: Eqs. (2), (3) with another expansion coefficient. Positive is more play.
+Source: Eqs. (2), (3) with another expansion coefficient. A positive rate gives more backlash.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """b' plus the rate times the temperature rise, not below zero."""
+    """Add rate delta_T to b', limited to zero from below."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             law[PLAY, m] = max(law[PLAY, m] + theta[0] * now[DELTA_T], 0.0)
@@ -24,7 +24,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """b' plus the rate times the temperature rise, not below zero."""
+    """Add rate delta_T to b', limited to zero from below."""
     more = theta[0] * slots.model.parameters.delta_T
     slots.half_backlash = np.maximum(slots.half_backlash + more * mask, 0.0)
 

@@ -1,4 +1,4 @@
-"""Thermal stiffness: k falls with temperature, k (1 - rate delta_T).
+"""Thermal stiffness: k decreases with temperature, k (1 - rate delta_T).
 
 Source: the temperature coefficient of Young's modulus in k_h, k_a, k_b, k_s, k_f of Eq. (5).
 """
@@ -15,7 +15,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """k less by the rate times the temperature rise, not below a twentieth."""
+    """Multiply k by 1 - rate delta_T, limited to 0.05 from below."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             law[STIFFNESS, m] *= max(1.0 - theta[0] * now[DELTA_T], 0.05)
@@ -24,7 +24,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """k less by the rate times the temperature rise, not below a twentieth."""
+    """Multiply k by 1 - rate delta_T, limited to 0.05 from below."""
     factor = max(1.0 - theta[0] * slots.model.parameters.delta_T, 0.05)
     slots.scale_stiffness(np.where(mask > 0.0, factor, 1.0))
 

@@ -1,8 +1,8 @@
-"""Tooth crack: k falls while one tooth is in mesh, k -= depth w(s) k, so in proportion to load.
+"""Tooth crack: k drops while one tooth is in mesh, k -= depth w(s) k.
 
-w is a raised cosine of the mesh cycles s from the event, which comes once a revolution of its
-member against the carrier: every 27, 25 or 77 mesh cycles of the nominal rig. Source: the usual
-reduction of mesh stiffness by a crack, see Eq. (5) with k_b and k_s of one tooth lowered.
+w is a raised cosine of the mesh cycles s from the event, which recurs once a revolution of its
+member relative to the carrier: every 27, 25 or 77 mesh cycles of the nominal rig. Source: the
+usual reduction of mesh stiffness by a crack, see Eq. (5) with k_b and k_s of one tooth lowered.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """k less by the depth while the tooth is in mesh."""
+    """Reduce k while the tooth is in mesh."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             s = cycles_from_event(now, site[1, m], site[2, m], theta[1])
@@ -28,7 +28,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """k less by the depth while the tooth is in mesh."""
+    """Reduce k while the tooth is in mesh."""
     _, cycles, late = whole_cycles(slots.model, mask, options)
     none = np.zeros(mask.shape)
     slots.add_event(cycles, late + theta[1], theta[2], theta[0] * mask, none)

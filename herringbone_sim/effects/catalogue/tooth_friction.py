@@ -1,13 +1,13 @@
-"""Tooth friction: mu |F| along the flanks, against sliding, which turns round at the pitch point.
+"""Tooth friction: mu |F| along the flanks against the sliding, which reverses at the pitch point.
 
 The contact is at s = p_b wrap(phase) / 2 pi from the pitch point on the line of action, p_b the
-base pitch, so with g = mu |F| cos beta sign(s), as torque over base radius:
+base pitch. With g = mu |F| cos beta sign(s), the torques over base radius are:
 sun mesh: -g (tan alpha_t + s / r_bs) on the sun, g (tan alpha_t - s / r_bp) on the planet,
 g tan alpha_t on the carrier;
 ring mesh: -g (tan alpha_t + s / r_bp) on the planet, g tan alpha_t (r_br - r_bp) / r_bc on the
-carrier. The work is never positive: -g |s| times the rolling speed. It is not in the normal
-force. Source: Coulomb's law with the lever arms of involute flanks, for example Vaishya and Singh
-(J. Sound Vib. 248, 671, 2001).
+carrier. Their power, -g |s| times the rolling speed, is never positive. The normal force does not
+contain the friction. Source: Coulomb's law with the lever arms of involute flanks, for example
+Vaishya and Singh (J. Sound Vib. 248, 671, 2001).
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ TAN, DRIVER_ARM, DRIVEN_ARM, CARRIER_ARM, COS_BETA, SHARE = range(1, 7)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows mask, tan alpha_t, p_b over the radii of driver and driven, arm on the carrier, ..."""
+    """Rows (7, n_mesh): mask, tan alpha_t, p_b over the base radius of driver and of driven, lever
+    arm on the carrier, cos beta, planets that a mesh stands for.
+    """
     p, s = model.parameters, model.scales
     ring = is_ring(model.layout)
     tan = np.tan(np.radians(p.alpha_n)) / s.cos_beta
@@ -47,7 +49,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """Torques of the friction; the normal force stays."""
+    """Add the friction torques; the normal force does not change."""
     turn = now[PHASE] / TWO_PI
     s = turn - np.floor(turn + 0.5)
     half = force.size // 2
@@ -68,10 +70,11 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 def friction_arms(
     model: Model, mask: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Torques over base radius (n_mesh, n_bodies) by |F| of each mesh, for mu = 1.
+    """Friction torques over base radius (n_mesh, n_bodies) per |F| of each mesh, for mu = 1.
 
     Returns:
-        that which turns with sign(s) alone, and that which grows with s sign(s).
+        constant: the part that changes sign at the pitch point.
+        lever: the part that is multiplied by s sign(s), s in mesh cycles.
     """
     rows = place(model, mask, {})
     half, planets = mask.size // 2, mask.size // 4
@@ -92,7 +95,7 @@ def friction_arms(
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Torques of the friction; the normal force stays."""
+    """Add the friction torques; the normal force does not change."""
     constant, lever = friction_arms(slots.model, mask)
     slots.add_friction(theta[0] * constant, theta[0] * lever)
 

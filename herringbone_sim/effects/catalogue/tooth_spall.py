@@ -1,8 +1,8 @@
-"""Tooth spall: a displacement d = height w(s) while one tooth is in mesh, whatever the load.
+"""Tooth spall: a displacement d = height w(s) while one tooth is in mesh, independent of the load.
 
-w is a raised cosine of the mesh cycles s from the event, which comes once a revolution of its
-member against the carrier, as for a crack. Source: a local fault as displacement excitation in
-the place of e(t), Eqs. (15), (16).
+w is a raised cosine of the mesh cycles s from the event, which recurs once a revolution of its
+member relative to the carrier, as for a crack. Source: a local fault as displacement excitation
+like e(t), Eqs. (15), (16).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """d and its rate while the tooth is in mesh."""
+    """Add d and its rate while the tooth is in mesh."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             s = cycles_from_event(now, site[1, m], site[2, m], theta[1])
@@ -39,7 +39,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """d while the tooth is in mesh."""
+    """Add d while the tooth is in mesh."""
     _, cycles, late = whole_cycles(slots.model, mask, options)
     none = np.zeros(mask.shape)
     slots.add_event(cycles, late + theta[1], theta[2], none, theta[0] * mask)

@@ -19,7 +19,9 @@ ORDER, TURN, RADIUS = range(1, 4)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows mask, order, mesh cycles a turn of the input shaft, radius of the sun (4, n_mesh)."""
+    """Rows (4, n_mesh): mask, order, mesh cycles per turn of the input shaft, base radius of the
+    sun.
+    """
     p = model.parameters
     one = np.ones(mask.shape)
     turn = p.z_s * p.z_r / (p.z_s + p.z_r)
@@ -28,7 +30,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """More or less torque on both halves of the sun."""
+    """Add the ripple to the torque on both halves of the sun."""
     angle = site[ORDER, 0] * now[PHASE] / site[TURN, 0] + theta[1]
     more = 0.5 * now[TORQUE] / site[RADIUS, 0] * theta[0] * np.cos(angle)
     torque[0] += more
@@ -38,7 +40,7 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """More or less torque on both halves of the sun."""
+    """Add the ripple to the torque on both halves of the sun."""
     p, s = slots.model.parameters, slots.model.scales
     order = options["order"] * (p.z_s + p.z_r) / (p.z_s * p.z_r)
     push = np.zeros(len(slots.model.layout.bodies))

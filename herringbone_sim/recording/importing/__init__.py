@@ -1,1 +1,1 @@
-"""Files of other programs become a campaign: what a spec says of them, one room for each step."""
+"""Import files of other programs as a campaign, driven by a specification file (spec)."""

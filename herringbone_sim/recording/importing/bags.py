@@ -1,7 +1,7 @@
-"""Columns of a rosbag2 of any program: every number of every topic, with the time it has.
+"""Columns of a rosbag2 of any message types: every number of every topic, with its time.
 
-A column is ``TOPIC.FIELD``, as ``/sun.data``, ``/joints.effort[2]`` or, of blocks of samples with
-named channels, ``/rig/samples.F_sp1_L``.
+A column is named ``TOPIC.FIELD``, such as ``/sun.data`` or ``/joints.effort[2]``, or, for blocks
+of samples with named channels, ``/rig/samples.F_sp1_L``.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ _Number = (bool, int, float, np.number)
 def bag_columns(
     path: Path, wanted: Sequence[str]
 ) -> tuple[dict[str, Values], dict[str, Values], tuple[str, ...]]:
-    """Columns asked for, their stamps (datetime64[ns]; none of blocks) and names of all columns.
+    """Read the wanted columns; returns them, their stamps, and the names of all columns.
 
-    The stamp is that of the header, where a message has one, else the time of recording.
+    The stamps (datetime64[ns]) are those of the message header, else the recording time; blocks of
+    samples have none.
     """
     rosbags = package("rosbags.highlevel", "rosbags", "rosbag2 files")
     types = package("rosbags.typesys", "rosbags", "rosbag2 files")
@@ -51,17 +52,19 @@ def bag_columns(
 
 
 def _folder(path: Path) -> Path:
-    """A bag is a folder; one of its files stands for it, where metadata.yaml is beside it."""
+    """The folder of a bag, also if one of its files is named; a lone file is returned as it is."""
     beside = path.parent if path.is_file() else path
     return beside if (beside / "metadata.yaml").is_file() else path
 
 
 def _stamp(message: Any, logged_ns: int) -> int:
+    """Header stamp of a message [ns], else its log time."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return logged_ns if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def _fields(message: Any, prefix: str) -> Iterator[tuple[str, Values]]:
+    """Yield name and values of every number in a message, nested fields joined by dots."""
     block = _block(message)
     if block is not None:
         yield from block
@@ -77,7 +80,7 @@ def _fields(message: Any, prefix: str) -> Iterator[tuple[str, Values]]:
 
 
 def _block(message: Any) -> list[tuple[str, Values]] | None:
-    """Columns of a block of samples, None where the message is none."""
+    """Columns of a block of samples (2-D array layout); None if the message is none."""
     dimensions: Sequence[Any] = getattr(getattr(message, "layout", None), "dim", [])
     names = dimensions[1].label.split(",") if len(dimensions) == 2 else []
     if not names or len(message.data) != dimensions[0].size * len(names):

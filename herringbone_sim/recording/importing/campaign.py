@@ -1,4 +1,4 @@
-"""Import a campaign: read what a spec names, bring it to SI and one clock, write it as bags."""
+"""Import a campaign: read the files of a spec, convert to SI and one clock, write bags."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from herringbone_sim.core.layout import MEANINGS, describe
 from herringbone_sim.core.model import build
 from herringbone_sim.errors import HerringboneError, RecordingError
 from herringbone_sim.recording.campaign import read_campaign, write_campaign
-from herringbone_sim.recording.importing.clock import Stream, first_date, merged, streams
+from herringbone_sim.recording.importing.clock import ClockGroup, clock_groups, first_date, merged
 from herringbone_sim.recording.importing.columns import Columns, read_columns
 from herringbone_sim.recording.importing.ranges import remarks
 from herringbone_sim.recording.importing.spec import (
@@ -23,7 +23,7 @@ from herringbone_sim.recording.importing.spec import (
     FileSpec,
     ImportSpec,
     RunSpec,
-    made_of,
+    recorded_name,
 )
 from herringbone_sim.recording.importing.turns import unwrapped, with_turns
 from herringbone_sim.recording.importing.units import si_unit
@@ -36,13 +36,13 @@ NOMINAL = "nominal.yaml"
 
 
 @dataclass(frozen=True)
-class Taken:
-    """A channel that came in.
+class ImportedChannel:
+    """An imported channel.
 
     Attributes:
         channel, unit: as recorded, SI.
-        source: file, column and unit that it was made of.
-        rate_hz: of the file.
+        source: file, column and unit that it comes from.
+        rate_hz: sample rate of that file.
         low, high: range of the finite values [SI]; NaN if there are none.
     """
 
@@ -56,15 +56,15 @@ class Taken:
 
 @dataclass(frozen=True)
 class ImportedRun:
-    """What came in of a run.
+    """Summary of an imported run.
 
     Attributes:
         name, role: of the run.
-        samples: number of them.
-        rate_hz, cycles: of the run's clock; mesh cycles recorded.
-        taken: one a channel.
-        left: (channel or column, why it was left).
-        remarks: a sentence on what was cut, and on what the data sheet does not expect.
+        samples: number of samples.
+        rate_hz, cycles: sample rate of the run; mesh cycles recorded.
+        taken: the imported channels.
+        left: (channel or column, reason) of those not imported.
+        remarks: sentences on what was cut, and on values that the data sheet does not explain.
     """
 
     name: str
@@ -72,7 +72,7 @@ class ImportedRun:
     samples: int
     rate_hz: float
     cycles: float
-    taken: tuple[Taken, ...]
+    taken: tuple[ImportedChannel, ...]
     left: tuple[tuple[str, str], ...]
     remarks: tuple[str, ...]
 
@@ -80,18 +80,18 @@ class ImportedRun:
 def import_campaign(
     spec: ImportSpec, out: Path, say: Say = lambda text: None
 ) -> tuple[ImportedRun, ...]:
-    """Write runs, ``campaign.yaml`` and the nominal file into a new folder, all or nothing.
+    """Write runs, ``campaign.yaml`` and the nominal parameter file into a new folder, or nothing.
 
     Args:
-        spec: as read.
-        out: must be new, or empty.
-        say: told of each run.
+        spec: the parsed specification.
+        out: must not exist, or be empty.
+        say: called with the name of each run.
 
     Raises:
-        RecordingError: the folder is there, a file can't be read, or it holds something else than
-            the spec says; nothing is left behind.
+        RecordingError: the folder is in use, or a file can't be read or contradicts the spec;
+            nothing is left behind.
     """
-    with _whole(out) as part:
+    with _new_folder(out) as part:
         told = []
         for run in spec.runs:
             say(run.name)
@@ -101,23 +101,25 @@ def import_campaign(
                 raise RecordingError(f"{run.name}: {error}") from None
         entries = [{"path": r.name, **r.point, "role": r.role} for r in spec.runs]
         write_campaign(part, spec.rig, entries, spec.noise, spec.sensors)
-        _check_told(part)
+        _check_written(part)
         save_parameters(part / NOMINAL, spec.nominal, f"The nominal gear of {spec.rig}.")
     return tuple(told)
 
 
-def _check_told(folder: Path) -> None:
-    """Noise and sensors are held against the rules of those who read them."""
+def _check_written(folder: Path) -> None:
+    """Read the written campaign once, so that invalid noise and sensor data of the spec are
+    reported.
+    """
     try:
         read_campaign(folder)
     except RecordingError as error:
-        told = str(error).replace(str(folder / "campaign.yaml"), "the spec")
-        raise RecordingError(told) from None
+        message = str(error).replace(str(folder / "campaign.yaml"), "the spec")
+        raise RecordingError(message) from None
 
 
 @contextmanager
-def _whole(out: Path) -> Iterator[Path]:
-    """A folder to write to; it takes the name ``out`` when all is written, or never."""
+def _new_folder(out: Path) -> Iterator[Path]:
+    """Temporary folder that is renamed to ``out`` when complete, else removed."""
     out = out.resolve()
     there = next(folder for folder in out.parents if folder.exists())
     part = there / f".{out.name}.part"
@@ -142,10 +144,15 @@ def _whole(out: Path) -> Iterator[Path]:
 
 
 def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
+    """Convert and write one run."""
     read = [(file, _columns(file)) for file in run.files]
     dates = [date for file, columns in read if (date := first_date(file, columns)) is not None]
     zero = min(dates) if dates else None
-    parts = [_whole_turns(one) for file, columns in read for one in streams(file, columns, zero)]
+    parts = [
+        _unwrapped_angles(one)
+        for file, columns in read
+        for one in clock_groups(file, columns, zero)
+    ]
     on_one = merged(parts)
     model = build(spec.nominal.changed(run.point))
     values = with_turns(model, spec.shaft, spec.phase_offset, on_one.times, on_one.values)
@@ -163,29 +170,30 @@ def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
         len(times),
         float((len(times) - 1) / times[-1]),
         float(np.ptp(values["phase"]) / (2.0 * np.pi)),
-        _taken(spec, run, values, rates),
+        _imported(spec, run, values, rates),
         (*on_one.left.items(), *_unnamed(read)),
         (*on_one.notes, *remarks(model, times, values)),
     )
 
 
 def _columns(file: FileSpec) -> Columns:
+    """Columns of a file that its channels and its clock need."""
     wanted = [one.column for one in file.channels]
     wanted += [file.time.column] if file.time.column else []
     return read_columns(file.path, file.kind, list(dict.fromkeys(wanted)), file.options)
 
 
-def _whole_turns(stream: Stream) -> Stream:
-    """Wrapped angles made whole before anything is read between their samples."""
+def _unwrapped_angles(stream: ClockGroup) -> ClockGroup:
+    """Unwrap phases and angles, so that they can be interpolated."""
     values = {
         name: unwrapped(one) if name == "phase" or name.startswith("angle_") else one
         for name, one in stream.values.items()
     }
-    return Stream(stream.label, stream.times, values, stream.resample)
+    return ClockGroup(stream.label, stream.times, values, stream.resample)
 
 
 def _unnamed(read: Sequence[tuple[FileSpec, Columns]]) -> list[tuple[str, str]]:
-    """Columns that no channel is made of, by file."""
+    """Columns that no channel uses, by file, with the reason."""
     named: dict[Path, set[str]] = {}
     for file, _ in read:
         used = {one.column for one in file.channels} | {file.time.column or ""}
@@ -199,35 +207,38 @@ def _unnamed(read: Sequence[tuple[FileSpec, Columns]]) -> list[tuple[str, str]]:
     ]
 
 
-def _taken(
+def _imported(
     spec: ImportSpec, run: RunSpec, values: Mapping[str, Array], rates: Mapping[str, float]
-) -> tuple[Taken, ...]:
+) -> tuple[ImportedChannel, ...]:
+    """Summary of each channel of a run."""
     sources: dict[str, tuple[FileSpec, ChannelSpec]] = {
-        made_of(one.name): (file, one) for file in run.files for one in file.channels
+        recorded_name(one.name): (file, one) for file in run.files for one in file.channels
     }
     if spec.shaft:
-        sources["phase"] = sources[made_of(spec.shaft)]
+        sources["phase"] = sources[recorded_name(spec.shaft)]
     found = []
     for channel, one in values.items():
         file, source = sources[channel]
         known = one[np.isfinite(one)]
         low, high = (float(f(known)) if len(known) else float("nan") for f in (np.min, np.max))
-        told = f"{file.path.name}: {source.column} [{source.unit}]"
+        origin = f"{file.path.name}: {source.column} [{source.unit}]"
         rate = rates[source.name]
-        found.append(Taken(channel, si_unit(channel), told, rate, low, high))
+        found.append(ImportedChannel(channel, si_unit(channel), origin, rate, low, high))
     return tuple(found)
 
 
 def _write(folder: Path, name: str, rig: str, columns: Mapping[str, Array]) -> None:
+    """Write the columns of a run as a bag."""
     names, data = tuple(columns), np.column_stack(list(columns.values()))
-    told = {"channels": [_described(one) for one in names], "source": rig}
-    writer = RunWriter.create(folder, name, "/rig", told, names, 0)
+    content = {"channels": [_described(one) for one in names], "source": rig}
+    writer = RunWriter.create(folder, name, "/rig", content, names, 0)
     for rows in split_rows(len(data), len(names)):
         writer.write_samples(data[rows])
     writer.close()
 
 
 def _described(channel: str) -> dict[str, str]:
+    """Entry of a channel in the ``channels`` message."""
     if channel in MEANINGS or channel.split("_")[0] in MEANINGS:
         return describe(channel)
     return {"name": channel, "unit": si_unit(channel), "meaning": "as docs/importing.md has it"}

@@ -1,4 +1,4 @@
-"""Files of one run on one clock: cut to the time that all have, and no sample made up unasked."""
+"""Bring the files of one run to one clock: cut to their common time, resample only if allowed."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from herringbone_sim.recording.importing.columns import Columns
 from herringbone_sim.recording.importing.spec import ChannelSpec, FileSpec
 
 Array = NDArray[np.float64]
-# Steps by which samples of two files may be apart and still be taken for one: at 16 samples a mesh
-# cycle it shifts a channel by 0.4 % of its amplitude, less than the noise of 40 dB.
+# Largest time difference of simultaneous samples, in sample steps: at 16 samples a mesh cycle it
+# shifts a channel by 0.4 % of its amplitude, less than the noise of 40 dB.
 SAME = 0.01
 
 
 @dataclass(frozen=True)
-class Stream:
+class ClockGroup:
     """Channels of one file that share their times.
 
     Attributes:
-        label: file, as it is told.
+        label: name of the file, for messages.
         times: (n,) [s], strictly increasing.
         values: (n,) by channel, SI.
-        resample: whether it may be brought to another clock.
+        resample: whether it may be interpolated at the times of another file.
     """
 
     label: str
@@ -41,13 +41,13 @@ class Stream:
 
 @dataclass(frozen=True)
 class Merged:
-    """Streams on the clock of the first one.
+    """All channels at the times of the first group.
 
     Attributes:
         times: (n,) [s] from 0.
         values: (n,) by channel, SI.
-        left: channel -> why it was left.
-        notes: a sentence on all that was cut or brought to another clock.
+        left: channel -> reason why it was left out.
+        notes: sentences on what was cut or interpolated.
     """
 
     times: Array
@@ -56,15 +56,14 @@ class Merged:
     notes: tuple[str, ...]
 
 
-def streams(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -> list[Stream]:
-    """Channels of a file by the clock they have.
+def clock_groups(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -> list[ClockGroup]:
+    """Group the channels of a file by their clock.
 
     Args:
         zero: first date of the run, from which dates count.
 
     Raises:
-        RecordingError: columns of another length than their clock, or a clock that does not go
-            forward.
+        RecordingError: a column and its clock differ in length, or a clock does not increase.
     """
     groups: dict[bytes, tuple[Array, dict[str, Array]]] = {}
     for channel in file.channels:
@@ -77,14 +76,14 @@ def streams(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -> lis
                 f"got {len(raw)} and {len(times)}: give it an entry of files of its own"
             )
         group[1][channel.name] = channel.gain * raw + channel.offset
-    made = [Stream(file.path.name, *group, file.resample) for group in groups.values()]
+    made = [ClockGroup(file.path.name, *group, file.resample) for group in groups.values()]
     for one in made:
         _check(file, one.times)
     return made
 
 
 def first_date(file: FileSpec, columns: Columns) -> np.datetime64 | None:
-    """First date of a file that dates its samples."""
+    """First date of a file with dated samples; None if it has none."""
     found = [columns.values[file.time.column]] if file.time.column else []
     found += columns.stamps.values() if file.time.own else []
     dates = [one[0] for one in found if one.dtype.kind == "M" and len(one)]
@@ -117,6 +116,7 @@ def _times(
 
 
 def _check(file: FileSpec, times: Array) -> None:
+    """Raise RecordingError unless times are finite and strictly increasing."""
     steps = np.diff(times)
     if len(times) < 2 or not np.isfinite(times).all() or not (steps > 0.0).all():
         at = int(np.argmax(~(steps > 0.0))) if steps.size else 0
@@ -128,16 +128,16 @@ def _check(file: FileSpec, times: Array) -> None:
         )
 
 
-def merged(parts: Sequence[Stream]) -> Merged:
-    """All streams on the clock of the first one.
+def merged(parts: Sequence[ClockGroup]) -> Merged:
+    """Bring all groups to the times of the first one.
 
     Raises:
-        RecordingError: files that were not recorded at one time.
+        RecordingError: the files do not overlap in time.
     """
     main, left, notes = parts[0], dict[str, str](), list[str]()
-    taken: list[Stream] = []
+    taken: list[ClockGroup] = []
     for one in parts[1:]:
-        fits = one.resample or _same(main.times, one.times)
+        fits = one.resample or _same_samples(main.times, one.times)
         if fits:
             taken.append(one)
             continue
@@ -146,14 +146,14 @@ def merged(parts: Sequence[Stream]) -> Merged:
             f"{main.rate_hz:.6g} Hz: set resample: true to bring it there by straight lines"
         )
         left |= dict.fromkeys(one.values, reason)
-    rows = _common(main, taken)
+    rows = _overlap(main, taken)
     times = main.times[rows]
     if rows.stop - rows.start < len(main.times):
         cut = len(main.times) - (rows.stop - rows.start)
         notes.append(f"{cut} samples of {main.label} lie outside of the other files: cut off")
     values = {name: one[rows] for name, one in main.values.items()}
     for one in taken:
-        same = _same(main.times, one.times)
+        same = _same_samples(main.times, one.times)
         values |= {n: _at(times, one.times, v, same) for n, v in one.values.items()}
         if not same:
             folds = ", and what is faster folds back" if one.rate_hz > main.rate_hz else ""
@@ -170,8 +170,8 @@ def _nearest(times: Array, others: Array) -> NDArray[np.intp]:
     return after - (times - others[after - 1] < others[after] - times)
 
 
-def _same(times: Array, others: Array) -> bool:
-    """Whether both have the same samples where they overlap."""
+def _same_samples(times: Array, others: Array) -> bool:
+    """Whether two clocks have the same sample times where they overlap."""
     reach = SAME * min(np.median(np.diff(times)), np.median(np.diff(others)))
     low, high = max(times[0], others[0]) - reach, min(times[-1], others[-1]) + reach
     both = times[(times >= low) & (times <= high)]
@@ -181,7 +181,8 @@ def _same(times: Array, others: Array) -> bool:
     return bool((np.abs(others[_nearest(both, others)] - both) <= reach).all())
 
 
-def _common(main: Stream, others: Sequence[Stream]) -> slice:
+def _overlap(main: ClockGroup, others: Sequence[ClockGroup]) -> slice:
+    """Rows of the first group that lie within the times of all others."""
     reach = SAME * float(np.median(np.diff(main.times)))
     low = max((one.times[0] for one in others), default=-np.inf) - reach
     high = min((one.times[-1] for one in others), default=np.inf) + reach
@@ -198,5 +199,6 @@ def _common(main: Stream, others: Sequence[Stream]) -> slice:
 
 
 def _at(times: Array, own: Array, values: Array, same: bool) -> Array:
+    """Values at other times: the nearest samples, or linear interpolation."""
     found: Array = values[_nearest(times, own)] if same else np.interp(times, own, values)
     return found

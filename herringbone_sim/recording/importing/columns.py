@@ -1,4 +1,4 @@
-"""Columns of a file: one small reader for each kind, behind ``read_columns``."""
+"""Read columns of a file: one small reader for each kind of file, behind ``read_columns``."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Read = Callable[[], Values]
 
 @dataclass(frozen=True)
 class Columns:
-    """What a file holds.
+    """Columns of a file.
 
     Attributes:
-        values: (n,) by name, of the columns asked for: float64, NaN where a cell is empty, or
-            datetime64[ns] where the file dates its samples.
-        stamps: (n,) of those that have a clock of their own [s], or datetime64[ns].
-        names: of all columns.
+        values: (n,) by name, of the wanted columns: float64, NaN for an empty cell, or
+            datetime64[ns] for dates.
+        stamps: (n,) times of columns with a clock of their own, [s] or datetime64[ns].
+        names: of all columns in the file.
     """
 
     values: Mapping[str, Values]
@@ -38,11 +38,11 @@ class Columns:
 def read_columns(
     path: Path, kind: str, wanted: Sequence[str], options: Mapping[str, Any]
 ) -> Columns:
-    """Columns of a file by name.
+    """Read the wanted columns of a file.
 
     Raises:
-        RecordingError: the file is none of its kind or can't be read, a package lacks, or a
-            column is not there or holds no numbers.
+        RecordingError: the file is not of its kind or can't be read, a package is missing, or a
+            column is missing or not numeric.
     """
     try:
         if kind == "rosbag2":
@@ -68,6 +68,7 @@ def read_columns(
 
 
 def _numbers(path: Path, name: str, values: Values) -> Values:
+    """A column as float64 or datetime64[ns]; RecordingError if it is neither."""
     values = np.asarray(values)
     if values.dtype.kind == "M":
         return values.astype("datetime64[ns]")
@@ -84,10 +85,12 @@ _Found = tuple[dict[str, Read], dict[str, Values]]
 
 
 def _arrow(table: Any) -> dict[str, Read]:
+    """Readers of the columns of an Arrow table."""
     return {name: table.column(i).to_numpy for i, name in enumerate(table.column_names)}
 
 
 def _csv(path: Path, options: Mapping[str, Any]) -> _Found:
+    """Readers of the columns of a text table."""
     csv = package("pyarrow.csv", "pyarrow", "tables of text")
     table = csv.read_csv(
         path,
@@ -108,6 +111,7 @@ def _parquet(path: Path, _: Mapping[str, Any]) -> _Found:
 
 
 def _mat(path: Path, _: Mapping[str, Any]) -> _Found:
+    """Readers of the arrays of a MATLAB file."""
     with path.open("rb") as file:
         if file.read(10) == b"MATLAB 7.3":
             return _of_hdf5(path, matlab=True), {}
@@ -117,6 +121,7 @@ def _mat(path: Path, _: Mapping[str, Any]) -> _Found:
 
 
 def _leaves(content: Mapping[str, Any], prefix: str, matlab: bool) -> Iterator[tuple[str, Read]]:
+    """Yield readers of the arrays in a nested mapping, keys joined by dots."""
     for key, value in content.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{key}.", matlab)
@@ -129,6 +134,7 @@ def _hdf5(path: Path, _: Mapping[str, Any]) -> _Found:
 
 
 def _of_hdf5(path: Path, matlab: bool) -> dict[str, Read]:
+    """Readers of all datasets of an HDF5 file."""
     h5py = package("h5py", "h5py", "HDF5 and MAT v7.3 files")
     found: dict[str, Read] = {}
 
@@ -144,6 +150,7 @@ def _of_hdf5(path: Path, matlab: bool) -> dict[str, Read]:
 
 
 def _dataset(path: Path, name: str, turned: bool) -> Values:
+    """Values of a dataset, transposed for MATLAB files, which store columns as rows."""
     with package("h5py", "h5py", "HDF5 and MAT v7.3 files").File(path) as file:
         values: Values = file[name][()]
         return values.T if turned else values
@@ -152,7 +159,9 @@ def _dataset(path: Path, name: str, turned: bool) -> Values:
 def _parted(
     name: str, shape: tuple[int, ...], read: Read, matlab: bool
 ) -> Iterator[tuple[str, Read]]:
-    """A vector as it is; a matrix by columns, as MATLAB or Python write them."""
+    """Yield readers: one for a vector, one a column for a matrix, named in MATLAB or Python
+    style.
+    """
     if len(shape) != 2 or 1 in shape:
         yield name, partial(_flat, read)
         return
@@ -171,6 +180,7 @@ def _column(read: Read, j: int) -> Values:
 
 
 def _tdms(path: Path, _: Mapping[str, Any]) -> _Found:
+    """Readers of the channels of a TDMS file, and their clocks."""
     file = package("nptdms", "npTDMS", "TDMS files").TdmsFile.read(path)
     every = {f"{c.group_name}/{c.name}": c for group in file.groups() for c in group.channels()}
     clocks = {

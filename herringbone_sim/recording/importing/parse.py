@@ -1,4 +1,6 @@
-"""Read a spec: every wrong entry is one error: its place, the rule, what was got, the remedy."""
+"""Parse a spec; an invalid entry raises an error with its place, the rule, the value, the
+remedy.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ from herringbone_sim.recording.importing.spec import (
     ImportSpec,
     RunSpec,
     TimeSpec,
-    made_of,
+    recorded_name,
 )
 from herringbone_sim.recording.importing.units import channel_names, si_unit
 from herringbone_sim.recording.parameter_file import load_parameters
@@ -39,10 +41,10 @@ FILE = ("path", "kind", "time", "channels", "resample", "options")
 
 
 def read_spec(file: Path) -> ImportSpec:
-    """Read and check a spec; files are looked for, not opened.
+    """Read and check a spec; the data files must exist but are not opened.
 
     Raises:
-        RecordingError: no such spec, or a wrong entry; it begins with the file.
+        RecordingError: no such spec, or an invalid entry; the message begins with the file.
     """
     try:
         return _spec(file.parent, read_yaml(file))
@@ -55,6 +57,7 @@ def read_spec(file: Path) -> ImportSpec:
 
 
 def _spec(folder: Path, content: Any) -> ImportSpec:
+    """Specification from the parsed YAML."""
     known = ("rig", "nominal", "phase", "files", "runs", "noise", "sensors")
     top = Entry(content, "", known)
     nominal = load_parameters(folder / top.text("nominal")) if "nominal" in top else Parameters()
@@ -75,6 +78,9 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
 
 
 def _phase(value: Any) -> tuple[str, float]:
+    """Shaft that the mesh phase comes from, empty if none, and the phase [rad] at its zero
+    angle.
+    """
     if value is None:
         return "", 0.0
     entry = Entry(value, "phase", ("angle", "offset"))
@@ -82,7 +88,7 @@ def _phase(value: Any) -> tuple[str, float]:
 
 
 def _check_filled(run: RunSpec, shaft: str) -> None:
-    """The mesh phase is there, and no channel is filled twice."""
+    """Check that the mesh phase is given and that no channel is given twice."""
     named = [channel.name for file in run.files for channel in file.channels]
     if (shaft or "phase") not in named:
         raise RecordingError(
@@ -90,7 +96,7 @@ def _check_filled(run: RunSpec, shaft: str) -> None:
             "name the column of the mesh phase, or in `phase: {angle: ...}` a shaft of which it "
             f"is made ({listed(SHAFTS)})"
         )
-    filled = [made_of(name) for name in named] + (["phase"] if shaft else [])
+    filled = [recorded_name(name) for name in named] + (["phase"] if shaft else [])
     twice = [name for name in filled if filled.count(name) > 1]
     if twice:
         raise RecordingError(
@@ -100,6 +106,7 @@ def _check_filled(run: RunSpec, shaft: str) -> None:
 
 
 def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str]) -> RunSpec:
+    """Specification of one run."""
     entry = Entry(value, where, ("name", "role", *POINT, "files"))
     name = entry.text("name")
     try:
@@ -117,6 +124,7 @@ def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str])
 
 
 def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpec:
+    """Specification of one file of a run."""
     path = folder / entry.text("path").replace("{run}", run)
     if not path.exists():
         raise entry.wrong("path", "a file beside the spec", str(path), "no such file")
@@ -129,7 +137,7 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
     taken = tuple(
         _channel(name, one, place, names)
         for many, value in channels.items()
-        for name, one in _each(str(many), value, names)
+        for name, one in _expanded(str(many), value, names)
     )
     resample = entry.choice("resample", (False, True), False)
     time = _time(entry.take("time"), f"{entry.where}.time", kind)
@@ -137,6 +145,7 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
 
 
 def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
+    """Checked options of a csv file."""
     given = Entry(entry.take("options", {}), f"{entry.where}.options", tuple(OPTIONS))
     if kind != "csv" and "options" in entry:
         raise entry.wrong("options", "left out, as only csv has options", kind)
@@ -151,8 +160,8 @@ def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
     return found
 
 
-def _each(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
-    """Channels that a name with a star stands for; the star in the column is what it stands for.
+def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
+    """Expand a channel name with a star; the star in its column stands for the same text.
 
     ``F_*: {column: force *, unit: kN}`` is the force of every mesh; pins are ``F_pin*``.
     """
@@ -171,6 +180,7 @@ def _each(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
 
 
 def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> ChannelSpec:
+    """Specification of one channel: column, unit and linear conversion to SI."""
     if name not in names:
         near = difflib.get_close_matches(name, names, 3) or names[:3]
         raise RecordingError(
@@ -188,6 +198,7 @@ def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> Channel
 
 
 def _time(value: Any, where: str, kind: str) -> TimeSpec:
+    """Specification of the clock of a file."""
     own = kind in ("tdms", "rosbag2")
     entry = Entry(value or {}, where, ("column", "unit", "rate", "start", "trigger_offset"))
     named = ("column" in entry) + ("rate" in entry)

@@ -1,7 +1,7 @@
-"""Channels held against the data sheet: what is far from what the rig can do is told, and taken.
+"""Compare imported channels with what the data sheet lets expect; only reports, rejects nothing.
 
-Displacements are of the size of the mesh error, rates and accelerations of that times the mesh
-frequency, forces carry the load in the mean.
+Expected sizes: displacements as the mesh error, velocities and accelerations as that times the
+mesh frequency, mean forces as the load.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.recording.importing.units import si_unit
 
 Array = NDArray[np.float64]
-# Nearer to the next prefix of a unit, a thousand away, than to the right one.
+# Factor beyond which the next unit prefix (1000) is closer than the right one.
 FAR = 10.0**1.5
-SPEED = 0.05  # share by which no unit, but a wrong Omega, slip or another gear, changes the speed
+SPEED = 0.05  # larger relative deviations mean a wrong Omega, slip or another gear
 
 
 def remarks(model: Model, times: Array, values: Mapping[str, Array]) -> list[str]:
-    """A sentence on each kind of channel that is out of the range of the nominal rig, or empty."""
+    """A sentence on each channel, or group of channels, that is far from the nominal rig."""
     found = _speed(model, times, values["phase"])
     far: dict[str, list[str]] = {}
     for name, one in values.items():
@@ -39,19 +39,20 @@ def remarks(model: Model, times: Array, values: Mapping[str, Array]) -> list[str
 
 
 def _speed(model: Model, times: Array, phase: Array) -> list[str]:
+    """A sentence if the speed by phase differs from Omega by more than 5 %."""
     p = model.parameters
-    told = p.Omega * (p.omega_n or model.scales.omega_n)
+    nominal = p.Omega * (p.omega_n or model.scales.omega_n)
     got = float((phase[-1] - phase[0]) / (times[-1] - times[0]))
-    if abs(got / told - 1.0) < SPEED:
+    if abs(got / nominal - 1.0) < SPEED:
         return []
     return [
-        f"the mesh turns at {got:.6g} rad/s by phase, at {told:.6g} rad/s by Omega = {p.Omega:g}: "
-        "mend Omega, the unit of phase or time, or the nominal file"
+        f"the mesh turns at {got:.6g} rad/s by phase, at {nominal:.6g} rad/s by "
+        f"Omega = {p.Omega:g}: mend Omega, the unit of phase or time, or the nominal file"
     ]
 
 
 def _sizes(model: Model, name: str, values: Array) -> tuple[float, float]:
-    """What a channel should come to, and what it comes to; 0 where nothing is known."""
+    """Expected and actual size of a channel; (0, 0) where nothing is expected."""
     p, s = model.parameters, model.scales
     omega, error = p.Omega * (p.omega_n or s.omega_n), p.e_m * s.b_c
     load = abs(p.T_1) / (2.0 * s.r_bs * s.cos_beta * p.n_planets)

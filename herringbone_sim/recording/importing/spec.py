@@ -1,4 +1,4 @@
-"""What an import goes by: which column of which file is which channel, in which unit."""
+"""Specification of an import: which column of which file is which channel, in which unit."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from herringbone_sim.core.parameters import Parameters
 
 @dataclass(frozen=True)
 class ChannelSpec:
-    """One channel: SI value = gain x number in the file + offset.
+    """One channel: SI value = gain * number in the file + offset.
 
     Attributes:
         name: of the channel.
-        column: as the file calls it.
+        column: its name in the file.
         unit: in the file.
-        gain: unit, scale and sign together [SI].
+        gain: product of unit factor, scale and sign [SI].
         offset: [SI].
     """
 
@@ -31,14 +31,14 @@ class ChannelSpec:
 
 @dataclass(frozen=True)
 class TimeSpec:
-    """The clock of a file: t = its own time + trigger_offset_s, on the clock of the run.
+    """The clock of a file: time of the run = time of the file + trigger_offset_s.
 
     Attributes:
-        column: that holds the time; None where it follows from the rate.
-        unit_s: seconds in one unit of that column.
-        rate_hz: samples a second; None with a column.
+        column: column with the time; None if the time follows from the rate.
+        unit_s: unit of that column in seconds.
+        rate_hz: sample rate; None with a column.
         start_s: time of the first sample, with a rate.
-        trigger_offset_s: by how much this file's zero is later than that of the run.
+        trigger_offset_s: how much later the zero of this file is than that of the run.
     """
 
     column: str | None = None
@@ -49,7 +49,7 @@ class TimeSpec:
 
     @property
     def own(self) -> bool:
-        """Whether the file's own stamps are its clock."""
+        """Whether the stamps inside the file are its clock."""
         return self.column is None and self.rate_hz is None
 
 
@@ -58,12 +58,12 @@ class FileSpec:
     """One file of a run.
 
     Attributes:
-        path: it lies there.
+        path: of the file.
         kind: csv, parquet, mat, tdms, hdf5 or rosbag2.
-        time: its clock; with neither column nor rate, that of the file itself.
-        channels: taken of it.
-        resample: whether another clock is brought to that of the run, by straight lines.
-        options: of tables of text: delimiter, decimal, encoding, skip, skip_after_names.
+        time: its clock; with neither column nor rate, the stamps inside the file.
+        channels: to read from it.
+        resample: whether it may be interpolated to the clock of the run.
+        options: for csv: delimiter, decimal, encoding, skip, skip_after_names.
     """
 
     path: Path
@@ -76,7 +76,7 @@ class FileSpec:
 
 @dataclass(frozen=True)
 class RunSpec:
-    """A run: its folder's name, role, operating point [SI] and files."""
+    """A run: name of its folder, role, operating point [SI] and files."""
 
     name: str
     role: str
@@ -86,14 +86,14 @@ class RunSpec:
 
 @dataclass(frozen=True)
 class ImportSpec:
-    """All that a spec says.
+    """Content of a spec.
 
     Attributes:
-        rig: name.
-        nominal: the data sheet, full model.
-        shaft: angle channel that the mesh phase is made of; empty where phase is a column.
-        phase_offset: mesh phase [rad] where that angle is zero.
-        noise, sensors: passed on to campaign.yaml.
+        rig: its name.
+        nominal: parameters by the data sheet, full model.
+        shaft: angle channel that the mesh phase is computed from; empty if phase is a column.
+        phase_offset: mesh phase [rad] at the zero of that angle.
+        noise, sensors: copied to campaign.yaml.
     """
 
     rig: str
@@ -105,6 +105,6 @@ class ImportSpec:
     sensors: Mapping[str, Any] | None
 
 
-def made_of(channel: str) -> str:
-    """Name that a channel of a spec has in the recording."""
+def recorded_name(channel: str) -> str:
+    """Name in the recording of a channel of the spec: ``angle_c`` is recorded as ``u_c``."""
     return channel.replace("angle_", "u_", 1) if channel.startswith("angle_") else channel

@@ -1,4 +1,4 @@
-"""Raw encoder angles: what is left of them beside the steady rotation, and the mesh phase."""
+"""Raw encoder angles: their deviation from steady rotation, and the mesh phase."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def unwrapped(values: Array) -> Array:
-    """Angles or phases (n,) [rad] that start anew at every turn, made one; others as they are."""
+    """Unwrap angles (n,) [rad] that jump by a turn; monotonic ones are returned as they are."""
     known = np.isfinite(values)
     steps = np.diff(values[known])
     if not (np.abs(steps) > np.pi).any() or (steps > 0.0).all() or (steps < 0.0).all():
@@ -24,12 +24,12 @@ def unwrapped(values: Array) -> Array:
 def with_turns(
     model: Model, shaft: str, phase_offset: float, times: Array, values: dict[str, Array]
 ) -> dict[str, Array]:
-    """Channels with ``angle_*`` made ``u_*`` and the phase made of a shaft, where one is named.
+    """Replace ``angle_*`` channels by ``u_*``, and compute the phase from a shaft if one is named.
 
     Args:
         shaft: angle channel, or empty; with the ring at rest a turn of the carrier is z_r mesh
             cycles, one of the sun z_s z_r / (z_s + z_r).
-        phase_offset: mesh phase [rad] where that angle is zero.
+        phase_offset: mesh phase [rad] at the zero of that angle.
         times, values: (n,) [s]; (n,) by channel, SI.
     """
     p = model.parameters
@@ -45,7 +45,9 @@ def with_turns(
 
 
 def steady(times: Array, angle: Array) -> Array:
-    """Straight line (n,) through an angle (n,): the steady rotation."""
+    """Line (n,) fitted to an angle (n,): the steady rotation; NaN with fewer than two finite
+    values.
+    """
     known = np.isfinite(angle)
     t = times - times.mean()
     if np.count_nonzero(known) < 2:
@@ -56,5 +58,6 @@ def steady(times: Array, angle: Array) -> Array:
 
 
 def _radius(model: Model, body: str) -> float:
+    """Base radius of a body [m]."""
     s = model.scales
     return {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}[body[0]]

@@ -1,4 +1,4 @@
-"""Units as people write them, turned into the SI unit of a channel by pint."""
+"""Convert units as people write them to the SI unit of a channel, by pint."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from typing import Any
 from herringbone_sim.core.layout import PREFIX_UNITS, UNITS, Layout
 from herringbone_sim.errors import RecordingError, shown
 
-# Beside the channels of ``core.layout``: what a rig's sensors give.
+# Channels of sensors on a rig that ``core.layout`` does not have.
 _OF_RIGS = {"a": "m/s^2", "angle": "rad", "T_in": "N m", "T_out": "N m"}
 
 
 def package(name: str, pip_name: str, reads: str) -> Any:
-    """A package that is imported only where it is needed; RecordingError names it where it lacks.
+    """Import an optional module; RecordingError names the package to install if it is missing.
 
     Args:
         name: of the module.
-        pip_name: as pip knows it.
-        reads: what it is for, as ``TDMS files``.
+        pip_name: of the package.
+        reads: what it is needed for, such as ``TDMS files``.
     """
     try:
         return importlib.import_module(name)
@@ -33,14 +33,14 @@ def package(name: str, pip_name: str, reads: str) -> Any:
 
 
 def channel_names(layout: Layout) -> tuple[str, ...]:
-    """Every channel that a spec may fill, but the time."""
+    """Every channel that a spec may give, without the time."""
     of_bodies = (f"{kind}_{body}" for kind in ("angle", "a") for body in layout.bodies)
     pins = (f"F_pin{planet}" for planet in layout.planets)
     return (*layout.channels[1:], *of_bodies, *pins, "T_in", "T_out")
 
 
 def si_unit(channel: str) -> str:
-    """SI unit of a channel of ``channel_names``; ``-`` for a number."""
+    """SI unit of a channel of ``channel_names``; ``-`` for a dimensionless one."""
     known = UNITS | PREFIX_UNITS | _OF_RIGS
     return known[channel] if channel in known else known[channel.split("_")[0]]
 
@@ -51,13 +51,13 @@ def _registry() -> Any:
 
 
 def factor(unit: str, si: str) -> float:
-    """SI units in one of ``unit``; ValueError says which unit is meant instead."""
+    """Size of ``unit`` in ``si``; ValueError for another dimension or an unknown unit."""
     rule = f"a unit of {si} that pint knows"
     return _converted(rule, unit, si, lambda r: r.Quantity(1.0, _bare(unit)))
 
 
 def quantity(value: object, si: str) -> float:
-    """A number in SI, or a text such as ``220 N m``; ValueError for anything else."""
+    """A number in SI from a number or a text such as ``220 N m``; ValueError for anything else."""
     rule = number_of(si)
     if isinstance(value, str):
         return _converted(rule, value, si, lambda r: r.Quantity(1.0) * r.parse_expression(value))
@@ -67,7 +67,7 @@ def quantity(value: object, si: str) -> float:
 
 
 def number_of(si: str) -> str:
-    """Rule for a quantity, in words."""
+    """Rule for a quantity, for messages."""
     if si == "-":
         return "a number without a unit"
     return f"a number in {si}, or a text with a unit that pint knows"
@@ -78,6 +78,7 @@ def _bare(unit: str) -> str:
 
 
 def _converted(rule: str, text: str, si: str, read: Callable[[Any], Any]) -> float:
+    """Number in ``si`` of what ``read`` makes of the unit registry; ValueError with the rule."""
     registry, errors = _registry(), package("pint.errors", "pint", "units")
     try:
         value = read(registry)
@@ -88,7 +89,7 @@ def _converted(rule: str, text: str, si: str, read: Callable[[Any], Any]) -> flo
     except errors.OffsetUnitCalculusError:
         from_zero = False
     except (AssertionError, ArithmeticError, AttributeError, ValueError, TokenError):
-        # AttributeError stands for a unit that there is not, the others for texts that are none.
+        # pint raises AttributeError for an unknown unit, the others for malformed texts.
         raise ValueError(f"{rule}, got {shown(text)}: mend it") from None
     if not from_zero:
         raise ValueError(

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from herringbone_sim.sweeps.compare import APERIODIC, FAILED, Side
+from herringbone_sim.sweeps.compare import APERIODIC, FAILED, GearSweeps
 from herringbone_sim.sweeps.diagram import diagram_of
 from herringbone_sim.views.figures import maps
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE
@@ -24,7 +24,7 @@ COLOURS = {"nominal": BLUE, "augmented": ORANGE}
 OTHER = "#d9c7b8"  # a period that has no colour of its own
 
 
-def compare_figure(nominal: Side, augmented: Side, way: str) -> Figure:
+def compare_figure(nominal: GearSweeps, augmented: GearSweeps, way: str) -> Figure:
     """Both bifurcation diagrams by one way over both exponents and both losses of contact."""
     sides = nominal, augmented
     known = any(np.isfinite(side.results[way]["exponent"]).any() for side in sides)
@@ -41,7 +41,7 @@ def compare_figure(nominal: Side, augmented: Side, way: str) -> Figure:
         return figure
 
 
-def starts_figure(nominal: Side, augmented: Side) -> Figure:
+def starts_figure(nominal: GearSweeps, augmented: GearSweeps) -> Figure:
     """The motion at each value by each way to it, a row each."""
     rows = [(side, way) for side in (nominal, augmented) for way in side.results]
     names = [side.motions(way) for side, way in rows]
@@ -79,7 +79,7 @@ def _ends(values: tuple[float, ...]) -> tuple[float, float]:
     return values[0] - half, values[-1] + half
 
 
-def _draw_points(axes: Axes, side: Side, way: str) -> None:
+def _draw_points(axes: Axes, side: GearSweeps, way: str) -> None:
     branch = diagram_of([side.results[way]]).branches[0]
     periodic = branch.period > 0
     for rows, size in ((~periodic, 0.3), (periodic, 3.0)):
@@ -88,21 +88,21 @@ def _draw_points(axes: Axes, side: Side, way: str) -> None:
     axes.scatter([], [], s=14, color=COLOURS[side.name], linewidths=0, label=side.name)
 
 
-def _draw_exponents(axes: Axes, side: Side, way: str) -> None:
+def _draw_exponents(axes: Axes, side: GearSweeps, way: str) -> None:
     found = side.results[way]
     alike = np.where(np.isfinite(found["within"]), found["within"], found["exponent"])
     axes.plot(side.axis.values, alike, color=COLOURS[side.name])
     axes.plot(side.axis.values, found["transverse"], color=COLOURS[side.name], linestyle=":")
 
 
-def _draw_contact(axes: Axes, side: Side, way: str) -> None:
+def _draw_contact(axes: Axes, side: GearSweeps, way: str) -> None:
     found = side.results[way]
     for kind, style in (("sun", "-"), ("ring", ":")):
         share = 100.0 * found[f"{kind}_separated"]
         axes.plot(side.axis.values, share, color=COLOURS[side.name], linestyle=style)
 
 
-def _finish(rows: Any, nominal: Side, way: str, known: bool) -> None:
+def _finish(rows: Any, nominal: GearSweeps, way: str, known: bool) -> None:
     mesh = nominal.results[way].sweep.observation.mesh
     rows[0].set(title="section points", ylabel=f"{mesh_symbol('x', mesh)} / $b_c$")
     rows[0].legend(fontsize=8, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.98))

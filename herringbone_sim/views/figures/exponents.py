@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from herringbone_sim.analysis.zero_one import ZeroOne, walks
+from herringbone_sim.dynamics.exponent_methods import ExponentComparison
 from herringbone_sim.dynamics.growth import Growth
-from herringbone_sim.dynamics.opinions import Opinions
 from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE
 
 Array = NDArray[np.float64]
@@ -24,11 +24,11 @@ FROM = 10  # period from which convergence is drawn
 SIGMAS = 2.0
 
 
-def exponents_figure(found: Opinions, title: str) -> Figure:
+def exponents_figure(found: ExponentComparison, title: str) -> Figure:
     """Four panels; the lower left one is left out for a motion that is not symmetric.
 
     Args:
-        found: see ``dynamics.opinions``.
+        found: see ``dynamics.exponent_methods``.
         title: of the operating point.
     """
     with matplotlib.rc_context(STYLE):
@@ -60,7 +60,7 @@ def draw_convergence(axes: Axes, spectrum: Growth) -> None:
     axes.set_xlim(FROM, len(cycles))
 
 
-def draw_distances(axes: Axes, found: Opinions) -> None:
+def draw_distances(axes: Axes, found: ExponentComparison) -> None:
     """Largest exponent from two trajectories; the band is that of the tangent flow."""
     value, error = found.spectrum.exponents[0], SIGMAS * found.spectrum.errors[0]
     axes.axhspan(value - error, value + error, color=BLUE, alpha=0.2, linewidth=0)
@@ -100,7 +100,7 @@ def draw_spectrum(axes: Axes, spectrum: Growth) -> None:
     axes.set(title="spectrum", xlabel="number", ylabel=UNIT, xticks=index)
 
 
-def draw_zero_one(axes: Axes, found: Opinions) -> None:
+def draw_zero_one(axes: Axes, found: ExponentComparison) -> None:
     """Correlation at each frequency; chaos near 1, order near 0."""
     test = found.zero_one
     for level in (0.0, 1.0):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from herringbone_sim.core.layout import KINDS, SIDES
 from herringbone_sim.core.timeseries import Array
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
 from herringbone_sim.views.pages.gear_drawing import MESHES, PLANETS

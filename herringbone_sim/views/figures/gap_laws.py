@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
 from herringbone_sim.views.pages.report import Picture

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from herringbone_sim.sweeps.compare import Boundary, Move, Stretch
+from herringbone_sim.sweeps.compare import Boundary, BoundaryShift, Stretch
 from herringbone_sim.views.pages.report import CSS, Picture, number, picture_html
 
 WAYS = {
@@ -37,16 +37,16 @@ class Told:
 
     name: str
     facts: Sequence[str]
-    moves: Mapping[str, Sequence[Move]]
+    moves: Mapping[str, Sequence[BoundaryShift]]
     shares: Mapping[str, tuple[float, float]]
     coexisting: Mapping[str, Sequence[Stretch]]
     pictures: Sequence[Picture]
 
 
-def headline(moves: Sequence[Move]) -> str:
+def headline(moves: Sequence[BoundaryShift]) -> str:
     """How many boundaries move, and the motion that moves most, in a line."""
     both = [one for one in moves if math.isfinite(one.shift)]
-    clear = [one for one in both if abs(one.shift) > one.error]
+    clear = [one for one in both if abs(one.shift) > one.uncertainty]
     new, gone = (sum(side is None for side in sides) for sides in _sides(moves))
     said = f"{len(clear)} of {len(both)} shared boundaries move"
     if clear:
@@ -55,19 +55,19 @@ def headline(moves: Sequence[Move]) -> str:
     return f"{said}; {new} are new, {gone} are gone"
 
 
-def _sides(moves: Sequence[Move]) -> tuple[list[Boundary | None], list[Boundary | None]]:
+def _sides(moves: Sequence[BoundaryShift]) -> tuple[list[Boundary | None], list[Boundary | None]]:
     return [one.nominal for one in moves], [one.augmented for one in moves]
 
 
-def between(move: Move) -> str:
+def between(move: BoundaryShift) -> str:
     """``P2 to P1``."""
     return f"{move.boundary.before} to {move.boundary.after}"
 
 
-def cells(move: Move) -> list[str]:
+def cells(move: BoundaryShift) -> list[str]:
     """Boundary, its value in both gears and how far it moves."""
     values = [number(b.value, 5) if b else "–" for b in (move.nominal, move.augmented)]
-    shift = f"{move.shift:+.3g} ± {move.error:.1g}" if math.isfinite(move.shift) else "–"
+    shift = f"{move.shift:+.3g} ± {move.uncertainty:.1g}" if math.isfinite(move.shift) else "–"
     if move.nominal is None or move.augmented is None:
         shift = "new" if move.nominal is None else "gone"
     return [between(move), *values, shift]
@@ -102,12 +102,12 @@ def compare_page(told: Told) -> str:
     return f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(body)}</body></html>'
 
 
-def _moves(name: str, way: str, moves: Sequence[Move]) -> str:
+def _moves(name: str, way: str, moves: Sequence[BoundaryShift]) -> str:
     title = f"<h3>{escape(way_words(way))}</h3>"
     if not moves:
         return f"{title}<p>Neither gear has a boundary.</p>"
     rows = [[escape(cell) for cell in (one.boundary.kind, *cells(one))] for one in moves]
-    moved = {i for i, one in enumerate(moves) if not abs(one.shift) <= one.error}
+    moved = {i for i, one in enumerate(moves) if not abs(one.shift) <= one.uncertainty}
     head = ["", "boundary", f"nominal, {name}", f"augmented, {name}", "moves by"]
     return title + table(head, rows, (2, 3, 4), moved)
 

@@ -15,7 +15,7 @@ from herringbone_sim.errors import listed
 from herringbone_sim.recording.importing.campaign import ImportedRun
 from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.reader import read_recording
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import DPI, GREY, STYLE
 from herringbone_sim.views.pages.compare import table
 from herringbone_sim.views.pages.report import CSS, Picture, number, picture_html

@@ -8,7 +8,7 @@ from pathlib import Path
 from herringbone_sim.analysis.bifurcation import BifurcationDiagram, bifurcation_diagram
 from herringbone_sim.analysis.pipeline import SegmentResult
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures import motion as figures
 from herringbone_sim.views.figures import style
 from herringbone_sim.views.figures.style import Scale

@@ -20,7 +20,7 @@ from herringbone_sim.gap.planning.summary import (
     rows,
     sensors_text,
 )
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, DPI, GREEN, GREY, INK, ORANGE, STYLE
 from herringbone_sim.views.pages.compare import table
 from herringbone_sim.views.pages.report import CSS, Picture, number, picture_html

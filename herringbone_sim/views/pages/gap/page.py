@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap import GapArrays, write_gap_figures
 from herringbone_sim.views.figures.gap_laws import write_law_figures
 from herringbone_sim.views.pages.gap import words

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from herringbone_sim.sweeps.kept import make_folder
+from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.gap import words
 from herringbone_sim.views.pages.gap.style import STYLE
 from herringbone_sim.views.pages.gap.words import Part, figure, known, mapping, percent, sequence

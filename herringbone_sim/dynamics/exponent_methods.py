@@ -1,4 +1,4 @@
-"""What each method says of one motion of a gear, side by side, and what kind of motion it is."""
+"""Lyapunov exponents of one motion by several methods, and the kind of the motion."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ from herringbone_sim.dynamics.two_trajectories import DISTANCES, over_distances
 
 Array = NDArray[np.float64]
 
-TURNING = 200  # periods in which perturbations turn into their directions
-SIGMAS, NEUTRAL = 4.0, 5e-4
+TURNING = 200  # periods in which perturbations align with their directions of growth
+SIGMAS, NEUTRAL = 4.0, 5e-4  # an exponent is non-zero beyond both, see motion_kind
 
 
 @dataclass(frozen=True)
-class Opinions:
+class ExponentComparison:
     """Exponents of one motion per unit of tau, by every method.
 
     Attributes:
-        spectrum: the whole, by the tangent flow.
-        divergence: what its sum must be: the mean divergence of the flow.
-        distances: (m,) first distances of two trajectories.
-        two_trajectories: (m, 2) largest exponent and its error at each of them.
-        symmetric: within left-right symmetry and across it; None for a motion without it.
+        spectrum: all exponents, from the tangent flow.
+        divergence: trace of the Jacobian, which the sum of the spectrum must equal.
+        distances: (m,) initial distances of the two-trajectory method.
+        two_trajectories: (m, 2) largest exponent and its standard error at each distance.
+        symmetric: exponents of symmetric and antisymmetric perturbations; None for a motion
+            without left-right symmetry.
         section: (cycles, n) states at phase 0.
-        longest: period that is looked for in it, mesh cycles.
-        series: largest exponent by fits to that section alone, per mesh cycle.
-        zero_one: 0-1 test of its first coordinate.
+        longest: longest period that is looked for in the section, in mesh cycles.
+        series: largest exponent estimated from the section alone, per mesh cycle.
+        zero_one: 0-1 test for chaos on the first coordinate of the section.
     """
 
     spectrum: Growth
@@ -53,32 +54,32 @@ class Opinions:
 
     @property
     def motion(self) -> str:
-        """Kind of the motion in words; of a symmetric one, whether left and right stay alike."""
+        """Kind of the motion in words; of a symmetric one also whether the symmetry is stable."""
         if self.symmetric is None:
-            return kind_of(self.section, self.spectrum, self.longest)
+            return motion_kind(self.section, self.spectrum, self.longest)
         lasts = not _positive(self.symmetric.transverse)
         words = "left = right" if lasts else "left = right, transversally unstable"
-        return f"{kind_of(self.section, self.symmetric.within, self.longest)}, {words}"
+        return f"{motion_kind(self.section, self.symmetric.within, self.longest)}, {words}"
 
 
-def all_opinions(
+def compare_exponents(
     model: Model,
     cycles: int = 2000,
     transient: int = 1000,
     seed: int = 0,
     step: Callable[[str], None] = lambda name: None,
-) -> Opinions:
-    """Every method on the motion from the initial state on.
+) -> ExponentComparison:
+    """Apply every method to the motion from the initial state.
 
     Args:
         model: see ``effects.assemble``.
         cycles: mesh cycles that each method averages over.
         transient: mesh cycles left out before.
-        seed: of the frequencies of the 0-1 test and the resampling of the recorded series.
-        step: hears the name of each method before it runs.
+        seed: of the random frequencies of the 0-1 test and of the resampling of the section.
+        step: called with the name of each method before it runs.
 
     Raises:
-        DivergenceError: the motion left the range of any gear.
+        DivergenceError: the state left the range of any physical motion.
         AnalysisError: too few cycles for a method.
     """
     flow, exchange, rng = GearFlow(model, 1), symmetry(model), np.random.default_rng(seed)
@@ -95,7 +96,7 @@ def all_opinions(
         symmetric = symmetric_exponents(flow, y, exchange, cycles, TURNING, half, transient)
     step("recorded series")
     section = section_of(flow, y, cycles, transient)
-    return Opinions(
+    return ExponentComparison(
         spectrum=spectrum,
         divergence=float(np.trace(jacobian(model, y, 0.0))),
         distances=np.array(DISTANCES),
@@ -109,7 +110,9 @@ def all_opinions(
 
 
 def section_of(flow: GearFlow, y: Array, cycles: int, at: int = 0) -> Array:
-    """States (cycles, n) at phase 0, from y on, when ``at`` mesh cycles have passed."""
+    """States (cycles, n) at phase 0, the first y itself, ``at`` mesh cycles having passed
+    before.
+    """
     points, none = np.empty((cycles, flow.n)), np.zeros((0, flow.n))
     for i, point in enumerate(points):
         point[:] = y
@@ -117,14 +120,16 @@ def section_of(flow: GearFlow, y: Array, cycles: int, at: int = 0) -> Array:
     return points
 
 
-def kind_of(section: Array, spectrum: Growth, longest: int = LONGEST) -> str:
-    """``P2``, ``quasi-periodic``, ``chaotic``, or ``hyperchaotic`` (two positive exponents).
+def motion_kind(section: Array, spectrum: Growth, longest: int = LONGEST) -> str:
+    """Kind of a motion: ``P2``, ``quasi-periodic``, ``chaotic``, or ``hyperchaotic``.
 
-    Periods are in mesh cycles; up to ``longest`` of them are looked for.
+    Hyperchaotic means two positive exponents. An exponent counts as non-zero beyond 4 standard
+    errors and 5e-4. A motion that does not repeat and has no positive exponent is quasi-periodic
+    if the largest one is zero, and ``a long period`` if all are negative.
 
-    An exponent is told from zero from 4 standard errors and 5e-4 on. A motion that does not
-    repeat and has no positive one is quasi-periodic when the largest is zero, and ``a long
-    period`` when all are negative.
+    Args:
+        section: (cycles, n) states at phase 0.
+        longest: longest period that is looked for, in mesh cycles.
     """
     positive = _positive(spectrum)
     if positive:
@@ -135,15 +140,15 @@ def kind_of(section: Array, spectrum: Growth, longest: int = LONGEST) -> str:
     return "a long period" if spectrum.exponents[0] < -_floor(spectrum)[0] else "quasi-periodic"
 
 
-def identify(
+def identify_motion(
     model: Model, attractor: Attractor, cycles: int = 1000, transient: int = 200, at: int = 0
 ) -> tuple[str, Growth]:
-    """Kind of the motion on an attractor as ``kind_of``, and growth of two perturbations.
+    """Kind of the motion on an attractor (see ``motion_kind``) and its two largest exponents.
 
-    A symmetric motion is named by the perturbations that keep it so.
+    A symmetric motion is classified by the perturbations that keep its symmetry.
 
     Args:
-        at: mesh cycles that had passed at the last of its points.
+        at: mesh cycles that had passed at the last point of the attractor.
     """
     flow, exchange, y = GearFlow(model, 1), symmetry(model), attractor.points[-1]
     whole = growth = lyapunov_spectrum(flow, y, cycles, transient, k=2, at=at)
@@ -151,7 +156,7 @@ def identify(
         growth = symmetric_exponents(flow, y, exchange, cycles, transient, k=2, at=at).within
     longest = max(LONGEST, 2 * effect_cycles(model))
     section = section_of(flow, whole.end, MIN_REPEATS * longest, at + transient + cycles)
-    return kind_of(section, growth, longest), whole
+    return motion_kind(section, growth, longest), whole
 
 
 def _positive(growth: Growth) -> int:
@@ -160,6 +165,6 @@ def _positive(growth: Growth) -> int:
 
 
 def _floor(growth: Growth) -> Array:
-    """(k,) absolute value from which on an exponent is told from zero."""
+    """(k,) absolute value above which an exponent counts as non-zero."""
     floor: Array = np.maximum(SIGMAS * growth.errors, NEUTRAL)
     return floor

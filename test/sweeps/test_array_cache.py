@@ -11,8 +11,9 @@ import pytest
 from herringbone_sim.control.runs import Look
 from herringbone_sim.core import cache
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps import kept
-from herringbone_sim.sweeps.kept import Kept, digest, make_folder, whole
+from herringbone_sim.sweeps import array_cache
+from herringbone_sim.sweeps.array_cache import ArrayCache, digest
+from herringbone_sim.sweeps.output import make_folder, whole_file
 
 
 class Work:
@@ -28,40 +29,40 @@ class Work:
 
 def test_what_was_made_is_read(tmp_path):
     work = Work()
-    made = Kept(tmp_path / "new" / "data").once(["a", 1], work)
-    read = Kept(tmp_path / "new" / "data").once(["a", 1], work)
+    made = ArrayCache(tmp_path / "new" / "data").get(["a", 1], work)
+    read = ArrayCache(tmp_path / "new" / "data").get(["a", 1], work)
     assert work.times == 1
     for name in ("x", "reasons"):
         np.testing.assert_array_equal(made[name], read[name])
-    Kept(tmp_path / "new" / "data").once(["a", 2], work)
+    ArrayCache(tmp_path / "new" / "data").get(["a", 2], work)
     assert work.times == 2
 
 
 def test_without_a_folder_all_is_made():
     work = Work()
     for _ in range(2):
-        assert Kept().once(["a"], work)["reasons"].tolist() == ["", "diverged"]
+        assert ArrayCache().get(["a"], work)["reasons"].tolist() == ["", "diverged"]
     assert work.times == 2
 
 
 @pytest.mark.parametrize("length", [0, 50, -20])
 def test_a_broken_file_is_made_again(tmp_path, length):
     work = Work()
-    Kept(tmp_path).once(["a"], work)
+    ArrayCache(tmp_path).get(["a"], work)
     (path,) = tmp_path.iterdir()
     path.write_bytes(path.read_bytes()[:length])
-    assert Kept(tmp_path).once(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
+    assert ArrayCache(tmp_path).get(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
     assert work.times == 2
 
 
 def test_an_altered_file_is_named_and_made_again(tmp_path, capsys):
     work = Work()
-    Kept(tmp_path).once(["a"], work)
+    ArrayCache(tmp_path).get(["a"], work)
     (path,) = tmp_path.iterdir()
     good = path.read_bytes()
     for at in range(0, len(good), 7):
         path.write_bytes(good[:at] + bytes([good[at] ^ 1]) + good[at + 1 :])
-        assert Kept(tmp_path).once(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
+        assert ArrayCache(tmp_path).get(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
         told = capsys.readouterr().err
         assert str(path) in told
         assert "computed again" in told
@@ -70,10 +71,10 @@ def test_an_altered_file_is_named_and_made_again(tmp_path, capsys):
 
 def test_other_arrays_in_the_place_of_the_kept_ones_are_not_believed(tmp_path):
     work = Work()
-    Kept(tmp_path).once(["a"], work)
+    ArrayCache(tmp_path).get(["a"], work)
     (path,) = tmp_path.iterdir()
     np.savez(path, x=np.array([5.0, 6.0, 7.0]), reasons=("", ""))
-    assert Kept(tmp_path).once(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
+    assert ArrayCache(tmp_path).get(["a"], work)["x"].tolist() == [0.0, 1.0, 2.0]
 
 
 def test_digest_tells_all_parts_apart(gear):
@@ -97,7 +98,7 @@ def test_digest_tells_all_parts_apart(gear):
 
 def test_another_kernel_has_other_names(monkeypatch):
     before = digest(["a"])
-    monkeypatch.setattr(kept, "_sources", lambda: ("another",))
+    monkeypatch.setattr(array_cache, "_sources", lambda: ("another",))
     assert digest(["a"]) != before
 
 
@@ -112,9 +113,9 @@ def test_sources_count_by_name_and_content_alone(tmp_path):
 
 def test_a_file_is_whole_or_not_there(tmp_path):
     path = tmp_path / "part"
-    with whole(path) as file:
+    with whole_file(path) as file:
         file.write(b"old")
-    with pytest.raises(TypeError), whole(path) as file:
+    with pytest.raises(TypeError), whole_file(path) as file:
         file.writelines([b"new", None])
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
@@ -128,7 +129,7 @@ def test_two_threads_may_make_the_same(tmp_path):
             together.wait(10.0)
             return {"x": np.ones(1000)}
 
-        return Kept(tmp_path).once(["a"], work)["x"].sum()
+        return ArrayCache(tmp_path).get(["a"], work)["x"].sum()
 
     with ThreadPoolExecutor(2) as pool:
         assert list(pool.map(make, range(2))) == [1000.0, 1000.0]

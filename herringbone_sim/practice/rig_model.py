@@ -1,8 +1,9 @@
-"""A practice rig as the integrator reads it: Eqs. (1)-(16) in SI units, and room for effects.
+"""Data of a practice rig as its integrator reads it: Eqs. (1)-(16) in SI units, and all effects.
 
 Meshes m = 6 kind + 3 side + planet (kind 0 sun, 1 ring; side 0 left, 1 right), 12 of them.
 Coordinates, 15: r_b theta of s_L, s_R, c, p1_L, p2_L, p3_L, p1_R, p2_R, p3_R, then ring L and R,
-pins of planets 1 to 3 and the right plate of the carrier. The last six rest unless set free.
+pins of planets 1 to 3 and the right plate of the carrier. The last six are fixed unless an effect
+frees them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ TOLERATED = ("k_sp", "k_rp", "I_s", "I_p", "I_c", "m_p", "I_r", "xi", "e_sp", "e
 
 @dataclass(frozen=True)
 class Constants:
-    """What a rig is built to, SI units: the data sheet, or a rig within its tolerance."""
+    """Constants of a rig in SI units: the data sheet, or a rig within its tolerances."""
 
     k_sp: float = 1.5e9
     k_rp: float = 1.2e9
@@ -46,18 +47,18 @@ class Constants:
     gamma: float = 1.18e-5
 
     def scaled(self, factors: Mapping[str, float]) -> Constants:
-        """The same rig with some constants multiplied."""
+        """The same rig with some constants multiplied by factors."""
         return replace(self, **{name: getattr(self, name) * f for name, f in factors.items()})
 
 
 NOMINAL = Constants()
 
 
-class Wild(NamedTuple):
-    """A random smooth function of what a mesh meets, sum of h cosines, and where it acts.
+class RandomFunction(NamedTuple):
+    """A random smooth function at a mesh, sum of h cosines, and the quantity that it changes.
 
-    Inputs, 8: deflection over 10 um, rate over 0.5 m/s, mesh phase [rad], spring force over
-    10 kN, delta_T over 50 K, angle of a member's turn [rad], share of the run, own state.
+    Inputs, 8: deflection over 10 um, rate over 0.5 m/s, mesh phase [rad], spring force over 10 kN,
+    delta_T over 50 K, angle of a member's turn [rad], share of the run, memory state.
     """
 
     target: int  # see ``random_physics.TARGETS``; 0: none
@@ -65,15 +66,15 @@ class Wild(NamedTuple):
     heights: Array  # (h,)
     weights: Array  # (h, 8) of the inputs
     angles: Array  # (h,) [rad]
-    mean: float  # taken off the sum
+    mean: float  # subtracted from the sum
     cycles: float  # mesh cycles of the turn
     temperature: float  # delta_T over 50 K
     body: int  # coordinate that the body's force acts on
-    own_rate: float  # 1/s at which the own state follows its input; 0: no own state
-    own_input: int  # number of that input
+    own_rate: float  # 1/s at which the memory state follows its input; 0: no memory state
+    own_input: int  # index of that input
 
 
-class Machine(NamedTuple):
+class RigModel(NamedTuple):
     """One rig at one operating point; arrays over meshes are (12,), over coordinates (15,)."""
 
     mass: Array  # (15,) I / r_b^2 [kg]
@@ -82,7 +83,7 @@ class Machine(NamedTuple):
     k_cos: Array  # (h, 12) harmonics of k as shares, as many as there are
     k_sin: Array  # (h, 12)
     k_half: Array  # share of k at half the mesh order
-    k_drift: Array  # share by which k has grown at the end of the run
+    k_drift: Array  # relative growth of k until the end of the run
     phase_by_load: Array  # shift of k by load [rad]
     shift_cos: Array  # of the phase shift of k and e together
     shift_sin: Array
@@ -97,15 +98,15 @@ class Machine(NamedTuple):
     window: Array  # (2, N_TABLE) shape of an event over its width, as ``tables.table`` gives it
     half_backlash: Array  # b' of the drive flank [m]
     half_back: Array  # b' of the back flank [m]
-    rounding: Array  # width over which the flank takes up load [m]
+    rounding: Array  # width over which a flank comes into contact [m]
     hertz: Array  # exponent of the spring's force
     bent: Array  # 1 where ``bend`` holds
     bend: Array  # (2, N_TABLE) factor of the spring's force by deflection
     damping: Array  # [N s/m]
-    c_share: Array  # share of the damping that lives by contact or load
-    c_power: Array  # (2,) power of the deflection by which it lives, deflection [m] where it is 1
-    c_curve: Array  # (2, N_TABLE) instead of the power by deflection; (2, 0) without
-    c_out: float  # what lives out of contact
+    c_share: Array  # share of the damping that depends on contact or load
+    c_power: Array  # (2,) its power of the deflection, deflection [m] where it is 1
+    c_curve: Array  # (2, N_TABLE) instead of the power: table by deflection; (2, 0) without
+    c_out: float  # its share that acts out of contact
     cross: Array  # share of the other side's spring force
     friction: Array  # coefficient at low sliding speed
     pitch: float  # where the sliding turns [rad]
@@ -116,22 +117,22 @@ class Machine(NamedTuple):
     output: Array  # (2,) stick force [N] and speed [m/s] of the output
     shock: Array  # (3,) force [N], cycles between, width [cycles] of a shock on the carrier
     gyro: float  # skew coupling of sun and planet 1, left [N s/m]
-    hysteresis: Array  # share of the spring force that turns with the direction of motion
-    c_square: Array  # share by which damping has grown at 1 m/s
+    hysteresis: Array  # share of the spring force with the sign of the velocity
+    c_square: Array  # relative growth of the damping at 1 m/s
     film: Array  # damping of the gap next to a flank, as a multiple of that of the mesh
-    k_turn: Array  # share of k that comes once a turn of the sun
+    k_turn: Array  # variation of k once a turn of the sun, as a share
     k_second: Array  # share of k that a second pair adds, once it touches
-    bar: float  # torsion spring between the halves of the sun, put in with a twist [N/m]
+    bar: float  # preloaded torsion spring between the halves of the sun [N/m]
     windage: float  # drag on each planet by its rate squared [N s2/m2]
     ripple_order: float  # a turn of the sun to ground
     ripple: Array  # (2, h) cosines and sines of its multiples, shares of T_1
-    wild: Wild
+    random: RandomFunction
     drive: float  # T_1 / (2 r_bs) [N] on each sun half
     brake: float  # T_2 / r_bc [N]
     control: float  # amplitude on the carrier [N]
     cos_beta: float
     omega: float  # mesh frequency [rad/s]
-    span: float  # duration of the run [s], for what drifts
+    span: float  # duration [s] that drifting effects refer to
 
 
 def radii() -> tuple[float, float, float, float]:
@@ -143,13 +144,13 @@ def radii() -> tuple[float, float, float, float]:
 
 
 def omega_n(c: Constants = NOMINAL) -> float:
-    """Natural frequency [rad/s] of Eq. (17)."""
+    """Natural frequency [rad/s], Eq. (17)."""
     r_s, r_p, _, _ = radii()
     return float(np.sqrt(c.k_sp * (r_s**2 / c.I_s + r_p**2 / c.I_p)))
 
 
 def half_backlash(c: Constants, delta_T: float) -> Array:
-    """b' (12,) [m] of Eqs. (2), (3)."""
+    """b' (12,) [m], Eqs. (2), (3)."""
     m_t = 4e-3 / np.cos(np.radians(16.0))
     strain = delta_T * c.gamma
     lever = np.sin(np.radians(20.0)) / 2.0
@@ -157,8 +158,12 @@ def half_backlash(c: Constants, delta_T: float) -> Array:
     return np.repeat(c.b - np.array(loss) / 2.0, 6)
 
 
-def machine(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Machine:
-    """A rig without effect at an operating point (delta_T [K], K, T_1 [N m], Omega)."""
+def rig_model(c: Constants, point: Mapping[str, float], span: float = 1.0) -> RigModel:
+    """Rig without effects at an operating point (delta_T [K], K, T_1 [N m], Omega).
+
+    Args:
+        span: duration [s] that drifting effects refer to.
+    """
     r_s, r_p, r_r, r_c = radii()
     m_s, m_pl, m_r = c.I_s / r_s**2, c.I_p / r_p**2, c.I_r / r_r**2
     m_c = c.I_c / r_c**2 + 3.0 * c.m_p
@@ -168,7 +173,7 @@ def machine(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Mach
     other = np.repeat([m_s, m_r], 6)
     zero = np.zeros(N_MESH)
     unit = c.b_c * omega_n() ** 2
-    return Machine(
+    return RigModel(
         mass=np.array([m_s, m_s, m_c, *[m_pl] * 6, m_r, m_r, *[c.m_p] * 3, 0.3 * m_c]),
         free=np.concatenate([np.ones(N_BODY), np.zeros(N_COORDINATE - N_BODY)]),
         stiffness=k,
@@ -218,7 +223,7 @@ def machine(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Mach
         windage=0.0,
         ripple_order=1.0,
         ripple=np.zeros((2, 0)),
-        wild=tame(point["delta_T"]),
+        random=no_random_function(point["delta_T"]),
         drive=point["T_1"] / 2.0 / r_s,
         brake=2.0 * point["T_1"] / r_s,
         control=point["K"] * unit * nominal_m_c / cos_beta,
@@ -228,8 +233,10 @@ def machine(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Mach
     )
 
 
-def tame(delta_T: float) -> Wild:
-    """No random function."""
+def no_random_function(delta_T: float) -> RandomFunction:
+    """Random function that acts nowhere."""
     none = np.zeros(0)
     zero = np.zeros(N_MESH)
-    return Wild(0, zero, none, np.zeros((0, 8)), none, 0.0, 27.0, delta_T / 50.0, 0, 0.0, 0)
+    return RandomFunction(
+        0, zero, none, np.zeros((0, 8)), none, 0.0, 27.0, delta_T / 50.0, 0, 0.0, 0
+    )

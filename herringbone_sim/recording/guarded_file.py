@@ -1,4 +1,4 @@
-"""A file while it is being written: whether what was written still lies under its name."""
+"""Write a file and detect whether another program deleted, replaced, cut or moved it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from herringbone_sim.recording.cdr import Buffer
 
 
 class FileLostError(OSError):
-    """A file whose name no longer leads to what was written.
+    """A file whose path no longer leads to what was written.
 
     Attributes:
-        where: path that leads to all that was written; None where nothing does.
-        cut: whether the name leads to the file still, but not to all of it.
+        where: path of the complete content; None if it is lost.
+        cut: whether the path still leads to the file, but not to all of it.
     """
 
     def __init__(self, what: str, where: str | None = None, cut: bool = False) -> None:
@@ -26,8 +26,8 @@ class FileLostError(OSError):
 
 
 @dataclass(frozen=True)
-class Written:
-    """A file that was finished, to be known again."""
+class FileIdentity:
+    """Identity of a finished file, to recognise it later."""
 
     path: Path
     device: int
@@ -35,7 +35,7 @@ class Written:
     size: int
 
     def fault(self, folder: Path) -> str:
-        """What became of it; empty where it lies in a folder as it was left."""
+        """What happened to the file in a folder; empty if it is unchanged."""
         found = _named(folder / self.path.name)
         if found is None:
             return "is no longer there"
@@ -46,17 +46,16 @@ class Written:
         return ""
 
 
-class Stream:
-    """A new file, unbuffered, that can fall back to its last whole record.
+class GuardedFile:
+    """A new unbuffered file that can be truncated to its last complete record.
 
-    It is locked until it is closed, also by a kill, so that others know that it is being written.
-
-    It is opened to append, so a file that is cut by others stays short of what was written,
-    however much follows.
+    It is locked until it is closed, or its process ends, so that other programs can tell that it
+    is being written. It is opened for appending, so a file that another program cut stays shorter
+    than what was written.
     """
 
     def __init__(self, path: Path) -> None:
-        """Create ``path``; OSError, also where it exists."""
+        """Create ``path``; raises OSError, also if it exists."""
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC
         self.handle = -1
         self.handle = os.open(path, flags, 0o644)
@@ -70,6 +69,7 @@ class Stream:
         self.close()
 
     def write(self, content: Buffer) -> int:
+        """Append all bytes; returns their number."""
         rest = memoryview(content)
         while rest:
             written = os.write(self.handle, rest)
@@ -78,20 +78,22 @@ class Stream:
         return len(content)
 
     def tell(self) -> int:
+        """Number of bytes written."""
         return self.position
 
     def flush(self) -> None:
+        """Write the file to the disk (fsync)."""
         os.fsync(self.handle)
 
     def rename(self, path: Path) -> None:
-        """Give the file another name, which must be free."""
+        """Rename the file to a path that must not exist."""
         if os.path.lexists(path):
             raise FileExistsError(f"{path} exists")
         os.rename(self.path, path)
         self.path = path
 
-    def check(self) -> Written:
-        """The file as it is; FileLostError where its name leads elsewhere or it lost a byte."""
+    def check(self) -> FileIdentity:
+        """Identity of the file; FileLostError if its path leads elsewhere or bytes are missing."""
         held, found = os.fstat(self.handle), _named(self.path)
         whole = held.st_size == self.position
         if found is None or (found.st_dev, found.st_ino) != (held.st_dev, held.st_ino):
@@ -101,10 +103,10 @@ class Stream:
         if not whole:
             sizes = f"{held.st_size} bytes instead of {self.position}"
             raise FileLostError(f"was changed by another program: it has {sizes}", cut=True)
-        return Written(self.path, held.st_dev, held.st_ino, held.st_size)
+        return FileIdentity(self.path, held.st_dev, held.st_ino, held.st_size)
 
     def _where(self, held: os.stat_result) -> str:
-        """Where the file lies now, as far as the system tells."""
+        """Present path of the file as far as the system knows it."""
         try:
             path = os.readlink(f"/proc/self/fd/{self.handle}")
             found = os.stat(path)
@@ -114,7 +116,7 @@ class Stream:
         return path if same else "another name"
 
     def cut(self) -> None:
-        """Cut the file behind its last whole record, where it is that long."""
+        """Truncate the file after its last complete record."""
         if os.fstat(self.handle).st_size > self.whole:
             os.ftruncate(self.handle, self.whole)
 
@@ -125,7 +127,7 @@ class Stream:
 
 
 def is_written(path: Path) -> bool:
-    """Whether a program holds a file open as a ``Stream``; False where there is no such file."""
+    """Whether a program holds a file open as a ``GuardedFile``; False if there is no such file."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
@@ -142,7 +144,7 @@ def is_written(path: Path) -> bool:
 
 
 def _named(path: Path) -> os.stat_result | None:
-    """What a path leads to, None where it leads nowhere."""
+    """Status of a path without following links; None if it does not exist."""
     try:
         return os.stat(path, follow_symlinks=False)
     except (FileNotFoundError, NotADirectoryError):

@@ -1,0 +1,80 @@
+"""The exchange of left and right: of states, of halves of states, and of a gear."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.lanes.packed import chosen_own, own_mirror
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.model import Model
+
+Indices = NDArray[np.int64]
+
+
+def layout_mirror(layout: Layout) -> Indices:
+    """Indices (n_state,) that exchange left and right in a state."""
+    m = layout.n_coordinate
+    half = np.concatenate([[1, 0], np.roll(np.arange(2, m), layout.n_classes)])
+    return np.concatenate([half, m + half])
+
+
+def state_mirror(model: Model) -> Indices:
+    """Indices that exchange left and right in a state with its further coordinates."""
+    first, own = model.layout.n_state, own_mirror(model)
+    return np.concatenate([layout_mirror(model.layout), first + own, first + model.n_own + own])
+
+
+def has_equal_halves(model: Model) -> bool:
+    """Whether left and right of a gear, effects included, are bitwise equal.
+
+    False for a gear that is integrated by the laws of its effects, which can't be compared.
+    """
+    p, c = model.packed, model.layout.n_classes
+    n, m, own = model.layout.n_mesh, model.layout.n_coordinate, own_mirror(model)
+    one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
+    many = (p.k_cos, p.k_sin, p.e_cos, p.e_sin, p.d_cos, p.d_sin, p.window_k, p.window_d, p.law)
+    by_mesh = np.concatenate([np.array(one), *many]).reshape(-1, 2, 2, c)
+    by_side = (p.inv_M_s, p.inv_M_p, p.load_q, p.control_q, p.control_r)
+    loads = np.concatenate([p.load_cos, p.load_sin])
+    mesh = np.arange(n).reshape(2, 2, c)[:, ::-1].ravel()
+    mirror = np.concatenate([layout_mirror(model.layout)[:m], m + own])
+    to = np.concatenate([mirror, [m + len(own)]])
+    return (
+        model.integrator is None
+        and np.array_equal(own[own], np.arange(len(own)))
+        and np.array_equal(p.seat[own], p.seat)
+        and np.array_equal(p.own_shift[own][:, mesh], p.own_shift)
+        and np.array_equal(p.push[:, to][:, :, np.concatenate([mesh, n + own])], p.push)
+        and np.array_equal(by_mesh[:, :, 0], by_mesh[:, :, 1])
+        and all(np.array_equal(row[0], row[1]) for row in by_side)
+        and np.array_equal(loads, loads[:, mirror])
+    )
+
+
+def left_half(model: Model) -> Indices:
+    """Indices of the left half in a state, with the coordinates that are their own mirror
+    image.
+    """
+    m, c, own = model.layout.n_coordinate, model.layout.n_classes, chosen_own(model, 1)
+    half = np.concatenate([[0], np.arange(2, 2 + c)])
+    return np.concatenate([half, m + half, 2 * m + own, 2 * m + model.n_own + own])
+
+
+def from_left_half(model: Model) -> Indices:
+    """Indices that rebuild a whole state from its left half."""
+    c, own = model.layout.n_classes, chosen_own(model, 1)
+    half = np.concatenate([[0, 0], np.tile(np.arange(1, 1 + c), 2)])
+    image = np.minimum(own_mirror(model), np.arange(model.n_own))
+    rest = 2 * (1 + c) + np.searchsorted(own, image)
+    return np.concatenate([half, 1 + c + half, rest, len(own) + rest])
+
+
+def own_images(model: Model) -> Indices:
+    """Indices in a left half of the coordinates that are their own mirror image.
+
+    An antisymmetric perturbation leaves them at rest.
+    """
+    own, first = chosen_own(model, 1), 2 * (1 + model.layout.n_classes)
+    alone = np.flatnonzero(own_mirror(model)[own] == own)
+    return np.concatenate([first + alone, first + len(own) + alone])

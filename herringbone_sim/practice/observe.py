@@ -1,0 +1,115 @@
+"""One run of a practice rig: the simulated motion, then its measured channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from herringbone_sim.practice.cause import Cause
+from herringbone_sim.practice.chain import deterministic, gauged, measured
+from herringbone_sim.practice.measure import RunMeasure, measure_run
+from herringbone_sim.practice.plan import KINDS, Plan
+from herringbone_sim.practice.record import (
+    Motion,
+    Sampling,
+    SimulatedRun,
+    channels_of,
+    simulate_motion,
+)
+from herringbone_sim.practice.rig_model import NOMINAL, Array, Constants, RigModel, rig_model
+from herringbone_sim.practice.sensors import distort
+
+
+@dataclass(frozen=True)
+class ObservedRun:
+    """One run with all measured channels, before a channel set is selected.
+
+    Attributes:
+        motion: the true motion.
+        measured: channels by name.
+        measure: residuals and detectability.
+    """
+
+    motion: Motion
+    measured: Mapping[str, Array]
+    measure: RunMeasure
+
+
+def simulate_run(
+    plan: Plan, rig: Constants, causes: tuple[Cause, ...], i: int, sampling: Sampling | None = None
+) -> SimulatedRun:
+    """Simulate run number i of a plan with the given causes.
+
+    Args:
+        sampling: if given, the run is not sampled for a filter, which adds no noise.
+    """
+    lags = tuple(c.size for c in causes if c.internal == "sensor_delay")
+    delay = plan.noise.parts.get("filter", {}).get("delay_s") if sampling is None else None
+    sampling = replace(sampling or Sampling(), lags=lags, delay=delay)
+    span = span_of(plan.points[i], sampling.transient + sampling.cycles)
+    p = equipped(rig_model(rig, plan.points[i], span), causes, plan.points[i])
+    return simulate_motion(p, plan.phases[i], plan.starts[i], sampling)
+
+
+def observe_run(
+    plan: Plan,
+    rig: Constants,
+    causes: tuple[Cause, ...],
+    i: int,
+    moved: SimulatedRun,
+    most: Mapping[str, float],
+) -> ObservedRun:
+    """Measure run number i: filter and encoders, then faults, noise, gauges and converters.
+
+    Args:
+        most: largest value of each quantity over the campaign, see ``largest``.
+    """
+    motion, exact = moved.now, channels_of(moved.now)
+    smooth, counted = deterministic(plan.noise, motion, moved.fine)
+    faulty = [_with_faults(causes, moved, one) for one in (exact, smooth, counted)]
+    clock = {"t": [one.pop("t") for one in faulty][-1]} if "t" in faulty[0] else {}
+    seen, quiet, shown = faulty[0], *(gauged(plan.noise, one) for one in faulty[1:])
+    rng = np.random.default_rng([plan.seed, 0x51, i])
+    noisy = measured(plan.noise, shown, motion.times, rng, most) | clock
+    found = measure_run(rig, plan.points[i], motion, seen, quiet, noisy, causes)
+    return ObservedRun(motion, noisy, found)
+
+
+def _with_faults(
+    causes: tuple[Cause, ...], moved: SimulatedRun, channels: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Channels with the faults of sensors."""
+    seen = dict(channels)
+    for cause in causes:
+        if KINDS[cause.internal].sense == "sensor":
+            before = moved.before[0] if moved.before else None
+            seen = distort(cause, moved.now, before, seen)
+    return seen
+
+
+def equipped(p: RigModel, causes: tuple[Cause, ...], point: Mapping[str, float]) -> RigModel:
+    """The rig model with all causes applied."""
+    for cause in causes:
+        p = KINDS[cause.internal].apply(p, cause, point)
+    return p
+
+
+def span_of(point: Mapping[str, float], cycles: int) -> float:
+    """Duration [s] that drifting effects refer to: 1.2 times that of the mesh cycles."""
+    return float(1.2 * cycles * 2.0 * np.pi / rig_model(NOMINAL, point).omega)
+
+
+def largest(motions: Sequence[Motion]) -> dict[str, float]:
+    """Largest x, v, F, u and a over some runs, by which converter ranges are chosen."""
+    values = {"x": "x", "v": "v", "F": "force", "u": "u", "a": "a"}
+    return {
+        short: max(float(np.abs(getattr(one, long)).max()) for one in motions)
+        for short, long in values.items()
+    }
+
+
+def pooled(measures: Sequence[RunMeasure]) -> float:
+    """Detectability of the first cause over some runs (root mean square)."""
+    return float(max(np.sqrt(np.mean([one.d[0] ** 2 for one in measures])), 1e-9))
