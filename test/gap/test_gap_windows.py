@@ -11,7 +11,7 @@ from gap_support import rig, without
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.diagnosis.examine import examine
-from herringbone_sim.diagnosis.search import Score
+from herringbone_sim.diagnosis.search import Score, Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -307,3 +307,21 @@ def of_shafts(run: PreparedRun) -> PreparedRun:
     planets = tuple(b for b in layout.bodies if b.startswith("p"))
     parts = {q: without(getattr(run, q), layout.meshes, layout.meshes) for q in "xvF"}
     return replace(run, u=without(run.u, layout.bodies, planets), **parts)
+
+
+@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+def test_a_loose_pin_is_proposed_at_its_planet_from_gauges_in_the_pins() -> None:
+    """The label says the place; the windows must lose most of what is above their noise by it."""
+    plan = draw_plan(381202, "bearing_clearance", d=3.0, channels="shafts_pins", law="catalogue")
+    campaign = make_campaign(plan)
+    machine = GearMachine(Gear(as_prepared(campaign).of_role("fit")))
+    nothing = Search(machine)
+    _, proposed = machine.proposals({}, nothing.null)
+    pins = [h for h in proposed if h.effect == "bearing_clearance"]
+    best = max(pins, key=lambda h: h.removes or 0.0)
+    locus = best.locus
+    assert isinstance(locus, Locus)
+    assert locus.planet == campaign.label["causes"][0]["locus"]["planet"]
+    null = nothing.null
+    assert best.removes is not None
+    assert best.removes > 0.5 * (float(null.energy.sum()) - null.count)
