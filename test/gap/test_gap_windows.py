@@ -321,7 +321,7 @@ def test_a_loose_pin_is_proposed_at_its_planet_from_gauges_in_the_pins() -> None
     best = max(pins, key=lambda h: h.removes or 0.0)
     locus = best.locus
     assert isinstance(locus, Locus)
-    assert locus.planet == campaign.label["causes"][0]["locus"]["planet"]
+    assert locus.planet == campaign.label["effects"][0]["locus"]["planet"]
     null = nothing.null
     assert best.removes is not None
     assert best.removes > 0.5 * (float(null.energy.sum()) - null.count)
