@@ -61,6 +61,9 @@ ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "
 LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
 SQUARES_OF_A_FIT = 1.5  # a value: states that leave no more need no other start
 ANOTHER = 0.75  # of the squares at the last start: a change that takes off so much moves otherwise
+AT_REST = (
+    1e-2  # share of the squares: two fits one after the other that differ by less have settled
+)
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 
 
@@ -108,6 +111,8 @@ class Trajectory:
         self.model = run.model
         self._found: dict[tuple[str, ...], Shot] = {}
         self._started: dict[tuple[str, ...], float] = {}
+        self._costs: dict[tuple[str, ...], float] = {}
+        self._rested: set[tuple[str, ...]] = set()  # keys that were sought anew at rest
         self._share: float | None = None
 
     @cached_property
@@ -194,13 +199,17 @@ class Trajectory:
         shot = self._found.get(key, self.nominal)
         shot = fitted(self.stretch, shot.starts, drive_at(shot), FIRST if new else LATER)
         before = self._started.get(key, self.nominal.cost)
-        another = shot.cost < ANOTHER * before or (new and shot.cost > before)
+        last = self._costs.get(key, np.inf)
+        rests = abs(last - shot.cost) < AT_REST * shot.cost and key not in self._rested
+        if rests:
+            self._rested.add(key)
+        another = rests or shot.cost < ANOTHER * before or (new and shot.cost > before)
         if another and shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight):
             near = shot
             anew = self._anew(drive_at(near), self._whole.driven(change_of, of_bodies, on_carrier))
             shot = anew if anew is not None and anew.cost < near.cost else near
             self._started[key] = shot.cost
-        self._found[key] = shot
+        self._found[key], self._costs[key] = shot, shot.cost
         return shot
 
     def cost_near(
