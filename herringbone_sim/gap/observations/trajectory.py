@@ -61,9 +61,7 @@ ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "
 LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
 SQUARES_OF_A_FIT = 1.5  # a value: states that leave no more need no other start
 ANOTHER = 0.75  # of the squares at the last start: a change that takes off so much moves otherwise
-AT_REST = 1e-2  # share of the squares: fits one after the other that differ by less have settled
-    1e-2  # share of the squares: two fits one after the other that differ by less have settled
-)
+AT_REST = 1e-2  # of the squares: fits one after the other that differ by less have settled
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 
 
