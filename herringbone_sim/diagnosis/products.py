@@ -8,12 +8,13 @@ normal equations are sums of entries of the products. Nuisances of a row (drift,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 Array = NDArray[np.float64]
 
@@ -167,14 +168,21 @@ def cleared(block: Block) -> Array:
     w = (root / block.sigma)[:, :, None]
     shared = np.einsum("nrq,trq->nrt", block.columns, block.shared)
     every = np.concatenate([block.residual[:, :, None], shared], axis=2) * w
-    free = every.copy()
-    for row in range(every.shape[1]):
-        N = block.nuisance[:, row] * w[:, row]
-        normal = N.T @ N + np.diag(block.nuisance_sd[row] ** -2.0)
-        free[:, row] -= N @ np.linalg.solve(normal, N.T @ every[:, row])
+    free = np.stack([clearing(block, row)(every[:, row]) for row in range(every.shape[1])], axis=1)
     normal = np.einsum("nrt,nru->tu", every[:, :, 1:], free)
     mean = np.linalg.solve(normal[:, 1:] + np.diag(block.shared_sd**-2.0), normal[:, 0])
     return np.asarray((free[:, :, 0] - free[:, :, 1:] @ mean) / root)
+
+
+def clearing(block: Block, row: int) -> Callable[[Array], Array]:
+    """Function that subtracts the ridge fit of a row's nuisances from whitened values (n, ...)."""
+    N = block.nuisance[:, row] * (np.sqrt(block.independent) / block.sigma[:, row])[:, None]
+    normal = cho_factor(N.T @ N + np.diag(block.nuisance_sd[row] ** -2.0)) if N.size else None
+
+    def clear(values: Array) -> Array:
+        return values if normal is None else values - N @ cho_solve(normal, N.T @ values)
+
+    return clear
 
 
 def moved(p: Products, a: Array) -> Products:

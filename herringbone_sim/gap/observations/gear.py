@@ -72,7 +72,7 @@ class Gear:
         self._plain_balances: list[Block] = []  # made once for all copies
         self._trajectories: dict[int, Trajectory] = {}  # and these
         self._exchanged: dict[tuple[int, str], Trajectory] = {}
-        self.numbers = count()  # of parts, each once for all copies
+        self.part_numbers = count()  # one label for each part among all copies
 
     @property
     def law_functions(self) -> tuple[Function, ...]:
@@ -137,7 +137,7 @@ class Gear:
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
         kept = {r: known.get(id(run)) for r, run in enumerate(runs)}
         found._trajectories.update({r: t for r, t in kept.items() if t is not None})
-        found.numbers = self.numbers
+        found.part_numbers = self.part_numbers
         return found
 
     @cached_property
@@ -373,18 +373,18 @@ class Gear:
             functions = [name for name in functions if name in used]
         change_of = self._windows_change(r, amplitudes, functions)[0]
         shot = self.states(r, amplitudes)
-        one = self._followed_as(r, amplitudes)
+        one = self.windows_about(r, amplitudes)
         every_one = (*self.law_functions, *self.body_functions)
         return one.block(shot, change_of, every_one, tuple(every))
 
     def states(self, r: int, amplitudes: Amplitudes) -> Shot:
         """States of the windows of a run that fit a change."""
         key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
-        one = self._followed_as(r, amplitudes)
+        one = self.windows_about(r, amplitudes)
         return one.solved(tuple(key), *self._windows_change(r, amplitudes))
 
-    def _followed_as(self, r: int, amplitudes: Amplitudes) -> Trajectory:
-        """The windows of a run, of channels put back that a change says to be exchanged."""
+    def windows_about(self, r: int, amplitudes: Amplitudes) -> Trajectory:
+        """Windows of a run; of the channels put back where a change says they are exchanged."""
         for f, a in amplitudes.get(trajectory.NAME, {}).items():
             if f.startswith(SWAP) and a[r][0] != 0.0:
                 key = r, f
@@ -397,7 +397,7 @@ class Gear:
 
     def squares_near(self, r: int, near: Shot, amplitudes: Amplitudes, rounds: int) -> float:
         """Squares that some rounds leave of the windows of a run, from states near by."""
-        one = self._followed_as(r, amplitudes)
+        one = self.windows_about(r, amplitudes)
         return one.cost_near(near, *self._windows_change(r, amplitudes), rounds)
 
     def _windows_change(

@@ -86,7 +86,7 @@ class GearMachine:
         self, parts: Sequence[Event | Seat], about: Amplitudes | None = None
     ) -> tuple[GearMachine, list[Hypothesis]]:
         """A machine with the functions of some events and parts, and their hypotheses."""
-        labels = [f"part {number}" for number, _ in zip(self.gear.numbers, parts, strict=False)]
+        labels = [f"part {next(self.gear.part_numbers)}" for _ in parts]
         every = [
             f
             for p, label in zip(parts, labels, strict=True)

@@ -116,7 +116,7 @@ class Trial:
     """
 
     def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
-        self.gear = gear
+        self.gear, self._amplitudes = gear, amplitudes
         looked = range(0, len(gear.runs), every)
         self._known = known.coefficients
         blocks = gear.blocks(amplitudes, wanted_of(self._known), self._observations())
@@ -127,7 +127,7 @@ class Trial:
         self._sd = np.array([c.sd for c in self._known]) * np.sqrt(len(gear.runs) / len(looked))
         self._bound = np.array([c.bound for c in self._known])
         self._start = known.mean - np.array([c.center for c in self._known])
-        self._runs = [self._run(r, amplitudes, blocks[r]) for r in looked]
+        self._runs = [self._run(r, blocks[r]) for r in looked]
         self._drives: dict[tuple[Locus, int], Drive] = {}
         self._columns: dict[tuple[int, str, int], Array] = {}
 
@@ -141,10 +141,11 @@ class Trial:
         }
         return [name for name, there in formed.items() if there]
 
-    def _run(self, r: int, amplitudes: Amplitudes, blocks: Mapping[str, Block]) -> TriedRun:
+    def _run(self, r: int, blocks: Mapping[str, Block]) -> TriedRun:
+        """A run with the changes of its law, at the samples of the law and between them."""
         some, dense = self.gear.runs[r].some, self.gear.runs[r].dense
         assert dense is not None
-        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+        of_law = {f: a[r] for f, a in self._amplitudes.get(force_law.NAME, {}).items()}
         at = np.rint((some.times - dense.times[0]) / (dense.times[1] - dense.times[0]))
         changes = self.gear.change_of(some, of_law), self.gear.change_of(dense, of_law)
         return TriedRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.diagnosis.flexible import Surroundings
-from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.products import Block, clearing
+from herringbone_sim.diagnosis.search import LIKELIER
 from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
@@ -61,7 +62,6 @@ ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "
 LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
 SQUARES_OF_A_FIT = 1.5  # a value: states that leave no more need no other start
 ANOTHER = 0.75  # of the squares at the last start: a change that takes off so much moves otherwise
-AT_REST = 1e-2  # of the squares: fits one after the other that differ by less have settled
 LOOSE = 1e3  # prior of a state, in units of the motion: none
 
 
@@ -110,7 +110,7 @@ class Trajectory:
         self._found: dict[tuple[str, ...], Shot] = {}
         self._started: dict[tuple[str, ...], float] = {}
         self._costs: dict[tuple[str, ...], float] = {}
-        self._rested: set[tuple[str, ...]] = set()  # keys that were sought anew at rest
+        self._rested: set[tuple[str, ...]] = set()  # changes whose settled fit was begun anew
         self._share: float | None = None
 
     @cached_property
@@ -197,12 +197,13 @@ class Trajectory:
         shot = self._found.get(key, self.nominal)
         shot = fitted(self.stretch, shot.starts, drive_at(shot), FIRST if new else LATER)
         before = self._started.get(key, self.nominal.cost)
-        last = self._costs.get(key, np.inf)
-        rests = abs(last - shot.cost) < AT_REST * shot.cost and key not in self._rested
-        if rests:
+        far_off = shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight)
+        settled = abs(self._costs.get(key, np.inf) - shot.cost) < LIKELIER
+        at_rest = far_off and settled and key not in self._rested
+        if at_rest:
             self._rested.add(key)
-        another = rests or shot.cost < ANOTHER * before or (new and shot.cost > before)
-        if another and shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight):
+        another = at_rest or shot.cost < ANOTHER * before or (new and shot.cost > before)
+        if another and far_off:
             near = shot
             anew = self._anew(drive_at(near), self._whole.driven(change_of, of_bodies, on_carrier))
             shot = anew if anew is not None and anew.cost < near.cost else near
@@ -340,9 +341,7 @@ class Trajectory:
         some = [f for f in functions if f.name in ANY]
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
         made = columns(s, shot, m, now, some, wanted) / block.sigma
-        J = block.nuisance[:, 0] / block.sigma
-        prior = np.diag(block.nuisance_sd[0] ** -2.0)
-        left = made - J @ np.linalg.solve(J.T @ J + prior, J.T @ made)
+        left = clearing(block, 0)(made)
         nothing = np.zeros((len(left), 1, 1))
         return Surroundings(nothing, nothing[:, 0], nothing, left[:, None, :])
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.products import Block, clearing
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import force_law, trajectory
@@ -63,8 +63,7 @@ def contacts(one: Trajectory, block: Block) -> Contacts:
     away = cycles[None] - (before[None, :, None] + near[:, None, None]) / EACH
     shape = np.where(np.abs(away) < WIDE, 0.5 + 0.5 * np.cos(np.pi * away / WIDE), 0.0)
     M = len(s.G)
-    J = block.nuisance[:, 0]
-    inverse = np.linalg.inv(J.T @ J + np.diag(block.nuisance_sd[0] ** -2.0))
+    clear = clearing(block, 0)
     times = int(before.max() - before.min()) + len(near)
     W, samples, k = s.measured.shape
     of_window = np.repeat(np.arange(W), samples * k)
@@ -83,8 +82,7 @@ def contacts(one: Trajectory, block: Block) -> Contacts:
         rows = np.arange(len(made))
         for i in near:
             every[:, before[of_window] - before.min() + i, rows] += made[:, :, i].T
-        flat = every.reshape(-1, len(made))
-        flat = flat - ((flat @ J) @ inverse) @ J.T
+        flat = clear(every.reshape(-1, len(made)).T).T
         found[kind] = (flat / block.sigma[0, 0]).reshape(every.shape)
     return Contacts(int(before.min()), found, block.residual[:, 0] / block.sigma[0, 0])
 
@@ -93,8 +91,8 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
     """The most promising events of both kinds about a change."""
     blocks = gear.blocks(amplitudes, {}, (trajectory.NAME,))
     found = [
-        contacts(one, of_run[trajectory.NAME])
-        for one, of_run in zip(gear.trajectories, blocks, strict=True)
+        contacts(gear.windows_about(r, amplitudes), of_run[trajectory.NAME])
+        for r, of_run in enumerate(blocks)
     ]
     chosen = []
     for kind in KINDS:

@@ -6,13 +6,14 @@ that it takes off its meshes acts through the motion, as any other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.products import Block, clearing
 from herringbone_sim.diagnosis.search import Score
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
@@ -32,22 +33,23 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
 class WindowTrial(Trial):
     """Squares that a part removes of the windows, at the states that were found without it."""
 
-    def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
-        self._inverses: dict[int, Array] = {}
-        super().__init__(gear, amplitudes, known, every)
-
     def _observations(self) -> list[str]:
         return [trajectory.NAME]
 
-    def _run(self, r: int, amplitudes: Amplitudes, blocks: Mapping[str, Block]) -> TriedRun:
-        _, _, m = self.gear.windows_of(r).last
-        of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
+    @cached_property
+    def _clearings(self) -> dict[int, Callable[[Array], Array]]:
+        """By run: what subtracts the fit of states and gratings."""
+        return {run.number: clearing(run.blocks[trajectory.NAME], 0) for run in self._runs}
+
+    def _run(self, r: int, blocks: Mapping[str, Block]) -> TriedRun:
+        _, _, m = self.gear.windows_about(r, self._amplitudes).last
+        of_law = {f: a[r] for f, a in self._amplitudes.get(force_law.NAME, {}).items()}
         change = self.gear.change_of(m, of_law)
         return TriedRun(r, m, change, m, change, np.arange(len(m.times)), blocks)
 
     def _rows(self, run: TriedRun, seat: Seat) -> Iterator[Row]:
-        """The one row of the windows, freed of what their states take up."""
-        model, one = self.gear.model, self.gear.windows_of(run.number)
+        """The one row of the windows, less the fit of their states."""
+        model, one = self.gear.model, self.gear.windows_about(run.number, self._amplitudes)
         s, shot = one.stretch, one.last[0]
         drive = self._drive(run, seat)
         at = np.flatnonzero(drive.share.any(axis=0))
@@ -70,15 +72,7 @@ class WindowTrial(Trial):
         pushed = responses(s, shot, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
         weight = np.sqrt(block.independent) / block.sigma[:, 0]
-        before = self._freed(run, block.residual[:, 0] * weight)
-        after = before - self._freed(run, pushed * weight)
+        clear = self._clearings[run.number]
+        before = clear(block.residual[:, 0] * weight)
+        after = before - clear(pushed * weight)
         yield trajectory.NAME, 0, before, after, np.ones(len(before))
-
-    def _freed(self, run: TriedRun, values: Array) -> Array:
-        """Values (rows,) over the noise, less what states and gratings take of them."""
-        block = run.blocks[trajectory.NAME]
-        N = block.nuisance[:, 0] * (np.sqrt(block.independent) / block.sigma[:, 0])[:, None]
-        if run.number not in self._inverses:
-            normal = N.T @ N + np.diag(block.nuisance_sd[0] ** -2.0)
-            self._inverses[run.number] = np.linalg.inv(normal)
-        return np.asarray(values - N @ (self._inverses[run.number] @ (N.T @ values)))

@@ -8,6 +8,7 @@ a few rounds each, on the runs whose motion is nearest to the nominal one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ def tried(
     share = np.ones(len(trials))
     chosen = [i for i, (one, _) in enumerate(trials) if not _exchange(one)]
     for r, rounds in used:
-        left_of_run = each(lambda i, r=r, rounds=rounds: share_left(r, i, rounds), chosen)  # type: ignore[misc]
+        left_of_run = each(partial(share_left, r, rounds=rounds), chosen)
         share[chosen] *= np.array(left_of_run) ** (1.0 / len(used))
         chosen = sorted(chosen, key=lambda i: float(share[i]))[:SECOND]
     best: list[tuple[float, Hypothesis, Array]] = []
