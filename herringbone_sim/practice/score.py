@@ -161,16 +161,17 @@ def score(cases: Outcomes) -> tuple[Row, ...]:
     """
     if not cases:
         raise AnalysisError("a score needs cases, got none: name folders with reports and labels")
-    rows = [_row(metric, "all", cases) for metric in METRICS]
+    rows = rows_of(cases, "all")
     for name in STRATA:
         for value in sorted({case.strata[name] for case in cases}):
             inside = [case for case in cases if case.strata[name] == value]
-            rows += [_row(metric, f"{name}: {value}", inside) for metric in METRICS]
+            rows += rows_of(inside, f"{name}: {value}")
     return tuple(rows)
 
 
-def _row(metric: Metric, stratum: str, cases: Outcomes) -> Row:
-    return Row(metric.name, stratum, metric.compute(cases), metric.least, metric.most)
+def rows_of(cases: Outcomes, stratum: str, metrics: Sequence[Metric] = METRICS) -> list[Row]:
+    """Every figure of a stratum."""
+    return [Row(m.name, stratum, m.compute(cases), m.least, m.most) for m in metrics]
 
 
 def write_table(rows: Sequence[Row], file: Path) -> None:

@@ -18,9 +18,9 @@ from herringbone_sim.practice.score import (
     CELL,
     METRICS,
     STRATA,
-    Metric,
     Outcomes,
     Row,
+    rows_of,
     target,
 )
 from herringbone_sim.practice.stored import Bench
@@ -56,11 +56,6 @@ def _usual(case: Outcome) -> bool:
     """Whether a case has white noise of 40 dB and all channels."""
     usual = {"noise": "white", "snr": "40 dB", "channels": "full"}
     return all(case.strata[name] == value for name, value in usual.items())
-
-
-def rows_of(cases: Outcomes, stratum: str, metrics: Sequence[Metric] = METRICS) -> list[Row]:
-    """Every figure of a stratum."""
-    return [Row(q.name, stratum, q.compute(cases), q.least, q.most) for q in metrics]
 
 
 def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
