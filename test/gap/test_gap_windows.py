@@ -20,6 +20,7 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Change, law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.rollout import STATES, Drive
+from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.shooting import (
     JUMP,
     Shot,
@@ -308,6 +309,22 @@ def of_shafts(run: PreparedRun) -> PreparedRun:
     planets = tuple(b for b in layout.bodies if b.startswith("p"))
     parts = {q: without(getattr(run, q), layout.meshes, layout.meshes) for q in "xvF"}
     return replace(run, u=without(run.u, layout.bodies, planets), **parts)
+
+
+def test_a_soft_ring_is_tried_at_a_third_of_its_proposed_stiffness() -> None:
+    """A spring of 1e10 N/m, proposed at 3e10: it leaves least there, and less than soft meshes."""
+    ring = Active(effects()["ring_flexibility"], (1e10, 0.05), Locus(mesh="rp"))
+    whole = rig({}, actives=[ring])
+    proposed = Seat("ring_flexibility", Locus(mesh="rp"), (3e10, 0.05, 0.01, 0.01))
+    plain = GearMachine(Gear([of_shafts(run) for run in whole.runs]))
+    machine, parts = plain.with_parts([proposed])
+    stiffness = [h for h in machine.hypotheses() if h.effect == "mean_stiffness"]
+    null = no_effect(machine)
+    ranked = [(h, np.append(null.mean, [c.sd for c in h.coefficients])) for h in stiffness]
+    ranked.append((parts[0], np.append(null.mean, np.zeros(len(parts[0].coefficients)))))
+    (_, best, start), *_ = machine.tried(ranked, null)
+    assert best is parts[0]
+    assert start[len(null.mean) + 1] == pytest.approx(-np.log(3.0))
 
 
 def test_windows_are_made_once_for_all_copies_of_a_gear(gear: Gear) -> None:

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from herringbone_sim.diagnosis.search import Hypothesis, Score, amplitudes
 from herringbone_sim.diagnosis.threads import each
 from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.trajectory import SQUARES_OF_A_FIT
 
 Array = NDArray[np.float64]
 
 TIMES = (-3.0, -1.0, 1.0, 3.0)  # a moderate size, along what the linear screen says
+FACTORS = (-np.log(3.0), 0.0, np.log(3.0))  # on the stiffness or clearance of a part
 ROUNDS = (3, 8)  # on the nearest run, and on the next one
 SECOND = 24  # trials that are done on the next run as well
 KEPT, PLACES = 4, 2  # trials that are fitted, and of them with the same effect
@@ -55,12 +57,17 @@ def tried(
     trials: list[tuple[Hypothesis, Array]] = []
     for one, linear in ranked:
         own = linear[n : n + one.mains]
-        unit = np.array([c.sd for c in one.coefficients[: one.mains]])
-        size = float(np.linalg.norm(own / unit))
-        if size > 0.0 and all(c.sized and not c.center for c in one.coefficients):
+        if _exchange(one):
+            trials.append((one, np.append(about, 1.0)))
+        elif isinstance(one.maker, Seat):
+            center = np.array([c.center for c in one.coefficients])
+            leading = np.arange(len(center)) == 1  # its stiffness or clearance, as a logarithm
+            trials += [(one, np.concatenate([about, center + leading * k])) for k in FACTORS]
+        elif np.any(own) and all(c.sized and not c.center for c in one.coefficients):
+            unit = np.array([c.sd for c in one.coefficients[: one.mains]])
+            moderate = own / np.linalg.norm(own / unit)
             rest = np.zeros(len(one.coefficients) - one.mains)
-            trials += [(one, np.concatenate([about, own * k / size, rest])) for k in TIMES]
-    trials += [(one, np.append(about, 1.0)) for one, _ in ranked if _exchange(one)]
+            trials += [(one, np.concatenate([about, moderate * k, rest])) for k in TIMES]
 
     def share_left(r: int, i: int, rounds: int) -> float:
         """A trial that leaves more has not settled, and says nothing."""
