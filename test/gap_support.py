@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -106,3 +107,11 @@ def without(m: Measured, names: Sequence[str], gone: Sequence[str]) -> Measured:
     out = np.array([name in gone for name in names])
     values = np.where(out, np.nan, m.values)
     return Measured(values, m.there & ~out, np.where(out, np.nan, m.sigma))
+
+
+def of_shafts(run: PreparedRun) -> PreparedRun:
+    """The run as the rotations of suns and carrier alone show it."""
+    layout = run.model.layout
+    planets = tuple(b for b in layout.bodies if b.startswith("p"))
+    parts = {q: without(getattr(run, q), layout.meshes, layout.meshes) for q in "xvF"}
+    return replace(run, u=without(run.u, layout.bodies, planets), **parts)

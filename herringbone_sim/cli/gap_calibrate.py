@@ -65,5 +65,6 @@ def run(args: argparse.Namespace) -> int:
     print("campaigns left out".ljust(20) + "".join(f"{name:>26}" for name in names))
     for stratum, row in found.figures.items():
         print(stratum.ljust(20) + "".join(f"{row[name]:26.3f}" for name in names))
+    print(f"models miss {found.relative:.1%} of a size")
     print(f"written: {args.out}")
     return 0

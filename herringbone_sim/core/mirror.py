@@ -1,4 +1,4 @@
-"""The exchange of left and right: of states, of halves of states, and of a gear."""
+"""The exchange of left and right, of states, of halves of states, and of a gear; planets alike."""
 
 from __future__ import annotations
 
@@ -32,9 +32,7 @@ def has_equal_halves(model: Model) -> bool:
     """
     p, c = model.packed, model.layout.n_classes
     n, m, own = model.layout.n_mesh, model.layout.n_coordinate, own_mirror(model)
-    one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
-    many = (p.k_cos, p.k_sin, p.e_cos, p.e_sin, p.d_cos, p.d_sin, p.window_k, p.window_d, p.law)
-    by_mesh = np.concatenate([np.array(one), *many]).reshape(-1, 2, 2, c)
+    by_mesh = _of_meshes(model)
     by_side = (p.inv_M_s, p.inv_M_p, p.load_q, p.control_q, p.control_r)
     loads = np.concatenate([p.load_cos, p.load_sin])
     mesh = np.arange(n).reshape(2, 2, c)[:, ::-1].ravel()
@@ -50,6 +48,20 @@ def has_equal_halves(model: Model) -> bool:
         and all(np.array_equal(row[0], row[1]) for row in by_side)
         and np.array_equal(loads, loads[:, mirror])
     )
+
+
+def has_equal_planets(model: Model) -> bool:
+    """Whether the planets of a gear without effects are bitwise equal, mesh phases included."""
+    inertia = model.packed.inv_M_p
+    return all(bool(np.all(a == a[..., :1])) for a in (_of_meshes(model), inertia))
+
+
+def _of_meshes(model: Model) -> NDArray[np.float64]:
+    """All that a mesh has of its own: (rows, sun or ring, side, planet)."""
+    p = model.packed
+    one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
+    many = (p.k_cos, p.k_sin, p.e_cos, p.e_sin, p.d_cos, p.d_sin, p.window_k, p.window_d, p.law)
+    return np.concatenate([np.array(one), *many]).reshape(-1, 2, 2, model.layout.n_classes)
 
 
 def left_half(model: Model) -> Indices:

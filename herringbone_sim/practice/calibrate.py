@@ -239,10 +239,14 @@ def judged(case: CaseEvidence, weights: Array) -> tuple[float, float, float]:
 
 
 def headline(chances: Array) -> dict[str, float]:
-    """Log loss, probability on the truth, share right first, and calibration error."""
+    """Figures of campaigns from their ``judged`` rows (n, 3).
+
+    Where the first is more probable than it is right, probabilities are too high.
+    """
     return {
         "log loss": -float(np.mean(np.log(np.maximum(chances[:, 0], 1e-6)))),
         "probability on the truth": float(chances[:, 0].mean()),
+        "probability of the first": float(chances[:, 1].mean()),
         "right first": float(chances[:, 2].mean()),
         "calibration error": calibration_error(chances[:, 1:]),
         "campaigns": float(len(chances)),

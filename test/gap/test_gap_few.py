@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from gap_support import rig, without
+from gap_support import of_shafts, rig, without
 
+from herringbone_sim.core.model import build
+from herringbone_sim.diagnosis.judge import Chance
+from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.attribution.channel_sets import (
     FEW,
     FULL,
@@ -14,24 +19,49 @@ from herringbone_sim.gap.attribution.channel_sets import (
     NOTHING,
     cannot_tell,
     channel_set,
+    planets_alike,
 )
 from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.verdict.decide import Option, decide
+from herringbone_sim.gap.verdict.place import where
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+
+
+def test_planets_are_alike_where_neither_phase_nor_channel_tells_one_from_another() -> None:
+    """In phase: each change of the gear or of the channels by itself parts them."""
+    whole = rig({}, cycles=10).runs[0]
+    shafts = of_shafts(whole)
+    other = build(shafts.model.parameters.changed({"phasing": "geometric"}))
+    gauge = without(whole.F, whole.model.layout.meshes, whole.model.layout.meshes[1:])
+    for run, alike in (
+        (shafts, True),
+        (replace(shafts, model=other), False),
+        (replace(shafts, F=gauge), False),
+        (replace(shafts, u=whole.u), False),
+    ):
+        cases = [case(run, fuse(run))]
+        assert planets_alike(cases) == alike
+        assert ("any other" in " ".join(cannot_tell(cases))) == alike
+
+
+def test_a_share_is_spread_over_planets_that_are_alike() -> None:
+    """Half of it at each kind of mesh, evenly over three planets and two sides."""
+    campaign = rig({}, cycles=10)
+    cases = tuple(case(run, fuse(run)) for run in map(of_shafts, campaign.runs))
+    pin = Active(effects()["pin_position"], (1e-5,), Locus(planet="2"))
+    verdict = decide([Chance(("pin_position",), None, 1.0)], {0: Option((pin,))}, "trajectory")
+    shares = where(campaign, Calibrated(cases, np.ones(6), None), verdict)
+    assert [share for _, share in shares] == pytest.approx([1.0 / 12.0] * 12)
 
 
 def test_each_set_of_channels_says_what_it_cannot_decide() -> None:
     whole = rig({}, cycles=10).runs[0]
     layout = whole.model.layout
     no_force = replace(whole, F=without(whole.F, layout.meshes, layout.meshes))
-    planets = tuple(b for b in layout.bodies if b.startswith("p"))
-    few = replace(
-        no_force,
-        x=without(whole.x, layout.meshes, layout.meshes),
-        v=without(whole.v, layout.meshes, layout.meshes),
-        u=without(whole.u, layout.bodies, planets),
-    )
+    few = of_shafts(whole)
     nothing = replace(few, u=without(whole.u, layout.bodies, layout.bodies))
     said = {}
     for one in (whole, no_force, few, nothing):

@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_support import rig, without
+from gap_support import of_shafts, rig
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.diagnosis.examine import examine
 from herringbone_sim.diagnosis.search import Score, Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import shooting, window_events
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Change, law
@@ -301,14 +300,6 @@ def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:
     (_, best, start), *_ = machine.tried(ranked, null)
     assert best.effect == "pin_position"
     assert start[len(null.mean)] > 1e-5
-
-
-def of_shafts(run: PreparedRun) -> PreparedRun:
-    """A run with the rotations of suns and carrier alone."""
-    layout = run.model.layout
-    planets = tuple(b for b in layout.bodies if b.startswith("p"))
-    parts = {q: without(getattr(run, q), layout.meshes, layout.meshes) for q in "xvF"}
-    return replace(run, u=without(run.u, layout.bodies, planets), **parts)
 
 
 def test_a_soft_ring_is_tried_at_a_third_of_its_proposed_stiffness() -> None:

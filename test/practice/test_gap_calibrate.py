@@ -19,6 +19,7 @@ from herringbone_sim.practice.calibrate import (
 )
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "evidence.jsonl"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "diagnosis.md"
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,17 @@ def test_the_weights_of_the_package_come_out_of_the_evidence(
     assert found.weights == pytest.approx(judge.frozen_weights(), rel=1e-3, abs=1e-3)
     for stratum, row in kept["figures of campaigns left out"].items():
         assert found.figures[stratum] == pytest.approx(row, abs=0.01)
+
+
+def test_the_page_shows_the_figures_of_the_weights() -> None:
+    """Its table and the share of a size, from the file that ``gap calibrate`` writes."""
+    kept, page = json.loads(judge.FILE.read_text(encoding="utf-8")), PAGE.read_text("utf-8")
+    figures = kept["figures of campaigns left out"]
+    for row in figures.values():
+        count, *others = (row[name] for name in ("campaigns", *list(row)[1:-1]))
+        assert f"| {count:.0f} | " + " | ".join(f"{x:.3f}" for x in others) + " |" in page
+    assert f"evidence of {figures['all']['campaigns']:.0f} practice campaigns" in page
+    assert f"models miss of a size, {100.0 * kept['relative error of a size']:.1f} %" in page
 
 
 def test_no_healthy_rig_is_blamed(campaigns: list[CaseEvidence]) -> None:

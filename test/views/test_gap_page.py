@@ -372,3 +372,12 @@ def test_few_sensors_are_told_what_one_more_would_tell(tmp_path: Path) -> None:
     assert "--also F_pin1,F_rp1_L,u_p1_L" in command
     assert "gap plan" in gap_page({}, (), "", command)
     assert plan_command({**said, "observations": ["force_law"]}, Path("rig.yaml"), tmp_path) == ""
+
+
+def test_a_planet_that_nothing_tells_from_the_others_is_not_named_alone() -> None:
+    """A cause at planet 2: the same share at every planet says that it may sit at another."""
+    told = "or at another planet: nothing tells them apart"
+    alike = [{"locus": locus(mesh), "share": 1 / 12} for mesh in MESHES]
+    assert told in gap_page(ONE | {"where": alike})
+    assert told not in gap_page(ONE)
+    assert told not in gap_page(REPORTS["none"])

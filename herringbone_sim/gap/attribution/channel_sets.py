@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from herringbone_sim.core.mirror import has_equal_planets
 from herringbone_sim.gap.attribution.bodies import balances_known
 from herringbone_sim.gap.attribution.hypothesis import Case
 
@@ -74,10 +75,28 @@ def _few(cases: Sequence[Case]) -> list[str]:
             "record u_s_L, u_s_R and u_c at least, with the common rotation alone taken off (raw "
             "angles lack the wind-up under the load)"
         ]
-    return [
+    said = [
         "the motion of the planets is worked out from that of the suns and the carrier over short "
         "windows: a drifting clock can't be told, it comes out as unknown"
     ]
+    if planets_alike(cases):
+        said.append(
+            "the planets mesh in phase and no channel belongs to one of them: what sits at one "
+            "planet may sit at any other"
+        )
+    return said
+
+
+def planets_alike(cases: Sequence[Case]) -> bool:
+    """Whether nothing tells one planet from another: neither the nominal gear nor a channel."""
+    layout = cases[0].run.model.layout
+    of_planets = [j for j, body in enumerate(layout.bodies) if body.startswith("p")]
+    return all(
+        has_equal_planets(run.model)
+        and not any(m.there.any() for m in (run.x, run.v, run.F, run.pin))
+        and not any(m.there[of_planets].any() for m in (run.u, run.a))
+        for run in (one.run for one in cases)
+    )
 
 
 def _partial(cases: Sequence[Case]) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Locus
+from herringbone_sim.gap.attribution.channel_sets import planets_alike
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.locate import Periodicity, Share, locate
@@ -26,11 +27,14 @@ def where(
     """Share of every mesh in what the recalibrated law leaves above the noise; 0 if nothing.
 
     Without a force at a mesh it is the probability that the cause sits there: that of each effect,
-    even over the meshes of its likeliest place.
+    even over the meshes of its likeliest place, and over planets that nothing tells apart.
     """
     above = found.per_mesh
     if above is None:
         above = _probable(campaign, verdict)
+        if above is not None and planets_alike(found.cases):
+            planets = campaign.nominal.layout.n_classes
+            above = np.repeat(above.reshape(-1, planets).mean(axis=1), planets)
     else:
         above = np.maximum(above - 1.0, 0.0)
     if above is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from html import escape
 
 from herringbone_sim.views.pages.gap import words
@@ -96,7 +97,20 @@ def _place(report: Part) -> tuple[str, str]:
     if kind(report) == "none":
         return "Nowhere beyond the noise", share
     told = dict.fromkeys(words.place_words(cause) for cause in sited(report))
+    if told and _any_planet(report, entries):
+        return words.capital(" / ".join(told)), "or at another planet: nothing tells them apart"
     return words.capital(" / ".join(told)) if told else "No place named", share
+
+
+def _any_planet(report: Part, entries: list[Part]) -> bool:
+    """Whether a cause sits at one planet, and all planets have the same share."""
+    planets: dict[str, float] = {}
+    for entry in entries:
+        planet = words.word(mapping(entry.get("locus")).get("planet"))
+        planets[planet] = planets.get(planet, 0.0) + (known(entry.get("share")) or 0.0)
+    shares = list(planets.values())
+    one = any(mapping(c.get("locus")).get("planet") not in ("all", None) for c in sited(report))
+    return one and len(shares) > 1 and math.isclose(min(shares), max(shares))
 
 
 def _name(report: Part) -> tuple[str, str]:
