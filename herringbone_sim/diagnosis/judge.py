@@ -14,6 +14,11 @@ is left of an observation, above the noise's one. Shares are of values, and mode
 each; what noise leaves does not go with their number, so an explanation has both: (E_h - E_best) /
 N with ``LEAST`` beside it, and E_h - E_best with ``LIKELIER`` beside it, which chance alone gives.
 What a share of a value says changes with N, from thousands of windows to half a million.
+
+A second effect is tried for the best single ones alone, and need not be among those tried. So each
+single effect also competes as one with something unknown beside it, which is what a pair is of
+which only that effect was tried. How probable that is goes with N, with the share of the squares
+that the effect leaves, and with its excess.
 """
 
 from __future__ import annotations
@@ -36,6 +41,7 @@ Array = NDArray[np.float64]
 
 HALF_90 = 1.645  # standard deviations of half a 90 % interval
 FILE = Path(__file__).with_name("calibration.json")
+UNKNOWN = "unknown"
 NAMES = (
     "log share left",
     "none",
@@ -47,29 +53,65 @@ NAMES = (
     "pair",
     "pair: log second share",
     "log strain",
-    "unknown, noise told",
-    "noise told: log excess left",
     "unknown: log unevenness",
     "log squares left",
     "none: log count",
     "unknown: log count",
     "pair: log count",
+    "beside",
+    "beside: log count",
+    "beside: log squares left",
+    "beside: log excess left",
 )
 FULL, FEWEST = 1e5, 5e3  # values of a campaign: with all channels, about; no fewer were practised
 LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
 
 
 @dataclass(frozen=True)
-class Chance:
-    """An explanation with its probability; ``unknown`` has the effect ``unknown`` alone."""
+class Explanation:
+    """What may be there.
+
+    Attributes:
+        effects: ids; empty for none, ``("unknown",)``, or an effect and ``"unknown"`` for that
+            effect with something beside it that was not found.
+        candidate: its fit; None for unknown, that of the effect alone with something beside it.
+    """
 
     effects: tuple[str, ...]
     candidate: Candidate | None
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing unknown is beside an effect."""
+        return UNKNOWN not in self.effects[1:]
+
+
+@dataclass(frozen=True)
+class Chance(Explanation):
+    """An explanation with its probability."""
+
     probability: float
 
 
-def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
-    """Explanations, the last one unknown (None), and their numbers (k, len(NAMES))."""
+@dataclass(frozen=True)
+class Lesson:
+    """A practice campaign as the fit of weights sees it.
+
+    Attributes:
+        table: (k, len(NAMES)) numbers of its explanations.
+        true: (k,) which of them are true.
+    """
+
+    table: Array
+    true: NDArray[np.bool_]
+
+
+def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
+    """Explanations, unknown and those with something beside them last, and their numbers.
+
+    Returns:
+        k explanations, (k, len(NAMES)).
+    """
     none, *others = evidence.candidates
     singles = [c for c in others if len(c.effects) == 1]
     pairs = [c for c in others if len(c.effects) == 2]
@@ -79,89 +121,120 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
     best = min(least, key=lambda k: least[k].energy + evidence.remains.get(k, 0.0))
     floor = least[best].energy - evidence.remains.get(best, 0.0)
     gap = max(none.energy - floor - LIKELIER, 0.0) / evidence.count + LEAST
-    rows: list[Array] = []
-    every: list[Candidate | None] = []
 
     def share(energy: float) -> float:
         return float(np.log((max(energy - floor, 0.0) / evidence.count + LEAST) / gap))
 
     fewest = min(c.energy for c in evidence.candidates) - LIKELIER
     log_count = float(np.log(max(evidence.count, FEWEST) / FULL))
-    for c in (none, *singles, *pairs):
-        row = np.zeros(len(NAMES))
-        row[0] = share(c.energy)
-        row[13] = np.log((c.energy - fewest) / (none.energy - fewest))
-        if not c.effects:
-            row[1:3] = 1.0, np.log(gap)
-            row[14] = log_count
-        if len(c.effects) == 2:
-            first = singles[0].energy
-            taken = (first - c.energy) / (max(first - floor, 0.0) + LEAST * evidence.count)
-            row[7:9] = 1.0, np.log(np.clip(taken, LEAST, 1.0))
-            row[16] = log_count
-        row[9] = np.log1p(c.strain)
-        row[5] = np.log(max(c.worst - 1.0, LEAST))
-        row[11] = row[5] * evidence.told
-        every.append(c)
-        rows.append(row)
-    row = np.zeros(len(NAMES))
-    row[3:5] = 1.0, share(least[best].energy)
-    row[6], row[10], row[12] = np.log(gap), evidence.told, np.log(evidence.uneven)
-    row[15] = log_count
-    return [*every, None], np.array([*rows, row])
+    log_gap = float(np.log(gap))
+
+    def of(c: Candidate) -> dict[str, float]:
+        return {
+            "log share left": share(c.energy),
+            "log squares left": float(np.log((c.energy - fewest) / (none.energy - fewest))),
+            "log strain": float(np.log1p(c.strain)),
+            "log excess left": float(np.log(max(c.worst - 1.0, LEAST))),
+        }
+
+    def of_pair(c: Candidate) -> dict[str, float]:
+        first = singles[0].energy
+        taken = (first - c.energy) / (max(first - floor, 0.0) + LEAST * evidence.count)
+        second = float(np.log(np.clip(taken, LEAST, 1.0)))
+        told = {"pair": 1.0, "pair: log second share": second, "pair: log count": log_count}
+        return {**of(c), **told}
+
+    def beside(c: Candidate) -> dict[str, float]:
+        own = of(c)
+        also = {f"beside: {name}": own[name] for name in ("log squares left", "log excess left")}
+        return {**own, "beside": 1.0, "beside: log count": log_count, **also}
+
+    of_none = {"none": 1.0, "none: log gap": log_gap, "none: log count": log_count}
+    of_unknown = {
+        "unknown": 1.0,
+        "unknown: log share left": share(least[best].energy),
+        "unknown: log gap": log_gap,
+        "unknown: log unevenness": float(np.log(evidence.uneven)),
+        "unknown: log count": log_count,
+    }
+    every = [
+        (Explanation((), none), {**of(none), **of_none}),
+        *((Explanation(c.effects, c), of(c)) for c in singles),
+        *((Explanation(c.effects, c), of_pair(c)) for c in pairs),
+        (Explanation((UNKNOWN,), None), of_unknown),
+        *((Explanation((*c.effects, UNKNOWN), c), beside(c)) for c in singles),
+    ]
+    table = np.array([[row.get(name, 0.0) for name in NAMES] for _, row in every])
+    return [one for one, _ in every], table
 
 
 def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
     """Explanations with probabilities, most probable first; they sum to 1."""
     w = frozen_weights() if weights is None else weights
     every, table = numbers(evidence)
-    p = _softmax(table @ w)
+    score = table @ w
+    p = np.exp(score - score.max())
     found = [
-        Chance(("unknown",) if c is None else c.effects, c, float(q))
-        for c, q in zip(every, p, strict=True)
+        Chance(e.effects, e.candidate, float(q)) for e, q in zip(every, p / p.sum(), strict=True)
     ]
     return sorted(found, key=lambda f: -f.probability)
 
 
-def _softmax(score: Array) -> Array:
-    e = np.exp(score - score.max())
-    return np.asarray(e / e.sum())
+def are_true(every: Sequence[Explanation], truth: Sequence[str]) -> NDArray[np.bool_]:
+    """Which explanations are true (k,), by what was tried.
+
+    A pair that was not tried is either of its effects with something unknown beside it; nothing
+    that was tried may be true.
+
+    Args:
+        truth: effects; empty for none, ``("unknown",)``.
+    """
+    exact = np.array([sorted(one.effects) == sorted(truth) for one in every])
+    if exact.any() or len(truth) != 2:
+        return exact
+    return np.array([not one.whole and one.effects[0] in truth for one in every])
+
+
+def lesson(evidence: Evidence, truth: Sequence[str]) -> Lesson:
+    """A campaign and its truth (as of ``are_true``) as the fit sees it."""
+    every, table = numbers(evidence)
+    return Lesson(table, are_true(every, truth))
 
 
 def fit(evidence: Sequence[Evidence], truths: Sequence[tuple[str, ...]], penalty: float) -> Array:
-    """Weights with the largest penalised likelihood of the truths.
+    """Weights (len(NAMES),) with the largest penalised likelihood of the truths.
 
-    A truth that is not among the explanations tried tells nothing and is passed over.
+    A truth no effect of which was tried tells nothing and is passed over.
 
     Args:
         truths: effects of each campaign; empty for none, ``("unknown",)``.
         penalty: precision of the prior of the weights about zero.
     """
-    tables, masks = [], []
-    for one, truth in zip(evidence, truths, strict=True):
-        every, table = numbers(one)
-        is_true = np.array([_matches(c, truth) for c in every])
-        if is_true.any():
-            tables.append(table)
-            masks.append(is_true)
+    return learned([lesson(e, t) for e, t in zip(evidence, truths, strict=True)], penalty)
+
+
+def learned(lessons: Sequence[Lesson], penalty: float, start: Array | None = None) -> Array:
+    """Weights by lessons, as ``fit``; a ``start`` of the search saves time alone."""
+    lessons = [one for one in lessons if one.true.any()]
+    if not lessons:
+        return np.zeros(len(NAMES))
+    table = np.concatenate([one.table for one in lessons])
+    true = np.concatenate([one.true for one in lessons])
+    sizes = np.array([len(one.true) for one in lessons])
+    starts = np.cumsum(sizes) - sizes
 
     def loss(w: Array) -> tuple[float, Array]:
-        value, slope = 0.5 * penalty * float(w @ w), penalty * w
-        for table, is_true in zip(tables, masks, strict=True):
-            p = _softmax(table @ w)
-            inside = max(float(p[is_true].sum()), 1e-300)
-            value -= float(np.log(inside))
-            slope = slope + (p - np.where(is_true, p / inside, 0.0)) @ table
-        return value, slope
+        score = table @ w
+        score -= np.repeat(np.maximum.reduceat(score, starts), sizes)
+        p = np.exp(score)
+        p /= np.repeat(np.add.reduceat(p, starts), sizes)
+        inside = np.maximum(np.add.reduceat(p * true, starts), 1e-300)
+        slope = (p - p * true / np.repeat(inside, sizes)) @ table
+        value = 0.5 * penalty * float(w @ w) - float(np.log(inside).sum())
+        return value, slope + penalty * w
 
-    found = minimize(loss, np.zeros(len(NAMES)), jac=True, method="L-BFGS-B")
-    return np.asarray(found.x)
-
-
-def _matches(c: Candidate | None, truth: tuple[str, ...]) -> bool:
-    if c is None:
-        return truth == ("unknown",)
-    return sorted(c.effects) == sorted(truth)
+    start = np.zeros(len(NAMES)) if start is None else start
+    return np.asarray(minimize(loss, start, jac=True, method="L-BFGS-B").x)
 
 
 @cache

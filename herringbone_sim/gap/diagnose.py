@@ -100,7 +100,7 @@ def diagnose(
     options = {
         i: option_of(named(f.hypotheses, f.score, machine.gear.model))
         for i, c in enumerate(told)
-        if c.candidate is not None and c.effects
+        if c.candidate is not None and c.effects and c.whole
         for f in (_found(found, evidence, c),)
     }
     best = next((_found(found, evidence, c) for c in told if c.candidate and c.effects), None)

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.examine import _noise
 from herringbone_sim.diagnosis.flexible import Predictable, Surroundings, predictable
-from herringbone_sim.diagnosis.judge import NAMES, chances, fit, numbers
+from herringbone_sim.diagnosis.judge import NAMES, are_true, chances, fit, numbers
 from herringbone_sim.diagnosis.products import (
     Block,
     Campaign,
@@ -354,6 +354,29 @@ def test_a_truth_that_was_never_tried_teaches_nothing():
     rng = np.random.default_rng(9)
     evidence = [some_evidence(rng) for _ in range(5)]
     assert not fit(evidence, [("z",)] * 5, 1.0).any()
+
+
+def test_a_pair_of_which_one_effect_was_tried_is_that_with_something_beside_it():
+    """Its probability comes true as the others do."""
+    rng = np.random.default_rng(10)
+    evidence = [some_evidence(rng) for _ in range(400)]
+    every, table = numbers(evidence[0])
+    assert [e.effects for e in every if not e.whole] == [(x, "unknown") for x in "abc"]
+    assert table.shape == (len(every), len(NAMES))
+    true = are_true(every, ("c", "z"))
+    assert [e.effects for e, on in zip(every, true, strict=True) if on] == [("c", "unknown")]
+    tried = are_true(every, ("b", "a"))
+    assert [e.effects for e, on in zip(every, tried, strict=True) if on] == [("a", "b")]
+    assert not are_true(every, ("y", "z")).any()
+    truths = [("a", "z") if i % 4 == 0 else ("a",) for i in range(len(evidence))]
+    weights = fit(evidence, truths, 1e-3)
+    beside = [told_of(chances(e, weights), ("a", "unknown")) for e in evidence]
+    assert np.mean(beside) == pytest.approx(0.25, abs=0.02)
+
+
+def told_of(given, effects):
+    """Probability of an explanation."""
+    return sum(c.probability for c in given if c.effects == effects)
 
 
 def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() -> None:

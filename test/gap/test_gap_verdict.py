@@ -32,7 +32,7 @@ def verdict_of(*told: tuple[tuple[str, ...], float]) -> Verdict:
     options = {
         i: Option(tuple(active(effect(name)) for name in c.effects))
         for i, c in enumerate(chances)
-        if c.effects and c.effects != ("unknown",)
+        if c.effects and "unknown" not in c.effects
     }
     return decide(chances, options, "force_law")
 
@@ -77,6 +77,30 @@ def test_unknown_keeps_what_comes_nearest() -> None:
     said = undecidable(nothing, Calibrated((), np.ones(6), None), found)
     assert "no effect of the catalogue explains the gap: what it comes from is open" in said
     assert "nearest comes runout, but it leaves too much" in said
+
+
+def test_an_effect_with_something_beside_it_is_named_alone_and_half_is_unknown() -> None:
+    beside = ("runout", "unknown")
+    found = verdict_of((beside, 0.5), (("runout",), 0.3), (("stagger",), 0.15), ((), 0.05))
+    assert (found.verdict, found.effects) == ("runout", ("runout",))
+    assert ids(found.chosen) == ("runout",)
+    assert ids(found.runner_up) == ("stagger",)
+    assert found.probabilities["runout"] == pytest.approx(0.55)
+    assert found.probabilities["unknown"] == pytest.approx(0.25)
+    assert "unknown" not in found.best
+    nothing = PreparedCampaign("rig", Parameters(), (), {}, ())
+    said = undecidable(nothing, Calibrated((), np.ones(6), None), found)
+    assert "something beside runout that was not found is not excluded: probability 50%" in said
+    assert not any("outside the catalogue" in one for one in said)
+    made = report("rig", found, [(Locus(), 1.0)], GAP, [], {"delta_T": 20.0})
+    assert check_report(made) == []
+    assert made["hypotheses"][0]["effects"] == ["runout", "unknown"]
+
+
+def test_what_is_beside_an_effect_is_no_class_and_no_verdict() -> None:
+    """The effect alone is what the verdict takes, and unknown is not named beside another."""
+    found = verdict_of((("unknown",), 0.45), (("runout", "unknown"), 0.3), (("runout",), 0.25))
+    assert (found.verdict, found.effects, found.ambiguous_with) == ("unknown", (), ())
 
 
 @pytest.mark.parametrize("name", ["none", "unknown", "stagger"])

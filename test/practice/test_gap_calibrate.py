@@ -38,6 +38,41 @@ def test_the_weights_of_the_package_come_out_of_the_evidence(
         assert found.figures[stratum] == pytest.approx(row, abs=0.01)
 
 
+def test_the_first_is_as_probable_as_it_is_right() -> None:
+    """Of campaigns left out: within two standard deviations, of few sensors within three.
+
+    There it was a third too probable while pairs of which one effect was tried taught nothing.
+    """
+    figures = json.loads(judge.FILE.read_text("utf-8"))["figures of campaigns left out"]
+    for stratum, sds in (("all", 2.0), ("few", 3.0)):
+        row = figures[stratum]
+        right = row["right first"]
+        sd = np.sqrt(right * (1.0 - right) / row["campaigns"])
+        assert abs(row["probability of the first"] - right) < sds * sd
+    assert figures["all"]["calibration error"] < 0.06
+
+
+def test_a_pair_of_which_one_effect_was_tried_teaches(campaigns: list[CaseEvidence]) -> None:
+    """Such campaigns tell that with few sensors something may be beside an effect."""
+    missed = [
+        c
+        for c in campaigns
+        if len(c.truth) == 2
+        and not any(sorted(d.effects) == sorted(c.truth) for d in c.evidence.candidates)
+    ]
+    taught = [judge.lesson(c.evidence, c.truth).true.any() for c in missed]
+    assert sum(taught) > 10
+    few, more = (
+        np.mean([_beside(c) for c in campaigns if (c.stratum[2] == "few") == on and c.truth])
+        for on in (True, False)
+    )
+    assert few > more
+
+
+def _beside(case: CaseEvidence) -> float:
+    return sum(c.probability for c in judge.chances(case.evidence) if not c.whole)
+
+
 def test_the_page_shows_the_figures_of_the_weights() -> None:
     """Its table and the share of a size, from the file that ``gap calibrate`` writes."""
     kept, page = json.loads(judge.FILE.read_text(encoding="utf-8")), PAGE.read_text("utf-8")

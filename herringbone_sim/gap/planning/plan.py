@@ -227,7 +227,8 @@ def _judged(
 ) -> tuple[dict[str, float], float]:
     """Probability of every effect, and of the place given the effect, at a size of truth i.
 
-    Each coefficient of an effect's own costs the square that noise adds to runs left out.
+    An effect is there alone or with something unknown beside it. Each coefficient of an effect's
+    own costs the square that noise adds to runs left out.
     """
     h, count = hypotheses[i], found.count
     none = _candidate((), Locus(), count + found.seen(i, size), 0, count)
@@ -244,7 +245,7 @@ def _judged(
     for one in told:
         name = one.effects[0] if one.effects else "none"
         total[name] = total.get(name, 0.0) + one.probability
-    place = next(one.probability for one in told if one.candidate is own)
+    place = sum(one.probability for one in told if one.candidate is own)
     return total, place / max(total[h.effect], 1e-300)
 
 

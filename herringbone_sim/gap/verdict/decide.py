@@ -72,9 +72,11 @@ def option_of(found: Sequence[Named]) -> Option:
 def decide(chances: Sequence[Chance], options: Mapping[int, Option], metric: str) -> Verdict:
     """The verdict of some chances.
 
+    An effect with something unknown beside it gives half to each, as a pair does.
+
     Args:
         chances: best first.
-        options: by the place in ``chances``, of explanations with effects.
+        options: by the place in ``chances``, of explanations with effects alone.
         metric: residual that counts.
     """
     probabilities = {name: 0.0 for name in (*known_effects(), "none", "unknown")}
@@ -85,7 +87,8 @@ def decide(chances: Sequence[Chance], options: Mapping[int, Option], metric: str
             if i in options:
                 best.setdefault(name, (options[i], j))
     top = max(probabilities, key=lambda name: probabilities[name])
-    first = next((i for i, c in enumerate(chances) if top in (c.effects or ("none",))), 0)
+    whole = (i for i, c in enumerate(chances) if c.whole and top in (c.effects or ("none",)))
+    first = next(whole, 0)
     chosen = options.get(first)
     if top == "unknown":
         chosen = next((options[i] for i in sorted(options)), None)

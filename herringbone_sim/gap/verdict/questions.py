@@ -65,10 +65,20 @@ def _rivals(verdict: Verdict) -> list[str]:
         said.append("no effect of the catalogue explains the gap: what it comes from is open")
         if verdict.chosen is not None:
             said.append(f"nearest comes {named(verdict.chosen.actives)}, but it leaves too much")
+    beside = [c for c in verdict.chances if not c.whole]
+    second = sum(c.probability for c in beside if c.effects[0] in verdict.effects)
+    if second > POSSIBLE:
+        effects = _listed(verdict.effects)
+        said.append(
+            f"something beside {effects} that was not found is not excluded: probability "
+            f"{second:.0%}"
+        )
+    alone = dict(chances)
+    alone["unknown"] = alone.get("unknown", 0.0) - 0.5 * sum(c.probability for c in beside)
     told = {*alike, *verdict.effects, verdict.verdict}
-    rest = [name for name in chances if chances[name] > POSSIBLE and name not in told]
-    for name in sorted(rest, key=lambda one: -chances[one]):
-        said.append(f"{OTHER.get(name, name)} is not excluded: probability {chances[name]:.0%}")
+    rest = [name for name in alone if alone[name] > POSSIBLE and name not in told]
+    for name in sorted(rest, key=lambda one: -alone[one]):
+        said.append(f"{OTHER.get(name, name)} is not excluded: probability {alone[name]:.0%}")
     return said
 
 
