@@ -1,6 +1,6 @@
 """Every statement that the paper's sections 3 and 4 make about a motion, as data.
 
-A statement says what is published; ``checks.check`` says what was obtained, and by which rule.
+A statement holds what is published; ``checks.check`` compares it with what is obtained.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class WindowIs:
 
 @dataclass(frozen=True)
 class BoundaryAt:
-    """The motion changes from ``before`` to ``after``; low and high where two are printed."""
+    """The motion changes from ``before`` to ``after`` between two printed values, often equal."""
 
     scenario: str
     text: str
@@ -89,7 +89,7 @@ class MotionAt:
 
 @dataclass(frozen=True)
 class Route:
-    """The order of the motions along the sweep, as the conclusions sum it up."""
+    """The order of the motions along the sweep, as in the conclusions of the paper."""
 
     scenario: str
     text: str
@@ -149,9 +149,9 @@ def _of(one: Scenario) -> Iterator[Statement]:
 
 def _windows(one: Scenario) -> Iterator[WindowIs]:
     for window in one.windows:
-        told = " (implied)" if window.implied else ""
+        implied = " (implied)" if window.implied else ""
         name = motion_name(window.motion)
-        text = f"{name} for {window.low:g} < {one.parameter} < {window.high:g}{told}"
+        text = f"{name} for {window.low:g} < {one.parameter} < {window.high:g}{implied}"
         yield WindowIs(one.key, text, window.low, window.high, window.motion)
 
 

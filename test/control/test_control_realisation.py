@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from gears import make
 
+from herringbone_sim.control.amplitude import Target, run_survey
 from herringbone_sim.control.realisation import (
     BODIES,
     RIGID,
-    easiest,
-    needed,
     pattern_of,
     single_actuators,
+    smallest_demand,
     substitutes,
     torque_arms,
+    torque_demands,
     torques_for,
 )
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import body_accelerations
@@ -165,7 +166,9 @@ def test_the_torque_needed_is_the_amplitude_times_the_torque_of_one():
     gear = make(xi=0.5).parameters
     turn, K = Axis("control_phase", (0.0, 1.0)), np.array([0.1, 0.2, 0.3])
     planets = {one.name: one for one in single_actuators(make())}["planets"]
-    starts, look = Starts(alike=0, parted=0), Look(60, 50)
-    found = needed(Runs(), gear, planets, turn, K, [(1, "zero")], starts, look)
+    starts, settings = Starts(alike=0, parted=0), RunSettings(60, 50)
+    runner = MotionRunner()
+    survey = run_survey(runner, planets.controlled(gear), turn, K, starts, settings)
+    found = torque_demands(runner, survey, planets, [Target(1, "zero")])
     assert [one.K for one in found] == [0.1, 0.1]
-    assert easiest(found).torque_n_m == pytest.approx(0.1 * abs(planets.torques_n_m[3]))
+    assert smallest_demand(found).torque_n_m == pytest.approx(0.1 * abs(planets.torques_n_m[3]))
