@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
-from herringbone_sim.views.pages.report import Picture
+from herringbone_sim.views.pages.html import Picture
 
 DECADES = 30.0  # a span of values from which a logarithmic axis reads better
 
