@@ -1,4 +1,4 @@
-"""Basins of attraction: a slice, the shares of starts, and the motions that attract them."""
+"""Figure of basins of attraction: slice, shares of the starts, phase portraits."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def basins_figure(
 
 
 def draw_slice(axes: Axes, axis: Array, basins: Basins) -> None:
-    """Which attractor each start of the plane leads to; white where the run failed."""
+    """Attractor of each start of the slice by colour; white where the run failed."""
     half = 0.5 * (axis[1] - axis[0]) if len(axis) > 1 else 0.5
     extent = (axis[0] - half, axis[-1] + half) * 2
     labels = np.ma.masked_less(basins.labels, 0)
@@ -86,7 +86,7 @@ def draw_slice(axes: Axes, axis: Array, basins: Basins) -> None:
 
 
 def draw_shares(axes: Axes, names: Sequence[str], basins: Basins) -> None:
-    """Share of the random starts that each attracts, with its 95 % interval."""
+    """Share of the random starts of each attractor, with its 95 % interval."""
     places = np.arange(len(basins.attractors))
     share, low, high = 100.0 * basins.shares().T
     colours = [COLOURS[min(i, len(COLOURS) - 1)] for i in range(len(places))]

@@ -1,4 +1,4 @@
-"""Control beyond the paper: least amplitudes, phase and frequency."""
+"""Figures of ``control``: least amplitudes; phase and frequency."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, TwoSlopeNorm
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from herringbone_sim.control.amplitude import LeastAmplitude, Survey, Target
 from herringbone_sim.control.runs import LEAST_EXPONENT
 from herringbone_sim.control.shape import ShapeMap
-from herringbone_sim.views.figures.maps import APERIODIC, PERIOD_COLOURS
-from herringbone_sim.views.figures.style import GREEN, INK, ORANGE, STYLE, parameter_label
+from herringbone_sim.views.figures.maps import APERIODIC, PERIOD_COLOURS, exponent_norm
+from herringbone_sim.views.figures.style import FRAMED_STYLE, GREEN, INK, ORANGE, parameter_label
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -29,12 +29,6 @@ REACHED = ("#1d2027", "#7d8794", "#86b8df", "#dce9f5")
 REACHED_NAMES = ("none: P1 or P2", "some: P1 or P2", "all: P1 or P2", "all: P1")
 OUTLINE = [withStroke(linewidth=3.0, foreground="white")]
 TURN = ([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
-FULL_STYLE = STYLE | {
-    "axes.spines.top": True,
-    "axes.spines.right": True,
-    "hatch.linewidth": 0.5,
-    "hatch.color": INK,
-}
 
 
 def amplitude_figure(
@@ -47,7 +41,7 @@ def amplitude_figure(
         amplitudes: its least amplitudes.
         torque_n_m: on the carrier at K = 1 [N m].
     """
-    with matplotlib.rc_context(FULL_STYLE):
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 4.2))
         left, right = figure.subplots(1, 2, sharey=True)
         draw_periods(left, survey.axis.values, survey.K, survey.of("period")[:, :, 0], below=True)
@@ -81,19 +75,19 @@ def draw_periods(
         chaotic: (n, m) whether it is chaotic; distinguishes motions without a period.
         below: whether the legend stands below the axes.
     """
-    shown = [0, *PERIOD_COLOURS]
+    periods = [0, *PERIOD_COLOURS]
     colours = [APERIODIC, *PERIOD_COLOURS.values(), NEITHER]
     places = np.full(period.shape, np.nan)
-    for place, one in enumerate(shown):
+    for place, one in enumerate(periods):
         places[period == one] = place
     names = [(PERIOD_COLOURS[n], f"P{n}") for n in sorted(PERIOD_COLOURS) if (period == n).any()]
     names.append((APERIODIC, "aperiodic" if chaotic is None else "chaotic"))
     longer = period > max(PERIOD_COLOURS)
     other = longer if chaotic is None else longer | ((period == 0) & ~chaotic)
     if other.any():
-        places[other] = len(shown)
+        places[other] = len(periods)
         names.append((NEITHER, "neither"))
-    options: Any = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(shown) + 0.5}
+    options: Any = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(periods) + 0.5}
     cells(axes, values, K, places, **options)
     _legend(axes, names, below)
 
@@ -140,7 +134,7 @@ def shape_figure(
         least: least amplitudes over the phase.
         cancelling: K and phase [rad] at which the control cancels the mesh error.
     """
-    with matplotlib.rc_context(FULL_STYLE):
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 7.0))
         (a, b), (c, d) = figure.subplots(2, 2)
         turn = [*by_phase.axis.values, np.pi]
@@ -179,10 +173,7 @@ def _draw_pair(
 
 def draw_rates(axes: Axes, values: Sequence[float], K: Array, rates: Array, label: str) -> None:
     """Exponents (n, m), white at zero, red above."""
-    known = rates[np.isfinite(rates)]
-    low, high = np.percentile(known, [1.0, 99.0]) if known.size else (0.0, 0.0)
-    norm = TwoSlopeNorm(0.0, min(float(low), -1e-3), max(float(high), 1e-3))
-    image = cells(axes, values, K, rates, cmap="RdBu_r", norm=norm)
+    image = cells(axes, values, K, rates, cmap="RdBu_r", norm=exponent_norm(rates))
     assert axes.figure is not None
     bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
     bar.set_label(label)
@@ -205,10 +196,10 @@ def _phase_curves(axes: Axes, amplitudes: Sequence[LeastAmplitude]) -> None:
 
 
 def _order_ticks(axes: Axes, orders: Sequence[float]) -> None:
-    shown = [i for i, one in enumerate(orders) if len(orders) < 8 or one * 2 == round(one * 2)]
-    axes.set_xticks(shown, [f"{orders[i]:.3g}" for i in shown])
-    others = [i for i, one in enumerate(orders) if one * 8 != round(one * 8)]
-    for i in others:
+    labelled = [i for i, x in enumerate(orders) if len(orders) < 8 or 2 * x == round(2 * x)]
+    axes.set_xticks(labelled, [f"{orders[i]:.3g}" for i in labelled])
+    irrational = [i for i, x in enumerate(orders) if 8 * x != round(8 * x)]
+    for i in irrational:
         axes.annotate(
             "▴",
             (i, 0.0),
@@ -224,7 +215,7 @@ def _order_ticks(axes: Axes, orders: Sequence[float]) -> None:
 
 
 def cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **options: Any) -> Any:
-    """A cell for each value and K."""
+    """Cells coloured by data (n, m) over values (n,) and K (m,)."""
     return axes.pcolormesh(values, K, data.T, shading="nearest", rasterized=True, **options)
 
 

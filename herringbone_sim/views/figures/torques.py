@@ -1,4 +1,4 @@
-"""Control beyond the paper: the torques it takes, and what it bears."""
+"""Figures of ``control``: torques that realise it, and its robustness."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from matplotlib.lines import Line2D
 from herringbone_sim.control.amplitude import Survey, Target
 from herringbone_sim.control.realisation import Actuator, TorqueDemand, smallest_demand
 from herringbone_sim.control.robustness import SHARES, StartShares, Survival
-from herringbone_sim.views.figures.control import FULL_STYLE, draw_rates
-from herringbone_sim.views.figures.style import BLUE, GREEN, ORANGE, parameter_label
+from herringbone_sim.views.figures.control import draw_rates
+from herringbone_sim.views.figures.style import BLUE, FRAMED_STYLE, GREEN, ORANGE, parameter_label
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
 MESH_LABELS = (
@@ -33,16 +33,16 @@ def realisation_figure(
     demands: Sequence[TorqueDemand],
     T_1: float,
 ) -> Figure:
-    """What each torque does to the meshes, and how large it has to be, beside the rated torque.
+    """Action of each torque on the meshes, and the torque that is needed, beside the rated one.
 
     Args:
         single: bodies driven alone.
-        other: torques that do what the carrier's does.
+        other: torques with the action of that on the carrier.
         demands: of the single ones.
         T_1: rated torque of the sun [N m].
     """
     ways = [*single, *other]
-    with matplotlib.rc_context(FULL_STYLE):
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 3.7))
         left, right = figure.subplots(1, 2, width_ratios=(1.0, 2.3))
         _draw_patterns(left, ways)
@@ -94,8 +94,8 @@ def _draw_torques(
 def robustness_figure(
     across: Survey, shares: Sequence[StartShares], cases: Sequence[Survival]
 ) -> Figure:
-    """Transverse exponent, shares of starts with unlike halves, and gears with unlike halves."""
-    with matplotlib.rc_context(FULL_STYLE):
+    """Transverse exponent, starts with unequal halves, and gears with unequal halves."""
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 6.8))
         (a, b), (c, d) = figure.subplots(2, 2)
         label = r"$\lambda_\perp$ per $\tau$"

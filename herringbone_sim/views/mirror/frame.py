@@ -17,7 +17,7 @@ TICK_X, TICK_Y, TITLE_X, TITLE_Y, LIFT = 1.0, -9.0, 12.0, -10.0, 4.0
 
 @dataclass(frozen=True)
 class Frame:
-    """What stands around the data.
+    """Axes, labels and backlash borders of a diagram.
 
     Attributes:
         axes: the limits.
@@ -57,7 +57,7 @@ def send_box(recording: Any, path: str, axes: Axes) -> None:
 
 
 def borders(frame: Frame) -> list[Any]:
-    """Lines at plus and minus the half backlash, as far as they are inside the box."""
+    """Lines (2, 2) at plus and minus the half backlash, those inside the box."""
     if frame.border is None:
         return []
     low, high = frame.axes.y if frame.border_across else frame.axes.x

@@ -1,4 +1,4 @@
-"""Contact state of each mesh as a lane over the last cycles, drawn in the plane."""
+"""Contact state of each mesh over the last cycles, as a coloured lane."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GAP_CLASS = len(STATES)
 
 
 class Lanes:
-    """A lane a mesh, dark while its teeth are apart, as an image of time and mesh.
+    """Image with a lane per mesh over time, dark while its teeth are apart.
 
     Args:
         recording: a ``rerun.RecordingStream``.
@@ -48,7 +48,7 @@ class Lanes:
         self.recording.log("contact/lanes", image)
 
     def _send_frame(self, span_s: float) -> None:
-        """Names of lanes and states, and the time axis; again when it changes by a tenth."""
+        """Send names and time axis if the time span has changed by a tenth or more."""
         if self._span_s and abs(span_s - self._span_s) < 0.1 * self._span_s:
             return
         self._span_s = span_s
