@@ -14,7 +14,8 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import Basins, explore, gear_sections, random_starts
 from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import symmetry
-from herringbone_sim.views.figures.basins import basins_figure
+from herringbone_sim.dynamics.portraits import portraits
+from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,7 +45,9 @@ class Attractors(NotebookResult):
 
     def plot(self) -> Picture:
         """Shares above a phase portrait of each motion."""
-        return Picture(basins_figure(self.model, self.names, self.basins, at=self.last))
+        drawn = self.basins.attractors[:PORTRAITS]
+        motions = portraits(self.model, drawn, self.last)
+        return Picture(basins_figure(motions, self.names, self.basins))
 
     def to_pandas(self) -> Any:
         """A row per motion: share of the starts with its 95 % interval, number of starts."""

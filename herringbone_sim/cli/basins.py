@@ -38,10 +38,11 @@ from herringbone_sim.dynamics.basins import (
 from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
+from herringbone_sim.dynamics.portraits import portraits
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.array_cache import ArrayCache
-from herringbone_sim.views.figures.basins import basins_figure
+from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.csv_file import write_csv
 
@@ -106,7 +107,8 @@ def run(args: argparse.Namespace) -> int:
     growths = [growth for _, growth in motions]
     rows = table(names, growths, shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
-    save(basins_figure(model, names, shared, plane, last), args.out, "basins")
+    drawn = portraits(model, all_attractors[:PORTRAITS], last)
+    save(basins_figure(drawn, names, shared, plane), args.out, "basins")
     shutil.rmtree(unfinished)
     print(text(rows, shared))
     print(f"written: {args.out / 'basins.csv'}, {args.out / 'basins.png'}")

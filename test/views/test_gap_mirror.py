@@ -19,10 +19,10 @@ from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.run_views import mesh_shares, run_views
 from herringbone_sim.gap.verdict.augmented import Augmented
 from herringbone_sim.gap.verdict.decide import Option, Verdict
 from herringbone_sim.gap.verification.verify import Gap, RunGap
-from herringbone_sim.views.mirror.gap_runs import run_views, shares
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 importlib.import_module("rerun")
@@ -75,7 +75,7 @@ def test_the_augmented_model_moves_as_the_rig_does_where_it_is_periodic(
 
 
 def test_shares_are_of_the_nominal_residual(campaign: PreparedCampaign, found: Diagnosis) -> None:
-    of = shares(run_views(campaign, found))
+    of = mesh_shares(run_views(campaign, found))
     assert sum(share or 0.0 for share in of["nominal"].values()) == pytest.approx(1.0)
     assert sum(of["nominal"][f"sp{i}_{s}"] or 0.0 for i in (1, 2, 3) for s in "LR") > 0.95
     assert sum(share or 0.0 for share in of["augmented"].values()) < 0.1

@@ -459,7 +459,7 @@ def test_a_failure_that_repeats_is_told_rarely_with_its_count(
     now = [100.0]
     monkeypatch.setattr(rerun_mirror, "monotonic", lambda: now[0])
     lines: list[str] = []
-    told = rerun_mirror.Told(lines.append)
+    told = rerun_mirror.FailureReporter(lines.append)
     for _ in range(25):
         told("failed: a")
         now[0] += 1.0

@@ -12,9 +12,9 @@ from herringbone_sim.core.layout import KINDS
 from herringbone_sim.core.timeseries import Array
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
+from herringbone_sim.gap.run_views import COLUMNS, RunView, mesh_shares, run_views
 from herringbone_sim.views.mirror.frame import Frame, send_frame
 from herringbone_sim.views.mirror.gap_blueprint import COURSES, RunLayout, blueprint
-from herringbone_sim.views.mirror.gap_runs import COLUMNS, RunView, run_views, shares
 from herringbone_sim.views.mirror.gear import send_gear, send_shares
 from herringbone_sim.views.mirror.palette import mesh_colours
 from herringbone_sim.views.mirror.plane import Axes, limits_for, smooth
@@ -71,7 +71,7 @@ def verdict_text(diagnosis: Diagnosis) -> str:
 
 def _send_gears(recording: Any, views: Sequence[RunView]) -> None:
     fit = [view for view in views if view.run.role == "fit"] or list(views)
-    for name, of_meshes in shares(fit).items():
+    for name, of_meshes in mesh_shares(fit).items():
         send_gear(recording, f"gear/{name}")
         send_shares(recording, f"gear/{name}", of_meshes)
 

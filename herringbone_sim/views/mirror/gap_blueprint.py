@@ -8,8 +8,8 @@ from typing import Any
 
 import rerun.blueprint as rrb
 
+from herringbone_sim.gap.run_views import COLUMNS
 from herringbone_sim.views.mirror.blueprint import KIND_WORDS, plane_view, stack
-from herringbone_sim.views.mirror.gap_runs import COLUMNS
 from herringbone_sim.views.mirror.gear import HEIGHT, WIDTH
 from herringbone_sim.views.mirror.palette import BACKGROUND
 
