@@ -125,7 +125,11 @@ def both_gears(args: argparse.Namespace) -> dict[str, Gear]:
 
 
 def forcing_of(name: str, gear: Gear, axis: Axis) -> int:
-    """Period of the effects of a gear in mesh cycles; prints the notes on the gear."""
+    """Period of the effects of a gear in mesh cycles; prints its effects and their remarks.
+
+    Raises:
+        ParameterError: the gear can't be built at the first value of the axis.
+    """
     base, actives = gear
     try:
         model = build_with(base.changed({axis.name: axis.values[0]}), actives)

@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 
 BODIES = ("s_L", "s_R", "c", "p_L", "p_R")
 MESHES = ("sp_L", "sp_R", "rp_L", "rp_R")
-RIGID = (2.0, 2.0, 1.0, 1.0, 1.0)  # u'' of the bodies in a rigid rotation of the train
 SINGLE = {
     "carrier": ("c",),
     "sun": ("s_L", "s_R"),
@@ -79,18 +78,6 @@ def mesh_map() -> Array:
             [0.0, 0.0, -1.0, 0.0, 1.0],
         ]
     )
-
-
-def pattern_of(model: Model, torques_n_m: Array) -> Array:
-    """Vector K (4,) of Eq. (22) that torque amplitudes realise; it enters with a minus there.
-
-    Args:
-        torques_n_m: (5,) on s_L, s_R, c, and on each planet half of the left and of the right.
-    """
-    s = model.scales
-    unit = s.cos_beta / s.acceleration_m_per_s2
-    pattern: Array = -unit * mesh_map() @ (np.asarray(torques_n_m) / torque_arms(model))
-    return pattern
 
 
 def torques_for(model: Model, pattern: Sequence[float], on: Sequence[str] = BODIES) -> Array:

@@ -48,10 +48,10 @@ class Starts:
 
 def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Starts) -> Array:
     """States (n, n_start, n_state) of n gears; NaN where the run without control failed."""
-    models = [runner.build(one) for one in sets]
+    models = [runner.build(p) for p in sets]
     columns = [np.array([initial_state(model) for model in models])]
     if starts.running:
-        free = [one.changed({"K": 0.0}) for one in sets]
+        free = [p.changed({"K": 0.0}) for p in sets]
         columns.append(runner.run(free, columns[0], SETTLE).end)
     rng = np.random.default_rng(starts.seed)
     n_class = models[0].layout.n_classes

@@ -53,7 +53,7 @@ class Request:
 
     @property
     def length(self) -> tuple[int, int, int, bool]:
-        """Arguments of ``run_batch`` behind the starts."""
+        """Length of the runs, in the order of the arguments of ``run_batch``."""
         return self.transient, self.cycles, self.points, self.exponents
 
     @property

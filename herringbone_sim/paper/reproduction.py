@@ -86,19 +86,19 @@ def scenarios_of(keys: str) -> tuple[Scenario, ...]:
             f"no scenario was chosen: name one or more of {', '.join(s.key for s in SCENARIOS)}"
         )
     wanted = {scenario(key).key for key in keys}
-    return tuple(one for one in SCENARIOS if one.key in wanted)
+    return tuple(s for s in SCENARIOS if s.key in wanted)
 
 
 def sweeps(
     runner: BatchRunner, scenarios: Sequence[Scenario], reading: Reading, n: int
 ) -> dict[str, Sweep]:
-    """Sweeps of n values of each scenario with the largest exponents, by letter."""
-    return {one.key: sweep(runner, one, reading, n, exponents=True) for one in scenarios}
+    """Sweep of each scenario from the initial state, by letter: n values, with exponents."""
+    return {s.key: sweep(runner, s, reading, n, exponents=True) for s in scenarios}
 
 
 def points(runner: BatchRunner, scenarios: Sequence[Scenario], reading: Reading) -> list[Point]:
     """The motions of the four-panel figures."""
-    keys = "".join(one.key for one in scenarios)
+    keys = "".join(s.key for s in scenarios)
     figures = [s for s in statements(keys) if isinstance(s, MotionAt)]
     if not figures:
         return []
@@ -176,8 +176,8 @@ def bisected_runs(scenario: Scenario) -> int:
 
 def point_runs(scenarios: Sequence[Scenario]) -> int:
     """Number of four-panel figures of some scenarios."""
-    keys = "".join(one.key for one in scenarios)
-    return sum(isinstance(one, MotionAt) for one in statements(keys))
+    keys = "".join(s.key for s in scenarios)
+    return sum(isinstance(s, MotionAt) for s in statements(keys))
 
 
 def _asymmetric(n: int, size: float, seed: int) -> Array:
@@ -209,17 +209,15 @@ def compared(
         n: values of a sweep.
         zero: sweeps from the initial state, which come first.
     """
-    rows: dict[str, dict[str, Sweep]] = {
-        one.key: {"zero start": zero[one.key]} for one in scenarios
-    }
+    rows: dict[str, dict[str, Sweep]] = {s.key: {"zero start": zero[s.key]} for s in scenarios}
     for name, direction in (("continued upwards", 1), ("continued downwards", -1)):
         continued = continuations(runner, scenarios, reading, n, direction)
-        for one, row in zip(scenarios, continued, strict=True):
-            rows[one.key][name] = row
+        for s, row in zip(scenarios, continued, strict=True):
+            rows[s.key][name] = row
     for way in ways(reading):
-        for one in scenarios:
-            count = max(int(n * way.share), 2)
-            rows[one.key][way.name] = sweep(runner, one, reading, count, way)
+        count = max(int(n * way.share), 2)
+        for s in scenarios:
+            rows[s.key][way.name] = sweep(runner, s, reading, count, way)
     return rows
 
 

@@ -110,12 +110,12 @@ def continuations(
     Args:
         direction: +1 for rising, -1 for falling values.
     """
-    grids = np.array([one.values(n)[::direction] for one in scenarios])
+    grids = np.array([s.values(n)[::direction] for s in scenarios])
     starts: Array | None = None
     batches, requests, cycle = [], [], 0
     for column in grids.T:
         pairs = zip(scenarios, column, strict=True)
-        sets = tuple(one.parameters(reading.parameters, v, reading.xi) for one, v in pairs)
+        sets = tuple(s.parameters(reading.parameters, v, reading.xi) for s, v in pairs)
         settle = SETTLE if starts is None else STAY
         requests.append(Request(sets, starts, settle, before=cycle, effects=reading.effects))
         cycle += requests[-1].transient + requests[-1].cycles

@@ -9,8 +9,7 @@ from gears import make
 from herringbone_sim.control.amplitude import Target, run_survey
 from herringbone_sim.control.realisation import (
     BODIES,
-    RIGID,
-    pattern_of,
+    mesh_map,
     single_actuators,
     smallest_demand,
     substitutes,
@@ -27,6 +26,13 @@ from herringbone_sim.sweeps.grid import Axis
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 PAPER = (1.0, 1.0, 1.0, 1.0)
 UNEVEN = {"I_s_factor": (1.1, 0.9), "I_p_factor": (0.95, 1.2)}
+RIGID = (2.0, 2.0, 1.0, 1.0, 1.0)  # u'' of the bodies in a rigid rotation of the train
+
+
+def pattern_of(model, torques_n_m):
+    """Vector K (4,) of Eq. (22) that torque amplitudes (5,) [N m] on the bodies realise."""
+    unit = model.scales.cos_beta / model.scales.acceleration_m_per_s2
+    return -unit * mesh_map() @ (np.asarray(torques_n_m) / torque_arms(model))
 
 
 def relative(model, bodies):

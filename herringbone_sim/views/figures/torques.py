@@ -22,8 +22,6 @@ MESH_LABELS = (
     *(r"$\mathrm{sp}^\mathrm{L}$", r"$\mathrm{sp}^\mathrm{R}$"),
     *(r"$\mathrm{rp}^\mathrm{L}$", r"$\mathrm{rp}^\mathrm{R}$"),
 )
-
-
 MARKS: dict[float, str] = {1.0: "o", 2.0: "s"}  # others: a diamond
 
 
@@ -51,12 +49,12 @@ def realisation_figure(
 
 
 def _draw_patterns(axes: Axes, ways: Sequence[Actuator]) -> None:
-    patterns = np.array([one.pattern for one in ways])
+    patterns = np.array([a.pattern for a in ways])
     axes.imshow(patterns, cmap="RdBu_r", vmin=-1.8, vmax=1.8, aspect="auto")
     for (row, column), value in np.ndenumerate(patterns):
         axes.text(column, row, f"{value:+g}" if value else "0", ha="center", va="center")
     axes.set_xticks(range(4), MESH_LABELS)
-    axes.set_yticks(range(len(ways)), [one.name for one in ways])
+    axes.set_yticks(range(len(ways)), [a.name for a in ways])
     axes.tick_params(length=0)
     axes.set_title("share of K on each mesh")
 
@@ -65,9 +63,11 @@ def _draw_torques(
     axes: Axes, ways: Sequence[Actuator], demands: Sequence[TorqueDemand], T_1: float
 ) -> None:
     marks = ((1, "o", "P1"), (2, "s", "P2 or P1"))
-    for row, one in enumerate(ways):
-        name = one.name if any(d.actuator.name == one.name for d in demands) else "carrier"
-        scale = one.largest_n_m / next(a for a in ways if a.name == name).largest_n_m
+    for row, actuator in enumerate(ways):
+        name = actuator.name
+        if all(d.actuator.name != name for d in demands):
+            name = "carrier"
+        scale = actuator.largest_n_m / next(a for a in ways if a.name == name).largest_n_m
         for shift, (wanted, mark, _) in zip((-0.13, 0.13), marks, strict=True):
             target = Target(wanted, "all")
             own = [d for d in demands if (d.actuator.name, d.target) == (name, target)]
@@ -104,13 +104,13 @@ def robustness_figure(
         a.set_title("transverse exponent: red, left and right part")
         _draw_shares(b, shares)
         for axes, wanted in ((c, 1), (d, 2)):
-            _draw_survival(axes, [one for one in cases if one.wanted == wanted])
+            _draw_survival(axes, [case for case in cases if case.wanted == wanted])
         return figure
 
 
 def _draw_shares(axes: Axes, shares: Sequence[StartShares]) -> None:
     """Share of random starts that end in P1 with equal halves, or (broken) in P2 with unlike."""
-    temperatures = sorted({one.values["delta_T"] for one in shares})
+    temperatures = sorted({s.values["delta_T"] for s in shares})
     for colour, delta_T in zip(COLOURS, temperatures, strict=False):
         once, twice = (
             [s for s in shares if (s.values["delta_T"], s.wanted) == (delta_T, wanted)]
@@ -131,15 +131,15 @@ def _draw_shares(axes: Axes, shares: Sequence[StartShares]) -> None:
 
 def _draw_survival(axes: Axes, cases: Sequence[Survival]) -> None:
     """Distance of left and right over the difference: discs P1, squares P2, crosses lost."""
-    for colour, what in zip(COLOURS, dict.fromkeys(one.what for one in cases), strict=False):
-        own = [one for one in cases if one.what == what]
-        x, y = [100.0 * one.difference for one in own], [one.distance for one in own]
+    for colour, what in zip(COLOURS, dict.fromkeys(c.what for c in cases), strict=False):
+        own = [c for c in cases if c.what == what]
+        x, y = [100.0 * c.difference for c in own], [c.distance for c in own]
         axes.plot(x, y, color=colour, lw=0.8, alpha=0.5)
         axes.plot([], [], "o", color=colour, ms=5, label=what)
-        for place, value, one in zip(x, y, own, strict=True):
-            every = one.from_zero and one.from_running and one.parted == one.starts
+        for place, value, case in zip(x, y, own, strict=True):
+            every = case.from_zero and case.from_running and case.parted == case.starts
             fill = colour if every else "white"
-            mark = MARKS.get(one.period, "D")
+            mark = MARKS.get(case.period, "D")
             axes.plot(place, value, mark, color=colour, mfc=fill, mew=1.3, ms=5)
         lost = [place for place, value in zip(x, y, strict=True) if np.isnan(value)]
         rim = axes.get_xaxis_transform()

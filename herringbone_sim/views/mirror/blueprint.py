@@ -110,7 +110,7 @@ def text_row() -> Any:
 
 
 def window(window_s: float) -> Any:
-    """The last ``window_s`` seconds before the time cursor."""
+    """Time range of a view: the last ``window_s`` seconds before the time cursor."""
     return rrb.VisibleTimeRange("sim_time", range=cursor_range(window_s))
 
 

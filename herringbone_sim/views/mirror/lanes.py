@@ -41,7 +41,13 @@ class Lanes:
         return float(COLUMNS), float(self._lane * len(self.colours))
 
     def send(self, times: Array, x: Mapping[str, Array], b_half: Mapping[str, float]) -> None:
-        """Draw the displacements (n,) [m] of the meshes at rising times (n,) [s]."""
+        """Draw the contact states of the meshes.
+
+        Args:
+            times: (n,) rising [s].
+            x: displacements (n,) [m] by mesh.
+            b_half: half backlash [m] by mesh kind.
+        """
         self._send_frame(float(np.ptp(times)))
         states = np.stack([contact_states(x[m], b_half[m[:2]]) for m in self.colours])
         image = rr.SegmentationImage(painted(states, times, self._lane), opacity=1.0, draw_order=0)

@@ -89,7 +89,10 @@ def _aligned(rows: Sequence[Sequence[str]]) -> str:
 
 
 def write_orbits(folder: Path, branches: Sequence[Followed], p: Parameters) -> None:
-    """Write ``branches.csv``, ``sections.csv`` and ``boundaries.csv`` into an existing folder."""
+    """Write ``branches.csv``, ``sections.csv`` and ``boundaries.csv`` into an existing folder.
+
+    A row per orbit, per section point of an orbit, and per boundary; ``p`` is the gear.
+    """
     columns = [f"{a}_{m}" for a in "xv" for m in p.layout.meshes]
     head = ["branch", "index", "value"]
     write_csv(folder / "branches.csv", [*head, *ORBIT_COLUMNS], _orbit_rows(branches))

@@ -31,7 +31,12 @@ KEY = (
 
 
 def runs_table(gap: Part, verdict: str) -> str:
-    """Table of a gap by run: before, after, noise floor and closure, held-out runs first."""
+    """Table of a gap by run: before, after, noise floor and closure, held-out runs first.
+
+    Args:
+        gap: object ``gap`` of a report.
+        verdict: kind of its verdict, see ``verdict.kind``.
+    """
     if not gap:
         return f"<p>The size of the gap is {NOT_KNOWN}.</p>"
     metric = word(gap.get("metric"), f"a metric that is {NOT_KNOWN}")
