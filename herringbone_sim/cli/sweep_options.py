@@ -79,7 +79,7 @@ def observation_from(args: argparse.Namespace, mesh: str, forcing: int = 1) -> O
     if result.points < MIN_REPEATS * forcing:
         print(
             f"the effects repeat after {forcing} mesh cycles, and {result.points} are observed: "
-            f"a period needs {MIN_REPEATS * forcing} or more (--cycles)"
+            f"no period is told from fewer than {MIN_REPEATS * forcing} (--cycles)"
         )
     return replace(result, mesh=mesh)
 
