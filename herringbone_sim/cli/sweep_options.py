@@ -108,7 +108,9 @@ def run_all(stores: Sequence[Store], args: argparse.Namespace) -> None:
     except KeyboardInterrupt:
         done = sum(store.sweep.n_parts - len(store.missing()) for store in stores)
         total = sum(store.sweep.n_parts for store in stores)
-        print(f"interrupted: {done} of {total} parts are stored; the same command continues")
+        print(
+            f"interrupted: {done} of {total} parts are stored; the same command goes on from there"
+        )
         raise
 
 
