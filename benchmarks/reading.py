@@ -31,7 +31,7 @@ from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.paper.checks import Evidence, check
-from herringbone_sim.paper.observe import Observer
+from herringbone_sim.paper.observe import BatchRunner
 from herringbone_sim.paper.regimes import motions_of
 from herringbone_sim.paper.scenarios import SCENARIOS, scenario
 from herringbone_sim.paper.staircase import Reading, request, sweep
@@ -150,19 +150,19 @@ def parameters(changes: Mapping[str, Any]) -> Parameters:
 def score(name: str, kind: str, changes: Mapping[str, Any], n: int) -> Score:
     """Statements right; those of section 4 at the damping ratio that gives most of them."""
     base = parameters(changes)
-    observer = Observer()
-    right = {key: _right(observer, Reading(base, 0.0), key, n) for key in "AB"}
-    rows = {xi: {key: _right(observer, Reading(base, xi), key, n) for key in "CDE"} for xi in XI}
+    runner = BatchRunner()
+    right = {key: _right(runner, Reading(base, 0.0), key, n) for key in "AB"}
+    rows = {xi: {key: _right(runner, Reading(base, xi), key, n) for key in "CDE"} for xi in XI}
     xi = max(rows, key=lambda one: sum(rows[one].values()))
     return Score(name, kind, {**right, **rows[xi]}, xi)
 
 
-def _right(observer: Observer, reading: Reading, key: str, n: int) -> int:
+def _right(runner: BatchRunner, reading: Reading, key: str, n: int) -> int:
     one = scenario(key)
     wanted = statements(key)
-    found = sweep(observer, one, reading, n, exponents=one.has_exponents)
+    found = sweep(runner, one, reading, n, exponents=one.has_exponents)
     single = [w.value for w in wanted if isinstance(w, MotionAt)]
-    motions = motions_of(observer.batch(request(one, reading, single))) if single else []
+    motions = motions_of(runner.batch(request(one, reading, single))) if single else []
     at = {value: (int(m), math.nan) for value, m in zip(single, motions, strict=True)}
     evidence = Evidence(found, {}, at)
     return sum(check(statement, evidence).ok for statement in wanted)

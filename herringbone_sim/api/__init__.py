@@ -1,4 +1,4 @@
-"""What ``import herringbone_sim as hb`` offers: functions of a gear, results that show themselves.
+"""The public Python interface, ``import herringbone_sim as hb``: functions and their results.
 
 ``herringbone_sim.__getattr__`` loads a name of ``NAMES`` when it is first used.
 """

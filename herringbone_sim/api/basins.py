@@ -1,4 +1,4 @@
-"""Coexisting motions and the starts that lead to them, in Python."""
+"""Coexisting motions and their basins of attraction, in Python."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.api.gear import Gear, any_gear, model_of
-from herringbone_sim.api.shown import Picture, Shown, frame
+from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import Basins, explore, gear_sections, random_starts
 from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import symmetry
-from herringbone_sim.views.figures.basins import basins_figure
+from herringbone_sim.dynamics.portraits import portraits
+from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 
 
 @dataclass(frozen=True, repr=False)
-class Attractors(Shown):
+class Attractors(NotebookResult):
     """Motions of a gear and the share of random starts that each attracts.
 
     Attributes:
         model: of the gear.
         names: of the motions, the one with the largest share first.
-        basins: attractors and the one of each start.
-        last: mesh cycles that had passed at the last point of each.
+        basins: attractors, and the attractor of each start.
+        last: mesh cycles from the start to the last point of each attractor.
     """
 
     model: Model
@@ -44,13 +45,15 @@ class Attractors(Shown):
 
     def plot(self) -> Picture:
         """Shares above a phase portrait of each motion."""
-        return Picture(basins_figure(self.model, self.names, self.basins, at=self.last))
+        drawn = self.basins.attractors[:PORTRAITS]
+        motions = portraits(self.model, drawn, self.last)
+        return Picture(basins_figure(motions, self.names, self.basins))
 
     def to_pandas(self) -> Any:
-        """A row a motion: share of the starts with its 95 % interval."""
+        """A row per motion: share of the starts with its 95 % interval, number of starts."""
         share, low, high = self.basins.shares().T
         columns = {"motion": self.names, "share": share, "low": low, "high": high}
-        return frame({**columns, "starts": self.basins.counts})
+        return data_frame({**columns, "starts": self.basins.counts})
 
 
 @any_gear()
@@ -63,24 +66,24 @@ def basins(
     effects: str | None = None,
     **changes: Any,
 ) -> Attractors:
-    """Tell the coexisting motions of a gear apart, and count the random starts of each.
+    """Find the coexisting motions of a gear, and the share of random starts of each.
 
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
-        starts: random ones, of the size of the motion.
-        transient: mesh cycles left out first.
-        points: mesh cycles looked at then.
+        starts: number of random starts, of the size of the motion.
+        transient: mesh cycles discarded first.
+        points: mesh cycles observed then.
         seed: of the starts.
-        effects: that the gear has, as a text; None for those of the file.
+        effects: of the gear as a text; None for those of the file.
         changes: parameters by name.
 
     Raises:
-        ParameterError: a set that no gear can have, or no such effect.
+        ParameterError: a value out of range, or no such effect.
     """
     model, last = model_of(gear, effects, changes), transient + points - 1
     sections_of = gear_sections(model, transient, points, os.cpu_count() or 1)
     drawn = random_starts(model, starts, np.random.default_rng(seed))
-    found = explore(sections_of, drawn, symmetry(model))
-    kinds = ((identify_motion(model, one, at=last)[0], one.symmetry) for one in found.attractors)
+    result = explore(sections_of, drawn, symmetry(model))
+    kinds = ((identify_motion(model, one, at=last)[0], one.symmetry) for one in result.attractors)
     names = tuple(f"{kind}, {sides}" if sides else kind for kind, sides in kinds)
-    return Attractors(model, names, found, last)
+    return Attractors(model, names, result, last)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.api.gear import Gear, any_gear, parts_of
-from herringbone_sim.api.shown import Picture, Shown, frame
+from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.effects.assemble import in_slots
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
@@ -21,12 +21,12 @@ from herringbone_sim.sweeps.grid import CHUNK, STARTS, Axis, Observation, Sweep,
 from herringbone_sim.sweeps.store import load_result, open_store
 from herringbone_sim.views.figures.diagram import diagram_figure
 
-SMALL = 16  # values of a part where one starts from the other, or that no slot holds
+SMALL = 16  # values of a part of a continuation, or of a gear that is not integrated in lanes
 
 
 @dataclass(frozen=True, repr=False)
-class Bifurcation(Shown):
-    """Motions over a parameter, by one or more ways of getting to each value.
+class Bifurcation(NotebookResult):
+    """Motions over a parameter, for one or more ways of reaching each value.
 
     Attributes:
         diagram: values, section points, periods, exponents of each way.
@@ -66,7 +66,7 @@ class Bifurcation(Shown):
         return Picture(diagram_figure(self.diagram))
 
     def to_pandas(self) -> Any:
-        """A row a value and way, as a ``pandas.DataFrame``."""
+        """A row per value and way, as a ``pandas.DataFrame``."""
         names = ("values", "period", "exponent", "within", "transverse", "asymmetry")
         columns = {
             name: np.concatenate([getattr(one, name) for one in self.diagram.branches])
@@ -74,7 +74,7 @@ class Bifurcation(Shown):
         }
         starts = np.repeat([one.start for one in self.diagram.branches], len(self.values))
         axis = columns.pop("values")
-        return frame({self.diagram.axis.name: axis, "start": starts, **columns})
+        return data_frame({self.diagram.axis.name: axis, "start": starts, **columns})
 
 
 def _periods(branch: Branch) -> str:
@@ -103,15 +103,15 @@ def bifurcation(
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         start: how a value is reached, one or more of ``fixed`` (from the initial state), ``up``,
             ``down`` (from where the value before ended), ``ramp_up``, ``ramp_down``.
-        transient: mesh cycles left out at each value.
+        transient: mesh cycles discarded at each value.
         cycles: mesh cycles observed then.
-        effects: that the gear has, as a text; None for those of the file.
-        folder: to keep results in and go on from; none is kept without it.
+        effects: of the gear as a text; None for those of the file.
+        folder: where results are stored, and read from when the call is repeated; None for none.
         values: one parameter with a sequence of values, as ``delta_T=np.linspace(0, 100, 400)``;
             others with one value each.
 
     Raises:
-        ParameterError: not one sequence, a set that no gear can have, or no such start.
+        ParameterError: not exactly one sequence, a value out of range, or no such start.
     """
     swept = {name: given for name, given in values.items() if np.ndim(given) == 1}
     if len(swept) != 1:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.api.gear import any_gear
-from herringbone_sim.api.shown import Shown, frame
+from herringbone_sim.api.shown import NotebookResult, data_frame
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import prepare
 from herringbone_sim.gap.diagnose import diagnose as diagnose_campaign
@@ -23,7 +23,7 @@ from herringbone_sim.views.pages.gap.page import write_gap_page
 
 
 @dataclass(frozen=True, repr=False)
-class Campaign(Shown):
+class Campaign(NotebookResult):
     """Recorded runs of a rig, with their operating points and roles.
 
     Attributes:
@@ -34,7 +34,7 @@ class Campaign(Shown):
 
     @property
     def recorded(self) -> recorded.Campaign:
-        """What ``campaign.yaml`` says; RecordingError where there is none."""
+        """Content of ``campaign.yaml``; RecordingError if there is none."""
         return recorded.read_campaign(Path(self.folder))
 
     def title(self) -> str:
@@ -47,24 +47,24 @@ class Campaign(Shown):
         ]
 
     def to_pandas(self) -> Any:
-        """A row a run: name, role, operating point."""
+        """A row per run: name, role, operating point, as a ``pandas.DataFrame``."""
         runs = self.recorded.runs
         names = list(runs[0].point) if runs else []
         columns = {name: [run.point[name] for run in runs] for name in names}
         about = {"run": [run.path.name for run in runs], "role": [run.role for run in runs]}
-        return frame({**about, **columns})
+        return data_frame({**about, **columns})
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown):
-    """Which effect the nominal model lacks, where, how large, and how sure.
+class Diagnosis(NotebookResult):
+    """Result of a diagnosis: effects that the nominal model lacks, with place, size, probability.
 
     Attributes:
         report: as ``report.json`` has it.
         augmented: the model with the effects, recalibrated.
         nominal: parameter file of the rig.
         rig: its name.
-        arrays: residuals that the page draws; None where none was formed.
+        arrays: residuals for the figures of the page; None if none could be formed.
     """
 
     report: Mapping[str, Any]
@@ -93,7 +93,7 @@ class Diagnosis(Shown):
         ]
 
     def to_pandas(self) -> Any:
-        """A row a cause and parameter, with its 90 % interval."""
+        """A row per cause and parameter, with its 90 % interval, as a ``pandas.DataFrame``."""
         rows = [
             {
                 "effect": one["effect"],
@@ -107,7 +107,9 @@ class Diagnosis(Shown):
             for one in self.causes
             for name, value in one["parameters"].items()
         ]
-        return frame({name: [row[name] for row in rows] for name in (rows[0] if rows else ())})
+        return data_frame(
+            {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+        )
 
     @any_gear()
     def save(self, folder: Path | str) -> Path:
@@ -121,27 +123,27 @@ class Diagnosis(Shown):
 
 @any_gear()
 def diagnose(campaign: Campaign | Path | str, nominal: Path | str) -> Diagnosis:
-    """Hold a campaign against the nominal model, as the verb ``gap`` does.
+    """Diagnose in which effects a rig differs from the nominal model, as the verb ``gap`` does.
 
     Args:
-        campaign: or its folder.
+        campaign: a campaign or its folder.
         nominal: parameter file of the rig.
 
     Raises:
         RecordingError: no campaign there.
-        ParameterError: a file that no gear can have.
+        ParameterError: no such parameter file, or a value out of range.
         AnalysisError: no run of role ``fit``.
     """
     folder = campaign.folder if isinstance(campaign, Campaign) else campaign
     parameters = load_parameters(nominal).changed({"model": "full"})
     prepared = prepare(Path(folder), parameters)
-    found = diagnose_campaign(prepared)
-    arrays = gap_arrays(found.calibrated)
-    return Diagnosis(found.report, found.augmented, Path(nominal), prepared.rig, arrays)
+    result = diagnose_campaign(prepared)
+    arrays = gap_arrays(result.calibrated)
+    return Diagnosis(result.report, result.augmented, Path(nominal), prepared.rig, arrays)
 
 
 @dataclass(frozen=True, repr=False)
-class Catalogue(Shown):
+class Catalogue(NotebookResult):
     """Effects that the nominal model leaves out."""
 
     def title(self) -> str:
@@ -158,7 +160,7 @@ class Catalogue(Shown):
             for p in one.parameters
         ]
         names = ("effect", "level", "parameter", "unit", "low", "high", "meaning")
-        return frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
+        return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
 
 def catalogue() -> Catalogue:

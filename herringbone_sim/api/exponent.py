@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.api.gear import Gear, any_gear, model_of
-from herringbone_sim.api.shown import Picture, Shown
+from herringbone_sim.api.shown import NotebookResult, Picture
 from herringbone_sim.core import integrate
 from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compare_exponents
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
@@ -28,23 +28,23 @@ def largest_exponent(
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         cycles: mesh cycles averaged over.
-        transient: mesh cycles left out before.
-        effects: that the gear has, as a text; None for those of the file.
+        transient: mesh cycles discarded first.
+        effects: of the gear as a text; None for those of the file.
         changes: parameters by name.
 
     Raises:
-        ParameterError: a set that no gear can have, or no such effect.
-        DivergenceError: the motion left the range of any gear.
+        ParameterError: a value out of range, or no such effect.
+        DivergenceError: the motion diverges.
     """
     return integrate.largest_exponent(model_of(gear, effects, changes), cycles, transient)
 
 
 @dataclass(frozen=True, repr=False)
-class Exponents(Shown):
-    """What every method says of one motion.
+class Exponents(NotebookResult):
+    """Exponents of one motion by all methods.
 
     Attributes:
-        methods: spectrum of the tangent flow, two trajectories, left and right, series, 0-1 test.
+        methods: tangent flow, two trajectories, symmetry, recorded series, 0-1 test.
     """
 
     methods: ExponentComparison
@@ -79,5 +79,11 @@ def exponents(
     effects: str | None = None,
     **changes: Any,
 ) -> Exponents:
-    """Tell chaos from order by every method at once; arguments and errors as ``simulate``."""
+    """Exponents of the motion of a gear by all methods.
+
+    Args:
+        cycles: mesh cycles averaged over.
+        transient: mesh cycles discarded first.
+        gear, effects, changes: as of ``simulate``; the errors too.
+    """
     return Exponents(compare_exponents(model_of(gear, effects, changes), cycles, transient))

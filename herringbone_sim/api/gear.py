@@ -1,4 +1,4 @@
-"""The gear that the functions of ``herringbone_sim`` take: parameters or a file, and effects."""
+"""The gear that the functions of ``herringbone_sim`` take, and its model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Gear = Parameters | Path | str | None
 
 @contextmanager
 def any_gear() -> Iterator[None]:
-    """Without the warning that no such gear can be assembled, which the paper's own would give."""
+    """Context without the warning on gears that can't be assembled, such as that of the paper."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         yield
@@ -31,11 +31,11 @@ def parts_of(gear: Gear, effects: str | None) -> tuple[Parameters, tuple[Active,
 
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
-        effects: as a text such as ``runout@rp:amplitude=2e-5,member=ring``, in the place of those
-            of the file; None for those.
+        effects: text such as ``runout@rp:amplitude=2e-5,member=ring`` that replaces the effects
+            of the file; None for those of the file.
 
     Raises:
-        ParameterError: no such file, a set that no gear can have, or no such effect.
+        ParameterError: no such file, a value out of range, or no such effect.
     """
     parameters, of_file = (Parameters(), ()) if gear is None else _given(gear)
     return parameters, of_file if effects is None else read_effects(effects)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from herringbone_sim.api.gear import Gear, any_gear, parts_of
-from herringbone_sim.api.shown import Picture, Shown, frame
+from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import CascadeOptions, Followed, trace_cascade
 from herringbone_sim.dynamics.gear_family import GearCache, gear_family
@@ -16,7 +16,7 @@ from herringbone_sim.views.figures.orbits import orbit_figure, stability_of
 
 
 @dataclass(frozen=True, repr=False)
-class Orbits(Shown):
+class Orbits(NotebookResult):
     """Branches of periodic orbits, stable or not, with the boundaries on them.
 
     Attributes:
@@ -48,24 +48,24 @@ class Orbits(Shown):
         return Picture(orbit_figure(self.branches, self.over, mesh, name))
 
     def to_pandas(self) -> Any:
-        """A row an orbit: its branch, value, period and stability."""
+        """A row per orbit: branch, value, period and stability, as a ``pandas.DataFrame``."""
         rows = [
             (number, point.value, one.period, stability_of(point))
             for number, one in enumerate(self.branches, start=1)
             for point in one.branch.points
         ]
         names = ("branch", self.over, "period", "stability")
-        return frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
+        return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
     def boundaries(self) -> Any:
-        """A row a boundary, by value, as a ``pandas.DataFrame``."""
-        found = [
+        """A row per boundary in the order of values, as a ``pandas.DataFrame``."""
+        rows = [
             (b.value, b.kind, number, b.period)
             for number, one in enumerate(self.branches, start=1)
             for b in one.boundaries
         ]
         names = (self.over, "kind", "branch", "period")
-        return frame({name: [row[i] for row in sorted(found)] for i, name in enumerate(names)})
+        return data_frame({name: [row[i] for row in sorted(rows)] for i, name in enumerate(names)})
 
 
 @any_gear()
@@ -78,20 +78,20 @@ def orbits(
     effects: str | None = None,
     **changes: Any,
 ) -> Orbits:
-    """Follow periodic orbits through folds and doublings, and name every boundary.
+    """Follow periodic orbits over a parameter through folds and doublings, with all boundaries.
 
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         over: parameter that is varied.
-        between: its range.
+        between: range of the parameter.
         start: values at which the motion is periodic, or (value, N) for an orbit of N periods
             near the motion there, stable or not.
         max_period: of doubled orbits.
-        effects: that the gear has, as a text; None for those of the file.
+        effects: of the gear as a text; None for those of the file.
         changes: other parameters by name.
 
     Raises:
-        ParameterError: a set that no gear can have, or a start outside of the range.
+        ParameterError: a value out of range, or a start outside of the range of the parameter.
         AnalysisError: no orbit at a start.
     """
     parameters, actives = parts_of(gear, effects)
@@ -100,5 +100,5 @@ def orbits(
     gears = GearCache(parameters, over, actives)
     pairs = [one if isinstance(one, tuple) else (one, None) for one in start]
     starts = [(value, find_start(gears, family, value, period)) for value, period in pairs]
-    found = trace_cascade(family, starts, watch, CascadeOptions(max_period=max_period))
-    return Orbits(over, tuple(found), parameters)
+    branches = trace_cascade(family, starts, watch, CascadeOptions(max_period=max_period))
+    return Orbits(over, tuple(branches), parameters)

@@ -11,7 +11,7 @@ from typing import Any
 from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
 from herringbone_sim.api.gear import Gear, any_gear, model_of
-from herringbone_sim.api.shown import Picture, Shown, frame, library
+from herringbone_sim.api.shown import NotebookResult, Picture, data_frame, library
 from herringbone_sim.core import integrate
 from herringbone_sim.core.layout import unit_of
 from herringbone_sim.core.timeseries import Array, TimeSeries
@@ -22,7 +22,7 @@ from herringbone_sim.views.figures.style import Scale
 
 
 @dataclass(frozen=True, repr=False)
-class Run(Shown):
+class Run(NotebookResult):
     """Samples of a gear over time.
 
     Attributes:
@@ -30,8 +30,8 @@ class Run(Shown):
         samples: of every channel, SI units; ``run["x_sp_L"]`` gives one channel (n,).
         parameters: of the gear by name, ``effects`` as a text; empty when unknown.
         changes: of parameters during the run.
-        notes: what is odd about a recording, a sentence each.
-        end: state of the gear after the last sample, to go on from; None of a recording.
+        notes: remarks on a recording, a sentence each.
+        end: state after the last sample, for ``simulate`` to continue; None of a recording.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Run(Shown):
     def to_pandas(self) -> Any:
         """All channels as a ``pandas.DataFrame`` over the time [s]."""
         columns = {name: self.samples[name] for name in self.samples.names}
-        table = frame(columns)
+        table = data_frame(columns)
         table.index = library("pandas").Index(self.t, name="time")
         return table
 
@@ -97,9 +97,9 @@ class Run(Shown):
             ("motion", motions),
         ]
         effects = self.parameters.get("effects")
-        return [*facts, *([("effects", str(effects))] if effects else []), *self._noted()]
+        return [*facts, *([("effects", str(effects))] if effects else []), *self._note_rows()]
 
-    def _noted(self) -> list[tuple[str, str]]:
+    def _note_rows(self) -> list[tuple[str, str]]:
         return [("note", note) for note in self.notes]
 
     def plot(self, mesh: str | None = None, segment: int = -1) -> Picture:
@@ -122,24 +122,24 @@ def simulate(
     start: Run | None = None,
     **changes: Any,
 ) -> Run:
-    """Run a gear for some mesh cycles.
+    """Simulate a gear for some mesh cycles.
 
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         cycles: mesh cycles.
-        effects: that the gear has, as a text; None for those of the file.
-        start: a simulated run of the same model to go on from; the initial state by default.
+        effects: of the gear as a text; None for those of the file.
+        start: a simulated run of the same model to continue; the initial state by default.
         changes: parameters by name, as ``delta_T=20.0``.
 
     Raises:
-        ParameterError: a set that no gear can have, or no such effect.
-        DivergenceError: the motion left the range of any gear.
+        ParameterError: a value out of range, or no such effect.
+        DivergenceError: the motion diverges.
     """
     model = model_of(gear, effects, changes)
     samples, end = integrate.simulate(model, cycles, None if start is None else start.end)
-    told = ", ".join(f"{name} {value}" for name, value in changes.items())
+    name = ", ".join(f"{name} {value}" for name, value in changes.items())
     values = values_of_gear(model.parameters, model.effects)
-    return Run(told or "simulated", samples, values, end=end)
+    return Run(name or "simulated", samples, values, end=end)
 
 
 @any_gear()
@@ -147,7 +147,7 @@ def read_run(path: Path | str) -> Run:
     """Read a recorded run: a run folder or a .mcap file, of this simulator or of a rig.
 
     Raises:
-        RecordingError: nothing there, or nothing that can be read.
+        RecordingError: no such file, or none that can be read.
     """
     read = read_recording(path)
     return Run(read.name, read.samples, read.channels.parameters, read.changes, read.notes)

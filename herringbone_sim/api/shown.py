@@ -1,4 +1,4 @@
-"""How results show themselves: a table as text and HTML, a picture as PNG, columns for pandas."""
+"""Display of results in a notebook: text and HTML, pictures as PNG, columns for pandas."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ class Picture:
         self.figure.savefig(path)
 
 
-class Shown:
-    """A result with a title and facts; a notebook shows them above its picture, if it has one."""
+class NotebookResult:
+    """A result that a notebook shows as a title, a table of facts, and a picture if it has one."""
 
     def title(self) -> str:
-        """What this is, in a line."""
+        """Title in a line."""
         raise NotImplementedError
 
     def facts(self) -> Sequence[tuple[str, str]]:
-        """Names and values of the table."""
+        """Rows (name, value) of the table."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -67,7 +67,7 @@ class Shown:
         return f"{text}<img alt='{escape(self.title())}' src='data:image/png;base64,{image}'>"
 
 
-def frame(columns: Mapping[str, Any]) -> Any:
+def data_frame(columns: Mapping[str, Any]) -> Any:
     """Columns as a ``pandas.DataFrame``; AnalysisError without pandas."""
     return library("pandas").DataFrame(dict(columns))
 

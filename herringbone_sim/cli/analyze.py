@@ -1,4 +1,4 @@
-"""``analyze``: runs to periods, exponents, spectra, figures, tables and a report."""
+"""``analyze``: period, exponent and spectrum of recorded runs, as report, figures and tables."""
 
 from __future__ import annotations
 
@@ -16,25 +16,27 @@ from herringbone_sim.analysis.bifurcation import bifurcation_diagram
 from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_file, add_mesh, add_out
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
 from herringbone_sim.views.figures.style import Scale
+from herringbone_sim.views.pages.html import number
 from herringbone_sim.views.pages.output import write_diagram, write_run
-from herringbone_sim.views.pages.report import changing, number
+from herringbone_sim.views.pages.report import Report, changing
 
 MAX_LINES = 42
 DESCRIPTION = """\
-Tells what motion each part of a recorded run is. The run is cut where a parameter changes; from
-each part the transient is dropped, and then you get
+Analyse the motion in each segment of a recorded run. A segment ends where a parameter changes; its
+transient is discarded. The analysis gives
 
   period             P1, P2, ... in mesh cycles, or aperiodic
   largest exponent   of the data with a 90 % interval, and of the model for the same parameters;
                      above 0 the motion is chaotic
   spectrum           with the lines h / n of the mesh frequency
-  Poincare section   one point a mesh cycle
+  Poincare section   one point per mesh cycle
   contact            share of time in drive contact, apart, in back contact
 
 A run (or several) over which one parameter takes three or more values gives a bifurcation diagram
@@ -51,15 +53,15 @@ python -m herringbone_sim analyze runs/first --out analysis
 
 @dataclass(frozen=True)
 class Analysed:
-    """A run after its analysis, samples let go.
+    """Results of one run, without its samples.
 
     Attributes:
-        name: of the run; also of its folder when there are several.
-        folder: that everything was written to.
-        effects: a line each on the sets of effects that it had, none where it had none.
-        results: one a segment.
+        name: of the run; also of its folder if there are several runs.
+        folder: with the files of the run.
+        effects: a line per set of effects that the run had.
+        results: one per segment.
         scale: units of the axes.
-        mesh: that the figures show.
+        mesh: shown in the figures.
     """
 
     name: str
@@ -70,18 +72,18 @@ class Analysed:
     effects: list[str]
 
 
-def add_parser(subparsers: Any) -> None:
-    """Register ``analyze`` with the sub-parsers of the command line."""
-    parser = add_verb(subparsers, "analyze", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``analyze``."""
+    parser = add_verb(verbs, "analyze", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a .mcap file")
-    add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")
-    add("--mesh", metavar="NAME", help="mesh that the figures show (default: the first, sp_L)")
+    add_out(parser)
+    add_mesh(parser)
     add(
         "--transient",
         type=_count,
         metavar="CYCLES",
-        help="mesh cycles to drop after each change (default: measured, told in the report)",
+        help="mesh cycles to discard after each change (default: measured, given in the report)",
     )
     add(
         "--noise",
@@ -96,13 +98,9 @@ def add_parser(subparsers: Any) -> None:
         metavar="N",
         help="largest period looked for, in mesh cycles (default: 16)",
     )
-    add(
-        "--parameters",
-        type=Path,
-        metavar="FILE",
-        help="YAML file of the gear, for runs that do not hold its parameters",
-    )
-    add("--no-model", action="store_true", help="leave the exponent of the model out")
+    text = "parameter file of the gear, for runs that do not hold its parameters"
+    add_file(parser, "--parameters", text)
+    add("--no-model", action="store_true", help="compute no exponent of the model")
     add(
         "--mesh-frequency",
         type=_positive,
@@ -113,18 +111,23 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Analyse ``args.runs`` into ``args.out``; errors of the package when one can't be done."""
+    """Analyse the runs, write and print the results; exit code 0.
+
+    Raises:
+        RecordingError: a run can't be read.
+        AnalysisError: a run can't be analysed, or has no such mesh.
+    """
     names = _folder_names(args.runs)
     several = len(args.runs) > 1
     folders = [args.out / name if several else args.out for name in names]
-    done = [
+    analysed = [
         _analyse(path, name, folder, args)
         for path, name, folder in zip(args.runs, names, folders, strict=True)
     ]
-    for one in done:
-        print(_summary(one))
+    for result in analysed:
+        print(_summary(result))
     if several:
-        _joint_diagram(done, args.out)
+        _joint_diagram(analysed, args.out)
     return 0
 
 
@@ -144,18 +147,11 @@ def _analyse(path: Path, name: str, folder: Path, args: argparse.Namespace) -> A
     results = analyze_series(series, changes, options, gear, _progress(name))
     mesh = _mesh(args.mesh, results)
     scale = Scale(gear.b_c_m, gear.omega_n)
-    write_run(
-        folder,
-        name,
-        [*_facts(recording, results), *_named(texts)],
-        results,
-        mesh,
-        scale,
-        recording.notes,
-    )
-    # Sections are enough from here on: samples of many runs would fill the memory.
+    facts = [*_facts(recording, results), *_effect_lines(texts)]
+    write_run(folder, Report(name, facts, results, recording.notes), mesh, scale)
+    # Only sections are needed from here on; the samples of many runs would fill the memory.
     slim = [replace(result, motion=result.motion.rows(0, 2)) for result in results]
-    return Analysed(name, folder, slim, scale, mesh, _named(texts))
+    return Analysed(name, folder, slim, scale, mesh, _effect_lines(texts))
 
 
 def _parameters(recording: Recording, path: Path | None) -> Mapping[str, Any]:
@@ -165,20 +161,20 @@ def _parameters(recording: Recording, path: Path | None) -> Mapping[str, Any]:
 
 
 def _effects(recording: Recording, parameters: Mapping[str, Any]) -> list[str]:
-    """Effects as texts: those from the start, then every other set that was switched to."""
-    later = [str(one.values[EFFECTS]) for one in recording.changes if EFFECTS in one.values]
-    written = (effects_text(read_effects(one)) for one in (parameters.get(EFFECTS), *later))
+    """Sets of effects as texts, each once: that at the start, then those of later changes."""
+    later = [str(c.values[EFFECTS]) for c in recording.changes if EFFECTS in c.values]
+    written = (effects_text(read_effects(text)) for text in (parameters.get(EFFECTS), *later))
     return list(dict.fromkeys(written))
 
 
-def _named(texts: Sequence[str]) -> list[str]:
+def _effect_lines(texts: Sequence[str]) -> list[str]:
     if texts == [""]:
         return []
     return [f"effects {number}: {text or 'none'}" for number, text in enumerate(texts)]
 
 
 def _numbers(change: ParameterChange, texts: Sequence[str]) -> Mapping[str, float]:
-    """Values that are numbers; of effects, which of the texts they are."""
+    """Numeric values of a change; effects as their index in ``texts``."""
     numbers = {
         name: float(value)
         for name, value in change.values.items()
@@ -190,13 +186,13 @@ def _numbers(change: ParameterChange, texts: Sequence[str]) -> Mapping[str, floa
     return numbers
 
 
-def _mesh(asked: str | None, results: Sequence[SegmentResult]) -> str:
+def _mesh(name: str | None, results: Sequence[SegmentResult]) -> str:
     meshes = results[0].motion.meshes
-    if asked is not None and asked not in meshes:
+    if name is not None and name not in meshes:
         raise AnalysisError(
-            f"--mesh must be one of {', '.join(meshes)}, got {asked!r}: take a mesh of this run"
+            f"--mesh must be one of {', '.join(meshes)}, got {name!r}: take a mesh of this run"
         )
-    return asked or meshes[0]
+    return name or meshes[0]
 
 
 def _facts(recording: Recording, results: Sequence[SegmentResult]) -> list[str]:
@@ -212,22 +208,23 @@ def _facts(recording: Recording, results: Sequence[SegmentResult]) -> list[str]:
     ]
 
 
-def _joint_diagram(done: Sequence[Analysed], out: Path) -> None:
-    results = [result for one in done for result in one.results]
+def _joint_diagram(analysed: Sequence[Analysed], out: Path) -> None:
+    """Write the bifurcation diagram of all runs, or print why there is none."""
+    results = [result for run in analysed for result in run.results]
     try:
-        diagram = bifurcation_diagram(results, done[0].mesh)
+        diagram = bifurcation_diagram(results, analysed[0].mesh)
     except AnalysisError as error:
         print(f"no joint bifurcation diagram: {error}")
         return
-    paths = write_diagram(out, diagram, done[0].scale)
+    paths = write_diagram(out, diagram, analysed[0].scale)
     print(f"joint bifurcation diagram over {diagram.parameter}: {', '.join(map(str, paths))}")
 
 
-def _summary(one: Analysed) -> str:
-    """Aligned table of the segments, and where everything is."""
-    point = changing(one.results)
+def _summary(run: Analysed) -> str:
+    """Aligned table of the segments of a run, and the name of its report."""
+    point = changing(run.results)
     rows = [["segment", "start [s]", "cycles", "dropped", *point, "motion", "exponent", "model"]]
-    rows += [_summary_row(result, point) for result in one.results]
+    rows += [_summary_row(result, point) for result in run.results]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = [
         "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
@@ -236,7 +233,7 @@ def _summary(one: Analysed) -> str:
     if len(lines) > MAX_LINES:
         lines[MAX_LINES // 2 : -MAX_LINES // 2] = [f"... {len(lines) - MAX_LINES} more"]
     return "\n".join(
-        [one.name, *one.effects, *lines, f"written: {one.folder / 'report.html'}", ""]
+        [run.name, *run.effects, *lines, f"written: {run.folder / 'report.html'}", ""]
     )
 
 
@@ -254,17 +251,17 @@ def _summary_row(result: SegmentResult, point: Sequence[str]) -> list[str]:
 
 
 def _folder_names(paths: Sequence[Path]) -> list[str]:
-    """Names of the runs, numbered where two are the same."""
+    """Names of the runs; a repeated one with a number behind ``~``."""
     names: list[str] = []
     for path in paths:
         stem = path.stem if path.suffix == ".mcap" else Path(os.path.abspath(path)).name
-        taken = sum(name == stem or name.startswith(f"{stem}~") for name in names)
-        names.append(f"{stem}~{taken + 1}" if taken else stem)
+        count = sum(name == stem or name.startswith(f"{stem}~") for name in names)
+        names.append(f"{stem}~{count + 1}" if count else stem)
     return names
 
 
 def _progress(name: str) -> Any:
-    """Shows segments done on a terminal, nothing in a log."""
+    """Function that prints the number of finished segments if stderr is a terminal."""
 
     def show(done: int, total: int) -> None:
         if sys.stderr.isatty():

@@ -1,4 +1,4 @@
-"""``basins``: which motions attract the starts, and how many each."""
+"""``basins``: coexisting attractors of a gear and the share of starts that each attracts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from herringbone_sim.cli.parameter_options import add_parameter_options, model_from, tell_gear
-from herringbone_sim.cli.verbs import add_verb
-from herringbone_sim.cli.workers import add_workers, workers_from
+from herringbone_sim.cli.options import (
+    add_number,
+    add_out,
+    add_random_starts,
+    add_workers,
+    workers_from,
+)
+from herringbone_sim.cli.parameter_options import (
+    add_parameter_options,
+    model_from,
+    print_gear_notes,
+)
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.basins import (
@@ -28,10 +38,11 @@ from herringbone_sim.dynamics.basins import (
 from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
+from herringbone_sim.dynamics.portraits import portraits
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.array_cache import ArrayCache
-from herringbone_sim.views.figures.basins import basins_figure
+from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.csv_file import write_csv
 
@@ -42,14 +53,14 @@ HEAD = (
     *("exponent_per_tau", "exponent_error", "starts_of_slice"),
 )
 DESCRIPTION = """\
-Start a gear from many states and tell the motions apart in which they end: their periods, whether
-left and right move alike, whether they are chaotic (by the largest exponent), and the share of
-starts that each attracts, with the 95 % interval of Wilson. A motion and its mirror image count
-as one. Random starts have every relative displacement and velocity even within the reach, left
-and right each on its own; the slice has all meshes at rest.
+Start a gear from many states and distinguish the motions in which they end: period, whether left
+and right move alike, whether they are chaotic (by the largest exponent), and the share of starts
+that each attracts, with its 95 % Wilson interval. A motion and its mirror image count as one.
+Random starts have uniformly distributed relative displacements and velocities within --reach, left
+and right drawn independently; the slice has all meshes at rest.
 
-DIR then holds basins.csv, starts.csv, slice.csv, basins.png and .svg. A run that was stopped goes
-on where it was when started again.
+DIR then holds basins.csv, starts.csv, slice.csv, basins.png and .svg. Repeat the command to
+continue a run that was stopped.
 """
 EXAMPLES = """\
 python -m herringbone_sim basins --set delta_T=70 --starts 100 --slice 24 \\
@@ -57,30 +68,30 @@ python -m herringbone_sim basins --set delta_T=70 --starts 100 --slice 24 \\
 """
 
 
-def add_parser(subparsers: Any) -> None:
-    """Register ``basins`` with the sub-parsers of the command line."""
-    parser = add_verb(subparsers, "basins", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``basins``."""
+    parser = add_verb(verbs, "basins", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
-    add = parser.add_argument
-    add("--starts", type=int, default=200, metavar="N", help="random starts [200]")
-    add("--slice", type=int, default=0, metavar="N", help="a picture of N x N starts [none]")
-    add("--reach", type=float, default=1.0, metavar="B", help="of x in b_c, v in b_c omega_n [1]")
-    add("--transient", type=int, default=4000, metavar="N", help="cycles left out first [4000]")
-    add("--points", type=int, default=200, metavar="N", help="cycles looked at then [200]")
-    add("--seed", type=int, default=0, metavar="N", help="of the random starts [0]")
+    add_random_starts(parser, starts=200, transient=4000)
+    add_number(parser, "--points", 200, "mesh cycles observed then")
+    add_number(parser, "--slice", 0, "a picture of N x N starts at rest; 0 for none")
     add_workers(parser)
-    add("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
+    add_out(parser)
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the starts, print the shares, write tables and figure."""
+    """Run the starts, print the shares, write tables and figure; exit code 0.
+
+    Raises:
+        AnalysisError: an option out of range.
+    """
     _check(args)
     workers = workers_from(args)
     model = model_from(args)
-    tell_gear(model)
+    print_gear_notes(model)
     unfinished = args.out / "unfinished"
-    sections_of = kept_sections(unfinished, model, args.transient, args.points, workers)
+    sections_of = cached_sections(unfinished, model, args.transient, args.points, workers)
     starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
     shared = explore(sections_of, starts, symmetry(model), progress=_bar("starts"))
     plane = None
@@ -90,11 +101,14 @@ def run(args: argparse.Namespace) -> int:
     all_attractors = (plane[1] if plane else shared).attractors
     shared = Basins(all_attractors, shared.labels)
     last = args.transient + args.points - 1
-    known = [identify_motion(model, one, at=last) for one in all_attractors]
-    names = [named(kind, one) for (kind, _), one in zip(known, all_attractors, strict=True)]
-    rows = table(names, [growth for _, growth in known], shared, plane[1] if plane else None)
+    motions = [identify_motion(model, attractor, at=last) for attractor in all_attractors]
+    pairs = zip(motions, all_attractors, strict=True)
+    names = [attractor_name(kind, attractor) for (kind, _), attractor in pairs]
+    growths = [growth for _, growth in motions]
+    rows = table(names, growths, shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
-    save(basins_figure(model, names, shared, plane, last), args.out, "basins")
+    drawn = portraits(model, all_attractors[:PORTRAITS], last)
+    save(basins_figure(drawn, names, shared, plane), args.out, "basins")
     shutil.rmtree(unfinished)
     print(text(rows, shared))
     print(f"written: {args.out / 'basins.csv'}, {args.out / 'basins.png'}")
@@ -118,22 +132,22 @@ def _bar(name: str) -> Callable[[Iterable[int]], Iterable[int]]:
     return lambda chunks: tqdm(chunks, desc=name, unit="chunk", disable=None)
 
 
-def kept_sections(
+def cached_sections(
     folder: Path, model: Model, transient: int, points: int, workers: int = 1
 ) -> Sections:
-    """``gear_sections`` that are kept in a folder, and found there."""
-    sections_of, kept = gear_sections(model, transient, points, workers), ArrayCache(folder)
+    """``gear_sections`` whose results are stored in a folder and read from it."""
+    sections_of, cache = gear_sections(model, transient, points, workers), ArrayCache(folder)
 
-    def remembering(starts: Array) -> Array:
+    def cached(starts: Array) -> Array:
         effects = effects_text(model.effects)
         parts = ["sections", model.parameters, effects, transient, points, starts]
-        found: Array = kept.get(parts, lambda: {"sections": sections_of(starts)})["sections"]
-        return found
+        arrays = cache.get(parts, lambda: {"sections": sections_of(starts)})
+        return np.asarray(arrays["sections"])
 
-    return remembering
+    return cached
 
 
-def named(kind: str, attractor: Attractor) -> str:
+def attractor_name(kind: str, attractor: Attractor) -> str:
     """Label of an attractor: kind of motion and, if any, symmetry, as ``P2, left = right``."""
     return f"{kind}, {attractor.symmetry}" if attractor.symmetry else kind
 
@@ -141,20 +155,20 @@ def named(kind: str, attractor: Attractor) -> str:
 def table(
     names: Sequence[str], growths: Sequence[Growth], shared: Basins, plane: Basins | None
 ) -> list[tuple[Any, ...]]:
-    """A row an attractor."""
-    of_slice = plane.counts if plane else np.zeros(len(names), dtype=int)
+    """Rows of ``basins.csv``, one per attractor, columns as in ``HEAD``."""
+    slice_counts = plane.counts if plane else np.zeros(len(names), dtype=int)
     shares, counts = shared.shares(), shared.counts
     return [
         (
             *(i + 1, name, int(counts[i]), *map(float, shares[i])),
-            *(float(growth.exponents[0]), float(growth.errors[0]), int(of_slice[i])),
+            *(float(growth.exponents[0]), float(growth.errors[0]), int(slice_counts[i])),
         )
         for i, (name, growth) in enumerate(zip(names, growths, strict=True))
     ]
 
 
 def text(rows: Sequence[tuple[Any, ...]], shared: Basins) -> str:
-    """The table to be read."""
+    """The rows as aligned text, with the number of failed runs."""
     lines = [f"{'':3s}{'motion':42s}{'starts':>7s}{'share':>8s}{'95 %':>16s}{'exponent':>12s}"]
     for number, name, count, share, low, high, value, error, _ in rows:
         span = f"{low:.1%} .. {high:.1%}"
@@ -171,7 +185,14 @@ def write(
     shared: Basins,
     plane: tuple[Array, Basins] | None,
 ) -> None:
-    """``basins.csv``, ``starts.csv`` and ``slice.csv``; attractors count from 1, 0 = failed."""
+    """Write ``basins.csv``, ``starts.csv`` and ``slice.csv``; attractors count from 1, 0 = failed.
+
+    Args:
+        rows: of ``basins.csv``.
+        starts: (n, n_state) random starts.
+        shared: their basins.
+        plane: axis (n,) of the slice and its basins, labels (n, n).
+    """
     write_csv(folder / "basins.csv", HEAD, rows)
     states = ",".join(["attractor", *(f"y_{i}" for i in range(starts.shape[1]))])
     _save(folder / "starts.csv", np.column_stack([shared.labels + 1, starts]), states)

@@ -1,4 +1,4 @@
-"""``campaign check``: what a campaign holds, and what a diagnosis could form of it."""
+"""``campaign check``: content of a campaign, and observations that a diagnosis can form."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_file
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
 from herringbone_sim.gap.allowed import Allowed, allowed
@@ -37,21 +38,17 @@ NEEDS = {
 }
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``campaign check``."""
-    parser = add_verb(subparsers, "campaign check", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``campaign check``."""
+    parser = add_verb(verbs, "campaign check", DESCRIPTION, EXAMPLES)
     parser.add_argument("campaign", type=Path, metavar="DIR", help="folder of runs")
-    parser.add_argument(
-        "--nominal",
-        type=Path,
-        metavar="FILE",
-        help=f"parameters of the rig (default: {NOMINAL} in the folder, else the nominal rig)",
-    )
+    text = f"parameters of the rig (default: {NOMINAL} in the folder, else the nominal rig)"
+    add_file(parser, "--nominal", text)
     parser.set_defaults(func=campaign_check)
 
 
 def campaign_check(args: argparse.Namespace) -> int:
-    """Print the channels of each run, what is odd, and what can be formed."""
+    """Print the channels of each run, findings, and the observations that can be formed."""
     beside = args.campaign / NOMINAL
     file = args.nominal or (beside if beside.is_file() else None)
     campaign = prepare(args.campaign, load_parameters(file) if file else Parameters())
@@ -61,7 +58,7 @@ def campaign_check(args: argparse.Namespace) -> int:
 
 
 def table(folder: Path, campaign: PreparedCampaign) -> str:
-    """A line a run: role, length, how many channels of each quantity can be used, all others."""
+    """Text, a line per run: role, length, usable channels of each quantity, other channels."""
     titles = f"{'run':12s} {'role':9s} {'cycles':>8s} {'a cycle':>8s}"
     head = titles + "".join(f" {q:>6s}" for q in ("x", "v", "F", "u", "a", "pin")) + "  others"
     paths = {run.path.name: run.path for run in read_campaign(folder).runs}
@@ -71,7 +68,7 @@ def table(folder: Path, campaign: PreparedCampaign) -> str:
 def _line(run: PreparedRun, path: Path) -> str:
     cycles = float(run.phase[-1] - run.phase[0]) / (2.0 * np.pi)
     quantities = (run.x, run.v, run.F, run.u, run.a, run.pin)
-    counts = (f"{int(one.there.sum())}/{len(one.there)}" for one in quantities)
+    counts = (f"{int(q.there.sum())}/{len(q.there)}" for q in quantities)
     layout = run.model.layout
     known = {"t", "phase", *layout.channels, *(f"F_pin{planet}" for planet in layout.planets)}
     known |= {f"{q}_{body}" for q in "ua" for body in layout.bodies}
@@ -83,13 +80,13 @@ def _line(run: PreparedRun, path: Path) -> str:
     ).rstrip()
 
 
-def verdict(told: Allowed) -> str:
-    """Observations that can be formed or not, and the findings, a line each."""
+def verdict(content: Allowed) -> str:
+    """Text, a line per observation (formed, or what it needs) and per finding."""
     lines = [
-        f"{name}: {'can be formed' if name in told.formed else f'not formed, it needs {needs}'}"
+        f"{name}: {'can be formed' if name in content.formed else f'not formed, it needs {needs}'}"
         for name, needs in NEEDS.items()
     ]
-    if not told.formed:
+    if not content.formed:
         lines.append("a diagnosis of this campaign would name nothing")
-    wrong = [f"to look at: {one.text}" for one in told.findings if not one.limit]
-    return "\n".join([*lines, *wrong, *(f"open: {f.text}" for f in told.findings if f.limit)])
+    wrong = [f"to look at: {f.text}" for f in content.findings if not f.limit]
+    return "\n".join([*lines, *wrong, *(f"open: {f.text}" for f in content.findings if f.limit)])

@@ -1,15 +1,17 @@
-"""``compare``: what moves between a nominal gear and the one that a diagnosis found."""
+"""``compare``: bifurcations of a nominal and of an augmented gear over one parameter."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from herringbone_sim.cli.parameter_options import add_set_option, settings, tell_gear
+from herringbone_sim.cli.options import add_mesh, add_number, add_out
+from herringbone_sim.cli.parameter_options import add_set_option, print_gear_notes, settings
 from herringbone_sim.cli.sweep import WAYS
 from herringbone_sim.cli.sweep_options import (
     add_sweep_options,
@@ -17,7 +19,7 @@ from herringbone_sim.cli.sweep_options import (
     observation_from,
     run_all,
 )
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with
@@ -38,28 +40,28 @@ from herringbone_sim.sweeps.store import Store, load_result, open_store
 from herringbone_sim.views.figures.compare import compare_figure, starts_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.pages.compare import (
-    Told,
+    Comparison,
     cells,
     compare_page,
     headline,
     way_words,
 )
-from herringbone_sim.views.pages.report import Picture
+from herringbone_sim.views.pages.html import Picture
 from herringbone_sim.views.tables.csv_file import write_csv
 
 Gear = tuple[Parameters, tuple[Active, ...]]
-HELD = ("fixed", "up", "down")
+MATCHED = ("fixed", "up", "down")  # ways whose boundaries are matched
 SCATTER = 0.3  # b_c, standard deviation of random initial displacements
 SCALARS = ("period", "exponent", "exponent_error", "within", "transverse", "contact_loss")
-APART = ("sun_separated", "ring_separated")
+SEPARATED = ("sun_separated", "ring_separated")
 DESCRIPTION = """\
 Run the same sweep with two gears, such as the nominal one and the augmented one that a diagnosis
-wrote, and tell what moves: the boundaries between motions, and where contact is lost; the share
-of each motion; where several motions coexist, because different starts end differently. Beside
-the initial state, continuations and random starts are tried, left and right each on its own.
+wrote, and compare: the boundaries between motions and of contact loss; the share of each motion;
+the values at which several motions coexist. Starts are the initial state, continuations, and
+random states with left and right drawn independently.
 
 DIR then holds report.html, figures/ (PNG and SVG), boundaries.csv, values.csv, compare.json, and
-the sweeps in nominal/ and augmented/. Repeat the command to go on with one that was cut off.
+the sweeps in nominal/ and augmented/. Repeat the command to continue one that was interrupted.
 """
 EXAMPLES = """\
 python -m herringbone_sim compare config/rig.yaml config/paper.yaml \\
@@ -67,9 +69,9 @@ python -m herringbone_sim compare config/rig.yaml config/paper.yaml \\
 """
 
 
-def add_parser(subparsers: Any) -> None:
-    """Register ``compare`` with the sub-parsers of the command line."""
-    parser = add_verb(subparsers, "compare", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``compare``."""
+    parser = add_verb(verbs, "compare", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("nominal", type=Path, metavar="NOMINAL", help="parameter file of the one gear")
     add("augmented", type=Path, metavar="AUGMENTED", help="that of the other, with its effects")
@@ -77,19 +79,19 @@ def add_parser(subparsers: Any) -> None:
     add_set_option(parser)
     ways = [name for name in WAYS if name not in ("ramp", "all")]
     add("--start", choices=ways, default="held", help="how to get to a value [%(default)s]")
-    add("--starts", type=int, default=3, metavar="N", help="random starts at each value [3]")
-    add("--mesh", metavar="NAME", help="mesh whose displacements are drawn (default: the first)")
-    add("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
+    add_number(parser, "--starts", 3, "random initial states at each value")
+    add_mesh(parser)
+    add_out(parser)
     add_sweep_options(parser)
     parser.set_defaults(func=compare)
 
 
 def compare(args: argparse.Namespace) -> int:
-    """Run both sweeps, draw and tell; exit code 0.
+    """Run both sweeps, write page, figures and tables, print a summary; exit code 0.
 
     Raises:
-        ParameterError: a file, an axis or a gear that there can't be.
-        AnalysisError: a folder with other sweeps in it.
+        ParameterError: a wrong file or axis, or a gear that can't be built.
+        AnalysisError: the folder holds other sweeps.
     """
     if args.starts < 0:
         raise AnalysisError(f"--starts must be 0 or more, got {args.starts}")
@@ -97,8 +99,10 @@ def compare(args: argparse.Namespace) -> int:
     gears = both_gears(args)
     forcing = {name: forcing_of(name, gear, axis) for name, gear in gears.items()}
     mesh = args.mesh or gears["nominal"][0].layout.meshes[0]
-    look = observation_from(args, mesh, max(forcing.values()))
-    stores = {name: open_stores(args, name, gear, axis, look) for name, gear in gears.items()}
+    observation = observation_from(args, mesh, max(forcing.values()))
+    stores = {
+        name: open_stores(args, name, gear, axis, observation) for name, gear in gears.items()
+    }
     run_all([store for ways in stores.values() for store in ways.values()], args)
     sides = [
         GearSweeps(name, {way: load_result(store) for way, store in ways.items()}, forcing[name])
@@ -109,43 +113,47 @@ def compare(args: argparse.Namespace) -> int:
 
 
 def both_gears(args: argparse.Namespace) -> dict[str, Gear]:
-    """Nominal and augmented gear with the steps of a sweep; of all planets if one of them is."""
-    chosen = settings(args.set)
-    found = {"nominal": load_gear(args.nominal), "augmented": load_gear(args.augmented)}
-    whole = any(base.model == "full" for base, _ in found.values()) and "model" not in chosen
-    more = {**chosen, **({"model": "full"} if whole else {})}
+    """Nominal and augmented gear with the steps of a sweep; both ``full`` if one of them is."""
+    changes = settings(args.set)
+    files = {"nominal": load_gear(args.nominal), "augmented": load_gear(args.augmented)}
+    full = any(base.model == "full" for base, _ in files.values()) and "model" not in changes
+    every = {**changes, **({"model": "full"} if full else {})}
     return {
-        name: (with_sweep_steps(base.changed(more), chosen), actives)
-        for name, (base, actives) in found.items()
+        name: (with_sweep_steps(base.changed(every), changes), actives)
+        for name, (base, actives) in files.items()
     }
 
 
 def forcing_of(name: str, gear: Gear, axis: Axis) -> int:
-    """Mesh cycles after which the effects of a gear repeat; prints what is special about it."""
+    """Period of the effects of a gear in mesh cycles; prints its effects and their remarks.
+
+    Raises:
+        ParameterError: the gear can't be built at the first value of the axis.
+    """
     base, actives = gear
     try:
         model = build_with(base.changed({axis.name: axis.values[0]}), actives)
     except ParameterError as error:
         raise ParameterError(f"{name} gear at {axis.name} = {axis.values[0]:g}: {error}") from None
     print(f"{name}:")
-    tell_gear(model)
+    print_gear_notes(model)
     return effect_cycles(model)
 
 
 def open_stores(
-    args: argparse.Namespace, name: str, gear: Gear, axis: Axis, look: Observation
+    args: argparse.Namespace, name: str, gear: Gear, axis: Axis, observation: Observation
 ) -> dict[str, Store]:
-    """Folders of the sweeps of a gear by the way to each value."""
+    """Stores of the sweeps of a gear, by the way in which a value is reached."""
     base, actives = gear
     effects, folder = effects_text(actives), args.out / name
     sweeps = {
-        way: Sweep(base, (axis,), look, way, chunk_from(args, way, effects), effects)
+        way: Sweep(base, (axis,), observation, way, chunk_from(args, way, effects), effects)
         for way in WAYS[args.start]
     }
     for i in range(1, args.starts + 1):
         random = base.changed({"initial_noise": SCATTER, "seed": base.seed + i})
         sweeps[f"random {i}"] = Sweep(
-            random, (axis,), look, "fixed", chunk_from(args, effects=effects), effects
+            random, (axis,), observation, "fixed", chunk_from(args, effects=effects), effects
         )
     return {
         way: open_store(folder / way.replace(" ", "_"), sweep) for way, sweep in sweeps.items()
@@ -155,21 +163,25 @@ def open_stores(
 def facts(
     args: argparse.Namespace, gears: Mapping[str, Gear], sides: list[GearSweeps]
 ) -> list[str]:
-    """Lines about both gears: files, effects, parameters that differ, how long they are run."""
+    """Lines about both gears: files, effects, parameters that differ, length of the runs."""
     lines = [f"nominal: {args.nominal}; augmented: {args.augmented}"]
     for side in sides:
         effects = effects_text(gears[side.name][1])
         more = f"; P1 takes {side.forcing} mesh cycles" if side.forcing > 1 else ""
         lines.append(f"effects of the {side.name} gear: {effects or 'none'}{more}")
-    one, other = (to_mapping(base) for base, _ in gears.values())
-    apart = [f"{k}: {_short(v)} / {_short(other[k])}" for k, v in one.items() if v != other[k]]
-    lines.append(f"parameters that differ: {'; '.join(apart) or 'none'}")
+    first, second = (to_mapping(base) for base, _ in gears.values())
+    unequal = [
+        f"{name}: {_short(value)} / {_short(second[name])}"
+        for name, value in first.items()
+        if value != second[name]
+    ]
+    lines.append(f"parameters that differ: {'; '.join(unequal) or 'none'}")
     sweep = next(iter(sides[0].results.values())).sweep
-    look, axis = sweep.observation, sweep.axes[0]
+    observation, axis = sweep.observation, sweep.axes[0]
     lines.append(
         f"{axis.name} = {axis.values[0]:g} to {axis.values[-1]:g}, {len(axis)} values, "
-        f"{look.transient} mesh cycles left out, {look.cycles} observed at each, from "
-        f"{len(sides[0].results)} starts"
+        f"{observation.transient} mesh cycles left out, "
+        f"{observation.cycles} observed at each, from {len(sides[0].results)} starts"
     )
     return lines
 
@@ -183,13 +195,17 @@ def _short(value: Any) -> str:
 def write(
     args: argparse.Namespace, nominal: GearSweeps, augmented: GearSweeps, lines: list[str]
 ) -> None:
-    """Page, figures and tables, and the same in short on the terminal."""
+    """Write page, figures and tables; print a summary.
+
+    Args:
+        lines: of ``facts``.
+    """
     axis, out = nominal.axis, args.out
-    ways = [way for way in nominal.results if way in HELD]
+    ways = [way for way in nominal.results if way in MATCHED]
     by_way = {way: match_boundaries(nominal, augmented, way) for way in ways}
     pictures = draw(out, nominal, augmented, ways[0])
     unit = meaning(axis.name).unit
-    told = Told(
+    comparison = Comparison(
         name=axis.name if unit == "-" else f"{axis.name} [{unit}]",
         facts=lines,
         moves=by_way,
@@ -197,16 +213,16 @@ def write(
         coexisting={side.name: coexisting(side) for side in (nominal, augmented)},
         pictures=pictures,
     )
-    (out / "report.html").write_text(compare_page(told), encoding="utf-8")
+    (out / "report.html").write_text(compare_page(comparison), encoding="utf-8")
     write_tables(out, nominal, augmented, by_way)
-    described = json.dumps(as_json(axis.name, told), indent=1)
+    described = json.dumps(as_json(axis.name, comparison), indent=1)
     (out / "compare.json").write_text(described, encoding="utf-8")
-    print("\n".join([*lines, *text(told)]))
+    print("\n".join([*lines, *text(comparison)]))
     print(f"written: {out / 'report.html'}, {out / 'boundaries.csv'}, {out / 'values.csv'}")
 
 
 def draw(out: Path, nominal: GearSweeps, augmented: GearSweeps, way: str) -> list[Picture]:
-    """Both figures, as files and for the page."""
+    """Write both figures and return them with their captions."""
     folder = make_folder(out / "figures")
     over, _ = save(compare_figure(nominal, augmented, way), folder, "compare")
     starts, _ = save(starts_figure(nominal, augmented), folder, "starts")
@@ -226,56 +242,56 @@ def write_tables(
     augmented: GearSweeps,
     by_way: Mapping[str, list[BoundaryShift]],
 ) -> None:
-    """``boundaries.csv``, a line a boundary; ``values.csv``, a line a value of each sweep."""
+    """Write ``boundaries.csv``, a row per boundary, and ``values.csv``, a row per run."""
     head = ["start", "kind", "before", "after"]
     rows = [
         (
-            *(way, one.boundary.kind, one.boundary.before, one.boundary.after),
-            *(b.value if b else None for b in (one.nominal, one.augmented)),
-            *(one.shift, one.uncertainty),
+            *(way, move.boundary.kind, move.boundary.before, move.boundary.after),
+            *(b.value if b else None for b in (move.nominal, move.augmented)),
+            *(move.shift, move.uncertainty),
         )
-        for way, found in by_way.items()
-        for one in found
+        for way, moves in by_way.items()
+        for move in moves
     ]
     write_csv(out / "boundaries.csv", [*head, "nominal", "augmented", "shift", "error"], rows)
-    names = (*SCALARS, *APART)
+    names = (*SCALARS, *SEPARATED)
     values = (
-        (side.name, way, value, name, *(float(found[column][i]) for column in names))
+        (side.name, way, value, name, *(float(result[column][i]) for column in names))
         for side in (nominal, augmented)
-        for way, found in side.results.items()
+        for way, result in side.results.items()
         for i, (value, name) in enumerate(zip(side.axis.values, side.motions(way), strict=True))
     )
     write_csv(out / "values.csv", ["gear", "start", "value", "motion", *names], values)
 
 
-def as_json(name: str, told: Told) -> dict[str, Any]:
-    """What the page says, as plain values; null where there is none."""
-    found = [
-        {k: v for k, v in asdict(one).items()}
-        | {"shift": one.shift if one.shift == one.shift else None, "error": one.uncertainty}
-        for moved in told.moves.values()
-        for one in moved
+def as_json(name: str, comparison: Comparison) -> dict[str, Any]:
+    """Content of ``compare.json``: that of the page as plain values, None where unknown."""
+    boundaries = [
+        asdict(move)
+        | {"shift": None if math.isnan(move.shift) else move.shift, "error": move.uncertainty}
+        for moves in comparison.moves.values()
+        for move in moves
     ]
     return {
         "parameter": name,
-        "facts": list(told.facts),
-        "boundaries": found,
-        "shares": {k: {"nominal": a, "augmented": b} for k, (a, b) in told.shares.items()},
-        "coexisting": {k: [asdict(one) for one in v] for k, v in told.coexisting.items()},
+        "facts": list(comparison.facts),
+        "boundaries": boundaries,
+        "shares": {k: {"nominal": a, "augmented": b} for k, (a, b) in comparison.shares.items()},
+        "coexisting": {k: [asdict(s) for s in v] for k, v in comparison.coexisting.items()},
     }
 
 
-def text(told: Told) -> list[str]:
-    """The page in short: boundaries, shares, coexisting motions."""
+def text(comparison: Comparison) -> list[str]:
+    """Summary for the terminal: boundaries, shares, coexisting motions."""
     lines = []
-    for way, found in told.moves.items():
-        lines.append(f"{way_words(way)}: {headline(found)}")
-        lines += [_line(one) for one in found]
-    pairs = told.shares.items()
-    shared = ", ".join(f"{name} {a:.1%} / {b:.1%}" for name, (a, b) in pairs)
-    lines.append(f"share of the values, nominal / augmented: {shared}")
-    for gear, stretches in told.coexisting.items():
-        spans = [f"{one.low:g} to {one.high:g} {' and '.join(one.motions)}" for one in stretches]
+    for way, moves in comparison.moves.items():
+        lines.append(f"{way_words(way)}: {headline(moves)}")
+        lines += [_line(move) for move in moves]
+    pairs = comparison.shares.items()
+    percentages = ", ".join(f"{name} {a:.1%} / {b:.1%}" for name, (a, b) in pairs)
+    lines.append(f"share of the values, nominal / augmented: {percentages}")
+    for gear, stretches in comparison.coexisting.items():
+        spans = [f"{s.low:g} to {s.high:g} {' and '.join(s.motions)}" for s in stretches]
         lines.append(f"coexisting motions, {gear}: {'; '.join(spans) or 'none for long'}")
     return lines
 

@@ -1,4 +1,4 @@
-"""The four parts of ``control``: run, write tables, draw; each gives lines to print."""
+"""The four parts of ``control``: each runs, writes tables and figures, and returns its summary."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from herringbone_sim.cli import control_tables as tables
 from herringbone_sim.cli import control_text as text
-from herringbone_sim.cli.control_text import ASKED, MOTIONS, SHOWN_HEATS, Lines
-from herringbone_sim.control.amplitude import FROM, least_amplitudes, survey
-from herringbone_sim.control.realisation import needed, single_actuators, substitutes
-from herringbone_sim.control.robustness import gathered, survival, transverse_map
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.cli.control_text import MOTIONS, PRINTED_DELTA_T, TARGETS, Lines
+from herringbone_sim.control.amplitude import START_GROUPS, Target, least_amplitudes, run_survey
+from herringbone_sim.control.realisation import single_actuators, substitutes, torque_demands
+from herringbone_sim.control.robustness import start_shares, survival, transverse_map
+from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.shape import ORDERS, around_cancelling, cancelling, phases, shape_map
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.model import build
@@ -25,121 +25,121 @@ from herringbone_sim.views.figures import control as control_figures
 from herringbone_sim.views.figures import torques as torque_figures
 from herringbone_sim.views.figures.style import save
 
-LONG = 3  # times the transient, where left and right have to find each other
+LONG = 3  # times the transient, for starts whose halves differ
 
 
 @dataclass(frozen=True)
 class Size:
-    """How fine all is asked.
+    """Resolution of the four parts.
 
     Attributes:
-        heats: values of delta_T from 0 to 100 K.
+        temperatures: number of values of delta_T from 0 to 100 K.
         steps: values of K from 0 to 1, and to 2 for single actuators.
-        phases: of the control, round the circle; half as many for each actuator.
+        phases: number of phases of the control round the circle; half as many for actuators.
         orders: of the control.
-        starts: random ones with unlike halves at each place.
-        look: how long each motion is looked at.
+        starts: number of random starts with unequal halves at each place.
+        settings: length of the runs.
     """
 
-    heats: int
+    temperatures: int
     steps: int
     phases: int
     orders: tuple[float, ...]
     starts: int
-    look: Look
+    settings: RunSettings
 
     @property
     def delta_T(self) -> Axis:
-        return Axis("delta_T", tuple(map(float, np.linspace(0.0, 100.0, self.heats))))
+        return Axis("delta_T", tuple(map(float, np.linspace(0.0, 100.0, self.temperatures))))
 
     def K(self, largest: float = 1.0) -> Any:
         return np.linspace(0.0, largest, self.steps)
 
-    def longer(self, exponents: bool = False, times: int = 1) -> Look:
-        return Look(times * self.look.transient, self.look.cycles, exponents)
+    def longer(self, exponents: bool = False, times: int = 1) -> RunSettings:
+        return RunSettings(times * self.settings.transient, self.settings.cycles, exponents)
 
 
-FULL = Size(41, 51, 32, ORDERS, 100, Look())
-QUICK = Size(3, 11, 4, (0.5, 0.6180339887498949, 1.0), 8, Look(transient=200, cycles=80))
+FULL = Size(41, 51, 32, ORDERS, 100, RunSettings())
+QUICK = Size(3, 11, 4, (0.5, 0.6180339887498949, 1.0), 8, RunSettings(transient=200, cycles=80))
 
 
-def amplitude(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
+def amplitude(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
     """``amplitude.csv``: every run; ``least.csv``: the least K; ``control_amplitude.png``."""
-    over = survey(runs, base, size.delta_T, size.K(), look=size.look)
-    found = [
-        one
-        for wanted in (1, 2, 4)
-        for who in FROM
-        for one in least_amplitudes(runs, over, wanted, who)
-    ]
-    tables.write_runs(out / "amplitude.csv", over)
-    tables.write_least(out / "least.csv", "delta_T", found)
+    survey = run_survey(runner, base, size.delta_T, size.K(), settings=size.settings)
+    targets = [Target(period, starts) for period in (1, 2, 4) for starts in START_GROUPS]
+    least = [a for target in targets for a in least_amplitudes(runner, survey, target)]
+    tables.write_runs(out / "amplitude.csv", survey)
+    tables.write_least(out / "least.csv", "delta_T", least)
     torque = build(base).scales.control_torque_n_m(1.0)
-    save(control_figures.amplitude_figure(over, found, torque), out, "control_amplitude")
-    lines = [*text.least_lines(size.delta_T, found), *text.window_lines(over)]
-    return [*lines, *text.contact_lines(over)]
+    save(control_figures.amplitude_figure(survey, least, torque), out, "control_amplitude")
+    lines = [*text.least_lines(size.delta_T, least), *text.window_lines(survey)]
+    return [*lines, *text.contact_lines(survey)]
 
 
-def shape(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
+def shape(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
     """``phase.csv``, ``order.csv``: maps; ``phase_least.csv``, ``quiet.csv``; a figure."""
     K, turn = size.K(), Axis("control_phase", phases(size.phases))
-    by_phase = shape_map(runs, base, turn, K, size.longer(exponents=True))
-    tried = survey(runs, base, turn, K, Starts(alike=1, parted=1), size.look)
-    least = [one for wanted, who in ASKED for one in least_amplitudes(runs, tried, wanted, who)]
-    # Orders of eighths repeat after 8 mesh cycles, so there must be time for a few of those.
-    look = Look(size.look.transient, 4 * size.look.cycles, True, max_period=64)
-    by_order = shape_map(runs, base, Axis("control_order", size.orders), K, look)
+    by_phase = shape_map(runner, base, turn, K, size.longer(exponents=True))
+    survey = run_survey(runner, base, turn, K, Starts(alike=1, parted=1), size.settings)
+    least = [a for target in TARGETS for a in least_amplitudes(runner, survey, target)]
+    # Orders of eighths repeat after 8 mesh cycles, of which several must be observed.
+    settings = RunSettings(size.settings.transient, 4 * size.settings.cycles, True, max_period=64)
+    by_order = shape_map(runner, base, Axis("control_order", size.orders), K, settings)
     tables.write_shape(out / "phase.csv", by_phase)
     tables.write_shape(out / "order.csv", by_order)
     tables.write_least(out / "phase_least.csv", "control_phase", least)
-    near = around_cancelling(runs, base, size.phases // 4 * 2 + 1, size.look)
+    near = around_cancelling(runner, base, size.phases // 4 * 2 + 1, size.settings)
     tables.write_runs(out / "quiet.csv", near)
     middle = dict(zip(("K", "control_phase"), cancelling(base), strict=True))
-    (share,) = gathered(runs, base, [middle], (1,), size.starts, size.longer(times=LONG))
+    (share,) = start_shares(runner, base, [middle], (1,), size.starts, size.longer(times=LONG))
     figure = control_figures.shape_figure(by_phase, by_order, least, cancelling(base))
     save(figure, out, "control_shape")
     lines = [*text.phase_lines(turn, least, base), *text.quiet_lines(near, share)]
     return [*lines, *text.order_lines(by_order)]
 
 
-def realisation(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
+def realisation(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
     """``actuators.csv``: patterns and torques; ``needed.csv``; ``control_realisation.png``."""
     model = build(base)
     single, other = single_actuators(model), substitutes(model)
     turn, K = Axis("control_phase", phases(size.phases // 2)), size.K(2.0)
     starts = Starts(alike=1, parted=1)
-    found = [
-        one for a in single for one in needed(runs, base, a, turn, K, ASKED, starts, size.look)
-    ]
+    demands = []
+    for actuator in single:
+        gear = actuator.controlled(base)
+        survey = run_survey(runner, gear, turn, K, starts, size.settings)
+        demands += torque_demands(runner, survey, actuator, TARGETS)
     tables.write_actuators(out / "actuators.csv", (*single, *other))
-    tables.write_needed(out / "needed.csv", found)
-    figure = torque_figures.realisation_figure(single, other, found, base.T_1)
+    tables.write_demands(out / "needed.csv", demands)
+    figure = torque_figures.realisation_figure(single, other, demands, base.T_1)
     save(figure, out, "control_realisation")
-    return [*text.torque_lines(base, (*single, *other)), *text.needed_lines(found, base.T_1)]
+    return [*text.torque_lines(base, (*single, *other)), *text.demand_lines(demands, base.T_1)]
 
 
-def robustness(runs: Runs, base: Parameters, size: Size, out: Path) -> Lines:
+def robustness(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
     """``transverse.csv``, ``starts.csv``, ``survival.csv``; ``control_robustness.png``."""
-    look = size.longer(times=LONG)
-    across = transverse_map(runs, base, size.delta_T, size.K(), size.longer(exponents=True))
+    settings = size.longer(times=LONG)
+    across = transverse_map(runner, base, size.delta_T, size.K(), size.longer(exponents=True))
     places = [
-        {"delta_T": heat, "K": float(K)} for heat in SHOWN_HEATS for K in np.arange(2, 11) / 10
+        {"delta_T": delta_T, "K": float(K)}
+        for delta_T in PRINTED_DELTA_T
+        for K in np.arange(2, 11) / 10
     ]
-    shares = gathered(runs, base, places, (1, 2), size.starts, look)
-    lasting = [
-        one
+    shares = start_shares(runner, base, places, (1, 2), size.starts, settings)
+    cases = [
+        case
         for wanted, K in MOTIONS
-        for one in survival(runs, base.changed({"K": K}), wanted, look)
+        for case in survival(runner, base.changed({"K": K}), wanted, settings)
     ]
     tables.write_runs(out / "transverse.csv", across)
     tables.write_shares(out / "starts.csv", shares)
-    tables.write_survival(out / "survival.csv", lasting)
-    save(torque_figures.robustness_figure(across, shares, lasting), out, "control_robustness")
+    tables.write_survival(out / "survival.csv", cases)
+    save(torque_figures.robustness_figure(across, shares, cases), out, "control_robustness")
     lines = [*text.transverse_lines(across), *text.share_lines(shares)]
-    return [*lines, *text.survival_lines(lasting)]
+    return [*lines, *text.survival_lines(cases)]
 
 
-Part = Callable[[Runs, Parameters, Size, Path], Lines]
+Part = Callable[[MotionRunner, Parameters, Size, Path], Lines]
 PARTS: dict[str, Part] = {
     "amplitude": amplitude,
     "shape": shape,

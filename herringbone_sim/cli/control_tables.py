@@ -5,83 +5,87 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from herringbone_sim.control.amplitude import Least, Survey
-from herringbone_sim.control.realisation import BODIES, MESHES, Actuator, Needed
-from herringbone_sim.control.robustness import Gathered, Survival
-from herringbone_sim.control.shape import Shape
+from herringbone_sim.control.amplitude import LeastAmplitude, Survey
+from herringbone_sim.control.realisation import BODIES, MESHES, Actuator, TorqueDemand
+from herringbone_sim.control.robustness import StartShares, Survival
+from herringbone_sim.control.shape import ShapeMap
 from herringbone_sim.views.tables.csv_file import write_csv
 
 
-def write_runs(path: Path, over: Survey) -> None:
-    """A row a run of a survey."""
+def write_runs(path: Path, survey: Survey) -> None:
+    """A row per run of a survey."""
     names = ("period", "exponent", "within", "transverse", "asymmetry", "contact_loss", "apart")
-    columns = [getattr(over.motions, name) for name in names]
+    columns = [getattr(survey.motions, name) for name in names]
     places = (
         (value, K, f"{kind} {i}")
-        for value in over.axis.values
-        for K in over.K
-        for i, kind in enumerate(over.starts.names)
+        for value in survey.axis.values
+        for K in survey.K
+        for i, kind in enumerate(survey.starts.names)
     )
     rows = ((*p, *c) for p, c in zip(places, zip(*columns, strict=True), strict=True))
-    write_csv(path, [over.axis.name, "K", "start", *names], rows)
+    write_csv(path, [survey.axis.name, "K", "start", *names], rows)
 
 
-def write_least(path: Path, name: str, found: Sequence[Least]) -> None:
-    """A row a least amplitude; pockets as ``first-last`` on the grid of K."""
+def write_least(path: Path, name: str, amplitudes: Sequence[LeastAmplitude]) -> None:
+    """A row per least amplitude; pockets as ``first-last`` on the grid of K.
+
+    Args:
+        name: of the parameter over which they are.
+    """
     rows = (
         [
-            *(one.value, one.wanted, one.who, one.staircase.least, one.staircase.firm),
-            *(one.staircase.held, one.half_width, one.staircase.share),
-            ";".join(f"{a:g}-{b:g}" for a, b in one.staircase.pockets),
+            *(a.value, a.target.period, a.target.starts, a.staircase.least, a.staircase.firm),
+            *(a.staircase.held, a.half_width, a.staircase.share),
+            ";".join(f"{low:g}-{high:g}" for low, high in a.staircase.pockets),
         ]
-        for one in found
+        for a in amplitudes
     )
     head = [name, "wanted", "starts", "least_K", "firm_from_K", "held_from_K", "half_width"]
-    head += ["share", "pockets"]
-    write_csv(path, head, rows)
+    write_csv(path, [*head, "share", "pockets"], rows)
 
 
-def write_shape(path: Path, found: Shape) -> None:
-    """A row a value and K."""
+def write_shape(path: Path, shape: ShapeMap) -> None:
+    """A row per value of the axis and K."""
     names = ("period", "exponent", "exponent_error", "transverse", "chaotic", "apart")
     rows = (
-        [value, K, *(getattr(found, name)[i, j] for name in names)]
-        for i, value in enumerate(found.axis.values)
-        for j, K in enumerate(found.K)
+        [value, K, *(getattr(shape, name)[i, j] for name in names)]
+        for i, value in enumerate(shape.axis.values)
+        for j, K in enumerate(shape.K)
     )
-    write_csv(path, [found.axis.name, "K", *names], rows)
+    write_csv(path, [shape.axis.name, "K", *names], rows)
 
 
-def write_needed(path: Path, found: Sequence[Needed]) -> None:
-    """A row an actuator, motion, kind of starts and phase."""
+def write_demands(path: Path, demands: Sequence[TorqueDemand]) -> None:
+    """A row per actuator, target and phase."""
     rows = (
-        [n.actuator.name, n.wanted, n.who, n.phase, n.K, n.largest, n.torque_n_m] for n in found
+        [d.actuator.name, d.target.period, d.target.starts, d.phase, d.K, d.largest, d.torque_n_m]
+        for d in demands
     )
     head = ["actuator", "wanted", "starts", "phase", "K", "largest_K", "torque_n_m"]
     write_csv(path, head, rows)
 
 
-def write_actuators(path: Path, ways: Sequence[Actuator]) -> None:
-    """A row an actuator: shares of K on the meshes, N m at K = 1 on the bodies."""
+def write_actuators(path: Path, actuators: Sequence[Actuator]) -> None:
+    """A row per actuator: shares of K on the meshes, N m at K = 1 on the bodies."""
     head = ["actuator", *(f"share_{m}" for m in MESHES), *(f"n_m_per_K_{b}" for b in BODIES)]
-    write_csv(path, head, ([one.name, *one.pattern, *one.torques_n_m] for one in ways))
+    write_csv(path, head, ([a.name, *a.pattern, *a.torques_n_m] for a in actuators))
 
 
-def write_shares(path: Path, shares: Sequence[Gathered]) -> None:
+def write_shares(path: Path, shares: Sequence[StartShares]) -> None:
     """CSV of the share of random starts that reach the wanted motion, a row per parameter point.
 
     Columns: parameter values, wanted period, starts, reached (left = right), parted (left and
     right differ), share of ``reached`` and its 95 % Wilson interval low, high.
     """
     names = ("wanted", "starts", "reached", "parted", "share", "low", "high")
-    rows = ([*one.values.values(), *(getattr(one, name) for name in names)] for one in shares)
+    rows = ([*s.values.values(), *(getattr(s, name) for name in names)] for s in shares)
     write_csv(path, [*shares[0].values, *names], rows)
 
 
-def write_survival(path: Path, lasting: Sequence[Survival]) -> None:
+def write_survival(path: Path, cases: Sequence[Survival]) -> None:
     """CSV of whether controlled motions survive left/right differences, a row per case.
 
     A case is a motion, a parameter set apart between the halves (key of
     ``robustness.DIFFERENCES``) and the size of the difference. Columns: fields of ``Survival``.
     """
-    write_csv(path, list(vars(lasting[0])), (vars(one).values() for one in lasting))
+    write_csv(path, list(vars(cases[0])), (vars(case).values() for case in cases))

@@ -1,4 +1,4 @@
-"""What ``control`` found, in lines to print."""
+"""Summary of the results of ``control`` as lines to print."""
 
 from __future__ import annotations
 
@@ -7,68 +7,73 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.control.amplitude import Least, Survey, windows
-from herringbone_sim.control.realisation import BODIES, Actuator, Needed, easiest
-from herringbone_sim.control.robustness import Gathered, Survival
+from herringbone_sim.control.amplitude import LeastAmplitude, Survey, Target, windows
+from herringbone_sim.control.realisation import BODIES, Actuator, TorqueDemand, smallest_demand
+from herringbone_sim.control.robustness import StartShares, Survival
 from herringbone_sim.control.runs import LEAST_EXPONENT
-from herringbone_sim.control.shape import Shape, best, cancelling, equivalent_error, quiet
+from herringbone_sim.control.shape import ShapeMap, best, cancelling, equivalent_error, quiet
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.sweeps.observe import NO_TIME
 
-ASKED = tuple((wanted, who) for wanted in (1, 2) for who in ("zero", "all"))
-SHOWN_HEATS = (20.0, 50.0, 70.0)
+TARGETS = tuple(Target(period, starts) for period in (1, 2) for starts in ("zero", "all"))
+PRINTED_DELTA_T = (20.0, 50.0, 70.0)
 MOTIONS = ((1, 0.5), (2, 0.3))  # period and K of the paper's Figs. 19 and 18
 Lines = list[str]
 
 
-def least_lines(axis: Axis, found: Sequence[Least]) -> Lines:
-    """Least amplitudes for P1 and P2 at the temperatures shown."""
+def least_lines(axis: Axis, amplitudes: Sequence[LeastAmplitude]) -> Lines:
+    """Least amplitudes for P1 and P2 at the temperatures printed."""
     return [
-        least_line(f"delta_T {one.value:5.1f}", one)
-        for one in found
-        if one.value in nearest(axis, SHOWN_HEATS) and one.wanted < 4
+        least_line(f"delta_T {a.value:5.1f}", a)
+        for a in amplitudes
+        if a.value in nearest(axis, PRINTED_DELTA_T) and a.target.period < 4
     ]
 
 
 def nearest(axis: Axis, values: Sequence[float]) -> set[float]:
-    """The values of an axis that are nearest to some."""
+    """The values of an axis that are nearest to the given ones."""
     return {min(axis.values, key=lambda v: abs(v - value)) for value in values}
 
 
-def least_line(place: str, one: Least) -> str:
-    """A least amplitude in words."""
-    stairs = one.staircase
+def target_text(target: Target, width: int = 5) -> str:
+    """Period and starts of a target, as ``repeats after 2  all``."""
+    return f"repeats after {target.period}  {target.starts:{width}s}"
+
+
+def least_line(place: str, amplitude: LeastAmplitude) -> str:
+    """Line on a least amplitude, led by its place."""
+    stairs = amplitude.staircase
     pockets = " ".join(f"{a:.2f}-{b:.2f}" for a, b in stairs.pockets) or "none"
     return (
-        f"{place}  repeats after {one.wanted}  {one.who:8s} least {stairs.least:6.3f}  "
+        f"{place}  {target_text(amplitude.target, 8)} least {stairs.least:6.3f}  "
         f"firm {stairs.firm:6.3f}  held {stairs.held:6.3f}  pockets {pockets}"
     )
 
 
-def window_lines(over: Survey) -> Lines:
-    """Periods along K from single starts, at the temperatures shown."""
+def window_lines(survey: Survey) -> Lines:
+    """Ranges of K by period from the first two starts, at the temperatures printed."""
     lines = []
-    for i, value in enumerate(over.axis.values):
-        for j in (0, 1) if value in nearest(over.axis, SHOWN_HEATS) else ():
-            found = windows(over.K, over.of("period")[i, :, j])
-            texts = (f"{a:.2f}-{b:.2f} {motion(period)}" for period, a, b in found)
-            lines.append(f"delta_T {value:5.1f}  {over.starts.names[j]:8s} {', '.join(texts)}")
+    for i, value in enumerate(survey.axis.values):
+        for j in (0, 1) if value in nearest(survey.axis, PRINTED_DELTA_T) else ():
+            ranges = windows(survey.K, survey.of("period")[i, :, j])
+            texts = (f"{a:.2f}-{b:.2f} {motion(period)}" for period, a, b in ranges)
+            lines.append(f"delta_T {value:5.1f}  {survey.starts.names[j]:8s} {', '.join(texts)}")
     return lines
 
 
 def motion(period: float) -> str:
-    """``P2`` or ``aperiodic``."""
+    """Name of a motion: ``P2`` or ``aperiodic``."""
     return f"P{period:g}" if period else "aperiodic"
 
 
-def contact_lines(over: Survey) -> Lines:
-    """What teeth do in the controlled motions of period 1 from the zero start."""
-    chosen = (over.of("period")[:, :, 0] == 1) & (over.K > 0.0)
+def contact_lines(survey: Survey) -> Lines:
+    """Loss of contact in the controlled motions of period 1 from the zero start."""
+    chosen = (survey.of("period")[:, :, 0] == 1) & (survey.K > 0.0)
     if not chosen.any():
         return []
-    apart, loss = (over.of(name)[:, :, 0][chosen] for name in ("apart", "contact_loss"))
+    apart, loss = (survey.of(name)[:, :, 0][chosen] for name in ("apart", "contact_loss"))
     return [
         f"P1 from the zero start, {chosen.sum()} runs with K > 0: teeth apart {apart.min():.0%} "
         f"to {apart.max():.0%} of the time, mean {apart.mean():.0%}; {np.mean(loss == 2):.0%} of "
@@ -76,25 +81,29 @@ def contact_lines(over: Survey) -> Lines:
     ]
 
 
-def phase_lines(turn: Axis, least: Sequence[Least], base: Parameters) -> Lines:
-    """The best phase for each motion, beside phase 0, and the phase that cancels the error."""
+def phase_lines(turn: Axis, amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines:
+    """Best phase of the control for each target, beside phase 0; the cancelling phase."""
     lines = []
-    for wanted, who in ASKED:
-        firm = [one.staircase.firm for one in least if (one.wanted, one.who) == (wanted, who)]
+    for target in TARGETS:
+        firm = [a.staircase.firm for a in amplitudes if a.target == target]
         phase, K = best(np.array(turn.values), np.array(firm))
         at_zero = firm[int(np.argmin(np.abs(turn.values)))]
         lines.append(
-            f"repeats after {wanted}  {who:5s} best phase {phase:+.3f} rad: firm from K "
-            f"{K:.3f}; phase 0: {at_zero:.3f}"
+            f"{target_text(target)} best phase {phase:+.3f} rad: firm from K {K:.3f}; phase 0: "
+            f"{at_zero:.3f}"
         )
     K, phase = cancelling(base)
     lines.append(f"the mesh error is cancelled at K {K:g}, phase {phase:+.3f} rad")
-    return [*lines, *error_lines(least, base)]
+    return [*lines, *error_lines(amplitudes, base)]
 
 
-def quiet_lines(near: Survey, share: Gathered) -> Lines:
-    """How well the control has to meet the mesh error for teeth to stay in contact, and the share
-    of starts with unlike halves that end in P1 where it is met."""
+def quiet_lines(near: Survey, share: StartShares) -> Lines:
+    """Range of K and phase about the cancelling control in which contact is never lost.
+
+    Args:
+        near: survey about the cancelling control, see ``shape.around_cancelling``.
+        share: of starts with unequal halves that reach P1 at the cancelling control.
+    """
     still = quiet(near)
     middle, phases = len(near.K) // 2, np.array(near.axis.values)
     lines = []
@@ -116,36 +125,35 @@ def quiet_lines(near: Survey, share: Gathered) -> Lines:
     ]
 
 
-def error_lines(least: Sequence[Least], base: Parameters) -> Lines:
-    """The mesh error that the gear would need instead of the control, over all phases."""
+def error_lines(amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines:
+    """Mesh error to which error and least control add up, over all phases, for each target."""
     lines = []
-    for wanted, who in ASKED:
-        errors = [
-            equivalent_error(base.changed({"K": one.staircase.firm, "control_phase": one.value}))[
-                0
-            ]
-            for one in least
-            if (one.wanted, one.who) == (wanted, who) and np.isfinite(one.staircase.firm)
+    for target in TARGETS:
+        gears = [
+            base.changed({"K": a.staircase.firm, "control_phase": a.value})
+            for a in amplitudes
+            if a.target == target and np.isfinite(a.staircase.firm)
         ]
+        errors = [equivalent_error(gear)[0] for gear in gears]
         if errors:
             lines.append(
-                f"repeats after {wanted}  {who:5s} where it is firm, error and control amount to "
-                f"a mesh error of {min(errors):.3f} to {max(errors):.3f}, mean "
+                f"{target_text(target)} where it is firm, error and control amount to a mesh "
+                f"error of {min(errors):.3f} to {max(errors):.3f}, mean "
                 f"{np.mean(errors):.3f} b_c; e_m alone is {base.e_m:g}"
             )
     return lines
 
 
-def order_lines(found: Shape) -> Lines:
-    """What each order does, as shares of the values of K."""
+def order_lines(shape: ShapeMap) -> Lines:
+    """Per order of the control: shares of the values of K with each kind of motion, least K."""
     lines = []
-    for i, order in enumerate(found.axis.values):
-        period, chaotic = found.period[i, 1:], found.chaotic[i, 1:]
-        bears = (period > 0) & ~(found.transverse[i, 1:] > LEAST_EXPONENT)
+    for i, order in enumerate(shape.axis.values):
+        period, chaotic = shape.period[i, 1:], shape.chaotic[i, 1:]
+        bears = (period > 0) & ~(shape.transverse[i, 1:] > LEAST_EXPONENT)
         first = np.flatnonzero(period == 1)
-        least = f"{found.K[1 + first[0]]:.2f}" if len(first) else "none"
-        still = np.flatnonzero((period > 0) & (found.apart[i, 1:] < NO_TIME))
-        quiet_K = f", contact never lost from {found.K[1 + still[0]]:.2f}" if len(still) else ""
+        least = f"{shape.K[1 + first[0]]:.2f}" if len(first) else "none"
+        still = np.flatnonzero((period > 0) & (shape.apart[i, 1:] < NO_TIME))
+        quiet_K = f", contact never lost from {shape.K[1 + still[0]]:.2f}" if len(still) else ""
         lines.append(
             f"order {order:5.3f}  periodic {np.mean(period > 0):4.0%}, of all and stable "
             f"transversally {np.mean(bears):4.0%}  chaotic {np.mean(chaotic):4.0%}  neither "
@@ -155,46 +163,46 @@ def order_lines(found: Shape) -> Lines:
     return lines
 
 
-def torque_lines(base: Parameters, ways: Sequence[Actuator]) -> Lines:
-    """Torques of each actuator at the K of the paper's Fig. 18, and how fast they alternate."""
+def torque_lines(base: Parameters, actuators: Sequence[Actuator]) -> Lines:
+    """Torques of each actuator at the K of the paper's Fig. 18, and their frequency."""
     frequency = base.control_order * base.Omega * scales(base).omega_n / (2.0 * np.pi)
     head = f"torques alternate at {frequency:.0f} Hz; the rated T_1 is {base.T_1:g} N m"
     return [head] + [
-        f"{one.name:20s} K = 0.3: {torques_text(0.3 * np.array(one.torques_n_m))}" for one in ways
+        f"{a.name:20s} K = 0.3: {torques_text(0.3 * np.array(a.torques_n_m))}" for a in actuators
     ]
 
 
 def torques_text(torques_n_m: Any) -> str:
-    """Torques on the bodies that are driven."""
+    """Torque amplitudes (5,) [N m] as text, without the bodies that are not driven."""
     pairs = zip(BODIES, torques_n_m, strict=True)
     return ", ".join(f"{body} {torque:+.0f} N m" for body, torque in pairs if torque)
 
 
-def needed_lines(found: Sequence[Needed], T_1: float) -> Lines:
-    """Torque that each actuator needs at phase 0 and at its best phase."""
+def demand_lines(demands: Sequence[TorqueDemand], T_1: float) -> Lines:
+    """Torque that each actuator needs for each target at phase 0 and at its best phase."""
     lines = []
-    for name in dict.fromkeys(one.actuator.name for one in found):
-        for wanted, who in ASKED:
-            own = [n for n in found if (n.actuator.name, n.wanted, n.who) == (name, wanted, who)]
-            at_zero = min(own, key=lambda n: abs(n.phase))
-            texts = [needed_text(one, T_1) for one in (at_zero, easiest(own)) if one]
-            lines.append(f"{name:14s} repeats after {wanted}  {who:5s} {'; '.join(texts)}")
+    for name in dict.fromkeys(demand.actuator.name for demand in demands):
+        for target in TARGETS:
+            own = [d for d in demands if (d.actuator.name, d.target) == (name, target)]
+            at_zero = min(own, key=lambda demand: abs(demand.phase))
+            texts = [demand_text(d, T_1) for d in (at_zero, smallest_demand(own)) if d]
+            lines.append(f"{name:14s} {target_text(target)} {'; '.join(texts)}")
     return lines
 
 
-def needed_text(one: Needed, T_1: float) -> str:
-    """A need in words."""
-    if not np.isfinite(one.K):
-        return f"phase {one.phase:+.2f}: nothing firm up to K = {one.largest:g}"
-    times = one.torque_n_m / T_1
+def demand_text(demand: TorqueDemand, T_1: float) -> str:
+    """Amplitude and torque of a demand, also in units of the rated torque T_1 [N m]."""
+    if not np.isfinite(demand.K):
+        return f"phase {demand.phase:+.2f}: nothing firm up to K = {demand.largest:g}"
+    times = demand.torque_n_m / T_1
     return (
-        f"phase {one.phase:+.2f}: K {one.K:.3f}, {one.torque_n_m:.0f} N m on one body, "
+        f"phase {demand.phase:+.2f}: K {demand.K:.3f}, {demand.torque_n_m:.0f} N m on one body, "
         f"{times:.0f} times T_1"
     )
 
 
-def share_lines(shares: Sequence[Gathered]) -> Lines:
-    """A line a place: shares of starts with unlike halves."""
+def share_lines(shares: Sequence[StartShares]) -> Lines:
+    """A line per place: shares of starts with unequal halves that reach the motions."""
     lines = []
     for place in dict.fromkeys((s.values["delta_T"], s.values["K"]) for s in shares):
         texts = [
@@ -207,14 +215,14 @@ def share_lines(shares: Sequence[Gathered]) -> Lines:
     return lines
 
 
-def survival_lines(lasting: Sequence[Survival]) -> Lines:
-    """A line a motion and kind of difference: distance, and starts that do not lead there."""
+def survival_lines(cases: Sequence[Survival]) -> Lines:
+    """A line per motion and parameter that differs: distance of the halves, starts."""
     lines = []
-    for wanted, what in dict.fromkeys((s.wanted, s.what) for s in lasting):
+    for wanted, what in dict.fromkeys((s.wanted, s.what) for s in cases):
         texts = [
             f"{s.difference:.0%} {motion(s.period)} {s.distance:.3f} b_c, {s.parted}/{s.starts}"
             + ("" if s.from_running else ", not from running")
-            for s in lasting
+            for s in cases
             if (s.wanted, s.what) == (wanted, what)
         ]
         lines.append(f"K {dict(MOTIONS)[wanted]}  {what:10s} {'; '.join(texts)}")
@@ -222,17 +230,17 @@ def survival_lines(lasting: Sequence[Survival]) -> Lines:
 
 
 def transverse_lines(across: Survey) -> Lines:
-    """Where a periodic motion with equal halves is stable across them."""
+    """Ranges of K in which periodic motions with left = right are transversally stable."""
     lines = []
     periodic = across.of("period")[:, :, 0] > 0
     transverse = across.of("transverse")[:, :, 0]
-    for heat, row, rates in zip(across.axis.values, periodic, transverse, strict=True):
-        if heat in nearest(across.axis, SHOWN_HEATS) and row.any():
+    for delta_T, row, rates in zip(across.axis.values, periodic, transverse, strict=True):
+        if delta_T in nearest(across.axis, PRINTED_DELTA_T) and row.any():
             stable, lost = across.K[row & (rates < 0.0)], across.K[row & (rates > 0.0)]
             span = f"K {stable[0]:.2f} to {stable[-1]:.2f}" if len(stable) else "nowhere"
             more = f"; unstable from K {lost[0]:.2f} to {lost[-1]:.2f}" if len(lost) else ""
             lines.append(
-                f"delta_T {heat:5.1f}  periodic and transversally stable {span}{more}; "
+                f"delta_T {delta_T:5.1f}  periodic and transversally stable {span}{more}; "
                 f"strongest {np.nanmin(rates[row]):+.4f} per tau"
             )
     return lines

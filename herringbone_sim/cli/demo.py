@@ -1,4 +1,4 @@
-"""``demo``: the main job once, from the node to the figures, on real input."""
+"""``demo``: run, steer, record, repeat, show and analyse a gear, each in its own process."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import sys
 import time
 from pathlib import Path
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import HerringboneError, RecordingError
 
 DESCRIPTION = """\
-The main job, end to end, in under two minutes: the node runs at real_time_factor 1 in its own
+All main steps in under two minutes: the node runs at real_time_factor 1 in its own
 process with the paper's parameters in chaos; a control experiment in another process raises K over
 ROS topics until the motion has period 1, and lowers it again; the run is recorded and mirrored;
 it is repeated to the bit, drawn by the real Rerun viewer, and analysed into figures and a report.
@@ -27,16 +27,16 @@ python -m herringbone_sim demo --out demo
 NODE_WAIT_S = 60.0
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``demo``."""
-    parser = add_verb(subparsers, "demo", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``demo``."""
+    parser = add_verb(verbs, "demo", DESCRIPTION, EXAMPLES)
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder [%(default)s]")
     parser.add_argument("--force", action="store_true", help="replace the folder if it is there")
     parser.set_defaults(func=demo)
 
 
 def demo(args: argparse.Namespace) -> int:
-    """Exit code 0 when every step worked."""
+    """Run all steps; exit code 0, HerringboneError if one fails."""
     out = args.out.absolute()
     if out.exists() and not args.force:
         raise RecordingError(f"{out} is there already: name another --out, or give --force")
@@ -57,9 +57,9 @@ def demo(args: argparse.Namespace) -> int:
         str(out / "rerun.png"),
         check=False,
     ):
-        say("the picture of the viewer is left out: see the line above")
+        heading("the picture of the viewer is left out: see the line above")
     verb("analyze", str(run), "--out", str(out / "analysis"))
-    say(f"done in {time.monotonic() - began:.0f} s")
+    heading(f"done in {time.monotonic() - began:.0f} s")
     for name in ("analysis/report.html", "rerun.png", "demo.rrd", "live.rrd", "runs/demo"):
         if (out / name).exists():
             print(f"  {out / name}")
@@ -67,8 +67,13 @@ def demo(args: argparse.Namespace) -> int:
 
 
 def experiment(out: Path, run: Path) -> None:
-    """Node and control experiment, each in its process; HerringboneError when one fails."""
-    say("starting the node (real_time_factor 1, recording, mirroring to live.rrd)")
+    """Run node and control experiment, each in its process; HerringboneError if one fails.
+
+    Args:
+        out: folder of the demo.
+        run: folder of the recording.
+    """
+    heading("starting the node (real_time_factor 1, recording, mirroring to live.rrd)")
     overrides = {
         "record": "true",
         "record_dir": run.parent,
@@ -84,7 +89,7 @@ def experiment(out: Path, run: Path) -> None:
     )
     try:
         wait_for(run, node)
-        say("steering it from another process: raise K to period 1, and lower it again")
+        heading("steering it from another process: raise K to period 1, and lower it again")
         options = ["-p", "wanted:=P1", "-p", "step:=0.02", "-p", "dwell:=0.3"]
         subprocess.run(
             [*python("herringbone_sim.examples.chaos_control"), "--ros-args", *options],
@@ -99,7 +104,7 @@ def experiment(out: Path, run: Path) -> None:
 
 
 def wait_for(run: Path, node: subprocess.Popen[bytes]) -> None:
-    """Wait until the node records."""
+    """Wait until the node records; HerringboneError if it ends or takes too long."""
     limit = time.monotonic() + NODE_WAIT_S
     while not run.exists():
         if node.poll() is not None or time.monotonic() > limit:
@@ -108,8 +113,8 @@ def wait_for(run: Path, node: subprocess.Popen[bytes]) -> None:
 
 
 def verb(name: str, *arguments: str, check: bool = True) -> int:
-    """Run a verb of this command line in its own process, with a line about it."""
-    say(f"{name} {' '.join(arguments)}")
+    """Print and run a verb in its own process; its exit code, HerringboneError if it fails."""
+    heading(f"{name} {' '.join(arguments)}")
     code = subprocess.run([*python("herringbone_sim"), name, *arguments], check=False).returncode
     if check and code:
         raise HerringboneError(f"{name} ended with exit code {code}: see its lines above")
@@ -117,12 +122,12 @@ def verb(name: str, *arguments: str, check: bool = True) -> int:
 
 
 def python(module: str) -> list[str]:
-    """Command that runs a module in this interpreter, quiet about gears that can't be built."""
+    """Command that runs a module in this interpreter, without warnings on the gear."""
     return [sys.executable, "-W", "ignore::UserWarning", "-m", module]
 
 
 def config(name: str) -> str:
-    """Path of a file in config/: beside the package, or where it was installed."""
+    """Path of a file in config/, beside the package or installed; HerringboneError if missing."""
     root = Path(__file__).parents[2]
     places = [root / "config", Path(sys.prefix) / "share/herringbone_sim/config"]
     places += [p / "share/herringbone_sim/config" for p in Path(__file__).parents]
@@ -132,5 +137,6 @@ def config(name: str) -> str:
     raise HerringboneError(f"{name} is in none of {', '.join(map(str, places))}")
 
 
-def say(text: str) -> None:
+def heading(text: str) -> None:
+    """Print a line between the outputs of the steps."""
     print(f"\n== {text}", flush=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from herringbone_sim.cli.verbs import add_verb
-from herringbone_sim.cli.workers import add_workers, workers_from
+from herringbone_sim.cli.options import add_seeds, add_workers, workers_from
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.practice.bench import check_seeds, read_json, run_bench
 from herringbone_sim.practice.noise import NOISES
@@ -19,12 +19,12 @@ from herringbone_sim.practice.table import bench_rows, table_markdown, write_cas
 from herringbone_sim.practice.trial import Setting, plan_of
 
 DESCRIPTION = """\
-Make rigs with none, one, two or foreign effects, seal their labels (the hash is told before any
-diagnosis runs), diagnose them, and write how often what was said is true: table.md, table.csv,
-cases.csv, with 95 % intervals, targets, strata and baselines. Rigs come from a generator of its
-own, with another integrator and other shapes of the effects than the diagnosis has.
+Make rigs with none, one, two or foreign effects, seal their labels (their hash is printed before
+any diagnosis runs), diagnose them, and write how often the verdict is right: table.md, table.csv,
+cases.csv, with 95 % intervals, targets, strata and baselines. Rigs come from a generator of their
+own, with another integrator and other laws of the effects than those of the diagnosis.
 
-A bench that was stopped goes on when it is asked for again.
+Repeat the command to continue a bench that was stopped.
 """
 EXAMPLES = """\
 python -m herringbone_sim gap bench --seeds 810000:810002 --out bench
@@ -34,27 +34,26 @@ python -m herringbone_sim gap bench --seeds 820000:820002 --noise coloured,encod
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``gap bench``."""
-    parser = add_verb(subparsers, "gap bench", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``gap bench``."""
+    parser = add_verb(verbs, "gap bench", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
-    add("--seeds", metavar="A:B", help="one campaign each; ranges without their end, or lists")
-    add("--out", type=Path, metavar="DIR", help="folder to write, or to go on in")
-    add("--table", type=Path, metavar="DIR", help="tell again what is finished in a folder")
+    add_seeds(parser)
+    add("--out", type=Path, metavar="DIR", help="folder to write, or to continue in")
+    add("--table", type=Path, metavar="DIR", help="only print the table of a folder")
     add_setting(parser)
-    add("--again", action="store_true", help="diagnose again what other sources diagnosed")
+    add("--again", action="store_true", help="repeat diagnoses made by another version")
     add(
         "--calibration-family",
         action="store_true",
         help="allow seeds that the thresholds were frozen on; the table is marked",
     )
-    add_workers(parser)
-    add("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, as tcp://HOST:8786")
+    add_workers(parser, scheduler=True)
     parser.set_defaults(func=bench)
 
 
 def add_setting(parser: argparse.ArgumentParser) -> None:
-    """Options of what campaigns are drawn from."""
+    """Add the options of the distribution that campaigns are drawn from, see ``Setting``."""
     add = parser.add_argument
     add("--snr", default="40", metavar="DB", help="noise, a list to draw from [%(default)s]")
     add("--noise", default="white", metavar="KINDS", help=f"{', '.join(NOISES)} [%(default)s]")
@@ -71,7 +70,7 @@ def add_setting(parser: argparse.ArgumentParser) -> None:
 
 
 def bench(args: argparse.Namespace) -> int:
-    """Run what is missing, then print and write the table."""
+    """Run missing campaigns, then print and write the table; exit code 0."""
     if args.table is None:
         if args.seeds is None or args.out is None:
             raise AnalysisError("a bench needs --seeds and --out, a stored one --table: give them")
@@ -88,26 +87,30 @@ def bench(args: argparse.Namespace) -> int:
             args.again,
             lambda text: print(text, flush=True),
         )
-    tell(args.table or args.out, args.calibration_family)
+    write_results(args.table or args.out, args.calibration_family)
     return 0
 
 
-def tell(folder: Path, calibration_family: bool) -> None:
-    """Print the table of a folder and write it beside the reports."""
+def write_results(folder: Path, calibration_family: bool) -> None:
+    """Write the tables of a bench folder into it, and print the main one.
+
+    Args:
+        calibration_family: allow seeds that the thresholds were frozen on.
+    """
     note = read_json(folder / "bench.json")
     allowed = calibration_family or bool(note.get("calibration_family"))
     seen = check_seeds(note.get("seeds", ()), allowed)
-    found = read_bench(folder)
-    text = table_markdown(found, seen)
+    results = read_bench(folder)
+    text = table_markdown(results, seen)
     (folder / "table.md").write_text(text, encoding="utf-8")
-    write_table(bench_rows(found), folder / "table.csv")
-    write_cases(found.cases, folder / "cases.csv")
+    write_table(bench_rows(results), folder / "table.csv")
+    write_cases(results.cases, folder / "cases.csv")
     print(text)
     print(f"written: {folder / 'table.md'}, {folder / 'table.csv'}, {folder / 'cases.csv'}")
 
 
 def setting_from(args: argparse.Namespace) -> Setting:
-    """What campaigns are drawn from; ParameterError when a number can't be read."""
+    """Distribution that campaigns are drawn from; ParameterError for a text that is no number."""
     try:
         snr, d = (tuple(float(v) for v in text.split(",")) for text in (args.snr, args.d))
     except ValueError as error:

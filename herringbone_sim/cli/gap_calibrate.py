@@ -1,4 +1,4 @@
-"""``gap calibrate``: weights that turn evidence into probabilities, from practice campaigns."""
+"""``gap calibrate``: fit the weights of the judge to practice campaigns."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from herringbone_sim.cli.gap_bench import add_setting, setting_from
-from herringbone_sim.cli.verbs import add_verb
-from herringbone_sim.cli.workers import add_workers, workers_from
+from herringbone_sim.cli.options import add_file, add_seeds, add_workers, workers_from
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.bench import check_seeds, run_bench
 from herringbone_sim.practice.calibrate import (
@@ -22,32 +22,35 @@ from herringbone_sim.practice.seeds import parse_seeds
 from herringbone_sim.practice.trial import sources
 
 DESCRIPTION = """\
-Diagnose practice campaigns, keep what the diagnosis found of each (FOLDER/evidence.jsonl), and
-fit the few weights with which evidence becomes probability. The file says seeds, code and what
-campaigns that were left out of the fit got. A campaign takes about a minute, 300 of them are a
-fair number; evidence that was kept (--evidence) takes seconds.
+Diagnose practice campaigns, store the evidence of each (FOLDER/evidence.jsonl), and fit the
+weights that turn evidence into probabilities. The file of weights also holds seeds, code version
+and scores on campaigns left out of the fit. A campaign takes about a minute, and 300 of them are
+reasonable; a fit to stored evidence (--evidence) takes seconds.
 """
 EXAMPLES = """\
 python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --out weights.json
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``gap calibrate``."""
-    parser = add_verb(subparsers, "gap calibrate", DESCRIPTION, EXAMPLES)
-    add = parser.add_argument
-    add("--seeds", metavar="A:B", help="one campaign each; ranges without their end, or lists")
-    add("--folder", type=Path, metavar="DIR", help="where campaigns go, or to go on in")
-    add("--evidence", type=Path, metavar="FILE", help="evidence that was kept, instead of seeds")
-    add("--out", type=Path, required=True, metavar="FILE", help="weights to write")
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``gap calibrate``."""
+    parser = add_verb(verbs, "gap calibrate", DESCRIPTION, EXAMPLES)
+    add_seeds(parser)
+    text = "folder of the campaigns; an interrupted one is continued"
+    parser.add_argument("--folder", type=Path, metavar="DIR", help=text)
+    add_file(parser, "--evidence", "stored evidence, instead of seeds")
+    add_file(parser, "--out", "weights to write", required=True)
     add_setting(parser)
-    add_workers(parser)
-    add("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, as tcp://HOST:8786")
+    add_workers(parser, scheduler=True)
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run what is missing, fit, write, and tell the figures."""
+    """Diagnose missing campaigns, fit and write the weights, print the scores; exit code 0.
+
+    Raises:
+        AnalysisError: neither seeds with a folder nor evidence is given.
+    """
     if args.evidence is not None:
         campaigns = read_evidence(args.evidence)
     elif args.seeds is None or args.folder is None:
@@ -59,12 +62,12 @@ def run(args: argparse.Namespace) -> int:
         run_bench(args.folder, seeds, setting_from(args), seen, Resources(workers, scheduler))
         campaigns = bench_evidence(args.folder)
         write_evidence(args.folder / "evidence.jsonl", campaigns)
-    found = calibrate(campaigns)
-    write_weights(args.out, found, campaigns, sources())
-    names = list(next(iter(found.figures.values())))
+    calibration = calibrate(campaigns)
+    write_weights(args.out, calibration, campaigns, sources())
+    names = list(next(iter(calibration.figures.values())))
     print("campaigns left out".ljust(20) + "".join(f"{name:>26}" for name in names))
-    for stratum, row in found.figures.items():
+    for stratum, row in calibration.figures.items():
         print(stratum.ljust(20) + "".join(f"{row[name]:26.3f}" for name in names))
-    print(f"models miss {found.relative:.1%} of a size")
+    print(f"models miss {calibration.relative:.1%} of a size")
     print(f"written: {args.out}")
     return 0

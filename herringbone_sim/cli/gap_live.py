@@ -1,4 +1,4 @@
-"""``gap live``: residual and place of a rig that runs, beside its simulator."""
+"""``gap live``: residual of a running rig by mesh, beside its simulator."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from herringbone_sim.cli.rerun_option import add_rerun_option, parse_where
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import NO_ROS, add_file, add_number
+from herringbone_sim.cli.rerun_option import add_rerun_option, mirror_target
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_parameters
@@ -31,71 +32,51 @@ python -m herringbone_sim replay rigs/pin/run_00 --publish --loop --speed 0.01 \
 python -m herringbone_sim gap live --rig /rig --noise 0.01
 """
 CLEAR = "\x1b[H\x1b[J"
+Output = Callable[[Any, tuple[str, ...]], None]  # of a comparison and the topics with samples
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``gap live``."""
-    parser = add_verb(subparsers, "gap live", DESCRIPTION, EXAMPLES)
-    parser.add_argument(
-        "--rig", default="/rig", metavar="PREFIX", help="of the rig's topics [%(default)s]"
-    )
-    parser.add_argument(
-        "--sim",
-        default="/herringbone_sim",
-        metavar="PREFIX",
-        help="of the simulator's topics [%(default)s]",
-    )
-    parser.add_argument(
-        "--nominal", type=Path, metavar="FILE", help="parameters of the rig [the built-in ones]"
-    )
-    parser.add_argument(
-        "--noise",
-        type=float,
-        metavar="SHARE",
-        help="RMS of the noise over that of each channel [from the spectra: an upper bound]",
-    )
-    parser.add_argument(
-        "--every", type=float, default=1.0, metavar="S", help="between looks [%(default)s]"
-    )
-    parser.add_argument(
-        "--log-every",
-        type=float,
-        default=5.0,
-        metavar="S",
-        help="between lines of a log, where the output is no terminal [%(default)s]",
-    )
-    parser.add_argument(
-        "--seconds", type=float, default=float("inf"), metavar="S", help="to end after [never]"
-    )
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``gap live``."""
+    parser = add_verb(verbs, "gap live", DESCRIPTION, EXAMPLES)
+    for option, default, source in (
+        ("--rig", "/rig", "rig"),
+        ("--sim", "/herringbone_sim", "simulator"),
+    ):
+        text = f"prefix of the topics of the {source} [%(default)s]"
+        parser.add_argument(option, default=default, metavar="PREFIX", help=text)
+    add_file(parser, "--nominal", "parameters of the rig [the built-in ones]")
+    text = "RMS of the noise over that of each channel [from the spectra: an upper bound]"
+    parser.add_argument("--noise", type=float, metavar="SHARE", help=text)
+    add_number(parser, "--every", 1.0, "seconds between updates", "S")
+    text = "seconds between lines of a log, where the output is no terminal"
+    add_number(parser, "--log-every", 5.0, text, "S")
+    add_number(parser, "--seconds", float("inf"), "duration", "S")
     add_rerun_option(parser, "spawn", "gap_live.rrd")
     parser.set_defaults(func=gap_live)
 
 
 def gap_live(args: argparse.Namespace) -> int:
-    """Exit code 0 on Ctrl-C or when the time is over; 2 without ROS."""
+    """Listen and print until Ctrl-C or the end of the time; exit code 0, 2 without ROS."""
     check_numbers(args)
-    where = parse_where(args.rerun, Path("gap_live.rrd"))
+    target = mirror_target(args.rerun, Path("gap_live.rrd"))
     try:
         from herringbone_sim.ros.gap_live import Plan, listen
     except ImportError as error:
-        print(
-            f"no ROS 2 here ({error}): source /opt/ros/jazzy/setup.bash, or "
-            "pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
-        )
+        print(NO_ROS.format(error=error))
         return 2
     nominal = load_parameters(args.nominal) if args.nominal else Parameters()
     plan = Plan(args.rig, args.sim, nominal, args.noise, args.every, args.seconds)
-    showers = [in_place() if sys.stdout.isatty() else as_log(args.log_every)]
+    outputs = [table_printer() if sys.stdout.isatty() else line_printer(args.log_every)]
     mirror = None
-    if where is not None:
+    if target is not None:
         from herringbone_sim.views.mirror.live import LiveMirror
 
-        mirror = LiveMirror(where.mode, where.address, where.path)
-        showers.append(mirror.show)
+        mirror = LiveMirror(target.mode, target.address, target.path)
+        outputs.append(mirror.show)
 
     def show(picture: Any, topics: tuple[str, ...]) -> None:
-        for one in showers:
-            one(picture, topics)
+        for output in outputs:
+            output(picture, topics)
 
     try:
         return listen(plan, show)
@@ -105,7 +86,7 @@ def gap_live(args: argparse.Namespace) -> int:
 
 
 def check_numbers(args: argparse.Namespace) -> None:
-    """Refuse what can't be; raises ParameterError."""
+    """ParameterError if a number is out of range."""
     for name in ("every", "log_every", "seconds"):
         if not getattr(args, name) > 0.0:
             option = name.replace("_", "-")
@@ -114,36 +95,36 @@ def check_numbers(args: argparse.Namespace) -> None:
         raise ParameterError(f"--noise must be a share between 0 and 1, got {args.noise!r}")
 
 
-def in_place() -> Callable[[Any, tuple[str, ...]], None]:
-    """Draws the table over the one before."""
+def table_printer() -> Output:
+    """Output that prints each comparison as a table in the place of the one before."""
     from herringbone_sim.views.mirror.live_text import table
 
     def show(picture: Any, topics: tuple[str, ...]) -> None:
-        print(f"{CLEAR}{table(picture)}{heard_elsewhere(picture, topics)}", flush=True)
+        print(f"{CLEAR}{table(picture)}{other_topics(picture, topics)}", flush=True)
 
     return show
 
 
-def as_log(every_s: float) -> Callable[[Any, tuple[str, ...]], None]:
-    """Prints a line from time to time, the first when there is a residual."""
+def line_printer(every_s: float) -> Output:
+    """Output that prints a line every so many seconds, and at once for the first residual."""
     from herringbone_sim.views.mirror.live_text import line
 
-    said_at, known = -every_s, False
+    printed_at, had_residual = -every_s, False
 
     def show(picture: Any, topics: tuple[str, ...]) -> None:
-        nonlocal said_at, known
+        nonlocal printed_at, had_residual
         now = time.monotonic()
-        news = picture.residual is not None and not known
-        if news or now - said_at >= every_s:
-            said_at, known = now, picture.residual is not None
-            print(f"{line(picture)}{heard_elsewhere(picture, topics)}", flush=True)
+        first = picture.residual is not None and not had_residual
+        if first or now - printed_at >= every_s:
+            printed_at, had_residual = now, picture.residual is not None
+            print(f"{line(picture)}{other_topics(picture, topics)}", flush=True)
 
     return show
 
 
-def heard_elsewhere(picture: Any, topics: tuple[str, ...]) -> str:
-    """Topics of samples that nobody listens to, as long as one that was asked for is silent."""
-    asked = {picture.rig.topic, picture.simulator.topic}
-    others = [topic for topic in topics if topic not in asked]
+def other_topics(picture: Any, topics: tuple[str, ...]) -> str:
+    """Line on other topics with samples; empty unless the rig or the simulator is silent."""
+    expected = {picture.rig.topic, picture.simulator.topic}
+    others = [topic for topic in topics if topic not in expected]
     silent = picture.rig.age_s is None or picture.simulator.age_s is None
-    return f"\n! samples there are on {', '.join(others)}" if silent and others else ""
+    return f"\n! there are samples on {', '.join(others)}" if silent and others else ""

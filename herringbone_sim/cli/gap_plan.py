@@ -1,4 +1,4 @@
-"""``gap plan``: which effects a choice of sensors would tell, before anything is recorded."""
+"""``gap plan``: which effects a diagnosis with given sensors would name, and from which size."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import argparse
 import json
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from itertools import starmap
 
 from herringbone_sim.cli.gap import POINT, progress
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_file, add_number, add_out
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.planning.plan import NAMED, Plan, plan
@@ -28,26 +29,26 @@ from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.plan import size, write_plan_page
 
 DESCRIPTION = f"""\
-Tell what sensors would tell a diagnosis of a rig, before anything is recorded: which effects, from
-which size on they would be named with a probability of {NAMED:.0%}, what they would be taken for
-below it, which run tells most, and what one further sensor buys. By the Fisher information of the
-observations that `gap` forms, about the nominal gear at the operating points; the judge is that of
+Plan the sensors of a rig before anything is recorded: which effects a diagnosis would name with a
+probability of {NAMED:.0%}, from which size on, with what they are confused below it, which run is
+the most informative, and what one further sensor adds. Uses the Fisher information of the
+observations that `gap` forms, about the nominal gear at the operating points, and the judge of
 `gap`. Writes plan.json and plan.html.
 """
 EXAMPLES = """\
 python -m herringbone_sim gap plan --nominal config/rig.yaml --sensors u_s_L,u_s_R,u_c \\
     --also a_c --out plan
 """
-RUNS = 5  # that are fitted, of eight, as of a practice rig
-SAMPLES = 24  # a mesh cycle
-STEPS = 3  # of a plan
+RUNS = 5  # fit runs of a practice rig, of eight
+SAMPLES = 24  # per mesh cycle
+STEPS = 3  # of the progress of a plan
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``gap plan``."""
-    parser = add_verb(subparsers, "gap plan", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``gap plan``."""
+    parser = add_verb(verbs, "gap plan", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
-    add("--nominal", type=Path, required=True, metavar="FILE", help="parameters of the rig")
+    add_file(parser, "--nominal", "parameters of the rig", required=True)
     add("--sensors", required=True, metavar="NAMES", help="channels, such as u_s_L,u_s_R,u_c")
     add(
         "--noise",
@@ -64,15 +65,15 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="operating points of the runs to fit, each as delta_T=75,K=0,T_1=300,Omega=0.95 "
         f"(default: {RUNS} quiet and violent ones)",
     )
-    add("--cycles", type=int, default=120, help="mesh cycles a run (default: 120)")
-    add("--samples", type=int, default=SAMPLES, help=f"a mesh cycle (default: {SAMPLES})")
+    add_number(parser, "--cycles", 120, "mesh cycles of a run", None)
+    add_number(parser, "--samples", SAMPLES, "samples of a mesh cycle", None)
     add("--also", default="", metavar="NAMES", help="further channels, each tried by itself")
-    add("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    add_out(parser)
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan, print the table, write the page."""
+    """Plan, print the tables, write plan.json and plan.html; exit code 0."""
     nominal = load_parameters(args.nominal).changed(
         {"model": "full", "samples_per_cycle": args.samples}
     )
@@ -81,26 +82,26 @@ def run(args: argparse.Namespace) -> int:
     points = [point_of(text, nominal) for text in args.points] or default_points()
     noise = noise_of(args.noise)
     make_folder(args.out)
-    with progress(STEPS * (1 + len(also))) as say:
-        first = plan(nominal, points, sensors, noise, args.cycles, say)
+    with progress(STEPS * (1 + len(also))) as step:
+        base = plan(nominal, points, sensors, noise, args.cycles, step)
         further = {
-            name: plan(nominal, points, (*sensors, name), noise, args.cycles, say)
+            name: plan(nominal, points, (*sensors, name), noise, args.cycles, step)
             for name in also
             if name not in sensors
         }
-    print(table(first))
+    print(table(base))
     if further:
-        print(also_table(first, further))
-    content = written(first, points, args.cycles, further)
+        print(also_table(base, further))
+    content = written(base, points, args.cycles, further)
     file = args.out / "plan.json"
     file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    page = write_plan_page(args.out, first, points, further, args.noise)
+    page = write_plan_page(args.out, base, points, further, args.noise)
     print(f"written: {file}, {page}")
     return 0
 
 
 def names_of(text: str) -> tuple[str, ...]:
-    """Channels of a list with commas, each once."""
+    """Names of a comma-separated list, without repetitions."""
     return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
@@ -129,7 +130,11 @@ def noise_of(text: str) -> Noise:
 
 
 def point_of(text: str, nominal: Parameters) -> dict[str, float]:
-    """An operating point; what it leaves out is as in the parameters."""
+    """Operating point of a text such as ``delta_T=75,K=0``; other values as in ``nominal``.
+
+    Raises:
+        ParameterError: another name, or a value that is no number.
+    """
     point = {name: float(getattr(nominal, name)) for name in POINT}
     for part in names_of(text):
         name, _, value = part.partition("=")
@@ -147,7 +152,7 @@ def point_of(text: str, nominal: Parameters) -> dict[str, float]:
 
 
 def default_points() -> list[dict[str, float]]:
-    """The middles of the ranges of a practice rig's first runs."""
+    """Operating points of the fit runs of a practice rig: the middles of their ranges."""
     names = ("delta_T", "K", "T_1", "Omega")
     return [
         {n: 0.5 * (low + high) for n, (low, high) in zip(names, ranges, strict=True)}
@@ -155,10 +160,10 @@ def default_points() -> list[dict[str, float]]:
     ]
 
 
-def table(found: Plan) -> str:
-    """A line an effect."""
+def table(plan: Plan) -> str:
+    """Text: per effect the sizes from which it is named, and the effect it is confused with."""
     lines = [
-        f"{sensors_text(found)}: {', '.join(found.observations)}, {found.count:.0f} values",
+        f"{sensors_text(plan)}: {', '.join(plan.observations)}, {plan.count:.0f} values",
         f"{'effect':22s}{'named from':>14s}{'(best place)':>26s}{'half of them':>14s}  "
         f"{'place':>6s}  followed best by",
     ]
@@ -166,29 +171,29 @@ def table(found: Plan) -> str:
         f"{row.effect:22s}{size(row.best, row.unit):>14s}{place_text(row.where):>26s}"
         f"{size(row.median, row.unit):>14s}  {row.placed:6.0%}  "
         f"{row.rival} (leaves {row.apart:.1%})"
-        for row in rows(found)
+        for row in rows(plan)
     ]
-    if found.left_out:
-        lines.append(f"not sought with these sensors: {', '.join(found.left_out)}")
-    if found.not_planned:
-        lines.append(f"sought, but not planned: {', '.join(found.not_planned)}")
+    if plan.left_out:
+        lines.append(f"not sought with these sensors: {', '.join(plan.left_out)}")
+    if plan.not_planned:
+        lines.append(f"sought, but not planned: {', '.join(plan.not_planned)}")
     return "\n".join(lines)
 
 
-def also_table(found: Plan, further: Mapping[str, Plan]) -> str:
-    """What each further sensor buys, the best first."""
-    now = f"{named_effects(found)} of {len(found.effects)} effects are named at a moderate size"
-    return "\n".join([f"{now}; one further sensor:", *map(also_line, _by_gain(found, further))])
+def also_table(base: Plan, further: Mapping[str, Plan]) -> str:
+    """Text: what each further sensor adds to a plan, the best first."""
+    now = f"{named_effects(base)} of {len(base.effects)} effects are named at a moderate size"
+    return "\n".join([f"{now}; one further sensor:", *starmap(also_line, _by_gain(base, further))])
 
 
-def _by_gain(found: Plan, further: Mapping[str, Plan]) -> Sequence[tuple[str, Plan, float]]:
-    every = [(name, more, gain(found, more)) for name, more in further.items()]
-    return sorted(every, key=lambda one: (-named_effects(one[1]), -one[2]))
+def _by_gain(base: Plan, further: Mapping[str, Plan]) -> Sequence[tuple[str, Plan, float]]:
+    every = [(name, plan, gain(base, plan)) for name, plan in further.items()]
+    return sorted(every, key=lambda entry: (-named_effects(entry[1]), -entry[2]))
 
 
-def also_line(one: tuple[str, Plan, float]) -> str:
-    name, more, factor = one
+def also_line(name: str, plan: Plan, factor: float) -> str:
+    """What a further sensor adds: effects named with it, and the factor on their sizes."""
     return (
-        f"  {name:10s} {named_effects(more):3d} of {len(more.effects)} named, sizes fall by a "
+        f"  {name:10s} {named_effects(plan):3d} of {len(plan.effects)} named, sizes fall by a "
         f"factor of {factor:.2f}"
     )

@@ -1,8 +1,8 @@
-"""The mirror of a diagnosis, as ``gap --rerun`` asks for it."""
+"""Option ``gap --rerun``: a diagnosis in the Rerun viewer."""
 
 from __future__ import annotations
 
-from herringbone_sim.cli.rerun_option import Where
+from herringbone_sim.cli.rerun_option import MirrorTarget
 from herringbone_sim.cli.show import wait_for_interrupt
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
@@ -11,23 +11,20 @@ MEMORY = "1GB"
 CLOSE_S = 60.0
 
 
-def mirror_gap(where: Where, campaign: PreparedCampaign, found: Diagnosis) -> str:
-    """Mirror a diagnosis; what became of it, in a line.
-
-    A viewer that fails is said and never costs the report.
-    """
+def mirror_gap(target: MirrorTarget, campaign: PreparedCampaign, diagnosis: Diagnosis) -> str:
+    """Send a diagnosis to the viewer; a line that says where it went, or why that failed."""
     try:
         from herringbone_sim.views.mirror.gap import mirror
         from herringbone_sim.views.mirror.sink import open_sink
 
-        sink = open_sink(where.mode, where.address, where.path, MEMORY)
+        sink = open_sink(target.mode, target.address, target.path, MEMORY)
         try:
-            mirror(campaign, found, sink)
-            if where.mode == "serve":
+            mirror(campaign, diagnosis, sink)
+            if target.mode == "serve":
                 wait_for_interrupt(sink.address)
         finally:
             sink.close(CLOSE_S)
     except Exception as error:
-        # Whatever a viewer or a drawing does: the report is worth more.
+        # A failure of the viewer must not end the program before the report is complete.
         return f"not mirrored: {error}"
     return f"mirrored to {sink.address}"

@@ -1,4 +1,4 @@
-"""``gap verify``: the numbers of a verdict again, on further runs of the rig."""
+"""``gap verify``: measure the augmented model of a diagnosis on further runs of the rig."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.cli.gap import progress
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_file, add_out
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.gap.data.prepared import prepare
 from herringbone_sim.gap.repeat import read_report, repeat
 from herringbone_sim.gap.verification.written import SENSES
@@ -19,11 +20,11 @@ from herringbone_sim.views.pages.gap.senses import write_verify_page
 
 DESCRIPTION = """\
 Measure the augmented model of an earlier diagnosis (DIR/augmented.yaml) on further runs of the
-same rig, as its report measured it: the residual that counts, prediction over a horizon short
-against the Lyapunov time, attractor; each for the nominal model, the augmented one and the noise
-floor. Nothing is fitted, so every run of the campaign counts, whatever its role. Prints the
-numbers beside those of the report and writes verify.json and verify.html. The example goes on from
-that of `gap`.
+same rig, with the measures of its report: residual, prediction error over a horizon short
+against the Lyapunov time, distance of the attractors; each for the nominal model, the augmented
+one and the noise floor. Nothing is fitted, so every run of the campaign counts, whatever its role.
+Prints the numbers beside those of the report and writes verify.json and verify.html. The example
+continues that of `gap`.
 """
 EXAMPLES = """\
 python -m herringbone_sim rig make --out rigs/pin_later --seed 7 --later 1 \\
@@ -33,60 +34,57 @@ python -m herringbone_sim gap verify rigs/pin_later --nominal config/rig.yaml --
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``gap verify``."""
-    parser = add_verb(subparsers, "gap verify", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``gap verify``."""
+    parser = add_verb(verbs, "gap verify", DESCRIPTION, EXAMPLES)
     parser.add_argument("campaign", type=Path, metavar="CAMPAIGN", help="folder of further runs")
-    parser.add_argument(
-        "--nominal", type=Path, required=True, metavar="FILE", help="parameters of the rig"
-    )
-    parser.add_argument(
-        "--report", type=Path, required=True, metavar="DIR", help="folder that `gap` wrote"
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    add_file(parser, "--nominal", "parameters of the rig", required=True)
+    text = "folder that `gap` wrote"
+    parser.add_argument("--report", type=Path, required=True, metavar="DIR", help=text)
+    add_out(parser)
     parser.set_defaults(func=gap_verify)
 
 
 def gap_verify(args: argparse.Namespace) -> int:
-    """Print before, after and floor in every sense beside the report's; write both."""
-    made = read_report(args.report / "report.json")
+    """Measure, print the table, and write verify.json and verify.html; exit code 0."""
+    report = read_report(args.report / "report.json")
     own, actives = load_gear(args.report / "augmented.yaml")
     nominal = load_parameters(args.nominal).changed({"model": "full"})
     campaign = prepare(args.campaign, nominal)
     make_folder(args.out)
-    with progress(1 + len(campaign.runs)) as say:
-        told = repeat(campaign, own, actives, made, say)
-    text = json.dumps(told, indent=2, allow_nan=False) + "\n"
+    with progress(1 + len(campaign.runs)) as step:
+        result = repeat(campaign, own, actives, report, step)
+    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
     (args.out / "verify.json").write_text(text, encoding="utf-8")
-    page = write_verify_page(told, args.out)
-    print(table(told))
+    page = write_verify_page(result, args.out)
+    print(table(result))
     print(f"written: {args.out / 'verify.json'}, {page}")
     return 0
 
 
-def table(told: Mapping[str, Any]) -> str:
-    """A line a sense on these runs, and one as the report has it."""
-    effects = ", ".join(told["effects"]) or "no effect"
+def table(result: Mapping[str, Any]) -> str:
+    """Text: each measure on these runs and, below it, in the report; content of verify.json."""
+    effects = ", ".join(result["effects"]) or "no effect"
     lines = [
-        f"verdict on {told['diagnosed']}: {told['verdict']}  ({effects})",
+        f"verdict on {result['diagnosed']}: {result['verdict']}  ({effects})",
         f"{'':34s} {'nominal':>10s} {'augmented':>10s} {'floor':>10s} {'closure':>8s}",
     ]
-    runs = len(told["gap"]["runs"])
+    runs = len(result["gap"]["runs"])
     for name in SENSES:
         for where, senses in (
-            (f"{runs} runs", told["gap"]["senses"]),
-            ("report", told["reported"]),
+            (f"{runs} runs", result["gap"]["senses"]),
+            ("report", result["reported"]),
         ):
             sense = senses.get(name)
             if sense:
                 title = f"{sense['metric']} [{sense['unit']}], {where}"
                 lines.append(f"{title:34s} {_numbers(sense)}")
-    lines += [f"can't tell: {text}" for text in told["undecidable"]]
+    lines += [f"can't tell: {text}" for text in result["undecidable"]]
     return "\n".join(lines)
 
 
 def _numbers(sense: Mapping[str, Any]) -> str:
     values = [sense[key] for key in ("nominal", "augmented", "noise_floor")]
-    shown = " ".join("         -" if v is None else f"{v:10.3g}" for v in values)
+    cells = " ".join("         -" if v is None else f"{v:10.3g}" for v in values)
     closure = sense["closure"]
-    return f"{shown} " + ("       -" if closure is None else f"{closure:8.1%}")
+    return f"{cells} " + ("       -" if closure is None else f"{closure:8.1%}")

@@ -6,19 +6,18 @@ import argparse
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_run
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import listed, shown
 from herringbone_sim.recording.info import OPERATING, Channel, RunInfo, recording_info
 
-_SHOWN = 10
+MAX_LINES = 10  # of each list
 DESCRIPTION = """\
-Shows what a recorded run holds: how long it is, how many samples a second and a mesh cycle it
-has, the operating point, every parameter that was changed while it ran, missing samples, and
-whether the file is whole. Works on runs of this simulator and of any rig that keeps to the same
-topics, finished or cut off, without ROS.
+Show what a recorded run holds: its length, samples per second and per mesh cycle, operating point,
+every parameter that was changed while it ran, missing samples, and whether the file is whole.
+Takes runs of this simulator and of any rig with the same topics, finished or cut off, without ROS.
 """
 EXAMPLES = """\
 python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
@@ -26,12 +25,10 @@ python -m herringbone_sim info runs/first
 """
 
 
-def add_parser(subparsers: Any) -> None:
-    """Register ``info`` with the sub-parsers of the command line."""
-    parser = add_verb(subparsers, "info", DESCRIPTION, EXAMPLES)
-    parser.add_argument(
-        "run", type=Path, metavar="RUN", help="run folder, as runs/my_run, or a .mcap file"
-    )
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``info``."""
+    parser = add_verb(verbs, "info", DESCRIPTION, EXAMPLES)
+    add_run(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, for other programs")
     parser.set_defaults(func=run)
 
@@ -44,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def as_json(info: RunInfo) -> str:
-    """All fields as one JSON object, with null for a number that is none."""
+    """All fields as one JSON object; numbers that are not finite become null."""
     content = asdict(info) | {"path": str(info.path), "missing_samples": info.missing}
     return json.dumps(_plain(content), indent=2, allow_nan=False)
 
@@ -62,7 +59,7 @@ def _plain(value: Any) -> Any:
 
 
 def as_page(info: RunInfo) -> str:
-    """Aligned text for the terminal."""
+    """All fields as aligned text for the terminal, in titled blocks."""
     parts = [
         _pairs(_overview(info)),
         _titled("operating point", _operating(info)),
@@ -81,7 +78,7 @@ def _overview(info: RunInfo) -> list[tuple[str, str]]:
         ("run", f"{info.name} ({info.path})"),
         ("recorded by", origin or "unknown"),
         *(
-            [("effects", _written(info.parameters["effects"]))]
+            [("effects", _printable(info.parameters["effects"]))]
             if info.parameters.get("effects")
             else []
         ),
@@ -97,7 +94,7 @@ def _overview(info: RunInfo) -> list[tuple[str, str]]:
 
 def _state(info: RunInfo) -> str:
     if info.missing_files:
-        return f"not whole: {listed([_written(name) for name in info.missing_files])} is missing"
+        return f"not whole: {listed([_printable(name) for name in info.missing_files])} is missing"
     return "finished" if info.complete else "cut off: 'recover' rebuilds its index"
 
 
@@ -131,14 +128,14 @@ def _operating(info: RunInfo) -> list[str]:
 
 def _changes(info: RunInfo) -> list[str]:
     return _shortened(
-        f"t = {change.t_s:.9g} s  {_written(change.node)}  "
-        + listed([f"{_written(name)} = {shown(value)}" for name, value in change.values.items()])
+        f"t = {change.t_s:.9g} s  {_printable(change.node)}  "
+        + listed([f"{_printable(name)} = {shown(value)}" for name, value in change.values.items()])
         for change in info.changes
     )
 
 
-def _written(value: object) -> str:
-    """Text from a file as it stands there, or as it can be shown."""
+def _printable(value: object) -> str:
+    """A text itself if it is printable, else its representation."""
     return value if isinstance(value, str) and value.isprintable() else shown(value)
 
 
@@ -149,9 +146,9 @@ def _gaps(info: RunInfo) -> list[str]:
 
 
 def _shortened(lines: Iterable[str]) -> list[str]:
-    told = list(lines)
-    more = [f"... and {len(told) - _SHOWN} more"] if len(told) > _SHOWN else []
-    return told[:_SHOWN] + more
+    every = list(lines)
+    more = [f"... and {len(every) - MAX_LINES} more"] if len(every) > MAX_LINES else []
+    return every[:MAX_LINES] + more
 
 
 def _channel_rows(channels: tuple[Channel, ...]) -> list[tuple[str, ...]]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
-from herringbone_sim.cli.parameter_options import add_parameter_options, gear_from, tell_gear
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_mesh, add_number, add_out
+from herringbone_sim.cli.parameter_options import (
+    add_parameter_options,
+    gear_from,
+    print_gear_notes,
+)
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
 from herringbone_sim.dynamics.flow import GearFlow
@@ -43,9 +46,9 @@ python -m herringbone_sim orbits --over delta_T --from 70 --to 90 --start 85 72 
 """
 
 
-def add_parser(subparsers: Any) -> None:
-    """Register ``orbits`` with the sub-parsers of the command line."""
-    parser = add_verb(subparsers, "orbits", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``orbits``."""
+    parser = add_verb(verbs, "orbits", DESCRIPTION, EXAMPLES)
     add_parameter_options(parser)
     add = parser.add_argument
     add("--over", required=True, choices=SWEPT, metavar="NAME", help=", ".join(SWEPT))
@@ -57,40 +60,46 @@ def add_parser(subparsers: Any) -> None:
         nargs="+",
         required=True,
         metavar="VALUE[:N]",
-        help="where an orbit is found: the motion there, which must be periodic, or with :N an "
-        "orbit of N periods of the forcing near it, stable or not",
+        help="value at which an orbit is sought: the motion there, which must be periodic, or "
+        "with :N an orbit of N periods of the forcing near it, stable or not",
     )
-    add("--max-period", type=int, default=4, metavar="N", help="of doubled orbits (default: 4)")
+    add_number(parser, "--max-period", 4, "largest period of doubled orbits")
     add("--asymmetric", action="store_true", help="follow orbits whose left and right differ too")
-    add("--settle", type=int, default=1000, metavar="CYCLES", help="before --start is looked at")
-    add("--mesh", metavar="NAME", help="that the figure shows (default: the first)")
-    add("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
+    text = "mesh cycles to discard before an orbit is sought at --start"
+    add_number(parser, "--settle", 1000, text, "CYCLES")
+    add_mesh(parser)
+    add_out(parser)
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Follow the orbits of ``args`` and write them; errors of the package when it can't be."""
+    """Follow the orbits, write tables and figure, print a summary; exit code 0.
+
+    Raises:
+        ParameterError: a gear that can't be built, no such mesh, or a start out of range.
+        AnalysisError: no orbit at a start.
+    """
     p, actives = gear_from(args)
     family, watch = gear_family(p, args.over, args.low, args.high, actives)
     mesh, gears = _mesh(args.mesh, p), GearCache(p, args.over, actives)
-    _tell(gears(args.low))
+    _print_notes(gears(args.low))
     starts = [(v, find_start(gears, family, v, n, args.settle)) for v, n in args.start]
     make_folder(args.out)
     options = CascadeOptions(max_period=args.max_period, asymmetric=args.asymmetric)
 
     with tqdm(desc="branches", unit="", disable=None) as bar:
-        found = trace_cascade(family, starts, watch, options, lambda _: bar.update())
-    write_orbits(args.out, found, p)
-    save(orbit_figure(found, args.over, mesh, p.layout.meshes[mesh]), args.out, "orbits")
-    print(summary(found, args.over))
-    if len(found) == options.branches:
-        print(f"stopped at {len(found)} branches: lower --max-period, or the range")
+        branches = trace_cascade(family, starts, watch, options, lambda _: bar.update())
+    write_orbits(args.out, branches, p)
+    save(orbit_figure(branches, args.over, mesh, p.layout.meshes[mesh]), args.out, "orbits")
+    print(summary(branches, args.over))
+    if len(branches) == options.branches:
+        print(f"stopped at {len(branches)} branches: lower --max-period, or the range")
     print(f"written: {args.out / 'orbits.png'}")
     return 0
 
 
-def _tell(flow: GearFlow) -> None:
-    tell_gear(flow.model)
+def _print_notes(flow: GearFlow) -> None:
+    print_gear_notes(flow.model)
     if flow.cycles > 1:
         print(f"the forcing repeats after {flow.cycles} mesh cycles: P1 takes as many")
 
@@ -103,7 +112,7 @@ def _mesh(name: str | None, p: Parameters) -> int:
 
 
 def _start(text: str) -> tuple[float, int | None]:
-    """Value and period of ``85`` or ``85:2``."""
+    """Value and period of a text such as ``85`` or ``85:2``; None without a period."""
     value, _, period = text.partition(":")
     n = int(period) if period else None
     if n is not None and not 1 <= n <= MAX_PERIOD:

@@ -1,12 +1,12 @@
-"""``--parameters FILE --set NAME=VALUE --effects TEXT``: the gear of a verb."""
+"""Options ``--parameters``, ``--set`` and ``--effects``: the gear that a verb works on."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
+from herringbone_sim.cli.options import add_file
 from herringbone_sim.core.mirror import has_equal_halves
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, meaning
@@ -16,7 +16,7 @@ from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_gear
 
-UNLIKE = (
+UNEQUAL_HALVES = (
     "left and right of this gear are not alike: both are integrated, and there are no exponents "
     "within symmetry and across it"
 )
@@ -24,12 +24,8 @@ UNLIKE = (
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     """Add ``--parameters``, ``--set`` and ``--effects``; ``gear_from`` reads them."""
-    parser.add_argument(
-        "--parameters",
-        type=Path,
-        metavar="FILE",
-        help="parameter file, such as config/paper.yaml (default: the nominal rig)",
-    )
+    text = "parameter file, such as config/paper.yaml (default: the nominal rig)"
+    add_file(parser, "--parameters", text)
     add_set_option(parser)
     add_effects_option(parser)
 
@@ -50,44 +46,42 @@ def add_effects_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--effects",
         metavar="TEXT",
-        help="effects of the gear in the place of those in the file, such as "
+        help="effects of the gear, instead of those in the file, such as "
         "'tooth_crack@sp/all/L:depth=0.3; runout@rp:amplitude=2e-5,member=ring'; '' for none",
     )
 
 
 def gear_from(args: argparse.Namespace) -> tuple[Parameters, tuple[Active, ...]]:
-    """Parameters of the file, changed by what was set; effects as given, else those of the file.
+    """Parameters of the file changed by ``--set``; effects of the option, else of the file.
 
     Raises:
-        ParameterError: no such file, name or effect, or a set that no gear can have.
+        ParameterError: no such file, name or effect, or a value out of range.
     """
     base, actives = load_gear(args.parameters) if args.parameters else (Parameters(), ())
     return base.changed(settings(args.set)), effects_from(args, actives)
 
 
 def effects_from(args: argparse.Namespace, of_file: tuple[Active, ...]) -> tuple[Active, ...]:
-    """The effects of ``--effects``, or those of the file; ParameterError for what is none."""
+    """Effects of ``--effects``, else those of the file; ParameterError for an unknown effect."""
     return of_file if args.effects is None else read_effects(args.effects)
 
 
 def model_from(args: argparse.Namespace) -> Model:
-    """The gear of ``gear_from``, put together; ParameterError where there can be none."""
+    """Model of the gear of ``gear_from``; ParameterError if it can't be built."""
     return build_with(*gear_from(args))
 
 
-def tell_gear(model: Model) -> None:
-    """Print the effects of a gear, and whether its halves part; nothing for one of equal halves.
-
-    A motion of a gear whose halves differ is integrated on both, and has no transverse exponents.
-    """
+def print_gear_notes(model: Model) -> None:
+    """Print the effects of a gear, and a line if its halves differ: there are no transverse
+    exponents then."""
     if model.effects:
         print(f"with effects: {effects_text(model.effects)}")
     if not has_equal_halves(model):
-        print(UNLIKE)
+        print(UNEQUAL_HALVES)
 
 
 def settings(texts: Sequence[str]) -> dict[str, Any]:
-    """Values by name from texts ``NAME=VALUE``; the last of a name counts.
+    """Values by name from texts ``NAME=VALUE``; of a repeated name the last one.
 
     Raises:
         ParameterError: a text of another form, or an unknown name.

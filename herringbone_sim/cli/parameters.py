@@ -6,7 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_file
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, meaning, names, obstacle_text, obstacles
 from herringbone_sim.effects.sensors import check_effects
@@ -26,28 +27,24 @@ python -m herringbone_sim parameters --check config/rig.yaml
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``parameters``."""
-    parser = add_verb(subparsers, "parameters", DESCRIPTION, EXAMPLES)
-    parser.add_argument(
-        "--check",
-        type=Path,
-        metavar="FILE",
-        help="instead: read a parameter file, say what gear it is, and what is odd about it",
-    )
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``parameters``."""
+    parser = add_verb(verbs, "parameters", DESCRIPTION, EXAMPLES)
+    text = "instead: read a parameter file, describe its gear, and print what is unusual about it"
+    add_file(parser, "--check", text)
     parser.set_defaults(func=parameters)
 
 
 def parameters(args: argparse.Namespace) -> int:
-    """Exit code 0; a file that no gear can have is an error."""
-    return check(args.check) if args.check else show()
+    """Print the table, or check a file; exit code 0."""
+    return check(args.check) if args.check else print_table()
 
 
 def check(file: Path) -> int:
-    """Say what gear a node has that is started with a file, and of what it would warn.
+    """Print the gear that a node gets from a parameter file, and the warnings it would give.
 
     Raises:
-        ParameterError: a file that can't be read, or one that no model can be made of.
+        ParameterError: the file can't be read, or no model can be built from it.
     """
     p, actives, warnings = gear_of_node(file)
     try:
@@ -64,15 +61,15 @@ def check(file: Path) -> int:
     return 0
 
 
-def show() -> int:
-    """Print the table; a star marks what may change while the model runs."""
+def print_table() -> int:
+    """Print all parameters; a star marks those that may change while the model runs."""
     for name in names():
         about = meaning(name)
         default = Parameters.__dataclass_fields__[name].default
-        shown = list(default) if isinstance(default, tuple) else default
+        value = list(default) if isinstance(default, tuple) else default
         limits = ", ".join(about.choices)
         if math.isfinite(about.low):
             limits = f"{about.low:g} .. {about.high:g}"
         star = "*" if about.live else " "
-        print(f"{star} {name:18s} {shown!s:22s} {about.unit:12s} {limits}\n    {about.text}")
+        print(f"{star} {name:18s} {value!s:22s} {about.unit:12s} {limits}\n    {about.text}")
     return 0

@@ -1,19 +1,19 @@
-"""``recover``: make a run whole again that was cut off."""
+"""``recover``: repair a run whose recording was cut off."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_run
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import listed
 from herringbone_sim.recording.recover import RecoveryReport, recover
 
 DESCRIPTION = """\
-Makes a run whole again whose recording was cut off by a kill, a power cut or a full disk: keeps
-every whole message, rebuilds the index and metadata.yaml, so that ROS tools open it, and says
-what is missing. The cut file stays beside it as NAME_0.mcap.cut if anything in it had to be left
+Repair a run whose recording was cut off by a kill, a power cut or a full disk: keep every whole
+message, rebuild the index and metadata.yaml, so that ROS tools open it, and print what is
+missing. The cut file stays beside it as NAME_0.mcap.cut if anything in it had to be left
 out. A finished run is left as it is.
 """
 EXAMPLES = """\
@@ -22,26 +22,20 @@ python -m herringbone_sim recover runs/first
 """
 
 
-def add_parser(subparsers: Any) -> None:
-    """Register ``recover`` with the sub-parsers of the command line."""
-    parser = add_verb(subparsers, "recover", DESCRIPTION, EXAMPLES)
-    parser.add_argument(
-        "run", type=Path, metavar="RUN", help="run folder, as runs/my_run, or a .mcap file"
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="new folder for the recovered run; without it the run itself is mended",
-    )
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``recover``."""
+    parser = add_verb(verbs, "recover", DESCRIPTION, EXAMPLES)
+    add_run(parser)
+    text = "new folder for the recovered run; without it the run itself is repaired"
+    parser.add_argument("--out", type=Path, metavar="DIR", help=text)
     parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Recover ``args.run`` and print what became of it; 1 if there are no samples in it.
+    """Recover ``args.run`` and print the result; exit code 1 if it holds no samples.
 
     Raises:
-        RecordingError: it can't be done.
+        RecordingError: the run can't be recovered.
     """
     report = recover(args.run, args.out)
     print(as_text(report))
@@ -50,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 def as_text(report: RecoveryReport) -> str:
     """The report in sentences, one a line."""
-    return "\n".join([_verdict(report), _kept(report), *_missing(report)])
+    return "\n".join([_verdict(report), _content(report), *_missing(report)])
 
 
 def _verdict(report: RecoveryReport) -> str:
@@ -67,7 +61,7 @@ def _verdict(report: RecoveryReport) -> str:
     return f"{names} was cut off, and is complete now"
 
 
-def _kept(report: RecoveryReport) -> str:
+def _content(report: RecoveryReport) -> str:
     held = f"it holds {report.messages} messages with {report.samples} samples"
     if report.span_s is None:
         return held

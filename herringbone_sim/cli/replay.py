@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import signal
-from pathlib import Path
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_number, add_run
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.reader import Recording, read_recording
 from herringbone_sim.replay import verify
@@ -23,8 +23,8 @@ python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
 python -m herringbone_sim replay runs/first --verify
 python -m herringbone_sim replay runs/first --publish
 """
-# Options of --publish, and what they are where they are not given.
-PLAYING = {
+# Defaults of the options of --publish.
+PUBLISH_DEFAULTS = {
     "speed": 1.0,
     "start": 0.0,
     "loop": False,
@@ -33,35 +33,30 @@ PLAYING = {
 }
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``replay``."""
-    parser = add_verb(subparsers, "replay", DESCRIPTION, EXAMPLES)
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or .mcap file")
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``replay``."""
+    parser = add_verb(verbs, "replay", DESCRIPTION, EXAMPLES)
+    add_run(parser)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--verify", action="store_true", help="integrate again and compare")
     what.add_argument("--publish", action="store_true", help="send over the topics")
-    _add_playing(parser.add_argument_group("with --publish"))
+    _add_publishing(parser.add_argument_group("with --publish"))
     parser.set_defaults(func=replay)
 
 
-def _add_playing(group: argparse._ArgumentGroup) -> None:
+def _add_publishing(group: argparse._ArgumentGroup) -> None:
     """Options as ``ros2 bag play`` has them."""
     add = group.add_argument
-    add(
-        "--speed",
-        type=float,
-        default=PLAYING["speed"],
-        help="recorded over wall time [%(default)s]",
-    )
+    add_number(group, "--speed", 1.0, "recorded over wall time", None)
     add(
         "--start",
         "--start-offset",
         type=float,
-        default=PLAYING["start"],
+        default=0.0,
         metavar="SECONDS",
-        help="leave out so much of the beginning [%(default)s]",
+        help="offset from the beginning of the run [%(default)s]",
     )
-    add("-l", "--loop", action="store_true", help="begin again at the end, until Ctrl-C")
+    add("-l", "--loop", action="store_true", help="repeat until Ctrl-C")
     add(
         "--clock",
         type=float,
@@ -70,21 +65,24 @@ def _add_playing(group: argparse._ArgumentGroup) -> None:
         metavar="HZ",
         help="send the time of the recording on /clock as well, %(const)s times a second",
     )
-    add("--node-name", default=PLAYING["node_name"], help="whose topics [%(default)s]")
+    add("--node-name", default="herringbone_sim", help="prefix of the topics [%(default)s]")
 
 
 def replay(args: argparse.Namespace) -> int:
-    """Exit code 0, 1 when the repetition differs, 128 and the signal that ended a sending."""
-    _check_playing(args)
+    """Repeat or publish the run.
+
+    Exit code 0; 1 if the repetition differs; 128 plus the signal that ended the publishing.
+    """
+    _check_publishing(args)
     recording = read_recording(args.run)
     for note in recording.notes:
         print(f"note: {note}")
     return _publish(recording, args) if args.publish else _verify(recording)
 
 
-def _check_playing(args: argparse.Namespace) -> None:
-    """ParameterError where --verify comes with what only a sending has."""
-    given = [name for name, usual in PLAYING.items() if getattr(args, name) != usual]
+def _check_publishing(args: argparse.Namespace) -> None:
+    """ParameterError if an option of --publish is given with --verify."""
+    given = [name for name, default in PUBLISH_DEFAULTS.items() if getattr(args, name) != default]
     if args.verify and given:
         words = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise ParameterError(f"{words} must come with --publish, got --verify: leave it out")

@@ -1,4 +1,4 @@
-"""``reproduce``: the paper's figures 5 to 20 and its statements, run again."""
+"""``reproduce``: recompute figures 5 to 20 of the paper and check its statements."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from pathlib import Path
 from tqdm import tqdm
 
 from herringbone_sim.cli.demo import config
+from herringbone_sim.cli.options import add_file, add_number, add_out, add_workers, workers_from
 from herringbone_sim.cli.parameter_options import (
     add_effects_option,
     effects_from,
-    tell_gear,
+    print_gear_notes,
 )
-from herringbone_sim.cli.verbs import add_verb
-from herringbone_sim.cli.workers import add_workers, workers_from
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper import reproduction
 from herringbone_sim.paper.motions import recorded
-from herringbone_sim.paper.observe import Observer
+from herringbone_sim.paper.observe import BatchRunner
 from herringbone_sim.paper.regimes import Sweep
 from herringbone_sim.paper.reproduction import Checked, Compared, Point
 from herringbone_sim.paper.scenarios import (
@@ -38,15 +38,15 @@ from herringbone_sim.views.figures import motion as figures
 from herringbone_sim.views.figures import paper as paper_figures
 from herringbone_sim.views.figures import style
 from herringbone_sim.views.figures.style import Scale
-from herringbone_sim.views.pages.paper import Part, page
+from herringbone_sim.views.pages.paper import ScenarioFigures, page
 from herringbone_sim.views.tables.csv_file import write_csv
 
 SHARES = ("share_before", "share_after")
 DESCRIPTION = """\
 Run the sweeps behind Figs. 5 to 20 of the paper, find the boundaries between the motions by
-bisection, and hold each of its statements against what comes out. Writes index.html,
-statements.csv, dependence.csv and figures/ into DIR. What is done is kept in DIR/data: a killed
-run goes on where it stopped.
+bisection, and compare each statement of the paper with the result. Writes index.html,
+statements.csv, dependence.csv and figures/ into DIR. Finished runs are stored in DIR/data: repeat
+the command to continue one that was stopped.
 """
 EXAMPLES = """\
 python -m herringbone_sim reproduce --only A --compared 0 --out fig05
@@ -54,27 +54,17 @@ python -m herringbone_sim reproduce --out reproduction
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``reproduce``."""
-    parser = add_verb(subparsers, "reproduce", DESCRIPTION, EXAMPLES)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``reproduce``."""
+    parser = add_verb(verbs, "reproduce", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="folder to write to; made if new")
+    add_out(parser)
     add("--only", default="ABCDE", metavar="LETTERS", help="scenarios (default: ABCDE)")
-    add("--values", type=int, default=400, metavar="N", help="values a sweep (default: 400)")
-    add(
-        "--compared",
-        type=int,
-        default=100,
-        metavar="N",
-        help="values a sweep from other starts and with other steps; 0 leaves them out "
-        "(default: 100)",
-    )
-    add(
-        "--parameters",
-        type=Path,
-        metavar="FILE",
-        help="reading of the open parameters (default: config/paper.yaml)",
-    )
+    add_number(parser, "--values", 400, "values of a sweep")
+    text = "values of a sweep from other starts and with other steps; 0 for none"
+    add_number(parser, "--compared", 100, text)
+    text = "values of the parameters that the paper leaves open (default: config/paper.yaml)"
+    add_file(parser, "--parameters", text)
     add(
         "--xi",
         type=float,
@@ -88,26 +78,26 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def reproduce(args: argparse.Namespace) -> int:
-    """Run it all, write it all, print what was right."""
+    """Run the scenarios, write page, tables and figures, print the statements; exit code 0."""
     _check(args)
-    scenarios = reproduction.chosen(args.only)
+    scenarios = reproduction.scenarios_of(args.only)
     base, of_file = load_gear(args.parameters or config("paper.yaml"))
     reading = Reading(base, args.xi, effects_from(args, of_file))
-    tell_gear(build_with(base, reading.effects))
+    print_gear_notes(build_with(base, reading.effects))
     workers = workers_from(args)
     make_folder(args.out / "figures")
     with tqdm(total=_total(scenarios, args), unit="run", disable=None, smoothing=0.05) as bar:
-        observer = Observer(args.out / "data", workers, bar.update)
-        sweeps = reproduction.sweeps(observer, scenarios, reading, args.values)
-        points = reproduction.points(observer, scenarios, reading)
-        known = {
-            one.key: reproduction.evidence(observer, one, reading, sweeps[one.key], points)
-            for one in scenarios
+        runner = BatchRunner(args.out / "data", workers, bar.update)
+        sweeps = reproduction.sweeps(runner, scenarios, reading, args.values)
+        points = reproduction.points(runner, scenarios, reading)
+        evidence = {
+            s.key: reproduction.evidence(runner, s, reading, sweeps[s.key], points)
+            for s in scenarios
         }
         rows: Mapping[str, Mapping[str, Sweep]] = {}
         if args.compared:
-            rows = reproduction.compared(observer, scenarios, reading, args.compared, sweeps)
-    checked = reproduction.checked(known)
+            rows = reproduction.compared(runner, scenarios, reading, args.compared, sweeps)
+    checked = reproduction.checked(evidence)
     compared = reproduction.compared_boundaries(rows)
     _write_tables(args.out, checked, compared)
     parts = _draw(args.out, scenarios, sweeps, points, rows)
@@ -120,16 +110,16 @@ def reproduce(args: argparse.Namespace) -> int:
 
 
 def _total(scenarios: Sequence[Scenario], args: argparse.Namespace) -> int:
-    """Runs to come, if every boundary can be bisected."""
+    """Number of runs if every boundary can be bisected."""
     each: int = args.values
     if args.compared:
         each += reproduction.compared_runs(args.compared)
-    bisected = sum(reproduction.bisected_runs(one) for one in scenarios)
+    bisected = sum(map(reproduction.bisected_runs, scenarios))
     return len(scenarios) * each + bisected + reproduction.point_runs(scenarios)
 
 
 def _facts(args: argparse.Namespace, reading: Reading, checked: Sequence[Checked]) -> list[str]:
-    p, right = reading.parameters, sum(one.obtained.ok for one in checked)
+    p, right = reading.parameters, sum(c.obtained.ok for c in checked)
     torque = scales(p).control_torque_n_m(0.3)
     return [
         f"{right} of {len(checked)} statements right",
@@ -145,29 +135,29 @@ def _facts(args: argparse.Namespace, reading: Reading, checked: Sequence[Checked
 def _table(checked: Sequence[Checked]) -> list[str]:
     """Aligned lines: right or not, scenario, statement, published, obtained."""
     lines = []
-    for one in checked:
-        mark = "yes" if one.obtained.ok else " no"
-        statement, published = one.statement, one.statement.published
+    for c in checked:
+        mark = "yes" if c.obtained.ok else " no"
+        statement, published = c.statement, c.statement.published
         lines.append(
             f"{mark}  {statement.scenario}  {statement.text:66.66s}  {published:12.12s}  "
-            f"{one.obtained.text}"
+            f"{c.obtained.text}"
         )
     return lines
 
 
 def _write_tables(out: Path, checked: Sequence[Checked], compared: Sequence[Compared]) -> None:
     head = ["scenario", "statement", "published", "obtained", "error", "ok"]
-    found = [(one.statement, one.obtained) for one in checked]
-    rows = ([s.scenario, s.text, s.published, got.text, got.error, got.ok] for s, got in found)
+    pairs = ((c.statement, c.obtained) for c in checked)
+    rows = ([s.scenario, s.text, s.published, o.text, o.error, o.ok] for s, o in pairs)
     write_csv(out / "statements.csv", head, rows)
     head = ["scenario", "boundary", "published", "way", "obtained", "half_width", *SHARES]
     write_csv(out / "dependence.csv", head, map(_compared_row, compared))
 
 
 def _compared_row(row: Compared) -> list[object]:
-    wanted, f = row.wanted, row.found
-    place = [wanted.scenario, wanted.text, wanted.published, row.way]
-    return [*place, f.at, f.half_width, f.share_before, f.share_after]
+    statement, b = row.statement, row.boundary
+    head = [statement.scenario, statement.text, statement.published, row.way]
+    return [*head, b.at, b.half_width, b.share_before, b.share_after]
 
 
 def _draw(
@@ -176,29 +166,29 @@ def _draw(
     sweeps: Mapping[str, Sweep],
     points: Sequence[Point],
     rows: Mapping[str, Mapping[str, Sweep]],
-) -> list[Part]:
-    """All pictures; returns what the page shows of each scenario."""
+) -> list[ScenarioFigures]:
+    """Write all figures; returns their names by scenario."""
     folder = out / "figures"
     parts = []
-    pair = [(one, sweeps[one.key]) for one in scenarios if not one.has_exponents]
+    pair = [(s, sweeps[s.key]) for s in scenarios if not s.has_exponents]
     if pair:
         style.save(paper_figures.pair_figure(pair), folder, "fig20")
-    for one in tqdm(scenarios, desc="figures", disable=None):
-        name = "fig20" if not one.has_exponents else file_name(one.figure)
-        if one.has_exponents:
-            style.save(paper_figures.sweep_figure(one, sweeps[one.key]), folder, name)
+    for scenario in tqdm(scenarios, desc="figures", disable=None):
+        key = scenario.key
+        name = file_name(scenario.figure) if scenario.has_exponents else "fig20"
+        if scenario.has_exponents:
+            style.save(paper_figures.sweep_figure(scenario, sweeps[key]), folder, name)
         raster = ""
-        if one.key in rows:
-            raster = f"figures/starts_{one.key}.png"
-            figure = paper_figures.raster_figure(one, rows[one.key])
-            style.save(figure, folder, f"starts_{one.key}")
-        motions = tuple(_motion(folder, p) for p in points if p.statement.scenario == one.key)
-        parts.append(Part(one, f"figures/{name}.png", motions, raster))
+        if key in rows:
+            raster = f"figures/starts_{key}.png"
+            style.save(paper_figures.raster_figure(scenario, rows[key]), folder, f"starts_{key}")
+        motions = tuple(_motion(folder, p) for p in points if p.statement.scenario == key)
+        parts.append(ScenarioFigures(scenario, f"figures/{name}.png", motions, raster))
     return parts
 
 
 def _motion(folder: Path, point: Point) -> tuple[str, str]:
-    """File name and caption of a four-panel figure."""
+    """Write a four-panel figure; its file name and caption."""
     statement, name = point.statement, file_name(point.statement.figure)
     result = recorded(point)
     s = scales(point.parameters)
@@ -212,12 +202,12 @@ def _motion(folder: Path, point: Point) -> tuple[str, str]:
 
 
 def file_name(figure: str) -> str:
-    """``Fig. 7`` as ``fig07``."""
+    """File name of a figure of the paper: ``fig07`` of ``Fig. 7``."""
     return f"fig{int(figure.split()[-1]):02d}"
 
 
 def _check(args: argparse.Namespace) -> None:
-    """A sweep has two ends."""
+    """AnalysisError if a sweep has less than two values."""
     if args.values < 2:
         raise AnalysisError(f"--values must be 2 or more, got {args.values}")
     if args.compared < 2 and args.compared != 0:

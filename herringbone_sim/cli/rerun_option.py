@@ -1,4 +1,4 @@
-"""The option ``--rerun [WHERE]`` of commands that mirror what they found."""
+"""Option ``--rerun [WHERE]`` of verbs that send results to the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -13,37 +13,51 @@ MODES = tuple(form.partition("[")[0] for form in FORMS.split(", "))
 
 
 @dataclass(frozen=True)
-class Where:
-    """Mode of the mirror, address of a viewer, file to write."""
+class MirrorTarget:
+    """Where a mirror sends to.
+
+    Attributes:
+        mode: ``spawn``, ``connect``, ``serve`` or ``save``.
+        address: of a viewer; empty for the default.
+        path: file that ``save`` writes.
+    """
 
     mode: str
     address: str
     path: Path
 
 
-def add_rerun_option(parser: argparse.ArgumentParser, plain: str, file: str) -> None:
-    """Add the option; ``plain`` is its value when it stands alone, ``file`` where save writes."""
+def add_rerun_option(parser: argparse.ArgumentParser, default: str, file: str) -> None:
+    """Add the option.
+
+    Args:
+        default: value of the option without an argument.
+        file: name of the file that ``save`` writes, for the help.
+    """
     parser.add_argument(
         "--rerun",
         nargs="?",
-        const=plain,
+        const=default,
         default="",
         metavar="WHERE",
-        help=f"mirror to the Rerun viewer: {FORMS} [{plain}; save writes {file}]",
+        help=f"mirror to the Rerun viewer: {FORMS} [{default}; save writes {file}]",
     )
 
 
-def parse_where(text: str, file: Path) -> Where | None:
-    """Where to mirror to; None when the option was not given.
+def mirror_target(text: str, file: Path) -> MirrorTarget | None:
+    """Target of the value of ``--rerun``; None if it is empty.
+
+    Args:
+        file: written by ``save`` without a name.
 
     Raises:
-        ParameterError: none of the forms.
+        ParameterError: a text of another form.
     """
     if not text:
         return None
     mode, _, rest = text.partition("=")
     if mode not in MODES or (mode == "spawn" and rest):
         raise ParameterError(f"--rerun takes {FORMS}, got {text!r}")
-    return Where(
+    return MirrorTarget(
         mode, "" if mode == "save" else rest, Path(rest) if mode == "save" and rest else file
     )

@@ -1,11 +1,12 @@
-"""``rig``: recordings of a made-up rig, to practise on."""
+"""``rig``: campaigns of a simulated rig with effects, to practise on."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_file, add_number, add_out
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, obstacle_text, obstacles
 from herringbone_sim.effects.registry import effects
@@ -30,54 +31,47 @@ python -m herringbone_sim rig make --out rigs/mine --hidden --seed 7
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``rig``."""
-    parser = add_verb(subparsers, "rig", DESCRIPTION, LIST + EXAMPLES)
-    deeds = parser.add_subparsers(title="what to do", required=True, metavar="DEED")
-    listed = add_verb(deeds, "effects", LISTED, LIST, help="list effects and their parameters")
-    listed.set_defaults(func=show_effects)
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``rig``."""
+    parser = add_verb(verbs, "rig", DESCRIPTION, LIST + EXAMPLES)
+    actions = parser.add_subparsers(title="what to do", required=True, metavar="ACTION")
+    lister = add_verb(actions, "effects", LISTED, LIST, help="list effects and their parameters")
+    lister.set_defaults(func=print_effects)
     text = "write a campaign and its label"
-    made = add_verb(deeds, "make", DESCRIPTION, EXAMPLES, help=text)
-    made.add_argument("--out", type=Path, required=True, metavar="DIR", help="campaign to write")
-    made.add_argument(
-        "--labels",
-        type=Path,
-        metavar="DIR",
-        help="folder of labels (default: 'labels' beside the campaign's folder)",
-    )
-    made.add_argument(
-        "--parameters", type=Path, metavar="FILE", help="nominal gear (default: the nominal rig)"
-    )
-    made.add_argument(
-        "--effect", action="append", default=[], metavar="TEXT", help="once or more, see above"
-    )
-    made.add_argument("--hidden", action="store_true", help="draw the effects by the seed")
-    made.add_argument("--runs", type=int, default=8, help="runs (default: 8)")
-    made.add_argument("--held-out", type=int, default=3, help="of them, kept out (default: 3)")
-    made.add_argument("--cycles", type=int, default=120, help="mesh cycles a run (default: 120)")
-    made.add_argument("--snr", type=float, default=40.0, metavar="DB", help="default: 40 dB")
-    made.add_argument("--bits", type=int, default=16, help="of the converter; 0: none")
-    made.add_argument("--tolerance", type=float, default=0.02, help="share (default: 0.02)")
-    made.add_argument("--seed", type=int, default=0, help="of all that is drawn (default: 0)")
-    made.add_argument(
-        "--later",
-        type=int,
-        default=0,
-        metavar="N",
-        help="further runs of the rig of that seed, at other operating points: day 1, 2, ...",
-    )
-    made.add_argument(
-        "--channels",
-        default="",
-        metavar="NAMES",
-        help="of meshes and bodies that the rig has sensors for, such as u_s_L,u_s_R,u_c "
-        "(default: all)",
-    )
-    made.set_defaults(func=make)
+    maker = add_verb(actions, "make", DESCRIPTION, EXAMPLES, help=text)
+    add_make_options(maker)
+    maker.set_defaults(func=make)
+
+
+def add_make_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``rig make``."""
+    add = parser.add_argument
+    add_out(parser, "campaign to write")
+    text = "folder of labels (default: 'labels' beside the campaign's folder)"
+    add("--labels", type=Path, metavar="DIR", help=text)
+    add_file(parser, "--parameters", "nominal gear (default: the nominal rig)")
+    add("--effect", action="append", default=[], metavar="TEXT", help="once or more, see above")
+    add("--hidden", action="store_true", help="draw the effects by the seed")
+    add_number(parser, "--runs", 8, "runs")
+    add_number(parser, "--held-out", 3, "of them, of role held_out")
+    add_number(parser, "--cycles", 120, "mesh cycles of a run")
+    add_number(parser, "--snr", 40.0, "signal-to-noise ratio of every channel", "DB")
+    add_number(parser, "--bits", 16, "of the converter; 0: none")
+    add_number(parser, "--tolerance", 0.02, "of the parameters, as a share", "SHARE")
+    add_number(parser, "--seed", 0, "of all random numbers")
+    text = "index of further runs of the rig of that seed, at other operating points: 1, 2, ..."
+    add_number(parser, "--later", 0, text)
+    text = "channels that the rig has sensors for, such as u_s_L,u_s_R,u_c (default: all)"
+    add("--channels", default="", metavar="NAMES", help=text)
 
 
 def make(args: argparse.Namespace) -> int:
-    """Write the campaign and its label; tell the seal of the label."""
+    """Write the campaign and its label, print the hash of the label; exit code 0.
+
+    Raises:
+        ParameterError: effects beside --hidden, or no such effect.
+        RecordingError: labels inside the campaign.
+    """
     nominal, written = load_gear(args.parameters) if args.parameters else (Parameters(), ())
     nominal = nominal.changed({"model": "full", "samples_per_cycle": 24})
     actives = (*written, *(parse_effect(text) for text in args.effect))
@@ -114,13 +108,13 @@ def make(args: argparse.Namespace) -> int:
     return 0
 
 
-def show_effects(_: argparse.Namespace) -> int:
-    """Print every effect with its parameters."""
-    for one in effects().values():
-        print(f"{one.id} ({one.level}): {one.text}")
-        for p in one.parameters:
+def print_effects(_: argparse.Namespace) -> int:
+    """Print every effect with its parameters and options."""
+    for effect in effects().values():
+        print(f"{effect.id} ({effect.level}): {effect.text}")
+        for p in effect.parameters:
             print(f"    {p.name} [{p.unit}] {p.low:g} .. {p.high:g}: {p.text}")
-        for o in one.options:
+        for o in effect.options:
             choices = ", ".join(str(choice) for choice in o.choices)
             print(f"    {o.name}: {o.text}{f' ({choices})' if choices else ''}")
     return 0

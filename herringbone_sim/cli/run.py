@@ -6,7 +6,8 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import NO_ROS, add_file
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.recording.parameter_file import ros_text
 from herringbone_sim.version import VERSION
 
@@ -22,28 +23,21 @@ python -m herringbone_sim run --parameters config/paper.yaml --ros-args \\
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``run``."""
-    parser = add_verb(subparsers, "run", DESCRIPTION, EXAMPLES)
-    parser.add_argument(
-        "--parameters",
-        type=Path,
-        metavar="FILE",
-        help="parameter file, also with effects as a list; what follows --ros-args wins",
-    )
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``run``."""
+    parser = add_verb(verbs, "run", DESCRIPTION, EXAMPLES)
+    text = "parameter file, also with effects as a list; what follows --ros-args wins"
+    add_file(parser, "--parameters", text)
     parser.add_argument("--version", action="version", version=VERSION)
     parser.set_defaults(func=run, of_ros=[])
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit code of the node."""
+    """Run the node until it ends; its exit code, 2 without ROS."""
     try:
         from herringbone_sim.ros.main import main
     except ImportError as error:
-        print(
-            f"no ROS 2 here ({error}): source /opt/ros/jazzy/setup.bash, or "
-            "pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
-        )
+        print(NO_ROS.format(error=error))
         return 2
     if args.parameters is None:
         return main(["herringbone_sim", *args.of_ros])

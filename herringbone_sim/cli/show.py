@@ -1,4 +1,4 @@
-"""``show``: a recording in the Rerun viewer, in a .rrd file or as a picture."""
+"""``show``: draw a recording in the Rerun viewer, a .rrd file or a picture."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import tempfile
 import time
 from pathlib import Path
 
-from herringbone_sim.cli.verbs import add_verb
+from herringbone_sim.cli.options import add_mesh, add_number, add_run
+from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import HerringboneError, ParameterError
 
 DESCRIPTION = """\
 Show a recorded run as the live mirror shows a running one: displacements and forces over time,
 phase portrait, stroboscopic section, bifurcation over the parameter that was changed last,
-contact states, parameters and events. Any rosbag2 MCAP bag with a `samples` topic will do, with
-any subset of channels: what is there is shown.
+contact states, parameters and events. Takes any rosbag2 MCAP bag with a `samples` topic, with any
+subset of the channels.
 
 Long runs are thinned: each of at most --blocks blocks shows its last --burst mesh cycles at full
 rate, and all of its section points. Without parameters in the recording there is no backlash to
@@ -28,10 +29,10 @@ python -m herringbone_sim show runs/first --save first.rrd --screenshot first.pn
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the sub-command ``show``."""
-    parser = add_verb(subparsers, "show", DESCRIPTION, EXAMPLES)
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or .mcap file")
+def add_parser(verbs: Verbs) -> None:
+    """Add the verb ``show``."""
+    parser = add_verb(verbs, "show", DESCRIPTION, EXAMPLES)
+    add_run(parser)
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--spawn", action="store_true", help="open a viewer (the default)")
     where.add_argument("--save", type=Path, metavar="FILE.rrd", help="write a file for `rerun`")
@@ -49,40 +50,30 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def add_drawing_options(parser: argparse.ArgumentParser) -> None:
-    """Options on what is drawn and how much of it."""
+    """Add the options of the picture and of the thinning of long runs."""
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help="also draw a picture")
     parser.add_argument(
         "--size", default="1400x900", metavar="WxH", help="of the picture [%(default)s]"
     )
-    parser.add_argument(
-        "--mesh", default="", help="mesh of the phase plane, as sp1_L [the first there is]"
-    )
+    add_mesh(parser)
     parser.add_argument(
         "--nominal",
         action="store_true",
         help="scale and backlash of the nominal rig when the recording has no parameters",
     )
-    parser.add_argument(
-        "--burst", type=int, default=20, metavar="CYCLES", help="cycles a block [%(default)s]"
-    )
-    parser.add_argument(
-        "--blocks",
-        type=int,
-        default=400,
-        metavar="N",
-        help="largest number of blocks [%(default)s]",
-    )
+    add_number(parser, "--burst", 20, "mesh cycles of a block at full rate", "CYCLES")
+    add_number(parser, "--blocks", 400, "largest number of blocks")
 
 
 def show(args: argparse.Namespace) -> int:
-    """Run the sub-command; 0 when everything was shown, HerringboneError when not."""
+    """Show the run; exit code 0, HerringboneError if the viewer did not take all of it."""
     size = parse_size(args.size)
     with tempfile.TemporaryDirectory() as folder:
         rrd = args.save or Path(folder) / "run.rrd"
-        only_picture = args.screenshot and not (args.spawn or args.serve or args.connect)
-        mirror_run(args, "save" if args.save or only_picture else mode_of(args), rrd)
+        picture_only = args.screenshot and not (args.spawn or args.serve or args.connect)
+        mirror_run(args, "save" if args.save or picture_only else mode_of(args), rrd)
         if args.screenshot:
-            if not (args.save or only_picture):
+            if not (args.save or picture_only):
                 mirror_run(args, "save", rrd)
             draw(rrd, args.screenshot, size)
     return 0
@@ -108,7 +99,7 @@ def mirror_run(args: argparse.Namespace, mode: str, rrd: Path) -> None:
         path=rrd,
         scale=replay.scale,
         burst_cycles=args.burst,
-        mesh=args.mesh,
+        mesh=args.mesh or "",
         report=lambda text: print(f"warning: mirror {text}", file=sys.stderr),
     )
     for block in replay_blocks(recording, replay, args.burst, args.blocks):

@@ -1,4 +1,4 @@
-"""The verbs in groups with a line each, what a bare call says, and how a verb explains itself."""
+"""The verbs with a line each, the text of a call without a verb, and the parser of a verb."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
@@ -48,6 +48,7 @@ GROUPS = {
         "gap calibrate": "fit what turns evidence into probabilities",
     },
 }
+Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 VERBS = tuple(verb for group in GROUPS.values() for verb in group)
 
 _GREETING = f"""\
@@ -79,7 +80,7 @@ ends with an example. More: README.md and docs/.
 
 
 def greeting() -> str:
-    """What a bare call says: the ways in, and where the files are that their commands name."""
+    """Text of a call without a verb: four first commands, and the folder of their config files."""
     from herringbone_sim.cli.demo import config
 
     where = ""
@@ -90,7 +91,7 @@ def greeting() -> str:
 
 
 def overview() -> str:
-    """Every verb with its line, in groups."""
+    """List of all verbs in groups, each with a line on what it does."""
     width = max(map(len, VERBS)) + 2
     lines = [f"usage: {PROGRAM} [--help] [--version] VERB ..."]
     for title, group in GROUPS.items():
@@ -99,11 +100,18 @@ def overview() -> str:
 
 
 def add_verb(
-    subparsers: Any, name: str, description: str, examples: str, **more: Any
+    verbs: Verbs, name: str, description: str, examples: str, **more: Any
 ) -> argparse.ArgumentParser:
-    """Add a verb whose help ends with examples: commands to paste, one a line."""
+    """Add a verb and return its parser.
+
+    Args:
+        verbs: sub-parsers that the verb is added to.
+        name: words of the verb.
+        description, examples: first and last part of its help; examples are shell commands.
+        more: further arguments of ``add_parser``.
+    """
     title = f"example{' (Ctrl-C ends run)' if f'{PROGRAM} run ' in examples else ''}:"
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser: argparse.ArgumentParser = verbs.add_parser(
         name,
         description=description,
         epilog=f"{title}\n{textwrap.indent(examples, '  ')}",

@@ -1,9 +1,8 @@
-"""The least amplitude K that reaches a wanted period, at each value of another parameter.
+"""The least amplitude K at which a motion of a target period is reached, over another parameter.
 
-"Reaches" is said with its start, because motions coexist, and as three numbers, because what a
-control reaches at some K it may lose again above: the least K at which it is reached (perhaps in
-a pocket only), the one from which it is reached over 0.1 at least, and the one above which it is
-held up to the largest K tried.
+Motions coexist, so a target names the starts from which the motion must be reached. What a control
+reaches at some K it may lose again at a larger one, so there are three numbers: the least K, the
+least K of a range at least 0.1 wide, and the least K above which the motion is always reached.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.control.runs import Look, Motions, Runs, repeats
+from herringbone_sim.control.runs import MotionRunner, Motions, RunSettings, repeats
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import cycles_of
@@ -25,29 +24,43 @@ from herringbone_sim.sweeps.grid import Axis
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Reached = Callable[[NDArray[np.int64], Array], Flags]
+Indices = NDArray[np.int64]
 
-FROM = {
+START_GROUPS = {  # kinds of starts, see ``Starts``, by name of the group
     "zero": ("zero",),
     "running": ("running",),
     "alike": ("zero", "running", "alike"),
     "all": ("zero", "running", "alike", "parted"),
 }
 HALVINGS = 4
-FIRM = 0.1  # of K
+FIRM = 0.1  # least width in K of a firm range
 ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Staircase:
-    """Where along K a motion is reached.
+class Target:
+    """A motion that a control shall reach.
 
     Attributes:
-        least: smallest K at which it is; NaN = at none.
-        firm: first K of the first pocket that is at least ``FIRM`` wide; NaN = of none.
-        held: smallest K above which it is at all values; NaN = not at the largest.
-        pockets: first and last K of each run of values at which it is.
-        share: of the values at which it is.
+        period: the motion repeats after so many periods of the forcing (of mesh and control
+            together); one of period 1 also fulfils 2.
+        starts: key of ``START_GROUPS``; the motion must be reached from all of these starts.
+    """
+
+    period: int
+    starts: str
+
+
+@dataclass(frozen=True)
+class Staircase:
+    """At which amplitudes K a motion is reached.
+
+    Attributes:
+        least: smallest of them; NaN = none.
+        firm: first K of the first pocket at least ``FIRM`` wide; NaN = no such pocket.
+        held: smallest K above which it is reached at all values; NaN = not at the largest.
+        pockets: first and last K of each range in which it is reached.
+        share: share of the values at which it is reached.
     """
 
     least: float
@@ -59,17 +72,17 @@ class Staircase:
 
 @dataclass(frozen=True)
 class Survey:
-    """Motions over another parameter, over K, and over starts.
+    """Motions over another parameter (n values), K (m) and starts (s).
 
     Attributes:
         base: the gear.
-        axis: the other parameter, n values.
+        axis: values of the other parameter.
         K: (m,) amplitudes, increasing.
-        starts: kinds and number, s in all.
-        states: (n, s, n_state) what they are.
-        look: how long each motion was looked at.
-        motions: of all runs, flattened from (n, m, s).
-        forcing: mesh cycles after which effects repeat; 1 without.
+        starts: kinds and number of starts.
+        states: (n, s, n_state) the starts.
+        settings: length of the runs.
+        motions: of the n m s runs, in this order.
+        forcing: period of the effects in mesh cycles; 1 without effects.
     """
 
     base: Parameters
@@ -77,100 +90,100 @@ class Survey:
     K: Array
     starts: Starts
     states: Array
-    look: Look
+    settings: RunSettings
     motions: Motions
     forcing: int = 1
 
     def of(self, name: str) -> Array:
         """An attribute of the motions as (n, m, s)."""
         shape = (len(self.axis), len(self.K), len(self.starts.names))
-        found: Array = np.asarray(getattr(self.motions, name)).reshape(shape)
-        return found
+        return np.asarray(getattr(self.motions, name)).reshape(shape)
 
-    def reached(self, wanted: int, who: str) -> Flags:
-        """Whether all starts of a kind lead to a motion that repeats (n, m), see ``wanted``."""
-        chosen = [i for i, name in enumerate(self.starts.names) if name in FROM[who]]
-        periods = self.of("period")[:, :, chosen]
+    def columns(self, target: Target) -> list[int]:
+        """Indices of the starts of a target."""
+        kinds = START_GROUPS[target.starts]
+        return [i for i, name in enumerate(self.starts.names) if name in kinds]
+
+    def reached(self, target: Target) -> Flags:
+        """(n, m) whether the target is reached from all of its starts."""
+        periods = self.of("period")[:, :, self.columns(target)]
         rows = [
-            repeats(row, self.wanted_at({self.axis.name: value}, wanted))
+            repeats(row, self.target_cycles({self.axis.name: value}, target.period))
             for value, row in zip(self.axis.values, periods, strict=True)
         ]
         return np.asarray(np.all(rows, axis=2), dtype=bool)
 
-    def wanted_at(self, values: Mapping[str, float], wanted: int) -> int:
-        """``cycles_wanted`` where these values vary."""
-        return cycles_wanted(self.base.changed(values), wanted, self.forcing)
+    def target_cycles(self, values: Mapping[str, float], period: int) -> int:
+        """``target_cycles`` of the gear with some parameters changed."""
+        return target_cycles(self.base.changed(values), period, self.forcing)
 
 
 @dataclass(frozen=True)
-class Least:
+class LeastAmplitude:
     """Least amplitudes at one value of the other parameter.
 
     Attributes:
         value: of the other parameter.
-        wanted: the motion repeats after so many periods of the forcing.
-        who: key of ``FROM``, the starts all of which must lead to it.
-        staircase: over K; least, firm and held refined.
-        half_width: of the bisection.
+        target: motion to reach.
+        staircase: over K; least, firm and held are refined by bisection.
+        half_width: uncertainty of these three.
     """
 
     value: float
-    wanted: int
-    who: str
+    target: Target
     staircase: Staircase
     half_width: float
 
 
-def cycles_wanted(gear: Parameters, wanted: int, forcing: int = 1) -> int:
-    """Mesh cycles of so many periods of the forcing; 0 where mesh and control share no period.
+def target_cycles(gear: Parameters, period: int, forcing: int = 1) -> int:
+    """Mesh cycles of so many periods of the forcing; 0 if mesh and control have no common period.
 
     Args:
-        forcing: mesh cycles after which effects repeat.
+        forcing: period of the effects in mesh cycles.
     """
     try:
-        return wanted * math.lcm(forcing, cycles_of(gear.control_order))
+        return period * math.lcm(forcing, cycles_of(gear.control_order))
     except ParameterError:
         return 0
 
 
-def survey(
-    runs: Runs,
+def run_survey(
+    runner: MotionRunner,
     base: Parameters,
     axis: Axis,
     K: Array,
     starts: Starts | None = None,
-    look: Look | None = None,
+    settings: RunSettings | None = None,
 ) -> Survey:
-    """Run every value of the axis with every K from every start."""
-    starts, look = starts or Starts(), look or Look()
+    """Run every value of the axis with every K (m,) from every start."""
+    starts, settings = starts or Starts(), settings or RunSettings()
     gears = [base.changed({axis.name: value}) for value in axis.values]
-    states = start_states(runs, gears, starts)
+    states = start_states(runner, gears, starts)
     sets = [gear.changed({"K": k}) for gear in gears for k in K for _ in starts.names]
     begin = np.repeat(states[:, None], len(K), axis=1).reshape(len(sets), -1)
-    motions = runs.observe(sets, begin, look)
-    return Survey(base, axis, K, starts, states, look, motions, runs.forcing(gears[0]))
+    motions = runner.run(sets, begin, settings)
+    return Survey(base, axis, K, starts, states, settings, motions, runner.effect_period(gears[0]))
 
 
 def least_amplitudes(
-    runs: Runs, over: Survey, wanted: int, who: str, halvings: int = HALVINGS
-) -> list[Least]:
-    """Least amplitudes at each value of a survey, refined by bisection.
+    runner: MotionRunner, survey: Survey, target: Target, halvings: int = HALVINGS
+) -> list[LeastAmplitude]:
+    """Least amplitudes at each value of the axis of a survey, refined by bisection.
 
     Args:
-        wanted: periods of the forcing (of mesh and control together) after which the motion
-            repeats; a motion of period 1 repeats after 2 and 4 as well.
-        who: key of ``FROM``.
         halvings: of the distance between two K of the survey.
     """
-    found = over.reached(wanted, who)
-    stairs = refined(over.K, found, lambda i, K: _reached(runs, over, wanted, who, i, K), halvings)
-    half = float(np.diff(over.K).max()) / 2.0 ** (halvings + 1) if len(over.K) > 1 else 0.0
-    values = zip(over.axis.values, stairs, strict=True)
-    return [Least(value, wanted, who, one, half) for value, one in values]
+    K = survey.K
+    stairs = refined(
+        K, survey.reached(target), lambda i, k: _reached(runner, survey, target, i, k), halvings
+    )
+    half = float(np.diff(K).max()) / 2.0 ** (halvings + 1) if len(K) > 1 else 0.0
+    pairs = zip(survey.axis.values, stairs, strict=True)
+    return [LeastAmplitude(value, target, stair, half) for value, stair in pairs]
 
 
 def staircase(K: Array, reached: Flags) -> Staircase:
-    """Pockets (m,) of one row: where along K a motion is reached."""
+    """Staircase of amplitudes (m,) and whether the motion is reached at each (m,)."""
     steps = np.diff(np.concatenate([[False], reached, [False]]).astype(int))
     first, last = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1
     pockets = tuple((float(K[a]), float(K[b])) for a, b in zip(first, last, strict=True))
@@ -180,57 +193,62 @@ def staircase(K: Array, reached: Flags) -> Staircase:
     return Staircase(least, firm, held, pockets, float(np.mean(reached)))
 
 
-def refined(K: Array, rows: Flags, reached: Reached, halvings: int) -> list[Staircase]:
-    """Staircases of many rows (n, m), their three edges bisected, all together.
+def refined(
+    K: Array, rows: Flags, reached: Callable[[Indices, Array], Flags], halvings: int
+) -> list[Staircase]:
+    """Staircases of n rows whose edges least, firm and held are bisected, all together.
 
     Args:
-        reached: takes rows (l,) and amplitudes (l,) to whether the motion is reached there.
+        K: (m,) amplitudes.
+        rows: (n, m) whether the motion is reached.
+        reached: whether it is reached (l,) in rows (l,) at further amplitudes (l,).
+        halvings: number of bisections.
     """
     stairs = [staircase(K, row) for row in rows]
-    edges = [(i, j) for i, one in enumerate(stairs) for j in _edges(K, one)]
+    edges = [(i, j) for i, stair in enumerate(stairs) for j in _edges(K, stair)]
     index, above = np.array(edges, dtype=np.int64).reshape(-1, 2).T
     low, high = K[above - 1], K[above]
     for _ in range(halvings if edges else 0):
         middle = (low + high) / 2.0
-        there = reached(index, middle)
-        low, high = np.where(there, low, middle), np.where(there, middle, high)
-    found = {(i, K[j]): value for (i, j), value in zip(edges, (low + high) / 2.0, strict=True)}
+        inside = reached(index, middle)
+        low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+    moved = {(i, K[j]): value for (i, j), value in zip(edges, (low + high) / 2.0, strict=True)}
     return [
-        _moved(one, {k: float(v) for (i, k), v in found.items() if i == row})
-        for row, one in enumerate(stairs)
+        _moved(stair, {k: float(v) for (i, k), v in moved.items() if i == row})
+        for row, stair in enumerate(stairs)
     ]
 
 
-def _edges(K: Array, stairs: Staircase) -> set[int]:
-    """Places of the first K of the pockets that count, except where it is the first of all."""
-    ends = [one for one in (stairs.least, stairs.firm, stairs.held) if one > K[0]]
-    return {int(np.searchsorted(K, one)) for one in ends}
+def _edges(K: Array, stair: Staircase) -> set[int]:
+    """Indices into K of least, firm and held, except the first of all."""
+    ends = [edge for edge in (stair.least, stair.firm, stair.held) if edge > K[0]]
+    return {int(np.searchsorted(K, edge)) for edge in ends}
 
 
-def _moved(stairs: Staircase, to: Mapping[float, float]) -> Staircase:
-    least, firm, held = (to.get(one, one) for one in (stairs.least, stairs.firm, stairs.held))
-    return Staircase(least, firm, held, stairs.pockets, stairs.share)
+def _moved(stair: Staircase, to: Mapping[float, float]) -> Staircase:
+    least, firm, held = (to.get(edge, edge) for edge in (stair.least, stair.firm, stair.held))
+    return Staircase(least, firm, held, stair.pockets, stair.share)
 
 
 def _reached(
-    runs: Runs, over: Survey, wanted: int, who: str, index: NDArray[np.int64], K: Array
+    runner: MotionRunner, survey: Survey, target: Target, index: Indices, K: Array
 ) -> Flags:
-    """Whether all starts lead there at values (l,) of the axis and amplitudes (l,)."""
-    chosen = [i for i, name in enumerate(over.starts.names) if name in FROM[who]]
+    """(l,) whether a target is reached at values (l,) of the axis, by index, and K (l,)."""
+    columns = survey.columns(target)
     gears = [
-        over.base.changed({over.axis.name: over.axis.values[i], "K": float(k)})
+        survey.base.changed({survey.axis.name: survey.axis.values[i], "K": float(k)})
         for i, k in zip(index, K, strict=True)
     ]
-    starts = over.states[index][:, chosen].reshape(len(gears) * len(chosen), -1)
-    sets = [gear for gear in gears for _ in chosen]
-    periods = runs.observe(sets, starts, over.look).period.reshape(len(gears), -1)
-    cycles = [cycles_wanted(gear, wanted, over.forcing) for gear in gears]
-    rows = [repeats(row, one) for row, one in zip(periods, cycles, strict=True)]
+    starts = survey.states[index][:, columns].reshape(len(gears) * len(columns), -1)
+    sets = [gear for gear in gears for _ in columns]
+    periods = runner.run(sets, starts, survey.settings).period.reshape(len(gears), -1)
+    cycles = [target_cycles(gear, target.period, survey.forcing) for gear in gears]
+    rows = [repeats(row, n) for row, n in zip(periods, cycles, strict=True)]
     return np.asarray(np.all(rows, axis=1), dtype=bool)
 
 
 def windows(K: Array, periods: Array) -> list[tuple[int, float, float]]:
-    """Runs of one period along K (m,): period (0 aperiodic), first and last K; failed left out."""
+    """Ranges of K (m,) with one period: period (0 = aperiodic), first and last K."""
     edges = [0, *(np.flatnonzero(np.diff(periods)) + 1), len(K)]
     return [
         (int(periods[a]), float(K[a]), float(K[b - 1]))

@@ -1,13 +1,13 @@
-"""Which torques can realise a control: from accelerations of the meshes to newton metres.
+"""Torques on the bodies that realise a control of the meshes, in N m.
 
 A torque on a body moves the meshes by Eqs. (15), (16): with u = r_b theta of the bodies,
 
     x_sp'' = cos beta (u_s'' - u_c'' - u_p''),    x_rp'' = cos beta (u_p'' - u_c''),
 
-so one on the carrier alone moves all four alike, as Eq. (22) has it; one on a half of the sun
-moves its sun mesh alone; one on the planets of a side their sun and ring meshes against each
-other. Five bodies (planets of a side count as one) move four meshes: what one torque vector
-realises, others realise too, which differ by a rigid rotation of the whole train.
+so a torque on the carrier acts on all four meshes alike, as in Eq. (22); one on a half of the sun
+on its sun mesh alone; one on the planets of a side on their sun and ring meshes with opposite
+signs. Five bodies (the planets of a side count as one) act on four meshes, so a control can be
+realised by many torque vectors, which differ by a rigid rotation of the whole train.
 """
 
 from __future__ import annotations
@@ -18,18 +18,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.control.amplitude import least_amplitudes, survey
-from herringbone_sim.control.runs import Look, Runs
-from herringbone_sim.control.starts import Starts
+from herringbone_sim.control.amplitude import Survey, Target, least_amplitudes
+from herringbone_sim.control.runs import MotionRunner
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.sweeps.grid import Axis
 
 Array = NDArray[np.float64]
 
 BODIES = ("s_L", "s_R", "c", "p_L", "p_R")
 MESHES = ("sp_L", "sp_R", "rp_L", "rp_R")
-RIGID = (2.0, 2.0, 1.0, 1.0, 1.0)  # u'' of the bodies at which no mesh is moved
 SINGLE = {
     "carrier": ("c",),
     "sun": ("s_L", "s_R"),
@@ -41,7 +38,7 @@ SINGLE = {
 
 @dataclass(frozen=True)
 class Actuator:
-    """Bodies that a torque acts on, and what it does to the meshes.
+    """Torques on one or more bodies, and their action on the meshes.
 
     Attributes:
         name: in words.
@@ -60,7 +57,7 @@ class Actuator:
         return float(np.max(np.abs(self.torques_n_m)))
 
     def controlled(self, gear: Parameters) -> Parameters:
-        """The gear whose control this actuator realises."""
+        """The gear with the control that this actuator realises."""
         return gear.changed({"control_on": self.pattern})
 
 
@@ -83,29 +80,17 @@ def mesh_map() -> Array:
     )
 
 
-def pattern_of(model: Model, torques_n_m: Array) -> Array:
-    """Vector K (4,) of Eq. (22) that torque amplitudes amount to; it enters with a minus there.
-
-    Args:
-        torques_n_m: (5,) on s_L, s_R, c, and on each planet half of the left and of the right.
-    """
-    s = model.scales
-    unit = s.cos_beta / s.acceleration_m_per_s2
-    moved: Array = -unit * mesh_map() @ (np.asarray(torques_n_m) / torque_arms(model))
-    return moved
-
-
 def torques_for(model: Model, pattern: Sequence[float], on: Sequence[str] = BODIES) -> Array:
     """Torque amplitudes (5,) [N m] on some bodies that realise a vector K of Eq. (22).
 
-    Of all that do, the one with the least sum of squares over all halves of all planets too.
+    Of the possible ones, those with the least sum of squares, each half of each planet counted.
 
     Args:
         pattern: (4,) K on sp_L, sp_R, rp_L, rp_R.
         on: bodies that may be driven.
 
     Returns:
-        NaN where these bodies cannot realise it.
+        NaN if these bodies cannot realise it.
     """
     s, N = model.scales, model.parameters.n_planets
     weight = np.sqrt([1.0, 1.0, 1.0, N, N])
@@ -123,16 +108,16 @@ def torques_for(model: Model, pattern: Sequence[float], on: Sequence[str] = BODI
 
 
 def single_actuators(model: Model) -> list[Actuator]:
-    """Carrier, sun, one half of the sun, planets, planets of one side: each driven alone.
+    """Actuators that drive carrier, sun, a half of it, planets, or those of one side.
 
-    Signs are those of the carrier's: K > 0 takes K cos from the first mesh that is moved.
+    Signs are as for the carrier: K > 0 subtracts K cos from the first mesh that is acted on.
     """
     return [_alone(model, name, bodies) for name, bodies in SINGLE.items()]
 
 
 def _alone(model: Model, name: str, bodies: Sequence[str]) -> Actuator:
-    moved = np.array([body in bodies for body in BODIES], dtype=float)
-    shares = -mesh_map() @ moved
+    driven = np.array([body in bodies for body in BODIES], dtype=float)
+    shares = -mesh_map() @ driven
     shares = shares * np.sign(shares[np.flatnonzero(shares)[0]]) + 0.0  # no -0
     return Actuator(
         name, tuple(map(float, shares)), tuple(map(float, torques_for(model, shares, bodies)))
@@ -140,7 +125,7 @@ def _alone(model: Model, name: str, bodies: Sequence[str]) -> Actuator:
 
 
 def substitutes(model: Model) -> list[Actuator]:
-    """Other torques that do what the carrier's does: sun and planets alone, and the least ones."""
+    """Actuators with the action of the carrier: sun and planets, and all by least squares."""
     paper = (1.0, 1.0, 1.0, 1.0)
     ways = {"sun and planets": ("s_L", "s_R", "p_L", "p_R"), "all, least squares": BODIES}
     return [
@@ -149,51 +134,48 @@ def substitutes(model: Model) -> list[Actuator]:
 
 
 @dataclass(frozen=True)
-class Needed:
-    """What one actuator needs for a motion.
+class TorqueDemand:
+    """Torque that an actuator needs to reach a motion.
 
     Attributes:
-        actuator: which.
-        wanted: the motion repeats after so many mesh cycles.
-        who: starts all of which must lead to it, see ``amplitude.FROM``.
+        actuator: bodies that are driven.
+        target: motion to reach.
         phase: of the control [rad].
-        K: least amplitude from which it is reached over 0.1 of K; NaN = none was found.
+        K: first K of a firm range, see ``amplitude.Staircase``; NaN = none up to ``largest``.
         largest: largest amplitude tried.
-        torque_n_m: at K, the largest amplitude on one body.
+        torque_n_m: largest torque amplitude on one body at K [N m].
     """
 
     actuator: Actuator
-    wanted: int
-    who: str
+    target: Target
     phase: float
     K: float
     largest: float
     torque_n_m: float
 
 
-def needed(
-    runs: Runs,
-    base: Parameters,
+def torque_demands(
+    runner: MotionRunner,
+    survey: Survey,
     actuator: Actuator,
-    phases: Axis,
-    K: Array,
-    asked: Sequence[tuple[int, str]],
-    starts: Starts,
-    look: Look,
-) -> list[Needed]:
-    """What an actuator needs at each phase for each motion and kind of starts."""
-    over = survey(runs, actuator.controlled(base), phases, K, starts, look)
+    targets: Sequence[Target],
+) -> list[TorqueDemand]:
+    """Demand of an actuator for each target at each phase.
+
+    Args:
+        survey: over phase and K of the gear that the actuator controls.
+    """
     return [
-        Needed(
-            *(actuator, wanted, who, one.value, one.staircase.firm, float(K[-1])),
-            one.staircase.firm * actuator.largest_n_m,
+        TorqueDemand(
+            *(actuator, target, least.value, least.staircase.firm, float(survey.K[-1])),
+            least.staircase.firm * actuator.largest_n_m,
         )
-        for wanted, who in asked
-        for one in least_amplitudes(runs, over, wanted, who)
+        for target in targets
+        for least in least_amplitudes(runner, survey, target)
     ]
 
 
-def easiest(found: Sequence[Needed]) -> Needed | None:
-    """The phase that needs the least; None where none reaches the motion."""
-    held = [one for one in found if np.isfinite(one.K)]
-    return min(held, key=lambda one: one.K) if held else None
+def smallest_demand(demands: Sequence[TorqueDemand]) -> TorqueDemand | None:
+    """The demand with the least K; None if none reaches its target."""
+    reached = [demand for demand in demands if np.isfinite(demand.K)]
+    return min(reached, key=lambda demand: demand.K) if reached else None

@@ -1,8 +1,7 @@
-"""Does a controlled motion bear that left and right are not alike?
+"""Robustness of a controlled motion against differences of left and right.
 
-Three questions: do small differences of the two halves die out (transverse exponent), do starts
-with unlike halves lead to the wanted motion (share with interval), and does the motion survive in
-a gear whose halves are made unlike.
+Three measures: the transverse exponent; the share of starts with unequal halves that lead to the
+motion, with its interval; and what becomes of the motion in a gear whose halves differ.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.control.amplitude import Survey, survey
-from herringbone_sim.control.runs import Look, Runs, repeats
+from herringbone_sim.control.amplitude import Survey, run_survey
+from herringbone_sim.control.runs import MotionRunner, RunSettings, repeats
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.basins import random_starts, wilson
@@ -27,15 +26,15 @@ SHARES = (0.01, 0.02, 0.05, 0.10)
 
 
 @dataclass(frozen=True)
-class Gathered:
-    """Where random starts with unlike halves lead to at one set of parameters.
+class StartShares:
+    """Motions reached from random starts with unequal halves at one set of parameters.
 
     Attributes:
         values: the parameters that vary, by name.
-        wanted: the motion repeats after so many mesh cycles, or periods of the effects.
-        starts: how many.
-        reached: how many repeat so, left and right alike.
-        parted: how many repeat so, left and right apart.
+        wanted: mesh cycles (periods of the effects) after which the motion must repeat.
+        starts: number of starts.
+        reached: number that lead to such a motion with left = right.
+        parted: number that lead to such a motion whose halves differ.
         share, low, high: of ``reached``, and its 95 % interval (Wilson).
     """
 
@@ -51,18 +50,18 @@ class Gathered:
 
 @dataclass(frozen=True)
 class Survival:
-    """What becomes of a controlled motion in a gear whose halves differ.
+    """Whether a controlled motion survives in a gear whose halves differ.
 
     Attributes:
-        what: key of ``DIFFERENCES``.
+        what: parameter that differs, key of ``DIFFERENCES``.
         difference: of the halves: a share, of a phase the share of a mesh cycle.
-        wanted: the motion is to repeat after so many mesh cycles, or periods of the effects.
-        period: of the motion from the zero start, in the same; 0 aperiodic, NaN failed.
-        from_zero, from_running: whether it repeats so, from these starts.
-        parted: how many of so many random starts with unlike halves lead to it.
-        starts: how many these were.
-        distance: RMS of left less right [b_c] of the motion that repeats, from zero or else from
-            the running gear; NaN where neither reached it.
+        wanted: mesh cycles (periods of the effects) after which the motion must repeat.
+        period: of the motion from the zero start, in the same unit; 0 = aperiodic, NaN = failed.
+        from_zero, from_running: whether such a motion is reached from these starts.
+        parted: number of random starts with unequal halves that reach it.
+        starts: number of these starts.
+        distance: RMS left-right difference [b_c] of the motion from the zero start, else from the
+            running gear; NaN if it is reached from neither.
     """
 
     what: str
@@ -77,7 +76,7 @@ class Survival:
 
 
 def _sides(name: str, scale: float = 1.0, centre: float = 1.0, kinds: int = 2) -> Any:
-    """Changes that set a parameter of the halves apart by a difference, its mean kept."""
+    """Function from a difference to the parameter with that difference of the halves."""
 
     def changes(difference: float) -> dict[str, list[float]]:
         half = 0.5 * scale * difference
@@ -96,26 +95,36 @@ DIFFERENCES: dict[str, Callable[[float], dict[str, list[float]]]] = {
 }
 
 
-def transverse_map(runs: Runs, base: Parameters, axis: Axis, K: Array, look: Look) -> Survey:
-    """Motions within left-right symmetry from the zero start, with their transverse exponents."""
-    return survey(runs, base, axis, K, Starts(0, 0, running=False), look)
+def transverse_map(
+    runner: MotionRunner, base: Parameters, axis: Axis, K: Array, settings: RunSettings
+) -> Survey:
+    """Motions with left = right from the zero start; their transverse exponents if requested."""
+    return run_survey(runner, base, axis, K, Starts(0, 0, running=False), settings)
 
 
-def gathered(
-    runs: Runs,
+def start_shares(
+    runner: MotionRunner,
     base: Parameters,
     places: Sequence[Mapping[str, float]],
     wanted: Sequence[int],
     starts: int,
-    look: Look,
+    settings: RunSettings,
     seed: int = 0,
-) -> list[Gathered]:
-    """How many of the same random starts with unlike halves reach each motion at each place."""
+) -> list[StartShares]:
+    """Share of random starts with unequal halves that reach each motion at each place.
+
+    Args:
+        places: changes of the parameters of the base.
+        wanted: periods of the motions.
+        starts: number of starts, the same at each place.
+        settings: length of the runs.
+        seed: of the starts.
+    """
     gears = [base.changed(place) for place in places]
-    begin = [random_starts(runs.build(g), starts, np.random.default_rng(seed)) for g in gears]
+    begin = [random_starts(runner.build(g), starts, np.random.default_rng(seed)) for g in gears]
     sets = [gear for gear in gears for _ in range(starts)]
-    motions = runs.observe(sets, np.concatenate(begin), look)
-    alike, forcing = motions.alike.reshape(-1, starts), runs.forcing(gears[0])
+    motions = runner.run(sets, np.concatenate(begin), settings)
+    alike, forcing = motions.alike.reshape(-1, starts), runner.effect_period(gears[0])
     return [
         _gathered(place, one, int((t & a).sum()), int((t & ~a).sum()), starts)
         for one in wanted
@@ -127,33 +136,33 @@ def gathered(
 
 def _gathered(
     place: Mapping[str, float], wanted: int, reached: int, parted: int, n: int
-) -> Gathered:
-    return Gathered(place, wanted, n, reached, parted, reached / n, *wilson(reached, n))
+) -> StartShares:
+    return StartShares(place, wanted, n, reached, parted, reached / n, *wilson(reached, n))
 
 
 def survival(
-    runs: Runs,
+    runner: MotionRunner,
     base: Parameters,
     wanted: int,
-    look: Look,
+    settings: RunSettings,
     differences: Sequence[float] = SHARES,
     starts: int = 8,
 ) -> list[Survival]:
-    """Survival of the motion under each kind and size of difference.
+    """Survival of a motion for each kind and size of difference of the halves.
 
     Args:
         base: the controlled gear with equal halves.
         wanted: mesh cycles after which the motion repeats.
-        look: how long each motion is looked at.
+        settings: length of the runs.
         differences: of the halves.
         starts: random ones, beside the zero start and the running gear.
     """
     cases = [(what, size) for what in DIFFERENCES for size in differences]
     gears = [base.changed(DIFFERENCES[what](size)) for what, size in cases]
-    states = start_states(runs, gears, Starts(alike=0, parted=starts))
+    states = start_states(runner, gears, Starts(alike=0, parted=starts))
     sets = [gear for gear in gears for _ in range(states.shape[1])]
-    motions = runs.observe(sets, states.reshape(len(sets), -1), look)
-    period = motions.period.reshape(len(gears), -1) / runs.forcing(gears[0])
+    motions = runner.run(sets, states.reshape(len(sets), -1), settings)
+    period = motions.period.reshape(len(gears), -1) / runner.effect_period(gears[0])
     asymmetry = motions.asymmetry.reshape(len(gears), -1)
     return [
         _survival(what, size, wanted, p, a)
@@ -162,9 +171,8 @@ def survival(
 
 
 def _survival(what: str, size: float, wanted: int, period: Array, apart: Array) -> Survival:
-    there = repeats(period, wanted)
-    zero, running = bool(there[0]), bool(there[1])
+    reached = repeats(period, wanted)
+    zero, running = bool(reached[0]), bool(reached[1])
     distance = apart[0] if zero else apart[1] if running else np.nan
-    counts = (int(there[2:].sum()), len(there) - 2)
-    seen = (float(period[0]), zero, running, *counts)
-    return Survival(what, size, wanted, *seen, float(distance))
+    counts = (int(reached[2:].sum()), len(reached) - 2)
+    return Survival(what, size, wanted, float(period[0]), zero, running, *counts, float(distance))

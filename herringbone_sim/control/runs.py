@@ -1,9 +1,8 @@
-"""Many gears from many starts: what their motions are; done work is kept in a folder."""
+"""Steady-state motions of many gears from many starts; finished runs are stored in a folder."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -19,27 +18,28 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.array_cache import ArrayCache
+from herringbone_sim.sweeps.chunks import Chunk, ChunkRunner
 from herringbone_sim.sweeps.observe import asymmetries, contact_loss
 from herringbone_sim.sweeps.periods import find_periods
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-CHUNK = 128
-ALIKE = 0.01  # RMS of left less right in b_c up to which they move alike
-LEAST_EXPONENT = 2e-3  # per tau: less is neutral
+CHUNK = 128  # runs that are stored together
+ALIKE = 0.01  # b_c, RMS left-right difference up to which the halves count as moving alike
+LEAST_EXPONENT = 2e-3  # per tau; a smaller one counts as 0
 
 
 @dataclass(frozen=True)
-class Look:
-    """How long a motion is looked at.
+class RunSettings:
+    """Length of a run, and what is computed of its motion.
 
     Attributes:
-        transient: mesh cycles left out first.
-        cycles: periods of the effects looked at (mesh cycles without them); a period of the
-            motion needs 5 repeats in them.
-        exponents: whether to work out Lyapunov exponents.
-        max_period: largest period tried, in the same.
+        transient: mesh cycles discarded first.
+        cycles: periods of the effects observed then (mesh cycles without effects); to be found, a
+            period of the motion must repeat 5 times in them.
+        exponents: whether to compute Lyapunov exponents.
+        max_period: largest period sought, in periods of the effects.
     """
 
     transient: int = 800
@@ -47,24 +47,24 @@ class Look:
     exponents: bool = False
     max_period: int = 16
 
-    def over(self, forcing: int) -> Look:
-        """The same for effects that repeat only after so many mesh cycles."""
-        cycles, longest = self.cycles * forcing, self.max_period * forcing
-        return replace(self, cycles=cycles, max_period=longest)
+    def over(self, period: int) -> RunSettings:
+        """The same in mesh cycles, for effects of this period in mesh cycles."""
+        return replace(self, cycles=self.cycles * period, max_period=self.max_period * period)
 
 
 @dataclass(frozen=True)
 class Motions:
-    """What n runs came to; arrays (n,), NaN where a run failed or nothing was asked for.
+    """Steady-state motions of n runs; arrays (n,), NaN if failed or not computed.
 
     Attributes:
-        period: mesh cycles, 0 aperiodic.
+        period: mesh cycles, 0 = aperiodic.
         exponent, exponent_error: largest Lyapunov exponent per tau and its standard error.
-        within, transverse: the same for perturbations that keep, and that part, left and right.
-        asymmetry: RMS of left less right over the section, b_c.
-        contact_loss: 0 never, 1 on one flank, 2 on both flanks of some mesh.
+        within, transverse: largest exponents per tau of perturbations that keep left = right, and
+            of left-right differences.
+        asymmetry: RMS left-right difference of the section points, b_c.
+        contact_loss: 0 = never, 1 = on one flank, 2 = on both flanks of some mesh.
         apart: share of the time without contact, mean of the meshes.
-        end: (n, n_state) last states, at phase 0.
+        end: (n, n_state) final states, at phase 0.
     """
 
     period: Array
@@ -78,12 +78,12 @@ class Motions:
     end: Array
 
     def repeats(self, cycles: int) -> NDArray[np.bool_]:
-        """Whether the motion repeats after so many mesh cycles: P1 does so after 2 as well."""
+        """(n,) whether each motion repeats after so many mesh cycles, see ``repeats``."""
         return repeats(self.period, cycles)
 
     @property
     def alike(self) -> NDArray[np.bool_]:
-        """Whether left and right move alike."""
+        """(n,) whether the halves move alike."""
         return np.asarray(self.asymmetry < ALIKE, dtype=bool)
 
 
@@ -91,21 +91,25 @@ NAMES = tuple(item.name for item in fields(Motions))
 
 
 def repeats(period: Array, cycles: int) -> NDArray[np.bool_]:
-    """Whether motions of these periods repeat after so many mesh cycles; aperiodic never, none
-    after 0."""
-    periodic = (period > 0) & (cycles > 0)
-    there = periodic & (np.mod(cycles, np.where(periodic, period, 1.0)) == 0.0)
-    return np.asarray(there, dtype=bool)
-
-
-class Runs:
-    """Runs gears on threads and keeps what was seen.
+    """Whether motions repeat after so many mesh cycles: P1 also after 2, an aperiodic one never.
 
     Args:
-        folder: made when it is new; None keeps nothing.
+        period: of the motions in mesh cycles, 0 = aperiodic, NaN = failed.
+        cycles: 0 for none to repeat.
+    """
+    periodic = (period > 0) & (cycles > 0)
+    divides = np.mod(cycles, np.where(periodic, period, 1.0)) == 0.0
+    return np.asarray(periodic & divides, dtype=bool)
+
+
+class MotionRunner:
+    """Runs gears with the same effects on threads and stores their motions in a folder.
+
+    Args:
+        folder: created if missing; None stores nothing.
         workers: threads.
-        planned: told the number of runs before they begin.
-        done: told the number of runs after each chunk.
+        planned: called with the number of runs before they begin.
+        done: called with the number of runs of each finished chunk.
         actives: effects of every gear.
 
     Raises:
@@ -120,67 +124,64 @@ class Runs:
         done: Callable[[int], object] = lambda runs: None,
         actives: Sequence[Active] = (),
     ) -> None:
-        self._kept, self._workers = ArrayCache(folder), workers
-        self._planned, self._done = planned, done
-        self._actives = acting(actives)
+        self._chunks = ChunkRunner(ArrayCache(folder), workers, done)
+        self._planned, self._actives = planned, acting(actives)
 
-    def build(self, one: Parameters) -> Model:
-        """The gear of a parameter set; ParameterError where there can be none."""
-        return build_with(one, self._actives)
+    def build(self, parameters: Parameters) -> Model:
+        """The model of a gear; ParameterError if it can't be built."""
+        return build_with(parameters, self._actives)
 
-    def forcing(self, one: Parameters) -> int:
-        """Mesh cycles after which the effects repeat, whatever the control does; 1 without."""
-        return effect_cycles(self.build(one))
+    def effect_period(self, parameters: Parameters) -> int:
+        """Period of the effects of a gear in mesh cycles; 1 without effects."""
+        return effect_cycles(self.build(parameters))
 
-    def observe(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
+    def run(self, sets: Sequence[Parameters], starts: Array, settings: RunSettings) -> Motions:
         """Motions of n gears of one layout.
 
         Args:
             sets: n parameter sets.
-            starts: (n, n_state) states at phase 0; a row of NaN fails.
-            look: how long.
+            starts: (n, n_state) states at phase 0; a row of NaN counts as a failed run.
+            settings: length of the runs.
         """
         self._planned(len(sets))
-        firsts = range(0, len(sets), CHUNK)
-        pieces = [(sets[i : i + CHUNK], starts[i : i + CHUNK], look) for i in firsts]
-        with ThreadPoolExecutor(self._workers) as pool:
-            found = pool.map(lambda piece: self._chunk(*piece), pieces)
-            return _joined([self._told(one) for one in found])
+        slices = [slice(i, i + CHUNK) for i in range(0, len(sets), CHUNK)]
+        chunks = [self._chunk(sets[rows], starts[rows], settings) for rows in slices]
+        return Motions(**self._chunks.arrays([chunks])[0])
 
-    def _chunk(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
-        parts = [NAMES, sets, effects_text(self._actives), starts, look]
-        return Motions(**self._kept.get(parts, lambda: vars(self._run(sets, starts, look))))
+    def _chunk(self, sets: Sequence[Parameters], starts: Array, settings: RunSettings) -> Chunk:
+        key = [NAMES, sets, effects_text(self._actives), starts, settings]
+        return Chunk(key, lambda: vars(self._motions(sets, starts, settings)), len(sets))
 
-    def _run(self, sets: Sequence[Parameters], starts: Array, look: Look) -> Motions:
-        """One chunk; a gear that can't exist is NaN throughout."""
-        built = [self._built(one) for one in sets]
+    def _motions(
+        self, sets: Sequence[Parameters], starts: Array, settings: RunSettings
+    ) -> Motions:
+        """Motions of one chunk; NaN for a gear that can't be built or has no start."""
         motions = _empty(len(sets), starts.shape[1])
-        whole: list[bool] = np.asarray(np.isfinite(starts).all(axis=1)).tolist()
-        models = {i: model for i, model in enumerate(built) if model is not None and whole[i]}
+        models = {
+            i: model
+            for i, model in enumerate(map(self._model, sets))
+            if model is not None and np.isfinite(starts[i]).all()
+        }
         if models:
             rows = np.array(list(models), dtype=np.int64)
-            longer = look.over(self.forcing(sets[int(rows[0])]))
-            _fill(motions, rows, list(models.values()), starts[rows], longer)
+            period = self.effect_period(sets[int(rows[0])])
+            _fill(motions, rows, list(models.values()), starts[rows], settings.over(period))
         return motions
 
-    def _built(self, one: Parameters) -> Model | None:
+    def _model(self, parameters: Parameters) -> Model | None:
         try:
-            return self.build(one)
+            return self.build(parameters)
         except ParameterError:
             return None
 
-    def _told(self, motions: Motions) -> Motions:
-        self._done(len(motions.period))
-        return motions
-
 
 def _fill(
-    motions: Motions, rows: Indices, models: Sequence[Model], starts: Array, look: Look
+    motions: Motions, rows: Indices, models: Sequence[Model], starts: Array, settings: RunSettings
 ) -> None:
-    """Run gears and put what they came to into their rows."""
-    length = (look.transient, look.cycles, look.cycles, look.exponents)
+    """Run gears and write their motions into the given rows."""
+    length = (settings.transient, settings.cycles, settings.cycles, settings.exponents)
     batch = run_batch(models, starts, *length)
-    motions.period[rows] = find_periods(batch.sections, look.max_period)
+    motions.period[rows] = find_periods(batch.sections, settings.max_period)
     for name in ("exponent", "exponent_error"):
         getattr(motions, name)[rows] = getattr(batch, f"{name}s")
     motions.within[rows], motions.transverse[rows] = batch.within, batch.transverse
@@ -192,7 +193,3 @@ def _fill(
 
 def _empty(n: int, n_state: int) -> Motions:
     return Motions(**{m: np.full((n, n_state) if m == "end" else n, np.nan) for m in NAMES})
-
-
-def _joined(parts: Sequence[Motions]) -> Motions:
-    return Motions(**{m: np.concatenate([getattr(one, m) for one in parts]) for m in NAMES})

@@ -1,9 +1,9 @@
-"""Phase and frequency of the control: what its shape does at each amplitude.
+"""Effect of the phase and the frequency of the control at each amplitude.
 
-On all four equations with the frequency of the mesh, the control adds to the inertia of the mesh
-error, e_m Omega^2 sin(Omega tau) - K cos(Omega tau + phase): it is a mesh error of another
-amplitude and phase (``equivalent_error``), and at one K and one phase it takes the error away
-(``cancelling``). At another frequency it is something that no error of the mesh can be.
+A control of the mesh frequency on all four equations adds to the inertia term of the mesh error,
+e_m Omega^2 sin(Omega tau) - K cos(Omega tau + phase): together they act as a mesh error of another
+amplitude and phase (``equivalent_error``), and at one K and phase they cancel (``cancelling``). A
+control of another frequency acts as no mesh error.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.control.amplitude import Survey, survey
-from herringbone_sim.control.runs import LEAST_EXPONENT, Look, Runs
+from herringbone_sim.control.amplitude import Survey, run_survey
+from herringbone_sim.control.runs import LEAST_EXPONENT, MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.grid import Axis
@@ -26,17 +26,17 @@ ORDERS = tuple(sorted([*(i / 8 for i in range(25)), *IRRATIONAL]))
 
 
 @dataclass(frozen=True)
-class Shape:
+class ShapeMap:
     """Motions over a parameter of the control and over K, from the zero start.
 
     Attributes:
         axis: control_phase or control_order, n values.
         K: (m,).
-        period: (n, m) in periods of the forcing (of mesh and control together); 0 not periodic.
+        period: (n, m) in periods of the forcing (of mesh and control together); 0 = not periodic.
         exponent, exponent_error: (n, m) largest Lyapunov exponent per tau.
-        transverse: (n, m) that of perturbations that part left and right; NaN where they differ.
-        chaotic: (n, m) not periodic, and neighbours with the same symmetry part. A motion that is
-            neither this nor periodic is quasi-periodic, or its period longer than was looked for.
+        transverse: (n, m) that of left-right differences; NaN if the halves differ.
+        chaotic: (n, m) not periodic, with a positive exponent of symmetric perturbations. A motion
+            that is neither is quasi-periodic, or its period longer than sought.
         apart: (n, m) share of the time without contact.
     """
 
@@ -55,23 +55,31 @@ def phases(n: int) -> tuple[float, ...]:
     return tuple(float(-np.pi + 2.0 * np.pi * i / n) for i in range(n))
 
 
-def shape_map(runs: Runs, base: Parameters, axis: Axis, K: Array, look: Look) -> Shape:
+def shape_map(
+    runner: MotionRunner, base: Parameters, axis: Axis, K: Array, settings: RunSettings
+) -> ShapeMap:
     """Periods and exponents over one axis of the control and over K, from the zero start."""
-    found = survey(runs, base, axis, K, Starts(0, 0, running=False), look)
-    unit = np.array([found.wanted_at({axis.name: v}, 1) for v in axis.values])
+    survey = run_survey(runner, base, axis, K, Starts(0, 0, running=False), settings)
+    unit = np.array([survey.target_cycles({axis.name: v}, 1) for v in axis.values])
     names = ("exponent", "exponent_error", "transverse", "within", "apart")
-    exponent, error, transverse, within, apart = (found.of(name)[:, :, 0] for name in names)
-    period = in_periods(found.of("period")[:, :, 0], unit[:, None], K, found.forcing)
+    exponent, error, transverse, within, apart = (survey.of(name)[:, :, 0] for name in names)
+    period = in_periods(survey.of("period")[:, :, 0], unit[:, None], K, survey.forcing)
     own = np.where(np.isnan(within), exponent, within)
     chaotic = (period == 0) & (own > np.maximum(2.0 * error, LEAST_EXPONENT))
-    return Shape(axis, K, period, exponent, error, transverse, chaotic, apart)
+    return ShapeMap(axis, K, period, exponent, error, transverse, chaotic, apart)
 
 
 def in_periods(cycles: Array, unit: Array, K: Array, free: int = 1) -> Array:
-    """Periods of mesh cycles (n, m) in units of the forcing (n, 1), ``free`` where K is 0.
+    """Convert periods (n, m) from mesh cycles to periods of the forcing.
 
-    A period that is no whole number of them is none of the forced motion, but a near miss within
-    the tolerance: 0. So is every one where mesh and control share no period (unit 0).
+    Args:
+        cycles: periods in mesh cycles; 0 = aperiodic, NaN = failed.
+        unit: (n, 1) period of the forcing in mesh cycles; 0 if mesh and control have none.
+        K: (m,) amplitudes.
+        free: unit at K = 0.
+
+    Returns:
+        0 for a period that is no multiple of the unit: it is a coincidence within the tolerance.
     """
     unit = np.where(K == 0.0, free, unit)
     whole = (unit > 0) & (np.mod(cycles, np.maximum(unit, 1)) == 0)
@@ -80,7 +88,7 @@ def in_periods(cycles: Array, unit: Array, K: Array, free: int = 1) -> Array:
 
 
 def best(values: Array, least: Array) -> tuple[float, float]:
-    """Value (n,) at which the least amplitude (n,) is smallest, and that; NaN if there is none."""
+    """The value of ``values`` (n,) with the smallest of ``least`` (n,), and that; else NaN."""
     if not np.isfinite(least).any():
         return np.nan, np.nan
     at = int(np.nanargmin(least))
@@ -88,7 +96,7 @@ def best(values: Array, least: Array) -> tuple[float, float]:
 
 
 def equivalent_error(p: Parameters) -> tuple[float, float]:
-    """Amplitude e_m [b_c] and phase phi_b [rad] of the mesh error that acts as error and control.
+    """Amplitude e_m [b_c] and phase phi_b [rad] of a mesh error that acts as error plus control.
 
     From e_m Omega^2 sin(a) - K cos(a + phase) = e_m' Omega^2 sin(a + phi_b'): the same motion in
     the relative displacements x, for order 1 on all four equations and an error of phase 0.
@@ -99,11 +107,13 @@ def equivalent_error(p: Parameters) -> tuple[float, float]:
 
 
 def cancelling(p: Parameters) -> tuple[float, float]:
-    """K and phase [rad] at which the control takes the inertia of the mesh error away."""
+    """K and phase [rad] at which the control cancels the inertia term of the mesh error."""
     return float(p.e_m * p.Omega**2), float(-np.pi / 2.0)
 
 
-def around_cancelling(runs: Runs, base: Parameters, n: int, look: Look) -> Survey:
+def around_cancelling(
+    runner: MotionRunner, base: Parameters, n: int, settings: RunSettings
+) -> Survey:
     """Motions from all kinds of starts near the control that cancels the mesh error.
 
     Args:
@@ -111,10 +121,10 @@ def around_cancelling(runs: Runs, base: Parameters, n: int, look: Look) -> Surve
     """
     K, phase = cancelling(base)
     near = Axis("control_phase", tuple(map(float, phase + np.linspace(-0.02, 0.02, n))))
-    return survey(runs, base, near, K * np.linspace(0.98, 1.02, n), Starts(1, 1), look)
+    return run_survey(runner, base, near, K * np.linspace(0.98, 1.02, n), Starts(1, 1), settings)
 
 
-def quiet(over: Survey) -> NDArray[np.bool_]:
-    """Whether a motion of a survey has period 1 and never loses contact (n, m, s)."""
-    still = (over.of("period") == over.forcing) & (over.of("contact_loss") == 0)
+def quiet(survey: Survey) -> NDArray[np.bool_]:
+    """(n, m, s) whether a motion of a survey has period 1 and never loses contact."""
+    still = (survey.of("period") == survey.forcing) & (survey.of("contact_loss") == 0)
     return np.asarray(still, dtype=bool)

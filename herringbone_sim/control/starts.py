@@ -1,4 +1,4 @@
-"""States from which a control is tried: it must not rest on a lucky one."""
+"""Initial states from which a control is tried."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.core.model import initial_state
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.basins import random_starts, state_at
 
 Array = NDArray[np.float64]
 
-SETTLE = Look(transient=800, cycles=1)
+SETTLE = RunSettings(transient=800, cycles=1)
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Which states a control is switched on at; phase 0 each.
+    """Kinds of states at phase 0 at which a control is switched on.
 
     ``zero``: the initial state of the gear, from which the paper seems to start. ``running``: the
-    gear has run 800 mesh cycles without control. ``alike``: random, left and right the same.
-    ``parted``: random, left and right each on its own.
+    gear has run 800 mesh cycles without control. ``alike``: random with left = right. ``parted``:
+    random, left and right drawn independently.
 
     Attributes:
-        alike, parted: how many of them.
+        alike, parted: number of these.
         reach: of random displacements in b_c, and of rates in b_c omega_n.
         seed: of the random ones, which are the same for every gear.
-        running: whether to start from the running gear too.
+        running: whether to include ``running``.
     """
 
     alike: int = 2
@@ -46,13 +46,13 @@ class Starts:
         return ("zero", *running, *("alike",) * self.alike, *("parted",) * self.parted)
 
 
-def start_states(runs: Runs, sets: Sequence[Parameters], starts: Starts) -> Array:
-    """States (n, n_start, n_state) for n gears; NaN where the gear without control failed."""
-    models = [runs.build(one) for one in sets]
+def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Starts) -> Array:
+    """States (n, n_start, n_state) of n gears; NaN where the run without control failed."""
+    models = [runner.build(p) for p in sets]
     columns = [np.array([initial_state(model) for model in models])]
     if starts.running:
-        free = [one.changed({"K": 0.0}) for one in sets]
-        columns.append(runs.observe(free, columns[0], SETTLE).end)
+        free = [p.changed({"K": 0.0}) for p in sets]
+        columns.append(runner.run(free, columns[0], SETTLE).end)
     rng = np.random.default_rng(starts.seed)
     n_class = models[0].layout.n_classes
     for _ in range(starts.alike):

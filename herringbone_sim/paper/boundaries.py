@@ -1,4 +1,4 @@
-"""Where one simulated motion gives way to another: by bisection, every value from one start."""
+"""Boundaries between motions: read off a sweep, or bisected with every value from one start."""
 
 from __future__ import annotations
 
@@ -7,27 +7,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.paper.observe import Observer
+from herringbone_sim.paper.observe import BatchRunner
 from herringbone_sim.paper.regimes import Sweep, find_cut, motions_of
 from herringbone_sim.paper.scenarios import Array, Scenario
 from herringbone_sim.paper.staircase import Reading, Way, request
 from herringbone_sim.paper.statements import BoundaryAt
 
-ROUNDS, INNER = 2, 15
-PATIENCE, MOVES = 4000, 8
-FINE = 1e-5
+ROUNDS, INNER = 2, 15  # of the bisection; values within the interval in each round
+SETTLE = 4000  # mesh cycles discarded at each value
+MOVES = 8  # largest number of steps by which the interval is moved
+FINE = 1e-5  # b_c, tolerance of a period
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Where ``before`` gives way to ``after``.
+    """Value of a parameter at which one motion changes to another.
 
     Attributes:
-        at: the value; NaN where the edge is not to be seen.
+        at: the value; NaN if the sweep does not show the change.
         half_width: half of the interval in which it lies.
         share_before, share_after: shares of the sweep's values with the motion, within 3 % of the
-            sweep on either side: 1 and 1 for a clean edge, less for a ragged one.
-        note: what was done, in words.
+            sweep on either side; 1 and 1 for a clean change, less for a ragged one.
+        note: how it was obtained.
     """
 
     at: float
@@ -38,7 +39,7 @@ class Boundary:
 
 
 def locate(sweep: Sweep, wanted: BoundaryAt) -> Boundary:
-    """The boundary as the values of a sweep show it."""
+    """A published boundary as read off the values of a sweep."""
     near = (wanted.low + wanted.high) / 2.0
     cut = find_cut(sweep, wanted.before, wanted.after, near)
     if cut is None:
@@ -49,32 +50,32 @@ def locate(sweep: Sweep, wanted: BoundaryAt) -> Boundary:
 
 
 def bisect(
-    observer: Observer,
-    one: Scenario,
+    runner: BatchRunner,
+    scenario: Scenario,
     reading: Reading,
     sweep: Sweep,
     wanted: BoundaryAt,
     way: Way | None = None,
 ) -> Boundary:
-    """The boundary to 1/256 of the sweep's step: sections of the interval, 15 values at a time.
+    """A published boundary to 1/256 of the step of a sweep, 15 values at a time.
 
-    Only an edge whose two neighbours on the sweep show the two motions can be cut in pieces; any
-    other is left as ``locate`` finds it. Every value is given 4000 cycles to settle, and its
-    points must repeat to 1e-5 b_c: beside a period doubling a motion leaves its old orbit slowly
-    and not far, so the interval of the sweep may have to be moved by some steps first. Within it
-    the first value that is not ``before`` counts.
+    Only a boundary whose two neighbouring values show the two motions can be bisected; any other
+    is returned as from ``locate``. Every value settles for 4000 cycles and must repeat to 1e-5
+    b_c: near a period doubling a motion leaves its old orbit slowly and not far, so the interval
+    of the sweep may first have to be moved by some steps. In the interval the first value counts
+    that does not have the motion ``before``.
     """
-    found = locate(sweep, wanted)
-    if not found.note.startswith("clean"):
-        return found
+    located = locate(sweep, wanted)
+    if not located.note.startswith("clean"):
+        return located
 
     def is_before(values: Array) -> NDArray[np.bool_]:
-        asked = replace(request(one, reading, values, way), transient=PATIENCE)
-        motions = motions_of(observer.batch(asked), FINE)
+        runs = replace(request(scenario, reading, values, way), transient=SETTLE)
+        motions = motions_of(runner.batch(runs), FINE)
         same: NDArray[np.bool_] = motions == wanted.before
         return same
 
-    low, high = found.at - found.half_width, found.at + found.half_width
+    low, high = located.at - located.half_width, located.at + located.half_width
     width = high - low
     for _ in range(MOVES):
         first, last = is_before(np.array([low, high]))
@@ -82,10 +83,10 @@ def bisect(
             break
         low, high = (low - width, high - width) if not first else (low + width, high + width)
     else:
-        return replace(found, note="edge of the sweep; it moves with patience")
+        return replace(located, note="edge of the sweep; it moves with more cycles to settle")
     for _ in range(ROUNDS):
         values = np.linspace(low, high, INNER + 2)
         at = int(np.argmin(np.append(is_before(values[1:-1]), False)))
         low, high = float(values[at]), float(values[at + 1])
     middle, half = (low + high) / 2.0, (high - low) / 2.0
-    return replace(found, at=middle, half_width=half, note="bisected")
+    return replace(located, at=middle, half_width=half, note="bisected")

@@ -1,6 +1,6 @@
-"""What was obtained for each published statement, and the rule by which it counts as right.
+"""Checks of the published statements, by rules that are the same for every scenario.
 
-The rules are the same for every scenario and stand in ``RULES``; the page prints them.
+The page of a reproduction prints ``RULES``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from herringbone_sim.paper.regimes import (
     nearest_stretch,
     route,
     share,
-    told,
+    shares_text,
 )
 from herringbone_sim.paper.scenarios import CHAOS, motion_name, scenario
 from herringbone_sim.paper.statements import (
@@ -57,7 +57,13 @@ RULES = (
 
 @dataclass(frozen=True)
 class Obtained:
-    """What was found for a statement: in words, its error, and whether it counts as right."""
+    """Result of the check of a statement.
+
+    Attributes:
+        text: what was obtained.
+        error: obtained minus published, or a share of values, see ``RULES``; NaN for none.
+        ok: whether the statement counts as right.
+    """
 
     text: str
     error: float
@@ -66,12 +72,11 @@ class Obtained:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the statements of one scenario are held against.
+    """Results that the statements of one scenario are compared with.
 
     Attributes:
         sweep: motions (and exponents) over the swept parameter.
-        boundaries: bisected boundaries by statement; those that are left out are read off the
-            sweep.
+        boundaries: bisected boundaries by statement; others are read off the sweep.
         points: motion and exponent (NaN if unknown) at single values.
     """
 
@@ -82,18 +87,18 @@ class Evidence:
 
 @singledispatch
 def check(statement: Statement, evidence: Evidence) -> Obtained:
-    """What was obtained for a statement, by the rule of its kind."""
+    """Check a statement by the rule of its kind."""
     raise TypeError(f"no rule for {type(statement).__name__}")
 
 
 @check.register
 def _(statement: WindowIs, evidence: Evidence) -> Obtained:
     low, high = statement.low, statement.high
-    found = share(evidence.sweep, low, high, statement.motion)
-    text = told(evidence.sweep, low, high)
-    if found < LEAST_SHARE:
+    obtained = share(evidence.sweep, low, high, statement.motion)
+    text = shares_text(evidence.sweep, low, high)
+    if obtained < LEAST_SHARE:
         text += _nearest(evidence.sweep, statement)
-    return Obtained(text, 1.0 - found, bool(found >= LEAST_SHARE))
+    return Obtained(text, 1.0 - obtained, bool(obtained >= LEAST_SHARE))
 
 
 def _nearest(sweep: Sweep, statement: WindowIs) -> str:
@@ -162,7 +167,7 @@ def _(statement: ExponentSign, evidence: Evidence) -> Obtained:
 
 
 def _alike(sweep: Sweep, inside: NDArray[np.bool_], sign: int) -> str:
-    """Median, and the share that has the sign when left and right are kept alike."""
+    """Median exponent, and share of symmetric perturbations whose exponent has the sign."""
     exponents, within = sweep.exponents[inside, 0], sweep.exponents[inside, 2]
     if not np.isfinite(exponents).any():
         return ", none known"

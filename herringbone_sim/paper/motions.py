@@ -1,4 +1,4 @@
-"""The motion of a four-panel figure as the analysis sees a recording of it."""
+"""The motion of a four-panel figure, analysed as if it had been recorded."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ RUN = POINT_SETTLE + POINT_CYCLES  # mesh cycles behind the end of a point's run
 
 
 def recorded(point: Point) -> SegmentResult:
-    """Series of 480 cycles from the end of the point's run; its section has all of the run's.
+    """Analysis of 480 further mesh cycles; the section is that of the point's own, longer run.
 
     Raises:
-        DivergenceError: the motion left the range of any gear.
+        DivergenceError: the motion diverges.
     """
     p = point.parameters.changed({"samples_per_cycle": SAMPLES})
     model, n = build_with(p, point.effects), len(point.end)
@@ -39,7 +39,7 @@ def recorded(point: Point) -> SegmentResult:
 
 
 def _section(model: Model, states: Array, like: Section) -> Section:
-    """States at phase 0 as a section in metres."""
+    """Section in SI units of dimensionless states (n, n_state) at phase 0."""
     pairs = [relative(model, y[: model.layout.n_state], 0.0) for y in states]
     scale = model.scales
     return replace(

@@ -1,11 +1,9 @@
-"""Batches of models, kept in a folder: what was done before is read, not run again."""
+"""Batches of runs that the reproduction asks for; finished ones are stored in a folder."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,20 +17,21 @@ from herringbone_sim.effects.written import effects_text
 from herringbone_sim.paper.regimes import POINTS
 from herringbone_sim.paper.scenarios import Array
 from herringbone_sim.sweeps.array_cache import ArrayCache
+from herringbone_sim.sweeps.chunks import Chunk, ChunkRunner
 
-CHUNK = 32
+CHUNK = 32  # runs that are stored together
 NAMES = tuple(item.name for item in fields(Batch))
 
 
 @dataclass(frozen=True)
 class Request:
-    """Models to run, as ``core.batch.run_batch`` takes them.
+    """n runs of gears with the same layout and effects.
 
     Attributes:
-        sets: n parameter sets of one layout.
-        starts: (n, n_state) states at phase 0; None for the sets' own.
-        transient, cycles, points, exponents: see ``run_batch``.
-        before: mesh cycles that each has run earlier.
+        sets: n parameter sets.
+        starts: (n, n_state) states at phase 0, dimensionless; None for the initial states.
+        transient, cycles, points, exponents: see ``core.batch.run_batch``.
+        before: mesh cycles that have passed at the start.
         effects: of every gear.
     """
 
@@ -45,32 +44,32 @@ class Request:
     before: int = 0
     effects: tuple[Active, ...] = ()
 
-    def chunks(self) -> list[Request]:
-        """The same in pieces of at most 32 sets."""
-        return [self._part(i, min(i + CHUNK, len(self.sets))) for i in _starts(len(self.sets))]
-
-    def _part(self, first: int, stop: int) -> Request:
-        starts = None if self.starts is None else self.starts[first:stop]
-        return replace(self, sets=self.sets[first:stop], starts=starts)
+    def parts(self) -> list[Request]:
+        """The request in parts of at most ``CHUNK`` runs."""
+        slices = [slice(i, i + CHUNK) for i in range(0, len(self.sets), CHUNK)]
+        starts = [None if self.starts is None else self.starts[rows] for rows in slices]
+        pairs = zip(slices, starts, strict=True)
+        return [replace(self, sets=self.sets[rows], starts=part) for rows, part in pairs]
 
     @property
     def length(self) -> tuple[int, int, int, bool]:
+        """Length of the runs, in the order of the arguments of ``run_batch``."""
         return self.transient, self.cycles, self.points, self.exponents
 
     @property
-    def parts(self) -> list[Any]:
-        """All that the result hangs on."""
+    def key(self) -> list[Any]:
+        """All inputs that the batch depends on, for ``ArrayCache``."""
         rest = [self.before, effects_text(self.effects)]
         return [NAMES, self.sets, self.starts, self.length, *rest]
 
 
-class Observer:
-    """Runs requests on threads and keeps their batches in a folder.
+class BatchRunner:
+    """Runs requests on threads and stores their batches in a folder.
 
     Args:
-        folder: made when it is new; None keeps nothing.
+        folder: created if missing; None stores nothing.
         workers: threads.
-        done: told the number of sets after each chunk.
+        done: called with the number of runs of each finished chunk.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -80,45 +79,28 @@ class Observer:
         self,
         folder: Path | None = None,
         workers: int = 2,
-        done: Callable[[int], object] = lambda sets: None,
+        done: Callable[[int], object] = lambda runs: None,
     ) -> None:
-        self._kept, self._workers, self._done = ArrayCache(folder), workers, done
+        self._chunks = ChunkRunner(ArrayCache(folder), workers, done)
 
     def batch(self, request: Request) -> Batch:
         """The batch of one request."""
         return self.batches([request])[0]
 
-    def batches(self, requests: Iterable[Request]) -> list[Batch]:
+    def batches(self, requests: Sequence[Request]) -> list[Batch]:
         """The batches of several requests, run side by side."""
-        pieces = [request.chunks() for request in requests]
-        with ThreadPoolExecutor(self._workers) as pool:
-            found = pool.map(self._one, chain.from_iterable(pieces))
-            return [_joined([self._told(next(found)) for _ in own]) for own in pieces]
-
-    def _one(self, chunk: Request) -> Batch:
-        arrays = self._kept.get(chunk.parts, lambda: vars(_run(chunk)))
-        return Batch(**{**arrays, "reasons": tuple(map(str, arrays["reasons"]))})
-
-    def _told(self, batch: Batch) -> Batch:
-        self._done(len(batch.reasons))
-        return batch
+        jobs = [[_chunk(part) for part in request.parts()] for request in requests]
+        return [
+            Batch(**{**arrays, "reasons": tuple(map(str, arrays["reasons"]))})
+            for arrays in self._chunks.arrays(jobs)
+        ]
 
 
-def _run(chunk: Request) -> Batch:
-    models = [build_with(one, chunk.effects) for one in chunk.sets]
-    before = np.full(len(models), chunk.before)
-    return run_batch(models, chunk.starts, *chunk.length, before=before)
+def _chunk(request: Request) -> Chunk:
+    return Chunk(request.key, lambda: vars(_run(request)), len(request.sets))
 
 
-def _starts(n: int) -> range:
-    return range(0, n, CHUNK)
-
-
-def _joined(parts: Sequence[Batch]) -> Batch:
-    """Batches one behind the other."""
-    arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in NAMES
-        if name != "reasons"
-    }
-    return Batch(**arrays, reasons=tuple(text for part in parts for text in part.reasons))
+def _run(request: Request) -> Batch:
+    models = [build_with(parameters, request.effects) for parameters in request.sets]
+    before = np.full(len(models), request.before)
+    return run_batch(models, request.starts, *request.length, before=before)

@@ -1,4 +1,4 @@
-"""Which motion there is at each value of a sweep, and where one gives way to another."""
+"""Motion at each value of a sweep, and the changes from one motion to another."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Labels = NDArray[np.int64]
 
 MAX_PERIOD = 12
 POINTS = 64
-REACH = 0.03
-SEARCH = 0.25
-LEAST_STRETCH = 0.02
+REACH = 0.03  # of the sweep: distance over which shares are taken
+SEARCH = 0.25  # of the sweep: distance from the published value that is searched
+LEAST_STRETCH = 0.02  # of the sweep: shorter stretches are not part of a route
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Cut:
-    """Where ``before`` gives way to ``after``.
+    """A change from motion ``before`` to motion ``after`` along a sweep.
 
     Attributes:
         at: middle between the two neighbouring values of the sweep.
         low, high: these two values.
-        share_before, share_after: shares of the values that have the motion, within the reach on
-            either side: 1 and 1 for a clean edge.
-        clean: whether the two neighbours have the motions themselves, so that bisection applies.
+        share_before, share_after: shares of the values with the motion, within 3 % of the sweep
+            on either side; 1 and 1 for a clean change.
+        clean: whether the two neighbouring values have the motions, so that bisection applies.
     """
 
     at: float
@@ -68,8 +68,7 @@ def motions_of(batch: Batch, tolerance: float = TOLERANCE) -> Labels:
     The section points of all states, in units of b_c and b_c omega_n, must gather around as many
     centres as there are cycles in the period, to ``tolerance`` RMS and without drifting apart.
     """
-    found = [_motion(points, tolerance) for points in batch.sections]
-    return np.array(found, dtype=np.int64)
+    return np.array([_motion(points, tolerance) for points in batch.sections], dtype=np.int64)
 
 
 def _motion(points: Array, tolerance: float) -> int:
@@ -86,11 +85,11 @@ def share(sweep: Sweep, low: float, high: float, motion: int) -> float:
 
 
 def find_cut(sweep: Sweep, before: int, after: int, near: float) -> Cut | None:
-    """The edge from one motion to another, as clean as there is within a quarter of the sweep.
+    """The change from motion ``before`` to ``after`` that is cleanest and nearest to a value.
 
-    Every place where the motion changes is tried. The shares of ``before`` and of ``after`` within
-    3 % of the sweep on either side, and its closeness to ``near`` (1 there, 0 at a quarter of the
-    sweep from it), are multiplied: the largest product counts. None where all are zero.
+    Of all values where the motion changes, the one with the largest product of three numbers: the
+    shares of ``before`` and ``after`` within 3 % of the sweep on either side, and a closeness that
+    falls from 1 at ``near`` to 0 at a quarter of the sweep from it. None if all products are 0.
     """
     v, m = sweep.values, sweep.motions
     span = float(v[-1] - v[0])
@@ -120,29 +119,29 @@ def _cut(sweep: Sweep, i: int, before: int, after: int, reach: float) -> Cut:
 
 
 def stretches(sweep: Sweep) -> list[tuple[float, float, int]]:
-    """Runs of one motion: first value, last value, motion."""
+    """Stretches of the sweep with one motion: first value, last value, motion."""
     v, m = sweep.values, sweep.motions
     edges = [0, *(np.flatnonzero(m[1:] != m[:-1]) + 1), len(m)]
     return [(float(v[a]), float(v[b - 1]), int(m[a])) for a, b in pairwise(edges)]
 
 
 def nearest_stretch(sweep: Sweep, motion: int, near: float) -> tuple[float, float] | None:
-    """The run of a motion that lies nearest to a value."""
-    runs = [(low, high) for low, high, found in stretches(sweep) if found == motion]
-    return min(runs, key=lambda r: max(r[0] - near, near - r[1], 0.0), default=None)
+    """First and last value of the stretch with a motion that is nearest to a value, or None."""
+    own = [(low, high) for low, high, kind in stretches(sweep) if kind == motion]
+    return min(own, key=lambda s: max(s[0] - near, near - s[1], 0.0), default=None)
 
 
 def route(sweep: Sweep) -> tuple[int, ...]:
-    """Motions along the sweep; runs shorter than 2 % of it are left out."""
+    """Motions along the sweep in order, without stretches shorter than 2 % of it."""
     span = float(sweep.values[-1] - sweep.values[0])
     step = span / max(len(sweep.values) - 1, 1)
     long = [m for low, high, m in stretches(sweep) if high - low + step >= LEAST_STRETCH * span]
     return tuple(m for i, m in enumerate(long) if i == 0 or m != long[i - 1])
 
 
-def told(sweep: Sweep, low: float, high: float, most: int = 4) -> str:
-    """Shares of the motions between two values in words, largest first."""
+def shares_text(sweep: Sweep, low: float, high: float, limit: int = 4) -> str:
+    """Shares of the commonest motions between two values, as ``P2 60%, chaos 40%``."""
     inside = sweep.motions[(sweep.values >= low) & (sweep.values <= high)]
     kinds, counts = np.unique(inside, return_counts=True)
-    order = np.argsort(-counts, kind="stable")[:most]
+    order = np.argsort(-counts, kind="stable")[:limit]
     return ", ".join(f"{motion_name(int(kinds[i]))} {counts[i] / len(inside):.0%}" for i in order)

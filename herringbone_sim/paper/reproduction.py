@@ -1,4 +1,4 @@
-"""The whole reproduction: sweeps, boundaries, single motions, and what they hang on."""
+"""The whole reproduction: sweeps, boundaries, single motions, dependence on start and step."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.core.batch import Batch
 from herringbone_sim.core.model import initial_state
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import build_with
@@ -16,7 +15,7 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper.boundaries import INNER, ROUNDS, Boundary, bisect, locate
 from herringbone_sim.paper.checks import Evidence, Obtained, check
-from herringbone_sim.paper.observe import Observer, Request
+from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import Sweep, motions_of
 from herringbone_sim.paper.scenarios import SCENARIOS, Array, Scenario, scenario
 from herringbone_sim.paper.staircase import Reading, Way, continuations, sweep
@@ -29,9 +28,9 @@ from herringbone_sim.paper.statements import (
 )
 
 POINT_SETTLE, POINT_CYCLES = 1000, 2000
-SMALL, LARGE = 0.01, 0.3
+SMALL, LARGE = 0.01, 0.3  # b_c, standard deviations of random starts
 RK4_STEPS = (50, 100, 200, 800)
-STEPPED_SHARE, SLOW_SHARE = 0.5, 0.25
+STEPPED_SHARE, SLOW_SHARE = 0.5, 0.25  # of the values of a sweep, with fixed steps
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,11 @@ class Point:
     """The motion of one four-panel figure.
 
     Attributes:
-        statement: which figure, and what is published.
-        parameters: the set.
+        statement: what is published of it.
+        parameters: of the gear.
         sections: (cycles, n_state) states at phase 0.
         end: (n_state,) state at phase 0 after them.
-        motion: period, 0 aperiodic.
+        motion: period in mesh cycles, 0 = aperiodic.
         exponent: largest, per tau.
         effects: of the gear.
     """
@@ -67,87 +66,88 @@ class Point:
 
 @dataclass(frozen=True)
 class Compared:
-    """One boundary by one way to start or step."""
+    """A published boundary as obtained from one start or with one step size.
+
+    Attributes:
+        way: start or step, see ``Way.name``.
+        statement: published boundary.
+        boundary: obtained boundary.
+    """
 
     way: str
-    wanted: BoundaryAt
-    found: Boundary
+    statement: BoundaryAt
+    boundary: Boundary
 
 
-def chosen(keys: str) -> tuple[Scenario, ...]:
-    """The scenarios of some letters, in the paper's order; AnalysisError for none or wrong."""
+def scenarios_of(keys: str) -> tuple[Scenario, ...]:
+    """Scenarios by letters, in the order of the paper; AnalysisError for no or wrong letters."""
     if not keys:
         raise AnalysisError(
             f"no scenario was chosen: name one or more of {', '.join(s.key for s in SCENARIOS)}"
         )
     wanted = {scenario(key).key for key in keys}
-    return tuple(one for one in SCENARIOS if one.key in wanted)
+    return tuple(s for s in SCENARIOS if s.key in wanted)
 
 
 def sweeps(
-    observer: Observer, scenarios: Sequence[Scenario], reading: Reading, n: int
+    runner: BatchRunner, scenarios: Sequence[Scenario], reading: Reading, n: int
 ) -> dict[str, Sweep]:
-    """n values of each scenario with their largest exponents, by letter."""
-    return {one.key: sweep(observer, one, reading, n, exponents=True) for one in scenarios}
+    """Sweep of each scenario from the initial state, by letter: n values, with exponents."""
+    return {s.key: sweep(runner, s, reading, n, exponents=True) for s in scenarios}
 
 
-def points(observer: Observer, scenarios: Sequence[Scenario], reading: Reading) -> list[Point]:
+def points(runner: BatchRunner, scenarios: Sequence[Scenario], reading: Reading) -> list[Point]:
     """The motions of the four-panel figures."""
-    keys = "".join(one.key for one in scenarios)
-    wanted = [one for one in statements(keys) if isinstance(one, MotionAt)]
-    if not wanted:
+    keys = "".join(s.key for s in scenarios)
+    figures = [s for s in statements(keys) if isinstance(s, MotionAt)]
+    if not figures:
         return []
     sets = tuple(
-        scenario(one.scenario).parameters(reading.parameters, one.value, reading.xi)
-        for one in wanted
+        scenario(s.scenario).parameters(reading.parameters, s.value, reading.xi) for s in figures
     )
     length = (POINT_SETTLE, POINT_CYCLES, POINT_CYCLES, True)
-    asked = Request(sets, None, *length, effects=reading.effects)
-    batch = observer.batch(asked)
-    motions = motions_of(batch)
-    return [_point(one, asked, batch, i, int(motions[i])) for i, one in enumerate(wanted)]
-
-
-def _point(one: MotionAt, asked: Request, batch: Batch, i: int, motion: int) -> Point:
-    states = batch.sections[i], batch.end[i]
-    exponent = float(batch.exponents[i])
-    return Point(one, asked.sets[i], *states, motion, exponent, asked.effects)
+    batch = runner.batch(Request(sets, None, *length, effects=reading.effects))
+    rows = zip(figures, sets, batch.sections, batch.end, strict=True)
+    results = zip(map(int, motions_of(batch)), map(float, batch.exponents), strict=True)
+    return [
+        Point(*row, *result, reading.effects) for row, result in zip(rows, results, strict=True)
+    ]
 
 
 def evidence(
-    observer: Observer,
-    one: Scenario,
+    runner: BatchRunner,
+    scenario: Scenario,
     reading: Reading,
-    found: Sweep,
-    single: Sequence[Point],
+    sweep: Sweep,
+    points: Sequence[Point],
 ) -> Evidence:
-    """What a scenario's statements are held against: its boundaries are bisected here."""
+    """Results that the statements of a scenario are compared with; bisects its boundaries."""
     return Evidence(
-        found,
-        {wanted: bisect(observer, one, reading, found, wanted) for wanted in boundaries(one)},
+        sweep,
+        {b: bisect(runner, scenario, reading, sweep, b) for b in boundaries(scenario)},
         {
             point.statement.value: (point.motion, point.exponent)
-            for point in single
-            if point.statement.scenario == one.key
+            for point in points
+            if point.statement.scenario == scenario.key
         },
     )
 
 
-def checked(known: Mapping[str, Evidence]) -> list[Checked]:
-    """Every statement of the scenarios with what was obtained, in the order of the paper."""
-    return [Checked(one, check(one, known[one.scenario])) for one in statements("".join(known))]
+def checked(evidence: Mapping[str, Evidence]) -> list[Checked]:
+    """All statements of the scenarios with their checks, in the order of the paper."""
+    return [Checked(s, check(s, evidence[s.scenario])) for s in statements("".join(evidence))]
 
 
 def ways(reading: Reading) -> tuple[Way, ...]:
-    """Ways to start and to step, beside the zero start with the Taylor series.
+    """Other starts and steps than the initial state with the Taylor series.
 
-    Random displacements added to the set's own start, alike on both sides (``symmetric``) or not,
-    by their standard deviation in b_c; and the paper's method with 50 to 800 steps a cycle.
+    Starts add random displacements to the initial state, with left = right (``symmetric``) or not,
+    named by their standard deviation in b_c. Steps are those of RK4, 50 to 800 per cycle.
     """
     zero = initial_state(build_with(reading.parameters, reading.effects))
     sizes = (SMALL, LARGE, LARGE)
     starts = [zero + _symmetric(len(zero), size, seed) for seed, size in enumerate(sizes, 1)]
-    starts += [zero + _any(len(zero), size, seed) for seed, size in enumerate(sizes, 4)]
+    starts += [zero + _asymmetric(len(zero), size, seed) for seed, size in enumerate(sizes, 4)]
     kinds = itertools.product(("symmetric", "asymmetric"), sizes)
     names = [f"{kind} ±{size:g} ({i})" for i, (kind, size) in enumerate(kinds, 1)]
     random = [Way(name, {}, start) for name, start in zip(names, starts, strict=True)]
@@ -164,30 +164,31 @@ def ways(reading: Reading) -> tuple[Way, ...]:
 
 
 def compared_runs(n: int) -> int:
-    """Runs of ``compared`` for one scenario: two continuations, six starts, four steps."""
+    """Number of runs of ``compared`` for one scenario: 2 continuations, 6 starts, 4 steps."""
     stepped = (len(RK4_STEPS) - 1) * max(int(n * STEPPED_SHARE), 2)
     return 8 * n + stepped + max(int(n * SLOW_SHARE), 2)
 
 
-def bisected_runs(one: Scenario) -> int:
-    """Runs that its boundaries take at most."""
-    return (len(one.windows) - 1) * (ROUNDS * INNER + 2)
+def bisected_runs(scenario: Scenario) -> int:
+    """Largest number of runs that its boundaries take."""
+    return (len(scenario.windows) - 1) * (ROUNDS * INNER + 2)
 
 
 def point_runs(scenarios: Sequence[Scenario]) -> int:
-    """Four-panel figures of some scenarios."""
-    keys = "".join(one.key for one in scenarios)
-    return sum(isinstance(one, MotionAt) for one in statements(keys))
+    """Number of four-panel figures of some scenarios."""
+    keys = "".join(s.key for s in scenarios)
+    return sum(isinstance(s, MotionAt) for s in statements(keys))
 
 
-def _any(n: int, size: float, seed: int) -> Array:
+def _asymmetric(n: int, size: float, seed: int) -> Array:
+    """State (n,) with random displacements."""
     start = np.zeros(n)
     start[: n // 2] = size * np.random.default_rng(seed).normal(size=n // 2)
     return start
 
 
 def _symmetric(n: int, size: float, seed: int) -> Array:
-    """Left and right alike: q_L = q_R, r_pL = r_pR."""
+    """State (n,) with random displacements, q_L = q_R and r_pL = r_pR."""
     start = np.zeros(n)
     side = (n // 2 - 2) // 2
     q, *r = size * np.random.default_rng(seed).normal(size=1 + side)
@@ -196,32 +197,35 @@ def _symmetric(n: int, size: float, seed: int) -> Array:
 
 
 def compared(
-    observer: Observer,
+    runner: BatchRunner,
     scenarios: Sequence[Scenario],
     reading: Reading,
     n: int,
     zero: Mapping[str, Sweep],
 ) -> dict[str, dict[str, Sweep]]:
-    """Sweeps by every way: scenario -> way -> sweep; the zero start first."""
-    rows: dict[str, dict[str, Sweep]] = {
-        one.key: {"zero start": zero[one.key]} for one in scenarios
-    }
+    """Sweeps from other starts and with other steps, by scenario and way.
+
+    Args:
+        n: values of a sweep.
+        zero: sweeps from the initial state, which come first.
+    """
+    rows: dict[str, dict[str, Sweep]] = {s.key: {"zero start": zero[s.key]} for s in scenarios}
     for name, direction in (("continued upwards", 1), ("continued downwards", -1)):
-        found = continuations(observer, scenarios, reading, n, direction)
-        for one, row in zip(scenarios, found, strict=True):
-            rows[one.key][name] = row
+        continued = continuations(runner, scenarios, reading, n, direction)
+        for s, row in zip(scenarios, continued, strict=True):
+            rows[s.key][name] = row
     for way in ways(reading):
-        for one in scenarios:
-            count = max(int(n * way.share), 2)
-            rows[one.key][way.name] = sweep(observer, one, reading, count, way)
+        count = max(int(n * way.share), 2)
+        for s in scenarios:
+            rows[s.key][way.name] = sweep(runner, s, reading, count, way)
     return rows
 
 
 def compared_boundaries(rows: Mapping[str, Mapping[str, Sweep]]) -> list[Compared]:
-    """Every boundary as every way's sweep shows it."""
+    """Every published boundary as read off the sweep of every way."""
     return [
-        Compared(way, wanted, locate(row, wanted))
+        Compared(way, statement, locate(row, statement))
         for key, by_way in rows.items()
-        for wanted in boundaries(scenario(key))
+        for statement in boundaries(scenario(key))
         for way, row in by_way.items()
     ]

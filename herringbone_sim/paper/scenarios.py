@@ -1,4 +1,4 @@
-"""The five sweeps of the paper's sections 3 and 4, and the motions published along them."""
+"""The five sweeps of sections 3 and 4 of the paper, with the motions published along them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SECTION_4_XI = 0.0875
 class Window:
     """Motion over part of a sweep: period in mesh cycles, 0 for chaos.
 
-    ``implied``: the paper does not say it in words, it follows from what it does say.
+    ``implied``: not stated by the paper, but it follows from its statements.
     """
 
     low: float
@@ -74,6 +74,24 @@ class Scenario:
         of_section = {"xi": xi} if self.controlled else {}
         changes = {**self.fixed, **of_section, self.parameter: float(value)}
         return reading.changed({**changes, "samples_per_cycle": 1})
+
+
+def _controlled(key: str, K: float, ends: tuple[float, float, float]) -> Scenario:
+    """Sweep of Fig. 20 over the temperature rise under control of amplitude K.
+
+    Args:
+        ends: published ends of chaos, of period 2 and of period 1.
+    """
+    chaos, two, one = ends
+    windows = (Window(0, chaos, CHAOS, implied=True), Window(chaos, two, 2), Window(two, one, 1))
+    says = (
+        f"With K = {K:g} chaos is suppressed to two-period motion from {chaos:g} to {two:g}, and "
+        f"to one-period motion from {two:g} to {one:g}.",
+        "The control applies over the entire temperature range.",
+    )
+    title = f"temperature rise under K = {K:g}"
+    ranges = ("delta_T", 0.0, 100.0)
+    return Scenario(key, title, "Fig. 20", *ranges, windows, says, {"K": K}, True, False)
 
 
 SCENARIOS = (
@@ -136,53 +154,21 @@ SCENARIOS = (
         {"delta_T": 50.0},
         controlled=True,
     ),
-    Scenario(
-        "D",
-        "temperature rise under K = 0.3",
-        "Fig. 20",
-        "delta_T",
-        0.0,
-        100.0,
-        (Window(0, 43, CHAOS, implied=True), Window(43, 53, 2), Window(53, 64, 1)),
-        (
-            "With K = 0.3 chaos is suppressed to two-period motion from 43 to 53, and to "
-            "one-period motion from 53 to 64.",
-            "The control applies over the entire temperature range.",
-        ),
-        {"K": 0.3},
-        controlled=True,
-        has_exponents=False,
-    ),
-    Scenario(
-        "E",
-        "temperature rise under K = 0.5",
-        "Fig. 20",
-        "delta_T",
-        0.0,
-        100.0,
-        (Window(0, 9, CHAOS, implied=True), Window(9, 14, 2), Window(14, 64, 1)),
-        (
-            "With K = 0.5 chaos is suppressed to two-period motion from 9 to 14, and to "
-            "one-period motion from 14 to 64.",
-            "The control applies over the entire temperature range.",
-        ),
-        {"K": 0.5},
-        controlled=True,
-        has_exponents=False,
-    ),
+    _controlled("D", 0.3, (43, 53, 64)),
+    _controlled("E", 0.5, (9, 14, 64)),
 )
 
 
 def scenario(key: str) -> Scenario:
-    """The scenario of a letter; AnalysisError when there is none."""
-    for one in SCENARIOS:
-        if one.key == key.upper():
-            return one
+    """The scenario with a letter; AnalysisError if there is none."""
+    for candidate in SCENARIOS:
+        if candidate.key == key.upper():
+            return candidate
     raise AnalysisError(
         f"scenario must be one of {', '.join(s.key for s in SCENARIOS)}, got {key!r}"
     )
 
 
 def motion_name(motion: int) -> str:
-    """``chaos``, ``P3``, ``failed``."""
+    """Name of a motion: ``chaos``, ``P3`` or ``failed``."""
     return {CHAOS: "chaos", FAILED: "failed"}.get(motion, f"P{motion}")

@@ -1,4 +1,4 @@
-"""Sweeps of a scenario: from one start at every value, or by continuation."""
+"""Sweeps of a scenario: every value from the same start, or by continuation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from herringbone_sim.core.batch import Batch
 from herringbone_sim.core.model import build, relative
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.paper.observe import Observer, Request
+from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import Sweep, motions_of
 from herringbone_sim.paper.scenarios import Array, Scenario
 
@@ -21,10 +21,10 @@ SETTLE, STAY = 600, 120
 
 @dataclass(frozen=True)
 class Reading:
-    """How the paper's open parameters are read.
+    """Values for the parameters that the paper leaves open.
 
     Attributes:
-        parameters: the set of Sec. 3, as ``config/paper.yaml``.
+        parameters: those of section 3, as in ``config/paper.yaml``.
         xi: damping ratio of section 4; 0.10 is printed.
         effects: of the gear; the paper's has none.
     """
@@ -36,13 +36,13 @@ class Reading:
 
 @dataclass(frozen=True)
 class Way:
-    """One way to start and to step: a row of the comparison.
+    """Start and step size of a sweep that is compared with others.
 
     Attributes:
-        name: in words.
+        name: shown to the reader.
         changes: parameters that differ from the reading's (method, steps, ...).
-        start: (n_state,) state at phase 0 from which every value starts; None for the set's own.
-        share: of the number of values that this way is given: slow ones get fewer.
+        start: (n_state,) state at phase 0 from which every value starts; None for the initial one.
+        share: factor on the number of values, below 1 for slow ways.
     """
 
     name: str
@@ -52,25 +52,32 @@ class Way:
 
 
 def request(
-    one: Scenario,
+    scenario: Scenario,
     reading: Reading,
     values: Sequence[float] | Array,
     way: Way | None = None,
     exponents: bool = False,
     cycles: int = 0,
 ) -> Request:
-    """The runs of some values, each from the way's start."""
+    """Runs at some values of the swept parameter.
+
+    Args:
+        values: of the swept parameter.
+        way: start and step; None for the initial state and the Taylor series.
+        exponents: whether to compute Lyapunov exponents.
+        cycles: observed at each value; 0 for the default of ``Request``.
+    """
     way = way or Way("")
     base = reading.parameters.changed(way.changes)
-    sets = tuple(one.parameters(base, float(value), reading.xi) for value in values)
+    sets = tuple(scenario.parameters(base, float(value), reading.xi) for value in values)
     starts = None if way.start is None else np.repeat(way.start[None], len(sets), axis=0)
-    asked = Request(sets, starts, SETTLE, exponents=exponents, effects=reading.effects)
-    return replace(asked, cycles=cycles) if cycles else asked
+    runs = Request(sets, starts, SETTLE, exponents=exponents, effects=reading.effects)
+    return replace(runs, cycles=cycles) if cycles else runs
 
 
-def sweep_of(values: Array, batch: Batch, asked: Request) -> Sweep:
-    """Motions, section displacements and exponents of a batch."""
-    model = build(asked.sets[0])
+def sweep_from_batch(values: Array, batch: Batch, runs: Request) -> Sweep:
+    """Sweep of the values (n,) from the batch of their runs."""
+    model = build(runs.sets[0])
     errors = relative(model, np.zeros(model.layout.n_state), 0.0)[0]
     x = batch.sections[:, :, 0] - batch.sections[:, :, 2] + errors[0]
     exponents = np.stack(
@@ -80,38 +87,41 @@ def sweep_of(values: Array, batch: Batch, asked: Request) -> Sweep:
 
 
 def sweep(
-    observer: Observer,
-    one: Scenario,
+    runner: BatchRunner,
+    scenario: Scenario,
     reading: Reading,
     n: int,
     way: Way | None = None,
     exponents: bool = False,
 ) -> Sweep:
-    """n values of a scenario, each from the same start."""
-    values = one.values(n)
-    asked = request(one, reading, values, way, exponents, cycles=200 if exponents else 0)
-    return sweep_of(values, observer.batch(asked), asked)
+    """Sweep of n values of a scenario, each from the same start."""
+    values = scenario.values(n)
+    runs = request(scenario, reading, values, way, exponents, cycles=200 if exponents else 0)
+    return sweep_from_batch(values, runner.batch(runs), runs)
 
 
 def continuations(
-    observer: Observer, scenarios: Sequence[Scenario], reading: Reading, n: int, direction: int
+    runner: BatchRunner, scenarios: Sequence[Scenario], reading: Reading, n: int, direction: int
 ) -> list[Sweep]:
-    """n values of each scenario, every value from the end of its neighbour.
+    """Sweeps of n values of each scenario, each value from the final state of its neighbour.
 
-    The scenarios step side by side, one batch a step. ``direction`` is +1 for rising values.
+    The scenarios advance side by side, one batch per step.
+
+    Args:
+        direction: +1 for rising, -1 for falling values.
     """
-    grids = np.array([one.values(n)[::direction] for one in scenarios])
+    grids = np.array([s.values(n)[::direction] for s in scenarios])
     starts: Array | None = None
-    batches, asked, cycle = [], [], 0
+    batches, requests, cycle = [], [], 0
     for column in grids.T:
         pairs = zip(scenarios, column, strict=True)
-        sets = tuple(one.parameters(reading.parameters, v, reading.xi) for one, v in pairs)
+        sets = tuple(s.parameters(reading.parameters, v, reading.xi) for s, v in pairs)
         settle = SETTLE if starts is None else STAY
-        asked.append(Request(sets, starts, settle, before=cycle, effects=reading.effects))
-        cycle += asked[-1].transient + asked[-1].cycles
-        batches.append(observer.batch(asked[-1]))
+        requests.append(Request(sets, starts, settle, before=cycle, effects=reading.effects))
+        cycle += requests[-1].transient + requests[-1].cycles
+        batches.append(runner.batch(requests[-1]))
         starts = batches[-1].end
-    steps = [sweep_of(col, b, a) for col, b, a in zip(grids.T, batches, asked, strict=True)]
+    steps = [sweep_from_batch(*step) for step in zip(grids.T, batches, requests, strict=True)]
     return [_row(steps[::direction], i) for i in range(len(scenarios))]
 
 

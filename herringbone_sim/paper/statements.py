@@ -1,6 +1,6 @@
 """Every statement that the paper's sections 3 and 4 make about a motion, as data.
 
-A statement says what is published; ``checks.check`` says what was obtained, and by which rule.
+A statement holds what is published; ``checks.check`` compares it with what is obtained.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class WindowIs:
 
 @dataclass(frozen=True)
 class BoundaryAt:
-    """The motion changes from ``before`` to ``after``; low and high where two are printed."""
+    """The motion changes from ``before`` to ``after`` between two printed values, often equal."""
 
     scenario: str
     text: str
@@ -89,7 +89,7 @@ class MotionAt:
 
 @dataclass(frozen=True)
 class Route:
-    """The order of the motions along the sweep, as the conclusions sum it up."""
+    """The order of the motions along the sweep, as in the conclusions of the paper."""
 
     scenario: str
     text: str
@@ -126,45 +126,48 @@ ENDS = (
 
 def statements(keys: str = "ABCDE") -> tuple[Statement, ...]:
     """All statements of some scenarios, in the order of the paper."""
-    chosen = [one for one in SCENARIOS if one.key in keys.upper()]
-    return tuple(statement for one in chosen for statement in _of(one))
+    chosen = [s for s in SCENARIOS if s.key in keys.upper()]
+    return tuple(statement for scenario in chosen for statement in _of(scenario))
 
 
-def _of(one: Scenario) -> Iterator[Statement]:
-    yield from _windows(one)
-    yield from boundaries(one)
-    if one.has_exponents:
-        yield from _signs(one)
+def _of(scenario: Scenario) -> Iterator[Statement]:
+    yield from _windows(scenario)
+    yield from boundaries(scenario)
+    if scenario.has_exponents:
+        yield from _signs(scenario)
     for key, low, high, text in ENDS:
-        if key == one.key:
+        if key == scenario.key:
             yield ChaosEnds(key, text, low, high)
     for key, figure, value, motion in FIGURES:
-        if key == one.key:
-            text = f"{figure}: {one.parameter} = {value:g} is {motion_name(motion)}"
+        if key == scenario.key:
+            text = f"{figure}: {scenario.parameter} = {value:g} is {motion_name(motion)}"
             yield MotionAt(key, text, value, motion, figure)
-    if one.has_exponents:
-        motions = tuple(window.motion for window in one.windows)
-        yield Route(one.key, f"the route along {one.parameter} (conclusions)", motions)
+    if scenario.has_exponents:
+        motions = tuple(window.motion for window in scenario.windows)
+        yield Route(scenario.key, f"the route along {scenario.parameter} (conclusions)", motions)
 
 
-def _windows(one: Scenario) -> Iterator[WindowIs]:
-    for window in one.windows:
-        told = " (implied)" if window.implied else ""
+def _windows(scenario: Scenario) -> Iterator[WindowIs]:
+    for window in scenario.windows:
+        implied = " (implied)" if window.implied else ""
         name = motion_name(window.motion)
-        text = f"{name} for {window.low:g} < {one.parameter} < {window.high:g}{told}"
-        yield WindowIs(one.key, text, window.low, window.high, window.motion)
+        text = f"{name} for {window.low:g} < {scenario.parameter} < {window.high:g}{implied}"
+        yield WindowIs(scenario.key, text, window.low, window.high, window.motion)
 
 
-def boundaries(one: Scenario) -> Iterator[BoundaryAt]:
+def boundaries(scenario: Scenario) -> Iterator[BoundaryAt]:
     """The boundaries between the windows of a scenario, in order."""
-    for left, right in pairwise(one.windows):
-        text = f"{motion_name(left.motion)} to {motion_name(right.motion)} along {one.parameter}"
-        yield BoundaryAt(one.key, text, left.high, right.low, left.motion, right.motion)
+    for left, right in pairwise(scenario.windows):
+        text = (
+            f"{motion_name(left.motion)} to {motion_name(right.motion)} along {scenario.parameter}"
+        )
+        yield BoundaryAt(scenario.key, text, left.high, right.low, left.motion, right.motion)
 
 
-def _signs(one: Scenario) -> Iterator[ExponentSign]:
-    for window in one.windows:
+def _signs(scenario: Scenario) -> Iterator[ExponentSign]:
+    for window in scenario.windows:
         sign = 1 if window.motion == CHAOS else -1
         word = "above" if sign > 0 else "below"
-        text = f"largest exponent {word} 0 for {window.low:g} < {one.parameter} < {window.high:g}"
-        yield ExponentSign(one.key, text, window.low, window.high, sign)
+        span = f"{window.low:g} < {scenario.parameter} < {window.high:g}"
+        text = f"largest exponent {word} 0 for {span}"
+        yield ExponentSign(scenario.key, text, window.low, window.high, sign)

@@ -10,11 +10,11 @@ import pytest
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli import control_parts
 from herringbone_sim.cli.control_parts import Size
-from herringbone_sim.control.runs import Look
+from herringbone_sim.control.runs import RunSettings
 
 PAPER = str(Path(__file__).resolve().parents[2] / "config" / "paper.yaml")
 COMMAND = ["control", "--parameters", PAPER, "--set", "xi=0.085", "--quick"]
-SMALL = Size(2, 6, 4, (0.5, 0.6180339887498949, 1.0), 3, Look(transient=60, cycles=60))
+SMALL = Size(2, 6, 4, (0.5, 0.6180339887498949, 1.0), 3, RunSettings(transient=60, cycles=60))
 
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 

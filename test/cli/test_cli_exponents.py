@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from herringbone_sim.__main__ import main
-from herringbone_sim.cli.basins import kept_sections
+from herringbone_sim.cli.basins import cached_sections
 from herringbone_sim.cli.parameter_options import (
     add_parameter_options,
     gear_from,
@@ -108,7 +108,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch):
 
     def ask(delta_T, starts):
         model = build(Parameters(delta_T=delta_T))
-        return kept_sections(tmp_path, model, 10, 3, 1)(starts)
+        return cached_sections(tmp_path, model, 10, 3, 1)(starts)
 
     monkeypatch.setattr("herringbone_sim.cli.basins.gear_sections", gear_sections)
     first, second = np.zeros((4, 2)), np.ones((3, 2))

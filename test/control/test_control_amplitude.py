@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from herringbone_sim.control.amplitude import (
-    cycles_wanted,
+    Target,
     least_amplitudes,
     refined,
+    run_survey,
     staircase,
-    survey,
+    target_cycles,
     windows,
 )
-from herringbone_sim.control.runs import Look, Motions, Runs, repeats
+from herringbone_sim.control.runs import MotionRunner, Motions, RunSettings, repeats
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.parameters import Parameters
@@ -90,13 +91,13 @@ def test_what_repeats():
 def test_the_common_period_of_mesh_and_control():
     gear = Parameters(K=0.1)
     orders = (1.0, 2.0, 0.5, 1.5, 0.375, 2.0**0.5)
-    found = [cycles_wanted(gear.changed({"control_order": one}), 2) for one in orders]
+    found = [target_cycles(gear.changed({"control_order": one}), 2) for one in orders]
     assert found == [2, 2, 4, 4, 16, 0]
 
 
 def test_starts_are_of_the_kinds_they_say(paper):
     starts = Starts(alike=2, parted=2)
-    states = start_states(Runs(), [paper, paper.changed({"delta_T": 20.0})], starts)
+    states = start_states(MotionRunner(), [paper, paper.changed({"delta_T": 20.0})], starts)
     assert states.shape == (2, 6, 8)
     gap = np.abs(states - states[..., layout_mirror(paper.layout)]).max(axis=2)
     assert gap[:, :4].max() == 0.0
@@ -109,7 +110,9 @@ def test_starts_are_of_the_kinds_they_say(paper):
 def test_the_motions_of_the_paper_from_its_zero_start(paper):
     """Figs. 16, 18, 19: chaos at K 0.1, P2 at 0.3, P1 at 0.5; section 4 at xi 0.085."""
     axis, values = Axis("delta_T", (50.0,)), np.array([0.1, 0.3, 0.5])
-    found = survey(Runs(), paper, axis, values, Starts(0, 0), Look(600, 100, True))
+    found = run_survey(
+        MotionRunner(), paper, axis, values, Starts(0, 0), RunSettings(600, 100, True)
+    )
     period = found.of("period")[0]
     assert period[:, 0].tolist() == [0.0, 2.0, 1.0]
     assert period[2, 1] == 1.0
@@ -121,10 +124,10 @@ def test_the_motions_of_the_paper_from_its_zero_start(paper):
 def test_least_amplitudes_of_the_paper(paper):
     """K 0.315 for P1 by another bisection from the zero start, whatever lies below in pockets."""
     axis, values = Axis("delta_T", (50.0,)), np.linspace(0.2, 0.5, 7)
-    over = survey(Runs(), paper, axis, values, Starts(1, 1), Look(600, 100))
-    (zero,) = least_amplitudes(Runs(), over, 1, "zero")
-    (every,) = least_amplitudes(Runs(), over, 1, "all")
-    (twice,) = least_amplitudes(Runs(), over, 2, "zero")
+    survey = run_survey(MotionRunner(), paper, axis, values, Starts(1, 1), RunSettings(600, 100))
+    (zero,) = least_amplitudes(MotionRunner(), survey, Target(1, "zero"))
+    (every,) = least_amplitudes(MotionRunner(), survey, Target(1, "all"))
+    (twice,) = least_amplitudes(MotionRunner(), survey, Target(2, "zero"))
     assert zero.staircase.firm == pytest.approx(0.316, abs=0.01)
     assert zero.half_width == pytest.approx(0.05 / 32)
     assert every.staircase.least >= zero.staircase.least
@@ -133,11 +136,11 @@ def test_least_amplitudes_of_the_paper(paper):
 
 def test_what_was_done_is_read_and_not_run_again(paper, tmp_path, monkeypatch):
     axis, values = Axis("delta_T", (50.0,)), np.array([0.4, 0.5])
-    ask = (paper, axis, values, Starts(0, 0), Look(50, 50))
-    first = survey(Runs(tmp_path), *ask)
+    ask = (paper, axis, values, Starts(0, 0), RunSettings(50, 50))
+    first = run_survey(MotionRunner(tmp_path), *ask)
     (tmp_path / "torn.part").write_bytes(b"half")
     monkeypatch.setattr("herringbone_sim.control.runs.run_batch", None)
-    again = survey(Runs(tmp_path), *ask)
+    again = run_survey(MotionRunner(tmp_path), *ask)
     for name in Motions.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(first.motions, name), getattr(again.motions, name))
 
@@ -145,7 +148,7 @@ def test_what_was_done_is_read_and_not_run_again(paper, tmp_path, monkeypatch):
 def test_a_gear_that_cannot_be_is_nan_and_the_others_are_not(paper):
     hot = Axis("delta_T", (50.0, 900.0))
     gears = [paper.changed({"delta_T": value, "K": 0.5}) for value in hot.values]
-    found = Runs().observe(gears, np.zeros((2, 8)), Look(300, 50))
+    found = MotionRunner().run(gears, np.zeros((2, 8)), RunSettings(300, 50))
     assert found.period[0] == 1.0
     assert np.isnan(found.period[1])
     assert not repeats(found.period, 1)[1]

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from gears import make
 
+from herringbone_sim.control.amplitude import Target, run_survey
 from herringbone_sim.control.realisation import (
     BODIES,
-    RIGID,
-    easiest,
-    needed,
-    pattern_of,
+    mesh_map,
     single_actuators,
+    smallest_demand,
     substitutes,
     torque_arms,
+    torque_demands,
     torques_for,
 )
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import body_accelerations
@@ -26,6 +26,13 @@ from herringbone_sim.sweeps.grid import Axis
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 PAPER = (1.0, 1.0, 1.0, 1.0)
 UNEVEN = {"I_s_factor": (1.1, 0.9), "I_p_factor": (0.95, 1.2)}
+RIGID = (2.0, 2.0, 1.0, 1.0, 1.0)  # u'' of the bodies in a rigid rotation of the train
+
+
+def pattern_of(model, torques_n_m):
+    """Vector K (4,) of Eq. (22) that torque amplitudes (5,) [N m] on the bodies realise."""
+    unit = model.scales.cos_beta / model.scales.acceleration_m_per_s2
+    return -unit * mesh_map() @ (np.asarray(torques_n_m) / torque_arms(model))
 
 
 def relative(model, bodies):
@@ -165,7 +172,9 @@ def test_the_torque_needed_is_the_amplitude_times_the_torque_of_one():
     gear = make(xi=0.5).parameters
     turn, K = Axis("control_phase", (0.0, 1.0)), np.array([0.1, 0.2, 0.3])
     planets = {one.name: one for one in single_actuators(make())}["planets"]
-    starts, look = Starts(alike=0, parted=0), Look(60, 50)
-    found = needed(Runs(), gear, planets, turn, K, [(1, "zero")], starts, look)
+    starts, settings = Starts(alike=0, parted=0), RunSettings(60, 50)
+    runner = MotionRunner()
+    survey = run_survey(runner, planets.controlled(gear), turn, K, starts, settings)
+    found = torque_demands(runner, survey, planets, [Target(1, "zero")])
     assert [one.K for one in found] == [0.1, 0.1]
-    assert easiest(found).torque_n_m == pytest.approx(0.1 * abs(planets.torques_n_m[3]))
+    assert smallest_demand(found).torque_n_m == pytest.approx(0.1 * abs(planets.torques_n_m[3]))

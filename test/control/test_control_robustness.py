@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from herringbone_sim.control.robustness import DIFFERENCES, gathered, survival, transverse_map
-from herringbone_sim.control.runs import ALIKE, Look, Runs
+from herringbone_sim.control.robustness import DIFFERENCES, start_shares, survival, transverse_map
+from herringbone_sim.control.runs import ALIKE, MotionRunner, RunSettings
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
 
@@ -34,14 +34,16 @@ def test_the_transverse_exponent_says_where_unlike_starts_end(paper):
     """P1 at K 0.5 attracts them all; at K 1 it repels left from right, though it looks as good
     from the zero start."""
     K = np.array([0.5, 1.0])
-    across = transverse_map(Runs(), paper, Axis("delta_T", (50.0,)), K, Look(600, 200, True))
+    across = transverse_map(
+        MotionRunner(), paper, Axis("delta_T", (50.0,)), K, RunSettings(600, 200, True)
+    )
     assert across.of("period").ravel().tolist() == [1.0, 1.0]
     assert across.of("within").max() < -0.02
     stable, repelling = across.of("transverse").ravel()
     assert stable < -0.02
     assert repelling > 1e-3
     places = [{"delta_T": 50.0, "K": float(one)} for one in K]
-    held, lost = gathered(Runs(), paper, places, [1], 12, Look(1500, 50))
+    held, lost = start_shares(MotionRunner(), paper, places, [1], 12, RunSettings(1500, 50))
     assert (held.reached, held.parted, held.share) == (12, 0, 1.0)
     assert 0.7 < held.low < 0.8
     assert lost.reached == 0
@@ -50,7 +52,9 @@ def test_the_transverse_exponent_says_where_unlike_starts_end(paper):
 def test_a_controlled_motion_survives_small_differences_in_proportion(paper):
     """For small differences the distance of left and right grows as the difference."""
     gear = paper.changed({"K": 0.5})
-    found = survival(Runs(), gear, 1, Look(800, 60), differences=(0.001, 0.01), starts=2)
+    found = survival(
+        MotionRunner(), gear, 1, RunSettings(800, 60), differences=(0.001, 0.01), starts=2
+    )
     assert len(found) == 2 * len(DIFFERENCES)
     for small, large in zip(found[::2], found[1::2], strict=True):
         assert small.from_zero
@@ -61,7 +65,9 @@ def test_a_controlled_motion_survives_small_differences_in_proportion(paper):
 
 
 def test_chaos_survives_as_nothing_that_was_wanted(paper):
-    found = survival(Runs(), paper.changed({"K": 0.1}), 2, Look(300, 80), (0.05,), starts=1)
+    found = survival(
+        MotionRunner(), paper.changed({"K": 0.1}), 2, RunSettings(300, 80), (0.05,), starts=1
+    )
     for one in found:
         assert (one.period, one.from_zero, one.from_running, one.parted) == (0.0, False, False, 0)
         assert np.isnan(one.distance)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gears import make
 
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.shape import (
     around_cancelling,
     best,
@@ -60,7 +60,7 @@ def test_one_control_takes_the_error_away():
 def test_where_the_error_is_cancelled_teeth_stay_in_contact():
     """Near it they do not: what is left of the error outweighs the load."""
     gear = make(k_amp=(), xi=0.2, gamma=0.0).parameters
-    near = around_cancelling(Runs(), gear, 3, Look(300, 60))
+    near = around_cancelling(MotionRunner(), gear, 3, RunSettings(300, 60))
     still = quiet(near)
     assert still[1, 1, :3].all()
     assert not still[0, 0].any()
@@ -89,7 +89,9 @@ def test_a_linear_gear_has_the_period_of_mesh_and_control_together():
     """Half the frequency of the mesh: two cycles, counted as one period of both."""
     gear = make(**LINEAR | {"e_m": 0.3}).parameters
     orders = Axis("control_order", (0.5, 0.6180339887498949, 1.0))
-    found = shape_map(Runs(), gear, orders, np.array([0.0, 0.3]), Look(300, 200, True, 32))
+    found = shape_map(
+        MotionRunner(), gear, orders, np.array([0.0, 0.3]), RunSettings(300, 200, True, 32)
+    )
     assert found.period.tolist() == [[1.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
     assert not found.chaotic.any()
     assert (found.exponent < 0.0).all()

@@ -10,8 +10,8 @@ import pytest
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli.control_parts import Size
-from herringbone_sim.control.amplitude import survey
-from herringbone_sim.control.runs import Look, Runs
+from herringbone_sim.control.amplitude import Target, run_survey
+from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.exponent_methods import compare_exponents
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters
 PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 SOFT, SAME = "mean_stiffness:factor=0.95", "k_factor=0.95"
 CRACK = "tooth_crack@sp/all/L:depth=0.3"
-TINY = Size(2, 3, 4, (0.5, 1.0), 2, Look(transient=40, cycles=40))
+TINY = Size(2, 3, 4, (0.5, 1.0), 2, RunSettings(transient=40, cycles=40))
 PIN = 2e-5
 FULL = {"model": "full"}
 
@@ -182,13 +182,13 @@ def test_a_verb_tells_of_an_effect_what_it_tells_of_the_parameter(
 
 def test_control_of_an_effect_is_that_of_the_parameter() -> None:
     """Of motions that settle: what is chaotic hangs on rounding."""
-    p, look = Parameters(delta_T=85.0), Look(600, 60, exponents=True)
+    p, settings = Parameters(delta_T=85.0), RunSettings(600, 60, exponents=True)
     sets = [p.changed({"K": K}) for K in (0.0, 0.2, 0.4)]
-    runs, other = Runs(actives=read_effects(SOFT)), Runs()
-    begin = start_states(runs, sets, Starts(1, 1)).reshape(-1, 8)
+    runner, other = MotionRunner(actives=read_effects(SOFT)), MotionRunner()
+    begin = start_states(runner, sets, Starts(1, 1)).reshape(-1, 8)
     each = [one for one in sets for _ in range(len(begin) // 3)]
-    found = runs.observe(each, begin, look)
-    wanted = other.observe([one.changed({"k_factor": [0.95]}) for one in each], begin, look)
+    found = runner.run(each, begin, settings)
+    wanted = other.run([one.changed({"k_factor": [0.95]}) for one in each], begin, settings)
     assert np.array_equal(found.period, wanted.period, equal_nan=True)
     settled = found.period > 0
     assert settled.sum() > 6
@@ -199,11 +199,13 @@ def test_control_of_an_effect_is_that_of_the_parameter() -> None:
 def test_control_of_a_cracked_gear_counts_periods_of_the_crack(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    runs = Runs(actives=read_effects(CRACK))
+    runner = MotionRunner(actives=read_effects(CRACK))
     p, K = Parameters(), np.array([0.0, 0.1])
-    over = survey(runs, p, Axis("delta_T", (85.0,)), K, Starts(0, 0, running=False), Look(200, 20))
-    assert over.of("period").ravel().tolist() == [27.0, 27.0]
-    assert over.reached(1, "zero").all()
+    survey = run_survey(
+        runner, p, Axis("delta_T", (85.0,)), K, Starts(0, 0, running=False), RunSettings(200, 20)
+    )
+    assert survey.of("period").ravel().tolist() == [27.0, 27.0]
+    assert survey.reached(Target(1, "zero")).all()
     monkeypatch.setattr("herringbone_sim.cli.control.QUICK", TINY)
     assert main([*CONTROL, f"--effects={CRACK}", f"--out={tmp_path}"]) == 0
     told = capsys.readouterr().out

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gap_support import NOMINAL, POINTS, noisy, sampled
 
-from herringbone_sim.cli.rerun_option import parse_where
+from herringbone_sim.cli.rerun_option import mirror_target
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
@@ -248,17 +248,17 @@ def test_a_bar_is_as_long_as_its_share() -> None:
 
 def test_where_to_mirror_is_read_or_refused() -> None:
     file = Path("gap.rrd")
-    assert parse_where("", file) is None
-    where = parse_where("connect=box:9876", file)
+    assert mirror_target("", file) is None
+    where = mirror_target("connect=box:9876", file)
     assert where is not None
     assert (where.mode, where.address) == ("connect", "box:9876")
-    saved, other = parse_where("save", file), parse_where("save=a.rrd", file)
+    saved, other = mirror_target("save", file), mirror_target("save=a.rrd", file)
     assert saved is not None
     assert other is not None
     assert (saved.path, other.path) == (file, Path("a.rrd"))
     for wrong in ("spawn=1", "somewhere"):
         with pytest.raises(ParameterError, match="spawn"):
-            parse_where(wrong, file)
+            mirror_target(wrong, file)
 
 
 def test_pictures_go_to_a_file_and_a_missing_viewer_is_said_once(

@@ -14,7 +14,7 @@ from test_paper import PAPER
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper.boundaries import bisect, locate
 from herringbone_sim.paper.checks import Evidence, check
-from herringbone_sim.paper.observe import Observer, Request
+from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import (
     Sweep,
     find_cut,
@@ -224,15 +224,15 @@ def test_period_doubling_is_bisected_to_a_small_part_of_the_step(reading):
     """B: the last inverse period doubling, published at 0.163."""
     one = scenario("B")
     (wanted,) = [s for s in statements("B") if isinstance(s, BoundaryAt) and s.after == 1]
-    observer = Observer()
+    runner = BatchRunner()
     whole = one.values(17)[-4:]
-    batch = observer.batch(request(one, reading, whole))
+    batch = runner.batch(request(one, reading, whole))
     coarse = Sweep(whole, motions_of(batch), batch.sections[:, :, 0], np.zeros((4, 4)))
     assert coarse.motions.tolist() == [2, 2, 1, 1]
-    found = bisect(observer, one, reading, coarse, wanted)
+    found = bisect(runner, one, reading, coarse, wanted)
     assert found.half_width < (whole[1] - whole[0]) / 400
     sides = [found.at - 1e-3, found.at + 1e-3]
-    assert motions_of(observer.batch(request(one, reading, sides))).tolist() == [2, 1]
+    assert motions_of(runner.batch(request(one, reading, sides))).tolist() == [2, 1]
     assert found.note == "bisected"
     flip = 0.16244  # multiplier -1 of the P1 orbit itself, docs/boundaries.md
     assert found.at == pytest.approx(flip, abs=2e-4)
@@ -241,8 +241,8 @@ def test_period_doubling_is_bisected_to_a_small_part_of_the_step(reading):
 def test_an_edge_that_is_not_clean_is_not_bisected(reading):
     found = staircase((0, CHAOS), (64, 3), (66.5, 5), (67, 2), (80, 1))
     (wanted,) = [s for s in statements("A") if isinstance(s, BoundaryAt) and s.before == 3]
-    observer = Observer()
-    assert bisect(observer, A, reading, found, wanted) == locate(found, wanted)
+    runner = BatchRunner()
+    assert bisect(runner, A, reading, found, wanted) == locate(found, wanted)
     assert locate(found, wanted).note.startswith("ragged")
     assert np.isnan(locate(staircase((0, 1)), wanted).at)
 
@@ -250,9 +250,9 @@ def test_an_edge_that_is_not_clean_is_not_bisected(reading):
 def test_sweeps_by_continuation_show_hysteresis(reading):
     """P1 coexists with the chaos below 64: going down keeps it, going up does not find it."""
     small = replace(A, low=40.0, high=90.0)
-    observer = Observer()
-    (up,) = continuations(observer, [small], reading, 6, 1)
-    (down,) = continuations(observer, [small], reading, 6, -1)
+    runner = BatchRunner()
+    (up,) = continuations(runner, [small], reading, 6, 1)
+    (down,) = continuations(runner, [small], reading, 6, -1)
     assert up.values.tolist() == down.values.tolist() == [40.0, 50.0, 60.0, 70.0, 80.0, 90.0]
     assert up.motions[0] == CHAOS
     assert down.motions[:2].tolist() == [1, 1]
@@ -261,8 +261,8 @@ def test_sweeps_by_continuation_show_hysteresis(reading):
 
 def test_a_sweep_gives_section_displacements_and_exponents(reading):
     one = replace(A, low=85.0, high=95.0)
-    observer = Observer()
-    found = sweep(observer, one, reading, 2, exponents=True)
+    runner = BatchRunner()
+    found = sweep(runner, one, reading, 2, exponents=True)
     assert found.motions.tolist() == [1, 1]
     assert (found.exponents[:, 0] < 0).all()
     assert found.x.shape == (2, 64)
@@ -273,17 +273,17 @@ def test_a_sweep_gives_section_displacements_and_exponents(reading):
 def test_observer_reads_what_it_knows_and_does_not_trust_a_broken_file(reading, tmp_path):
     asked = Request((A.parameters(reading.parameters, 90.0, 0.1),), None, 50)
     done = []
-    observer = Observer(tmp_path, 1, done.append)
-    first = observer.batch(asked)
+    runner = BatchRunner(tmp_path, 1, done.append)
+    first = runner.batch(asked)
     (path,) = tmp_path.glob("*.npz")
     before = path.stat().st_mtime_ns
-    observer = Observer(tmp_path, 1)
-    again = observer.batch(asked)
+    runner = BatchRunner(tmp_path, 1)
+    again = runner.batch(asked)
     assert path.stat().st_mtime_ns == before
     np.testing.assert_array_equal(first.sections, again.sections)
     assert first.reasons == again.reasons == ("",)
     path.write_bytes(path.read_bytes()[:100])
-    mended = observer.batch(asked)
+    mended = runner.batch(asked)
     np.testing.assert_array_equal(first.sections, mended.sections)
     assert done == [1]
 
@@ -299,14 +299,14 @@ def test_requests_differ_in_all_that_counts(reading):
         Request((p,), exponents=True),
         Request((p.changed({"delta_T": 90.1}),)),
     ]
-    assert len({digest(one.parts) for one in asked}) == len(asked)
-    assert [len(one.sets) for one in Request((p,) * 70).chunks()] == [32, 32, 6]
+    assert len({digest(one.key) for one in asked}) == len(asked)
+    assert [len(one.sets) for one in Request((p,) * 70).parts()] == [32, 32, 6]
 
 
 def test_unwritable_folder_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(AnalysisError, match="--out"):
-        Observer(tmp_path / "file" / "data")
+        BatchRunner(tmp_path / "file" / "data")
 
 
 @pytest.fixture(scope="module")

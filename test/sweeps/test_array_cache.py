@@ -8,7 +8,7 @@ from threading import Barrier
 import numpy as np
 import pytest
 
-from herringbone_sim.control.runs import Look
+from herringbone_sim.control.runs import RunSettings
 from herringbone_sim.core import cache
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps import array_cache
@@ -89,8 +89,8 @@ def test_digest_tells_all_parts_apart(gear):
         ["a", None],
         [paper],
         [paper.changed({"delta_T": 50.001})],
-        [[paper], Look()],
-        [[paper], Look(exponents=True)],
+        [[paper], RunSettings()],
+        [[paper], RunSettings(exponents=True)],
     ]
     assert len({digest(one) for one in parts}) == len(parts)
     assert digest(["a", y[::-1]]) == digest(["a", y[::-1].copy()])

@@ -11,7 +11,7 @@ import pytest
 from gap_support import NOMINAL, rig
 
 from herringbone_sim.cli.gap_rerun import mirror_gap
-from herringbone_sim.cli.rerun_option import Where
+from herringbone_sim.cli.rerun_option import MirrorTarget
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.attribution.hypothesis import case
@@ -19,10 +19,10 @@ from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.run_views import mesh_shares, run_views
 from herringbone_sim.gap.verdict.augmented import Augmented
 from herringbone_sim.gap.verdict.decide import Option, Verdict
 from herringbone_sim.gap.verification.verify import Gap, RunGap
-from herringbone_sim.views.mirror.gap_runs import run_views, shares
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 importlib.import_module("rerun")
@@ -75,7 +75,7 @@ def test_the_augmented_model_moves_as_the_rig_does_where_it_is_periodic(
 
 
 def test_shares_are_of_the_nominal_residual(campaign: PreparedCampaign, found: Diagnosis) -> None:
-    of = shares(run_views(campaign, found))
+    of = mesh_shares(run_views(campaign, found))
     assert sum(share or 0.0 for share in of["nominal"].values()) == pytest.approx(1.0)
     assert sum(of["nominal"][f"sp{i}_{s}"] or 0.0 for i in (1, 2, 3) for s in "LR") > 0.95
     assert sum(share or 0.0 for share in of["augmented"].values()) < 0.1
@@ -87,7 +87,7 @@ def test_the_file_is_one_that_the_viewer_takes(
     from herringbone_sim.views.mirror.sink import rerun_binary
 
     path = tmp_path / "out" / "gap.rrd"
-    assert mirror_gap(Where("save", "", path), campaign, found) == f"mirrored to {path}"
+    assert mirror_gap(MirrorTarget("save", "", path), campaign, found) == f"mirrored to {path}"
     done = subprocess.run(
         [rerun_binary(), "rrd", "print", str(path)], capture_output=True, text=True, timeout=120
     )
@@ -104,7 +104,7 @@ def test_the_file_is_one_that_the_viewer_takes(
 
 
 def test_a_viewer_that_is_not_there_is_said(campaign: PreparedCampaign, found: Diagnosis) -> None:
-    said = mirror_gap(Where("connect", "127.0.0.1:9", Path("gap.rrd")), campaign, found)
+    said = mirror_gap(MirrorTarget("connect", "127.0.0.1:9", Path("gap.rrd")), campaign, found)
     assert said.startswith("not mirrored: no viewer answers at 127.0.0.1:9")
 
 
@@ -118,5 +118,5 @@ def test_a_drawing_that_fails_never_costs_the_report(
         raise ValueError("math domain error")
 
     monkeypatch.setattr("herringbone_sim.views.mirror.gap.mirror", fail)
-    said = mirror_gap(Where("save", "", tmp_path / "gap.rrd"), campaign, found)
+    said = mirror_gap(MirrorTarget("save", "", tmp_path / "gap.rrd"), campaign, found)
     assert said == "not mirrored: math domain error"

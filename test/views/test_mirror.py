@@ -377,13 +377,13 @@ def test_a_server_ends_with_its_program_even_when_that_is_killed() -> None:
 def test_what_a_viewer_said_lies_in_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from herringbone_sim.views.mirror.sink import last_words, nameless_file
+    from herringbone_sim.views.mirror.sink import last_error_line, temporary_file
 
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with nameless_file() as errors:
+    with temporary_file() as errors:
         for text in ("first", "the port is lost"):
             subprocess.run(["sh", "-c", f"echo {text} >&2"], stderr=errors, check=True)
-            assert last_words(errors) == f": {text}"
+            assert last_error_line(errors) == f": {text}"
         assert list(tmp_path.iterdir()) == []
 
 
@@ -459,7 +459,7 @@ def test_a_failure_that_repeats_is_told_rarely_with_its_count(
     now = [100.0]
     monkeypatch.setattr(rerun_mirror, "monotonic", lambda: now[0])
     lines: list[str] = []
-    told = rerun_mirror.Told(lines.append)
+    told = rerun_mirror.FailureReporter(lines.append)
     for _ in range(25):
         told("failed: a")
         now[0] += 1.0

@@ -1,9 +1,8 @@
-"""Basins of attraction: a slice, the shares of starts, and the motions that attract them."""
+"""Figure of basins of attraction: slice, shares of the starts, phase portraits."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import matplotlib
@@ -13,33 +12,29 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from herringbone_sim.core.integrate import stepper
-from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import Basins
-from herringbone_sim.effects.assemble import changed
+from herringbone_sim.dynamics.portraits import Portrait
 from herringbone_sim.views.figures.style import BLUE, GREEN, GREY, INK, ORANGE, STYLE
 
 Array = NDArray[np.float64]
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#7f4f24", "#F0E442", INK)
-PORTRAITS, PER_CYCLE, CYCLES = 5, 64, 60
+PORTRAITS = 5
 
 
 def basins_figure(
-    model: Model,
+    portraits: Sequence[Portrait],
     names: Sequence[str],
     shared: Basins,
     plane: tuple[Array, Basins] | None = None,
-    at: int = 0,
 ) -> Figure:
     """Slice beside the shares, above a phase portrait of each attractor.
 
     Args:
-        model: of the gear; runs a few cycles for the portraits.
+        portraits: of the attractors; the first five are drawn.
         names: of the attractors.
         shared: of random starts.
         plane: axis and basins of a slice, with the attractors of ``shared`` first.
-        at: mesh cycles that had passed at the last point of each attractor.
     """
     attractors = (plane[1] if plane else shared).attractors
     columns = max(min(len(attractors), PORTRAITS), 3)
@@ -52,17 +47,17 @@ def basins_figure(
         if plane:
             draw_slice(axes[0], *plane)
         draw_shares(axes[-1], names, shared)
-        portraits = bottom.subplots(1, columns, sharex=True, sharey=True)
-        for portrait in portraits[len(attractors) :]:
-            portrait.set_visible(False)
-        for i, (portrait, one) in enumerate(zip(portraits, attractors, strict=False)):
-            draw_portrait(portrait, model, (one.points[-1], at), COLOURS[i], names[i])
-        portraits[0].set_ylabel(r"$\dot x$ / $b_c\,\omega_n$")
+        panels = bottom.subplots(1, columns, sharex=True, sharey=True)
+        for panel in panels[len(attractors) :]:
+            panel.set_visible(False)
+        for i, (panel, portrait) in enumerate(zip(panels, portraits, strict=False)):
+            draw_portrait(panel, portrait, COLOURS[i], names[i])
+        panels[0].set_ylabel(r"$\dot x$ / $b_c\,\omega_n$")
         return figure
 
 
 def draw_slice(axes: Axes, axis: Array, basins: Basins) -> None:
-    """Which attractor each start of the plane leads to; white where the run failed."""
+    """Attractor of each start of the slice by colour; white where the run failed."""
     half = 0.5 * (axis[1] - axis[0]) if len(axis) > 1 else 0.5
     extent = (axis[0] - half, axis[-1] + half) * 2
     labels = np.ma.masked_less(basins.labels, 0)
@@ -86,7 +81,7 @@ def draw_slice(axes: Axes, axis: Array, basins: Basins) -> None:
 
 
 def draw_shares(axes: Axes, names: Sequence[str], basins: Basins) -> None:
-    """Share of the random starts that each attracts, with its 95 % interval."""
+    """Share of the random starts of each attractor, with its 95 % interval."""
     places = np.arange(len(basins.attractors))
     share, low, high = 100.0 * basins.shares().T
     colours = [COLOURS[min(i, len(COLOURS) - 1)] for i in range(len(places))]
@@ -101,23 +96,9 @@ def draw_shares(axes: Axes, names: Sequence[str], basins: Basins) -> None:
     axes.spines["left"].set_visible(False)
 
 
-def draw_portrait(
-    axes: Axes, model: Model, start: tuple[Array, int], colour: str, name: str
-) -> None:
-    """Rate over displacement of the left sun mesh, grey beneath it the right one.
-
-    Args:
-        start: state (n_state,) at phase 0, and mesh cycles that have passed there.
-    """
-    layout, scales = model.layout, model.scales
-    fine = changed(model, model.parameters.changed({"samples_per_cycle": PER_CYCLE}))
-    machine = stepper(fine)
-    begin = replace(machine.start(), y=np.array(start[0]), cycle=start[1])
-    rows = machine.advance(begin, CYCLES * PER_CYCLE).rows
-    left, right = layout.meshes[0], layout.meshes[layout.n_mesh // 4]
-    for mesh, look, width in ((right, GREY, 0.9), (left, colour, 0.6)):
-        x = rows[:, layout.channels.index(f"x_{mesh}")] / scales.b_c
-        v = rows[:, layout.channels.index(f"v_{mesh}")] / scales.velocity_m_per_s
-        axes.plot(x, v, color=look, linewidth=width, rasterized=True)
+def draw_portrait(axes: Axes, portrait: Portrait, colour: str, name: str) -> None:
+    """Rate over displacement of the left sun mesh, in grey beneath it of the right one."""
+    for motion, look, width in ((portrait.right, GREY, 0.9), (portrait.left, colour, 0.6)):
+        axes.plot(*motion.T, color=look, linewidth=width, rasterized=True)
     axes.set_title(name.replace(", ", "\n"), fontsize=8)
     axes.set_xlabel(r"$x_\mathrm{sp}$ / $b_c$")

@@ -1,4 +1,4 @@
-"""Two gears over one parameter, drawn over one another: section points, exponents, contact."""
+"""Figures of ``compare``: bifurcation diagrams, exponents and contact of two gears."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OTHER = "#d9c7b8"  # a period that has no colour of its own
 
 
 def compare_figure(nominal: GearSweeps, augmented: GearSweeps, way: str) -> Figure:
-    """Both bifurcation diagrams by one way over both exponents and both losses of contact."""
+    """Section points, exponents and time without contact of both gears, reached by one way."""
     sides = nominal, augmented
     known = any(np.isfinite(side.results[way]["exponent"]).any() for side in sides)
     ratios = [3.4, *([2.0] if known else []), 1.8]
@@ -42,7 +42,7 @@ def compare_figure(nominal: GearSweeps, augmented: GearSweeps, way: str) -> Figu
 
 
 def starts_figure(nominal: GearSweeps, augmented: GearSweeps) -> Figure:
-    """The motion at each value by each way to it, a row each."""
+    """Motion at each value by colour, a row per gear and way."""
     rows = [(side, way) for side in (nominal, augmented) for way in side.results]
     names = [side.motions(way) for side, way in rows]
     kinds = sorted({name for row in names for name in row}, key=_order)
@@ -89,16 +89,16 @@ def _draw_points(axes: Axes, side: GearSweeps, way: str) -> None:
 
 
 def _draw_exponents(axes: Axes, side: GearSweeps, way: str) -> None:
-    found = side.results[way]
-    alike = np.where(np.isfinite(found["within"]), found["within"], found["exponent"])
+    result = side.results[way]
+    alike = np.where(np.isfinite(result["within"]), result["within"], result["exponent"])
     axes.plot(side.axis.values, alike, color=COLOURS[side.name])
-    axes.plot(side.axis.values, found["transverse"], color=COLOURS[side.name], linestyle=":")
+    axes.plot(side.axis.values, result["transverse"], color=COLOURS[side.name], linestyle=":")
 
 
 def _draw_contact(axes: Axes, side: GearSweeps, way: str) -> None:
-    found = side.results[way]
+    result = side.results[way]
     for kind, style in (("sun", "-"), ("ring", ":")):
-        share = 100.0 * found[f"{kind}_separated"]
+        share = 100.0 * result[f"{kind}_separated"]
         axes.plot(side.axis.values, share, color=COLOURS[side.name], linestyle=style)
 
 

@@ -1,4 +1,4 @@
-"""Control beyond the paper: least amplitudes, phase and frequency."""
+"""Figures of ``control``: least amplitudes; phase and frequency."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, TwoSlopeNorm
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from herringbone_sim.control.amplitude import Least, Survey
+from herringbone_sim.control.amplitude import LeastAmplitude, Survey, Target
 from herringbone_sim.control.runs import LEAST_EXPONENT
-from herringbone_sim.control.shape import Shape
-from herringbone_sim.views.figures.maps import APERIODIC, PERIOD_COLOURS
-from herringbone_sim.views.figures.style import GREEN, INK, ORANGE, STYLE, parameter_label
+from herringbone_sim.control.shape import ShapeMap
+from herringbone_sim.views.figures.maps import APERIODIC, PERIOD_COLOURS, exponent_norm
+from herringbone_sim.views.figures.style import FRAMED_STYLE, GREEN, INK, ORANGE, parameter_label
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -29,31 +29,27 @@ REACHED = ("#1d2027", "#7d8794", "#86b8df", "#dce9f5")
 REACHED_NAMES = ("none: P1 or P2", "some: P1 or P2", "all: P1 or P2", "all: P1")
 OUTLINE = [withStroke(linewidth=3.0, foreground="white")]
 TURN = ([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
-FULL_STYLE = STYLE | {
-    "axes.spines.top": True,
-    "axes.spines.right": True,
-    "hatch.linewidth": 0.5,
-    "hatch.color": INK,
-}
 
 
-def amplitude_figure(over: Survey, found: Sequence[Least], torque_n_m: float) -> Figure:
-    """Periods from the zero start, and from which starts P1 and P2 are reached; with curves.
+def amplitude_figure(
+    survey: Survey, amplitudes: Sequence[LeastAmplitude], torque_n_m: float
+) -> Figure:
+    """Left periods from the zero start, right the starts that reach P1 and P2; least amplitudes.
 
     Args:
-        over: survey over another parameter and K.
-        found: its least amplitudes.
+        survey: over another parameter and K.
+        amplitudes: its least amplitudes.
         torque_n_m: on the carrier at K = 1 [N m].
     """
-    with matplotlib.rc_context(FULL_STYLE):
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 4.2))
         left, right = figure.subplots(1, 2, sharey=True)
-        draw_periods(left, over.axis.values, over.K, over.of("period")[:, :, 0], below=True)
+        draw_periods(left, survey.axis.values, survey.K, survey.of("period")[:, :, 0], below=True)
         left.set_title("period from the zero start, mesh cycles")
-        _draw_reached(right, over)
-        for axes, who in ((left, "zero"), (right, "all")):
-            _least_curves(axes, found, who)
-            axes.set(xlabel=parameter_label(over.axis.name), ylim=(0.0, over.K[-1]))
+        _draw_reached(right, survey)
+        for axes, starts in ((left, "zero"), (right, "all")):
+            _draw_least(axes, amplitudes, starts)
+            axes.set(xlabel=parameter_label(survey.axis.name), ylim=(0.0, survey.K[-1]))
         left.set_ylabel(parameter_label("K"))
         scale = right.secondary_yaxis(
             "right", functions=(lambda K: K * torque_n_m / 1e3, lambda t: 1e3 * t / torque_n_m)
@@ -76,66 +72,69 @@ def draw_periods(
         values: (n,) of the axis.
         K: (m,).
         period: (n, m); 0 is not periodic.
-        chaotic: (n, m) whether it is known to be chaotic; tells motions without a period apart.
+        chaotic: (n, m) whether it is chaotic; distinguishes motions without a period.
         below: whether the legend stands below the axes.
     """
-    shown = [0, *PERIOD_COLOURS]
+    periods = [0, *PERIOD_COLOURS]
     colours = [APERIODIC, *PERIOD_COLOURS.values(), NEITHER]
     places = np.full(period.shape, np.nan)
-    for place, one in enumerate(shown):
+    for place, one in enumerate(periods):
         places[period == one] = place
     names = [(PERIOD_COLOURS[n], f"P{n}") for n in sorted(PERIOD_COLOURS) if (period == n).any()]
     names.append((APERIODIC, "aperiodic" if chaotic is None else "chaotic"))
     longer = period > max(PERIOD_COLOURS)
     other = longer if chaotic is None else longer | ((period == 0) & ~chaotic)
     if other.any():
-        places[other] = len(shown)
+        places[other] = len(periods)
         names.append((NEITHER, "neither"))
-    look: Any = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(shown) + 0.5}
-    cells(axes, values, K, places, **look)
+    options: Any = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(periods) + 0.5}
+    cells(axes, values, K, places, **options)
     _legend(axes, names, below)
 
 
-def _draw_reached(axes: Axes, over: Survey) -> None:
-    period = over.of("period")
+def _draw_reached(axes: Axes, survey: Survey) -> None:
+    period = survey.of("period")
     some = ((period == 1) | (period == 2)).any(axis=2)
     level = some.astype(float)
-    level[over.reached(2, "all")] = 2.0
-    level[over.reached(1, "all")] = 3.0
-    look: Any = {"cmap": ListedColormap(REACHED), "vmin": -0.5, "vmax": 3.5}
-    cells(axes, over.axis.values, over.K, level, **look)
-    axes.set_title(f"reached from {len(over.starts.names)} starts of four kinds")
+    level[survey.reached(Target(2, "all"))] = 2.0
+    level[survey.reached(Target(1, "all"))] = 3.0
+    options: Any = {"cmap": ListedColormap(REACHED), "vmin": -0.5, "vmax": 3.5}
+    cells(axes, survey.axis.values, survey.K, level, **options)
+    axes.set_title(f"reached from {len(survey.starts.names)} starts of four kinds")
     _legend(axes, list(zip(REACHED, REACHED_NAMES, strict=True))[::-1], below=True)
 
 
-def _least_curves(axes: Axes, found: Sequence[Least], who: str) -> None:
-    """K from which P1 (full) and P2 or less (broken) are reached over 0.1 of K."""
+def _draw_least(axes: Axes, amplitudes: Sequence[LeastAmplitude], starts: str) -> None:
+    """Curves of the firm K of P1 (full) and of P2 or P1 (broken) from a group of starts."""
     styles: Any = ((1, "-"), (2, (0, (3, 1.5))))
-    for wanted, style in styles:
-        rows = [one for one in found if (one.who, one.wanted) == (who, wanted)]
-        K = [one.staircase.firm for one in rows]
-        look: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
-        axes.plot([one.value for one in rows], K, path_effects=OUTLINE, **look)
-    starts = "the zero start" if who == "zero" else "all starts"
+    for period, style in styles:
+        rows = [a for a in amplitudes if a.target == Target(period, starts)]
+        K = [a.staircase.firm for a in rows]
+        options: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
+        axes.plot([a.value for a in rows], K, path_effects=OUTLINE, **options)
+    title = "from the zero start" if starts == "zero" else "from all starts"
     handles = [
         Line2D([], [], color=ORANGE, lw=1.6, label="P1 above"),
         Line2D([], [], color=ORANGE, lw=1.6, ls=(0, (3, 1.5)), label="P2 or P1 above"),
     ]
-    look = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
-    axes.legend(handles=handles, title=f"from {starts}", loc="upper right", **look)
+    options = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
+    axes.legend(handles=handles, title=title, loc="upper right", **options)
 
 
 def shape_figure(
-    by_phase: Shape, by_order: Shape, least: Sequence[Least], cancelling: tuple[float, float]
+    by_phase: ShapeMap,
+    by_order: ShapeMap,
+    least: Sequence[LeastAmplitude],
+    cancelling: tuple[float, float],
 ) -> Figure:
     """Period and exponent over phase and K, and over order and K, from the zero start.
 
     Args:
         by_phase, by_order: the maps.
         least: least amplitudes over the phase.
-        cancelling: K and phase at which the control takes the mesh error away.
+        cancelling: K and phase [rad] at which the control cancels the mesh error.
     """
-    with matplotlib.rc_context(FULL_STYLE):
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 7.0))
         (a, b), (c, d) = figure.subplots(2, 2)
         turn = [*by_phase.axis.values, np.pi]
@@ -158,51 +157,49 @@ def shape_figure(
 
 
 def _draw_pair(
-    left: Axes, right: Axes, values: Sequence[float], found: Shape, rows: Sequence[int]
+    left: Axes, right: Axes, values: Sequence[float], shape: ShapeMap, rows: Sequence[int]
 ) -> None:
     """Period and exponent of some rows of a map at values of the axis."""
     at = list(rows)
-    period: Array = found.period[at]
-    draw_periods(left, values, found.K, period, found.chaotic[at])
-    parting = (period > 0) & (found.transverse[at] > LEAST_EXPONENT)
+    period: Array = shape.period[at]
+    draw_periods(left, values, shape.K, period, shape.chaotic[at])
+    parting = (period > 0) & (shape.transverse[at] > LEAST_EXPONENT)
     if parting.any():
-        look: Any = {"levels": [0.5, 1.5], "colors": "none", "hatches": ["////"]}
-        left.contourf(values, found.K, parting.T.astype(float), **look)
-    draw_rates(right, values, found.K, found.exponent[at], r"$\lambda_1$ per $\tau$")
+        options: Any = {"levels": [0.5, 1.5], "colors": "none", "hatches": ["////"]}
+        left.contourf(values, shape.K, parting.T.astype(float), **options)
+    draw_rates(right, values, shape.K, shape.exponent[at], r"$\lambda_1$ per $\tau$")
     right.set_title("largest Lyapunov exponent")
 
 
 def draw_rates(axes: Axes, values: Sequence[float], K: Array, rates: Array, label: str) -> None:
     """Exponents (n, m), white at zero, red above."""
-    known = rates[np.isfinite(rates)]
-    low, high = np.percentile(known, [1.0, 99.0]) if known.size else (0.0, 0.0)
-    norm = TwoSlopeNorm(0.0, min(float(low), -1e-3), max(float(high), 1e-3))
-    image = cells(axes, values, K, rates, cmap="RdBu_r", norm=norm)
+    image = cells(axes, values, K, rates, cmap="RdBu_r", norm=exponent_norm(rates))
     assert axes.figure is not None
     bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
     bar.set_label(label)
 
 
-def _phase_curves(axes: Axes, least: Sequence[Least]) -> None:
-    """K from which P1 is firm over the phase, from the zero start and from others as well."""
-    for who, style in (("zero", "-"), ("all", (0, (3, 1.5)))):
-        rows = [one for one in least if (one.who, one.wanted) == (who, 1)]
-        K = [one.staircase.firm for one in rows]
-        places = [one.value for one in rows]
-        look: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
-        label = "zero start" if who == "zero" else "starts of all kinds"
-        axes.plot([*places, np.pi], [*K, *K[:1]], path_effects=OUTLINE, label=label, **look)
+def _phase_curves(axes: Axes, amplitudes: Sequence[LeastAmplitude]) -> None:
+    """Curves of the firm K of P1 over the phase, from the zero start and from all starts."""
+    for starts, style, label in (
+        ("zero", "-", "zero start"),
+        ("all", (0, (3, 1.5)), "starts of all kinds"),
+    ):
+        rows = [a for a in amplitudes if a.target == Target(1, starts)]
+        K, places = [a.staircase.firm for a in rows], [a.value for a in rows]
+        options: Any = {"color": ORANGE, "linewidth": 1.6, "linestyle": style}
+        axes.plot([*places, np.pi], [*K, *K[:1]], path_effects=OUTLINE, label=label, **options)
     lines = axes.get_lines()[:2]
-    look = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
-    box = axes.legend(handles=lines, title="P1 above, from the", loc="upper right", **look)
+    options = {"fontsize": 8, "title_fontsize": 8, "frameon": True, "framealpha": 0.9}
+    box = axes.legend(handles=lines, title="P1 above, from the", loc="upper right", **options)
     axes.add_artist(box)
 
 
 def _order_ticks(axes: Axes, orders: Sequence[float]) -> None:
-    shown = [i for i, one in enumerate(orders) if len(orders) < 8 or one * 2 == round(one * 2)]
-    axes.set_xticks(shown, [f"{orders[i]:.3g}" for i in shown])
-    others = [i for i, one in enumerate(orders) if one * 8 != round(one * 8)]
-    for i in others:
+    labelled = [i for i, x in enumerate(orders) if len(orders) < 8 or 2 * x == round(2 * x)]
+    axes.set_xticks(labelled, [f"{orders[i]:.3g}" for i in labelled])
+    irrational = [i for i, x in enumerate(orders) if 8 * x != round(8 * x)]
+    for i in irrational:
         axes.annotate(
             "▴",
             (i, 0.0),
@@ -217,20 +214,20 @@ def _order_ticks(axes: Axes, orders: Sequence[float]) -> None:
     axes.set_xlabel("control frequency over mesh frequency (▴: irrational)")
 
 
-def cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **look: Any) -> Any:
-    """A cell for each value and K."""
-    return axes.pcolormesh(values, K, data.T, shading="nearest", rasterized=True, **look)
+def cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **options: Any) -> Any:
+    """Cells coloured by data (n, m) over values (n,) and K (m,)."""
+    return axes.pcolormesh(values, K, data.T, shading="nearest", rasterized=True, **options)
 
 
 def _legend(axes: Axes, names: Sequence[tuple[str, str]], below: bool = False) -> None:
-    """Colours and their names beside or below the axes; stays when another legend is made."""
+    """Legend of (colour, name) beside or below the axes, besides other legends."""
     handles = [Patch(facecolor=c, edgecolor=INK, linewidth=0.4, label=name) for c, name in names]
-    look: Any = {"handlelength": 1.0, "handleheight": 1.0, "fontsize": 8, "borderaxespad": 0.0}
+    options: Any = {"handlelength": 1.0, "handleheight": 1.0, "fontsize": 8, "borderaxespad": 0.0}
     if below:
-        look |= {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "ncols": len(names)}
-        look |= {"columnspacing": 1.2}
+        options |= {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "ncols": len(names)}
+        options |= {"columnspacing": 1.2}
     else:
-        look |= {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
-    box = axes.legend(handles=handles, **look)
+        options |= {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
+    box = axes.legend(handles=handles, **options)
     axes.add_artist(box)
     box.set_clip_on(False)  # else the layout leaves no room for it

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from herringbone_sim.sweeps.diagram import Branch, Diagram
-from herringbone_sim.views.figures.maps import axis_label, save_figure
+from herringbone_sim.views.figures.maps import axis_label, save_map
 from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE
 from herringbone_sim.views.figures.text import mesh_symbol
 
@@ -34,7 +34,7 @@ PANELS = {
 
 def write_diagram(folder: Path, diagram: Diagram) -> list[Path]:
     """``bifurcation.png`` and ``.svg`` in a folder; returns both paths."""
-    return save_figure(diagram_figure(diagram), folder, "bifurcation")
+    return save_map(diagram_figure(diagram), folder, "bifurcation")
 
 
 def diagram_figure(diagram: Diagram) -> Figure:

@@ -1,5 +1,4 @@
-"""Exponents of one motion: convergence, two trajectories over their distance, left against right,
-and the 0-1 test."""
+"""Figure of the exponents of one motion: convergence, two trajectories, symmetry, 0-1 test."""
 
 from __future__ import annotations
 
@@ -24,26 +23,28 @@ FROM = 10  # period from which convergence is drawn
 SIGMAS = 2.0
 
 
-def exponents_figure(found: ExponentComparison, title: str) -> Figure:
-    """Four panels; the lower left one is left out for a motion that is not symmetric.
+def exponents_figure(comparison: ExponentComparison, title: str) -> Figure:
+    """Four panels; the lower left one shows the spectrum for a motion that is not symmetric.
 
     Args:
-        found: see ``dynamics.exponent_methods``.
-        title: of the operating point.
+        comparison: results of all methods.
+        title: operating point as text.
     """
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.6))
         panels = figure.subplots(2, 2)
-        draw_convergence(panels[0, 0], found.spectrum)
-        draw_distances(panels[0, 1], found)
-        if found.symmetric is None:
-            draw_spectrum(panels[1, 0], found.spectrum)
+        draw_convergence(panels[0, 0], comparison.spectrum)
+        draw_distances(panels[0, 1], comparison)
+        if comparison.symmetric is None:
+            draw_spectrum(panels[1, 0], comparison.spectrum)
         else:
-            draw_finite_time(panels[1, 0], found.symmetric.within, found.symmetric.transverse)
-        draw_zero_one(panels[1, 1], found)
+            draw_finite_time(
+                panels[1, 0], comparison.symmetric.within, comparison.symmetric.transverse
+            )
+        draw_zero_one(panels[1, 1], comparison)
         for axes, letter in zip(panels.flat, "abcd", strict=True):
             axes.set_title(f"({letter}) {axes.get_title('left')}", loc="left")
-        figure.suptitle(f"{found.motion}      {title}", x=0.01, ha="left", fontsize=9)
+        figure.suptitle(f"{comparison.motion}      {title}", x=0.01, ha="left", fontsize=9)
         return figure
 
 
@@ -60,22 +61,24 @@ def draw_convergence(axes: Axes, spectrum: Growth) -> None:
     axes.set_xlim(FROM, len(cycles))
 
 
-def draw_distances(axes: Axes, found: ExponentComparison) -> None:
+def draw_distances(axes: Axes, comparison: ExponentComparison) -> None:
     """Largest exponent from two trajectories; the band is that of the tangent flow."""
-    value, error = found.spectrum.exponents[0], SIGMAS * found.spectrum.errors[0]
+    value, error = comparison.spectrum.exponents[0], SIGMAS * comparison.spectrum.errors[0]
     axes.axhspan(value - error, value + error, color=BLUE, alpha=0.2, linewidth=0)
     axes.axhline(value, color=BLUE, label="tangent flow")
-    known = np.isfinite(found.two_trajectories[:, 0])
-    means, errors = found.two_trajectories[known].T
+    known = np.isfinite(comparison.two_trajectories[:, 0])
+    means, errors = comparison.two_trajectories[known].T
     look: Any = {"fmt": "o", "ms": 3.5, "color": ORANGE, "elinewidth": 0.8}
-    axes.errorbar(found.distances[known], means, SIGMAS * errors, label="two trajectories", **look)
+    axes.errorbar(
+        comparison.distances[known], means, SIGMAS * errors, label="two trajectories", **look
+    )
     axes.set(title="largest exponent", xlabel=r"distance / $b_c$", ylabel=UNIT, xscale="log")
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.legend(fontsize=8, loc="best")
 
 
 def draw_finite_time(axes: Axes, within: Growth, transverse: Growth) -> None:
-    """Exponents over short stretches of those that keep and of those that break symmetry."""
+    """Histograms of finite-time exponents of symmetric and of antisymmetric perturbations."""
     values = [one.finite_time(STRETCH)[:, 0] for one in (within, transverse)]
     edges = _edges(np.concatenate(values))
     names = ("left and right alike", "left and right part")
@@ -100,20 +103,20 @@ def draw_spectrum(axes: Axes, spectrum: Growth) -> None:
     axes.set(title="spectrum", xlabel="number", ylabel=UNIT, xticks=index)
 
 
-def draw_zero_one(axes: Axes, found: ExponentComparison) -> None:
-    """Correlation at each frequency; chaos near 1, order near 0."""
-    test = found.zero_one
+def draw_zero_one(axes: Axes, comparison: ExponentComparison) -> None:
+    """Correlation at each frequency of the 0-1 test: near 1 for chaos, near 0 for order."""
+    test = comparison.zero_one
     for level in (0.0, 1.0):
         axes.axhline(level, color=GREY, linewidth=0.8)
     axes.plot(test.frequencies / np.pi, test.correlations, ".", ms=4, color=INK)
     axes.axhline(test.K, color=ORANGE, label=f"median K = {test.K:.2f}")
     axes.set(title="0-1 test", xlabel=r"$c\,/\,\pi$", ylabel="$K_c$", ylim=(-1.1, 1.25))
     axes.legend(fontsize=8, loc="lower right")
-    _draw_walk(axes, found.section[:, 0], test)
+    _draw_walk(axes, comparison.section[:, 0], test)
 
 
 def _draw_walk(axes: Axes, series: Array, test: ZeroOne) -> None:
-    """Inset: the walk of the frequency nearest to the median."""
+    """Inset with the walk at the frequency whose correlation is nearest to the median."""
     nearest = int(np.argmin(np.abs(test.correlations - test.K)))
     walk = walks(series - series.mean(), test.frequencies[nearest : nearest + 1])[:, 0]
     inset = axes.inset_axes((0.1, 0.05, 0.4, 0.36) if test.K < 0.5 else (0.1, 0.05, 0.4, 0.78))

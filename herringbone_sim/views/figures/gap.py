@@ -1,4 +1,4 @@
-"""Figures beneath a gap report: residual over the mesh phase, other factors, contact."""
+"""Figures of a gap report: residual over the mesh phase and by operating point, contact."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
 from herringbone_sim.views.pages.gear_drawing import MESHES, PLANETS
-from herringbone_sim.views.pages.report import Picture
+from herringbone_sim.views.pages.html import Picture
 
 STATES = (("driving flank", BLUE), ("apart", "#dde1e6"), ("back flank", ORANGE))
 
 
 @dataclass(frozen=True)
 class GapArrays:
-    """What the figures show; anything may be left out.
+    """Content of the figures; each part may be missing.
 
     Attributes:
         phase: (n_phase,) mesh phase [rad].
         residual_n: (n_phase, 12) mean residual of the force at that phase [N], meshes in the
             order of the channels.
         contact: (12, 3) share of time on the driving flank, apart, on the back flank.
-        shares: by factor (contact, load, delta_T, ...) the share of the residual by value.
+        shares: by factor, such as the temperature rise, the share of the residual by value.
     """
 
     phase: Array | None = None
@@ -40,7 +40,7 @@ class GapArrays:
 
 
 def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
-    """``figures/gap_*.png`` and ``.svg`` of what is there.
+    """Write ``figures/gap_*.png`` and ``.svg`` of the parts that are present.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -73,7 +73,7 @@ def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
 
 
 def residual_figure(phase: Array, residual_n: Array) -> Figure:
-    """A panel a planet and kind of mesh, both sides in it; phase (n,), residual (n, 12) [N]."""
+    """A panel per planet and kind of mesh with both sides; phase (n,), residual (n, 12) [N]."""
     figure = Figure(figsize=(9.6, 4.2))
     panels = figure.subplots(len(KINDS), len(PLANETS), sharex=True, sharey=True)
     for row, kind in enumerate(KINDS):
@@ -91,7 +91,7 @@ def residual_figure(phase: Array, residual_n: Array) -> Figure:
 
 
 def shares_figure(shares: Mapping[str, Mapping[str, float]]) -> Figure:
-    """A panel of bars for each factor."""
+    """A panel of bars per factor: share of the residual at each value."""
     figure = Figure(figsize=(9.6, 2.4 * -(-len(shares) // 3)))
     panels = figure.subplots(-(-len(shares) // 3), 3, squeeze=False).ravel()
     for axes in panels[len(shares) :]:
@@ -105,7 +105,7 @@ def shares_figure(shares: Mapping[str, Mapping[str, float]]) -> Figure:
 
 
 def contact_figure(contact: Array) -> Figure:
-    """Stacked bars (12, 3): share of time of each mesh on either flank and between."""
+    """Stacked bars of the contact shares (12, 3) of each mesh."""
     figure = Figure(figsize=(9.6, 2.4))
     axes = figure.subplots()
     below = np.zeros(len(MESHES))

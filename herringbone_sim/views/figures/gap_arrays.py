@@ -1,4 +1,4 @@
-"""From the evidence of a diagnosis to what the figures of its page show; fit runs alone."""
+"""Content of the figures of a diagnosis, from its recalibrated fit runs."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ BINS = 24
 FACTORS = {"T_1": "input torque [N m]", "delta_T": "temperature rise [K]", "Omega": "speed Ω"}
 
 
-def gap_arrays(found: Calibrated) -> GapArrays | None:
-    """Residual of the recalibrated law over the phase, by operating point, and contact.
+def gap_arrays(calibrated: Calibrated) -> GapArrays | None:
+    """Residual of the recalibrated law over the phase and by operating point; contact shares.
 
-    None for a model without the twelve meshes, or where no force law is known.
+    None for a model without the twelve meshes, or if no force law can be formed.
     """
-    runs = [case.run for case in found.cases]
-    if found.per_mesh is None or any(run.model.layout.meshes != MESHES for run in runs):
+    runs = [case.run for case in calibrated.cases]
+    if calibrated.per_mesh is None or any(run.model.layout.meshes != MESHES for run in runs):
         return None
-    laws = [force_law(c.run, c.fused, found.factors) for c in found.cases]
+    laws = [force_law(c.run, c.fused, calibrated.factors) for c in calibrated.cases]
     excess = [_excess(law) for law in laws]
     shares = {
         title: _by([float(run.point[name]) for run in runs], excess)
@@ -48,16 +48,16 @@ def mean_over_phase(phase: Array, residual: Array) -> Array:
 
 
 def _excess(law: Law) -> float:
-    """Mean square of the residual above the floor, over the meshes that are known [N^2]."""
+    """Mean square of the residual above the noise floor, over the known meshes [N^2]."""
     return max(float(np.nanmean(law.residual_n**2 - law.sigma_n**2)), 0.0)
 
 
 def _by(values: Sequence[float], excess: Sequence[float]) -> dict[str, float]:
-    """Share of the excess at each value of a factor, in rising order."""
-    total, found = sum(excess), dict[str, float]()
-    for value, one in sorted(zip(values, excess, strict=True)):
-        found[figure(value)] = found.get(figure(value), 0.0) + one / total
-    return found
+    """Share of the excess (n,) at each value (n,) of a factor, by value as text, ascending."""
+    total, shares = sum(excess), dict[str, float]()
+    for value, part in sorted(zip(values, excess, strict=True)):
+        shares[figure(value)] = shares.get(figure(value), 0.0) + part / total
+    return shares
 
 
 def _contact(laws: Sequence[Law]) -> Array:

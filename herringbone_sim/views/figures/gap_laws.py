@@ -1,4 +1,4 @@
-"""The laws that a diagnosis learned, drawn: curve and 90 % band of every effect with a shape."""
+"""Figures of the laws that a diagnosis estimated: curve and 90 % band."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
-from herringbone_sim.views.pages.report import Picture
+from herringbone_sim.views.pages.html import Picture
 
-DECADES = 30.0  # a span of values from which a logarithmic axis reads better
+LOG_RATIO = 30.0  # of largest and smallest value, above which the axis is logarithmic
 
 
 def write_law_figures(folder: Path, laws: Sequence[Mapping[str, Any]]) -> list[Picture]:
-    """``figures/gap_law_*.png`` and ``.svg`` of the learned laws of a report.
+    """Write ``figures/gap_law_*.png`` and ``.svg`` of the laws of a report.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -36,14 +36,14 @@ def write_law_figures(folder: Path, laws: Sequence[Mapping[str, Any]]) -> list[P
 
 
 def law_figure(law: Mapping[str, Any]) -> Figure:
-    """One learned law, as the report has it."""
+    """Curve of an entry of ``law`` of a report."""
     x, y = law["x"], law["y"]
     values = np.array(x["values"], dtype=float)
     figure = Figure(figsize=(6.4, 3.4))
     axes = figure.subplots()
     axes.fill_between(values, y["low"], y["high"], color=BLUE, alpha=0.25, linewidth=0)
     axes.plot(values, y["values"], color=BLUE)
-    if values.min() > 0.0 and values.max() > DECADES * values.min():
+    if values.min() > 0.0 and values.max() > LOG_RATIO * values.min():
         axes.set_xscale("log")
     axes.axhline(0.0, color="#9aa3ad", linewidth=0.8)
     axes.set_xlabel(plain_text(f"{x['name']} [{x['unit']}]"))

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from herringbone_sim.core.parameters import meaning
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.store import Result
-from herringbone_sim.views.figures.style import INK, PARAMETER_LABELS, STYLE
+from herringbone_sim.views.figures.style import (
+    FRAMED_STYLE,
+    INK,
+    PARAMETER_LABELS,
+    cell_edges,
+    save,
+)
 
 Array = NDArray[np.float64]
 
@@ -47,17 +53,10 @@ PERIOD_COLOURS = {
     15: "#7a5546",
 }
 LABELS = PARAMETER_LABELS | {"Omega": r"mesh frequency $\Omega=\omega/\omega_n$"}
-MAP_STYLE = STYLE | {
-    "axes.spines.top": True,
-    "axes.spines.right": True,
-    "axes.titlepad": 6.0,
-    "hatch.linewidth": 0.5,
-    "hatch.color": INK,
-}
 HATCH = "//////"
-LEAST_EXPONENT = 2e-3  # per tau: a neutral direction may look like less
-LISTED = 1e-3  # share of the map from which on a period stands in the legend
-STRETCH = 99.0  # per cent of the exponents that the colours tell apart
+LEAST_EXPONENT = 2e-3  # per tau; a smaller one counts as 0
+LISTED = 1e-3  # least share of the map of a period in the legend
+STRETCH = 99.0  # percentile of the exponents at which the colours saturate
 
 
 def axis_label(name: str) -> str:
@@ -67,10 +66,10 @@ def axis_label(name: str) -> str:
 
 
 def write_maps(folder: Path, result: Result) -> list[Path]:
-    """``period``, ``exponent``, ``contact`` and all three as ``map``: PNG and SVG each.
+    """Write the maps ``period``, ``exponent``, ``contact``, and all as ``map``, as PNG and SVG.
 
     Raises:
-        AnalysisError: the sweep has not two axes, or nothing of it came out.
+        AnalysisError: the sweep has not two axes, or no run succeeded.
     """
     if len(result.axes) != 2 or min(result.sweep.shape) < 2:
         raise AnalysisError(
@@ -78,39 +77,34 @@ def write_maps(folder: Path, result: Result) -> list[Path]:
             "twice"
         )
     if not np.isfinite(result["asymmetry"]).any():
-        told = "; ".join(map(str, result.failures()))
-        raise AnalysisError(f"no value of this map came out: {told}")
+        reasons = "; ".join(map(str, result.failures()))
+        raise AnalysisError(f"no value of this map came out: {reasons}")
     parts = _parts(result)
     written = []
     for name, draw in parts.items():
-        written += save_figure(_figure([draw], result, (4.9, 3.7)), folder, name)
+        written += save_map(_figure([draw], result, (4.9, 3.7)), folder, name)
     whole = _figure(list(parts.values()), result, (4.5 * len(parts), 3.7))
-    return written + save_figure(whole, folder, "map")
+    return written + save_map(whole, folder, "map")
 
 
-def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write ``name.png`` and ``name.svg`` into a folder; returns both paths."""
-    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
-    with matplotlib.rc_context(MAP_STYLE):
-        for path in paths:
-            metadata = {"Date": None} if path.suffix == ".svg" else None
-            figure.savefig(path, dpi=DPI, metadata=metadata)
-    return paths
+def save_map(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a map as ``name.png`` and ``name.svg`` into a folder; returns both paths."""
+    return [*save(figure, folder, name, DPI, FRAMED_STYLE)]
 
 
 def draw_period(axes: Axes, result: Result) -> None:
     """Period by colour, aperiodic motions dark, failed values white.
 
-    Hatched: a periodic motion with a positive exponent. It is met because left and right start
-    alike; the least difference would part them.
+    Hatched: periodic motions with a positive exponent, which are reached only because left and
+    right start alike.
     """
     period = result["period"]
-    shown = [0, *PERIOD_COLOURS]
+    periods = [0, *PERIOD_COLOURS]
     places = np.full(period.shape, np.nan)
-    for place, value in enumerate(shown):
+    for place, value in enumerate(periods):
         places[period == value] = place
     colours = ListedColormap([APERIODIC, *PERIOD_COLOURS.values()])
-    _mesh(axes, result, places, cmap=colours, vmin=-0.5, vmax=len(shown) - 0.5)
+    _mesh(axes, result, places, cmap=colours, vmin=-0.5, vmax=len(periods) - 0.5)
     axes.set_title("period of the motion, mesh cycles")
     handles = [
         Patch(facecolor=PERIOD_COLOURS[n], edgecolor=INK, linewidth=0.4, label=f"P{n}")
@@ -130,9 +124,9 @@ def draw_period(axes: Axes, result: Result) -> None:
 
 
 def _hatch_unstable(axes: Axes, result: Result) -> bool:
-    """Hatch periodic motions with a positive exponent; whether there are any."""
-    surely = result["exponent"] > np.maximum(2.0 * result["exponent_error"], LEAST_EXPONENT)
-    unstable = (result["period"] > 0) & surely
+    """Hatch periodic motions with a positive exponent; returns whether there are any."""
+    positive = result["exponent"] > np.maximum(2.0 * result["exponent_error"], LEAST_EXPONENT)
+    unstable = (result["period"] > 0) & positive
     if unstable.any():
         places = [axis.values for axis in result.axes]
         share = unstable.T.astype(float)
@@ -141,12 +135,10 @@ def _hatch_unstable(axes: Axes, result: Result) -> bool:
 
 
 def draw_exponent(axes: Axes, result: Result) -> None:
-    """Largest exponent, white at zero, red above; a line where it passes zero."""
+    """Largest exponent by colour: white at zero, red above, blue below."""
     exponent = result["exponent"]
-    known = exponent[np.isfinite(exponent)]
-    low, high = np.percentile(known, [100.0 - STRETCH, STRETCH]) if known.size else (0.0, 0.0)
-    low, high = min(float(low), -1e-3), max(float(high), 1e-3)
-    norm = TwoSlopeNorm(0.0, low, high)
+    norm = exponent_norm(exponent)
+    low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
     image = _mesh(axes, result, exponent, cmap="RdBu_r", norm=norm)
     axes.set_title("largest Lyapunov exponent")
     assert axes.figure is not None
@@ -157,8 +149,15 @@ def draw_exponent(axes: Axes, result: Result) -> None:
     bar.ax.axhline(0.0, color=INK, linewidth=0.8)
 
 
+def exponent_norm(exponents: Array) -> TwoSlopeNorm:
+    """Colour scale with 0 in the middle, from the 1st to the 99th percentile."""
+    known = exponents[np.isfinite(exponents)]
+    low, high = np.percentile(known, [100.0 - STRETCH, STRETCH]) if known.size else (0.0, 0.0)
+    return TwoSlopeNorm(0.0, min(float(low), -1e-3), max(float(high), 1e-3))
+
+
 def draw_contact(axes: Axes, result: Result) -> None:
-    """Hue: on how many flanks contact is lost and made again; depth: share of the time apart."""
+    """Loss of contact: hue by the number of flanks, depth by the share of the time apart."""
     apart = (result["sun_separated"] + result["ring_separated"]) / 2.0
     loss = result["contact_loss"]
     _mesh(axes, result, np.where(loss == 0, 0.0, np.nan), cmap=ListedColormap([NO_LOSS]))
@@ -166,8 +165,8 @@ def draw_contact(axes: Axes, result: Result) -> None:
     assert axes.figure is not None
     for level, (colours, label) in reversed(LOSSES.items()):
         if (loss == level).any():
-            shown = np.where(loss == level, apart, np.nan)
-            image = _mesh(axes, result, shown, cmap=colours, vmin=-0.15, vmax=1.0)
+            share = np.where(loss == level, apart, np.nan)
+            image = _mesh(axes, result, share, cmap=colours, vmin=-0.15, vmax=1.0)
             bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=28)
             bar.ax.set_ylim(0.0, 1.0)
             bar.ax.set_title(label, fontsize=7, pad=4.0, loc="center")
@@ -186,7 +185,7 @@ def _parts(result: Result) -> dict[str, Callable[[Axes, Result], None]]:
 def _figure(
     draws: list[Callable[[Axes, Result], None]], result: Result, size: tuple[float, float]
 ) -> Figure:
-    with matplotlib.rc_context(MAP_STYLE):
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=size)
         for axes, draw in zip(
             figure.subplots(1, len(draws), squeeze=False)[0], draws, strict=True
@@ -198,12 +197,6 @@ def _figure(
 
 
 def _mesh(axes: Axes, result: Result, values: Array, **look: Any) -> Any:
-    """A cell for each value; the second axis goes up."""
-    edges = [_edges(np.array(axis.values)) for axis in result.axes]
+    """Cells coloured by values (n, m); the second axis is vertical."""
+    edges = [cell_edges(np.array(axis.values)) for axis in result.axes]
     return axes.pcolormesh(edges[0], edges[1], values.T, rasterized=True, **look)
-
-
-def _edges(values: Array) -> Array:
-    middle = (values[1:] + values[:-1]) / 2.0
-    first, last = values[0] - (middle[0] - values[0]), values[-1] + (values[-1] - middle[-1])
-    return np.concatenate([[first], middle, [last]])

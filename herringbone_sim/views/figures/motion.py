@@ -1,5 +1,4 @@
-"""The paper's six kinds of diagram: time course, phase portrait, Poincaré section, spectrum,
-bifurcation diagram and largest exponent; dimensionless where the scales are known."""
+"""Time course, phase portrait, Poincaré section and spectrum; bifurcation diagram, exponents."""
 
 from __future__ import annotations
 
@@ -64,7 +63,7 @@ def motion_title(result: SegmentResult) -> str:
 def draw_time_course(
     axes: Axes, result: SegmentResult, mesh: str, scale: Scale, half_backlash_m: float | None
 ) -> None:
-    """Displacement over the last 24 cycles or so."""
+    """Displacement over the last 24 cycles, or over three periods if these are longer."""
     cycles = max(SHOWN_CYCLES, 3 * (result.period.value or 0))
     times, x, _ = _smooth(result.motion, mesh, cycles)
     axes.plot((times - times[0]) / scale.time, x / scale.x, color=BLUE)
@@ -87,7 +86,7 @@ def draw_phase_portrait(
 
 
 def draw_poincare(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) -> None:
-    """State once a cycle."""
+    """Section points, one per mesh cycle."""
     column = result.motion.meshes.index(mesh)
     x, v = result.section.x[:, column] / scale.x, result.section.v[:, column] / scale.v
     size = 14.0 if result.period.value else 1.2 if len(x) > 1000 else 4.0
@@ -105,9 +104,9 @@ def draw_spectrum(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) ->
         return
     amplitudes = spectrum.amplitudes[:, result.motion.meshes.index(mesh)] / scale.x
     top = min(5.0, float(spectrum.orders[-1]))
-    kept = (spectrum.orders > 0.02) & (spectrum.orders <= top)
-    axes.semilogy(spectrum.orders[kept], np.maximum(amplitudes[kept], 1e-300), color=BLUE)
-    peak = float(amplitudes[kept].max())
+    drawn = (spectrum.orders > 0.02) & (spectrum.orders <= top)
+    axes.semilogy(spectrum.orders[drawn], np.maximum(amplitudes[drawn], 1e-300), color=BLUE)
+    peak = float(amplitudes[drawn].max())
     axes.set(xlim=(0, top), ylim=(peak * 3e-6, peak * 3))
     n = result.period.value or 1
     marks = np.arange(1, int(top * n) + 1) / n

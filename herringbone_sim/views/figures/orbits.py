@@ -1,4 +1,4 @@
-"""Branches of periodic orbits over a parameter, their boundaries named, and their multipliers."""
+"""Figure of periodic orbits over a parameter: branches, boundaries, multipliers."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ Kind = tuple[bool, bool]
 
 
 def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: str) -> Figure:
-    """Branch diagram over the largest multipliers.
+    """Branch diagram above the largest multipliers.
 
     Args:
-        parameter: name of the one that varies.
+        parameter: name of the parameter that varies.
         mesh: index of the mesh whose displacement at phase 0 is shown.
         name: of that mesh.
     """
@@ -68,7 +68,7 @@ def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: 
         below.set_xlabel(parameter_label(parameter))
         family = followed[0].curve.family
         above.set_xlim(family.low, family.high)
-        _name_boundaries(above, [b for one in followed for b in one.boundaries])
+        _name_boundaries(above, [b for traced in followed for b in traced.boundaries])
         handles = [*_stability_handles(followed), *_boundary_handles(followed)]
         style: Any = {"ncols": 4, "fontsize": 7.5, "columnspacing": 1.2, "handlelength": 1.6}
         figure.legend(handles=handles, loc="outside lower center", **style)
@@ -85,38 +85,38 @@ def _kind(point: BranchPoint) -> Kind:
     return within > 0, transverse > 0
 
 
-def _look(one: Followed, kind: Kind) -> tuple[str, str, str, float]:
+def _look(traced: Followed, kind: Kind) -> tuple[str, str, str, float]:
     """Label, colour, line and width of a stretch of a branch."""
-    return (STABILITY if one.symmetric else SIDES_DIFFER)[kind]
+    return (STABILITY if traced.symmetric else SIDES_DIFFER)[kind]
 
 
-def heights(one: Followed, points: Sequence[BranchPoint], mesh: int) -> Array:
-    """Displacements (n, period) of one mesh at phase 0 along a branch."""
-    flow_at = one.curve.family.flow_at
+def heights(traced: Followed, points: Sequence[BranchPoint], mesh: int) -> Array:
+    """Displacements (n, period) of a mesh at phase 0 along a branch."""
+    flow_at = traced.curve.family.flow_at
     return np.array([section(flow_at(p.value), p.orbit.points)[0][:, mesh] for p in points])
 
 
 def _draw_branches(axes: Axes, followed: Sequence[Followed], mesh: int) -> None:
-    for one in followed:
-        for kind, points in _pieces(one):
-            _, colour, line, width = _look(one, kind)
+    for traced in followed:
+        for kind, points in _pieces(traced):
+            _, colour, line, width = _look(traced, kind)
             values = [point.value for point in points]
             # An unstable stretch lies below a stable one where they meet.
             style: Any = {"color": colour, "ls": line, "lw": width, "zorder": 2 - any(kind)}
-            axes.plot(values, heights(one, points, mesh), **style)
-        for boundary in one.boundaries:
-            at = heights(one, [boundary.point], mesh)[0]
+            axes.plot(values, heights(traced, points, mesh), **style)
+        for boundary in traced.boundaries:
+            at = heights(traced, [boundary.point], mesh)[0]
             marker, colour, _ = MARKERS[boundary.kind]
             face = "white" if boundary.kind != "grazing" else colour
             look: Any = {"ls": "", "marker": marker, "ms": 4.5, "mfc": face, "mec": colour}
             axes.plot(np.full(len(at), boundary.value), at, zorder=3, **look)
 
 
-def _pieces(one: Followed) -> Iterator[tuple[Kind, list[BranchPoint]]]:
-    """Stretches of one stability, each beginning and ending at the boundary next to it."""
-    changes = {boundary.index: boundary.point for boundary in one.boundaries}
+def _pieces(traced: Followed) -> Iterator[tuple[Kind, list[BranchPoint]]]:
+    """Parts of a branch with one kind of stability; each ends at the boundary beside it."""
+    changes = {boundary.index: boundary.point for boundary in traced.boundaries}
     piece: list[BranchPoint] = []
-    for i, point in enumerate(one.branch.points):
+    for i, point in enumerate(traced.branch.points):
         if piece and _kind(point) != _kind(piece[-1]):
             edge = changes.get(i - 1, point)
             yield _kind(piece[-1]), [*piece, edge]
@@ -126,21 +126,21 @@ def _pieces(one: Followed) -> Iterator[tuple[Kind, list[BranchPoint]]]:
 
 
 def _draw_multipliers(axes: Axes, followed: Sequence[Followed]) -> None:
-    """Largest moduli within and across, the root of the period taken: growth a cycle."""
-    for one in followed:
-        values = [point.value for point in one.branch.points]
-        line = PERIOD_LINES.get(one.period, ":")
+    """Largest moduli |mu|^(1/n), symmetric and transverse: growth per period of the forcing."""
+    for traced in followed:
+        values = [point.value for point in traced.branch.points]
+        line = PERIOD_LINES.get(traced.period, ":")
         for part, colour in (("transverse", ORANGE), ("within", BLUE)):
-            found = [getattr(point.multipliers, part) for point in one.branch.points]
-            if len(found[0]):
-                moduli = np.array([np.abs(mu[0]) for mu in found]) ** (1.0 / one.period)
+            multipliers = [getattr(point.multipliers, part) for point in traced.branch.points]
+            if len(multipliers[0]):
+                moduli = np.array([np.abs(mu[0]) for mu in multipliers]) ** (1.0 / traced.period)
                 axes.plot(values, moduli, color=colour, ls=line, lw=1.0)
     axes.axhline(1.0, color=INK, lw=0.7)
     axes.set_ylabel(r"largest $|\mu|^{1/n}$")
     axes.set_ylim(bottom=0.0)
     handles = [Line2D([], [], color=BLUE), Line2D([], [], color=ORANGE)]
     labels = ["within", "transverse"]
-    for period in sorted({one.period for one in followed}):
+    for period in sorted({traced.period for traced in followed}):
         handles.append(Line2D([], [], color=INK, ls=PERIOD_LINES.get(period, ":")))
         labels.append(f"P{period}")
     axes.legend(handles, labels, loc="lower right", ncols=len(labels), fontsize=8)
@@ -165,7 +165,7 @@ def _name_boundaries(axes: Axes, boundaries: Sequence[Boundary]) -> None:
 
 
 def _apart(places: Array, room: float) -> Array:
-    """Ascending places moved as little as it takes to be ``room`` apart, centred on their own."""
+    """Ascending places (n,), moved as little as possible so that neighbours are ``room`` apart."""
     groups: list[tuple[float, int]] = []
     for place in places:
         group = (float(place), 1)
@@ -179,15 +179,15 @@ def _apart(places: Array, room: float) -> Array:
 
 
 def _stability_handles(followed: Sequence[Followed]) -> list[Line2D]:
-    shown = {_look(one, _kind(point)) for one in followed for point in one.branch.points}
+    used = {_look(traced, _kind(point)) for traced in followed for point in traced.branch.points}
     every = [*STABILITY.values(), *SIDES_DIFFER.values()]
-    rows = [look for look in every if look in shown]
+    rows = [look for look in every if look in used]
     return [Line2D([], [], color=c, ls=line, lw=w, label=label) for label, c, line, w in rows]
 
 
 def _boundary_handles(followed: Sequence[Followed]) -> list[Line2D]:
-    shown = {boundary.kind for one in followed for boundary in one.boundaries}
-    rows = [MARKERS[kind] for kind in MARKERS if kind in shown]
+    kinds = {boundary.kind for traced in followed for boundary in traced.boundaries}
+    rows = [MARKERS[kind] for kind in MARKERS if kind in kinds]
     return [
         Line2D([], [], ls="", marker=m, ms=4.5, mfc="white", mec=c, label=label)
         for m, c, label in rows

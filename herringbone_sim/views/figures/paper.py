@@ -40,19 +40,19 @@ def colour(motion: int) -> str:
     return COLOURS.get(motion, OTHER)
 
 
-def sweep_figure(one: Scenario, sweep: Sweep) -> Figure:
+def sweep_figure(scenario: Scenario, sweep: Sweep) -> Figure:
     """Motions published and obtained, bifurcation diagram, largest exponent."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.6))
         strips, diagram, exponents = figure.subplots(
             3, 1, sharex=True, height_ratios=[2 * STRIP, 3, 2]
         )
-        _strips(strips, one, sweep)
-        _bifurcation(diagram, one, sweep)
+        _strips(strips, scenario, sweep)
+        _bifurcation(diagram, scenario, sweep)
         _exponents(exponents, sweep)
-        exponents.set_xlabel(parameter_label(one.parameter))
-        exponents.set_xlim(one.low, one.high)
-        _legend(figure, [*sweep.motions, *(window.motion for window in one.windows)])
+        exponents.set_xlabel(parameter_label(scenario.parameter))
+        exponents.set_xlim(scenario.low, scenario.high)
+        _legend(figure, [*sweep.motions, *(window.motion for window in scenario.windows)])
         return figure
 
 
@@ -63,38 +63,38 @@ def pair_figure(pairs: Sequence[tuple[Scenario, Sweep]]) -> Figure:
         axes = figure.subplots(
             2, len(pairs), sharex="col", squeeze=False, height_ratios=[2 * STRIP, 3]
         )
-        for column, (one, sweep) in enumerate(pairs):
-            _strips(axes[0, column], one, sweep, names=column == 0)
-            _bifurcation(axes[1, column], one, sweep)
-            axes[0, column].set_title(f"$K$ = {one.fixed.get('K', 0.0):g}")
-            axes[1, column].set_xlabel(parameter_label(one.parameter))
-            axes[1, column].set_xlim(one.low, one.high)
+        for column, (scenario, sweep) in enumerate(pairs):
+            _strips(axes[0, column], scenario, sweep, names=column == 0)
+            _bifurcation(axes[1, column], scenario, sweep)
+            axes[0, column].set_title(f"$K$ = {scenario.fixed.get('K', 0.0):g}")
+            axes[1, column].set_xlabel(parameter_label(scenario.parameter))
+            axes[1, column].set_xlim(scenario.low, scenario.high)
             if column:
                 axes[1, column].set_ylabel("")
         _legend(figure, [motion for _, sweep in pairs for motion in sweep.motions])
         return figure
 
 
-def raster_figure(one: Scenario, rows: Mapping[str, Sweep]) -> Figure:
+def raster_figure(scenario: Scenario, rows: Mapping[str, Sweep]) -> Figure:
     """Motions over the sweep, a row for the paper and one for every way to start and step."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 1.1 + 0.2 * (len(rows) + 1)))
         axes = figure.subplots()
-        _published(axes, one, 0)
+        _published(axes, scenario, 0)
         for at, row in enumerate(rows.values(), start=1):
             _row(axes, row, at)
         names = ["the paper", *rows]
         axes.set_yticks(range(len(names)), names, fontsize=8)
         axes.set_ylim(len(names) - 0.4, -0.6)
-        axes.set(xlabel=parameter_label(one.parameter), xlim=(one.low, one.high))
+        axes.set(xlabel=parameter_label(scenario.parameter), xlim=(scenario.low, scenario.high))
         axes.tick_params(left=False)
         axes.spines["left"].set_visible(False)
         _legend(figure, [motion for row in rows.values() for motion in row.motions])
         return figure
 
 
-def _strips(axes: Axes, one: Scenario, sweep: Sweep, names: bool = True) -> None:
-    _published(axes, one, 0)
+def _strips(axes: Axes, scenario: Scenario, sweep: Sweep, names: bool = True) -> None:
+    _published(axes, scenario, 0)
     _row(axes, sweep, 1)
     axes.set_yticks([0, 1], ["published", "obtained"] if names else ["", ""], fontsize=8)
     axes.set_ylim(1.45, -0.45)
@@ -103,8 +103,8 @@ def _strips(axes: Axes, one: Scenario, sweep: Sweep, names: bool = True) -> None
         spine.set_visible(False)
 
 
-def _published(axes: Axes, one: Scenario, at: int) -> None:
-    for window in one.windows:
+def _published(axes: Axes, scenario: Scenario, at: int) -> None:
+    for window in scenario.windows:
         style: Any = {"alpha": 0.45, "hatch": "////"} if window.implied else {}
         width = window.high - window.low
         axes.barh(
@@ -127,14 +127,14 @@ def _row(axes: Axes, sweep: Sweep, at: int) -> None:
         axes.barh(at, right - left, 0.8, left, color=colour(motion), lw=0)
 
 
-def _bifurcation(axes: Axes, one: Scenario, sweep: Sweep) -> None:
+def _bifurcation(axes: Axes, scenario: Scenario, sweep: Sweep) -> None:
     """Up to 64 section points a value, 16 where the motion is periodic."""
     for periodic, size in ((False, 0.5), (True, 1.2)):
         at = np.flatnonzero((sweep.motions > 0) == periodic)
         x = sweep.x[at, -SHOWN:] if periodic else sweep.x[at]
         values = np.repeat(sweep.values[at], x.shape[1])
         axes.scatter(values, x.ravel(), s=size, color=INK, linewidths=0, rasterized=True)
-    for left, right in pairwise(one.windows):
+    for left, right in pairwise(scenario.windows):
         axes.axvline((left.high + right.low) / 2.0, color=GREY, linewidth=0.7, ls=(0, (4, 3)))
     axes.set_ylabel(X_LABEL)
 

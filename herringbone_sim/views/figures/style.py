@@ -1,4 +1,4 @@
-"""Style, labels and units that all figures share, and how they are saved."""
+"""Style, labels and units that all figures share; writes figures to files."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from herringbone_sim.analysis.segments import FREQUENCY
 from herringbone_sim.views.figures.text import mesh_symbol, plain_text
+
+Array = NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#22262c", "#9aa1ab"
 STYLE: Any = {
@@ -34,9 +38,15 @@ STYLE: Any = {
     "svg.fonttype": "path",
     "svg.hashsalt": "herringbone_sim",
 }
+FRAMED_STYLE = STYLE | {  # of maps
+    "axes.spines.top": True,
+    "axes.spines.right": True,
+    "hatch.linewidth": 0.5,
+    "hatch.color": INK,
+}
 DPI = 150
 SHOWN_CYCLES, PORTRAIT_CYCLES, PER_CYCLE = 24, 160, 96
-DENSE = 3000  # vertices above which a drawing goes into an SVG as a picture
+DENSE = 3000  # vertices above which a curve is rasterised in an SVG
 
 PARAMETER_LABELS = {
     "K": "control amplitude $K$",
@@ -57,7 +67,7 @@ PARAMETER_SYMBOLS = {
 
 @dataclass(frozen=True)
 class Scale:
-    """Units of the axes: dimensionless with ``b_c_m`` and ``omega_n``, else um, m/s and ms.
+    """Units of the axes: dimensionless if ``b_c_m`` and ``omega_n`` are known, else µm, m/s, ms.
 
     Attributes:
         b_c_m: displacement scale, m, or None.
@@ -103,11 +113,25 @@ def parameter_label(name: str) -> str:
     return PARAMETER_LABELS.get(name, plain_text(name))
 
 
-def save(figure: Figure, folder: Path, name: str) -> tuple[Path, Path]:
-    """Write ``name.png`` (150 dpi) and ``name.svg`` into a folder; returns both paths."""
+def cell_edges(values: Array) -> Array:
+    """Edges (n + 1,) of cells around values (n,), n >= 2: the middles, and half a step outside."""
+    half = np.diff(values) / 2.0
+    ends = [values[0] - half[0]], [values[-1] + half[-1]]
+    return np.concatenate([ends[0], values[:-1] + half, ends[1]])
+
+
+def save(
+    figure: Figure, folder: Path, name: str, dpi: int = DPI, style: Any = STYLE
+) -> tuple[Path, Path]:
+    """Write ``name.png`` and ``name.svg`` into a folder; returns both paths.
+
+    Args:
+        dpi: of the PNG file, and of what is rasterised in the SVG file.
+        style: that the figure was drawn with.
+    """
     paths = folder / f"{name}.png", folder / f"{name}.svg"
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(style):
         for path in paths:
             metadata = {"Date": None} if path.suffix == ".svg" else None
-            figure.savefig(path, dpi=DPI, metadata=metadata)
+            figure.savefig(path, dpi=dpi, metadata=metadata)
     return paths

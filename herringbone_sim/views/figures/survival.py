@@ -1,4 +1,4 @@
-"""Fate of random starts over a parameter, above the exponents of the motion from rest."""
+"""Figure of ``survival``: shares of random starts, and exponents of the motion from rest."""
 
 from __future__ import annotations
 
@@ -20,53 +20,54 @@ from herringbone_sim.views.figures.style import (
     INK,
     ORANGE,
     STYLE,
+    cell_edges,
     parameter_label,
 )
 
 Array = NDArray[np.float64]
 
 COLOURS = (BLUE, GREEN, "#E8C468", ORANGE)
-LETTER = 0.013  # of the width
+LETTER = 0.013  # width of a letter over that of the axes
 
 
-def survival_figure(name: str, values: Array, found: Sequence[Survival]) -> Figure:
+def survival_figure(name: str, values: Array, results: Sequence[Survival]) -> Figure:
     """Stacked shares with the name of the motion from rest above them, and two exponents.
 
     Args:
         name: of the parameter.
         values: (n,) ascending.
-        found: one a value.
+        results: one per value.
     """
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.2))
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-        draw_fates(above, values, found)
-        draw_stability(below, values, found)
+        draw_fates(above, values, results)
+        draw_stability(below, values, results)
         below.set_xlabel(parameter_label(name))
-        edges = _edges(values)
+        edges = cell_edges(values)
         below.set_xlim(edges[0], edges[-1])
         return figure
 
 
-def draw_fates(axes: Axes, values: Array, found: Sequence[Survival]) -> None:
-    """Shares of the starts; what is missing at the top failed."""
-    shares = 100.0 * np.array([one.counts / one.starts for one in found])
-    edges, base = _edges(values), np.zeros(len(values))
+def draw_fates(axes: Axes, values: Array, results: Sequence[Survival]) -> None:
+    """Stacked shares of the starts by the motion they reach; the rest failed."""
+    shares = 100.0 * np.array([result.counts / result.starts for result in results])
+    edges, base = cell_edges(values), np.zeros(len(values))
     for share, colour, fate in zip(shares.T, COLOURS, FATES, strict=True):
         axes.stairs(base + share, edges, baseline=base, fill=True, color=colour, label=fate)
         base = base + share
-    _name_motions(axes, edges, [one.motion for one in found])
-    axes.set(ylim=(0.0, 100.0), ylabel=f"share of {found[0].starts} starts [%]")
+    _name_motions(axes, edges, [result.motion for result in results])
+    axes.set(ylim=(0.0, 100.0), ylabel=f"share of {results[0].starts} starts [%]")
     look: Any = {"bbox_to_anchor": (0.0, 1.09), "borderaxespad": 0.0, "handlelength": 1.2}
     axes.legend(fontsize=8, loc="lower left", ncols=4, columnspacing=1.4, **look)
 
 
-def draw_stability(axes: Axes, values: Array, found: Sequence[Survival]) -> None:
+def draw_stability(axes: Axes, values: Array, results: Sequence[Survival]) -> None:
     """Largest exponents of the motion from rest, with two standard errors."""
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     rows = (
-        (np.array([one.within for one in found]), BLUE, "left and right alike"),
-        (np.array([one.transverse for one in found]), ORANGE, "left and right part"),
+        (np.array([result.within for result in results]), BLUE, "left and right alike"),
+        (np.array([result.transverse for result in results]), ORANGE, "left and right part"),
     )
     for data, colour, label in rows:
         look: Any = {"fmt": ".-", "ms": 4, "color": colour, "elinewidth": 0.8}
@@ -86,10 +87,3 @@ def _name_motions(axes: Axes, edges: Array, names: Sequence[str]) -> None:
             middle = 0.5 * (low + high)
             axes.text(middle, 101.5, name, fontsize=8, ha="center", va="bottom")
         first = last
-
-
-def _edges(values: Array) -> Array:
-    half = 0.5 * np.diff(values)
-    inner = values[:-1] + half
-    edges: Array = np.concatenate([[values[0] - half[0]], inner, [values[-1] + half[-1]]])
-    return edges

@@ -1,25 +1,24 @@
-"""Names in figures: matplotlib reads what stands between two ``$`` as a formula."""
+"""Texts in figures; Matplotlib typesets what stands between two ``$`` as a formula."""
 
 from __future__ import annotations
 
 import re
 
 _OF_A_MESH = re.compile(r"([A-Za-z0-9]+)(?:_([A-Za-z0-9]+))?")
-# What an axis of a figure has room for.
-_ROOM = 60
+_MAX_LETTERS = 60  # of an axis label
 
 
 def plain_text(text: str) -> str:
-    """Text from outside as it is drawn letter by letter, in a line, beside formulas too."""
+    """Text from a file as one line that Matplotlib draws literally, shortened to 60 letters."""
     line = " ".join(text.split())
-    line = line if len(line) <= _ROOM else f"{line[: _ROOM - 3]}..."
+    line = line if len(line) <= _MAX_LETTERS else f"{line[: _MAX_LETTERS - 3]}..."
     return line.replace("$", r"\$")
 
 
 def mesh_symbol(symbol: str, mesh: str) -> str:
-    """A quantity of a mesh, ``\\dot x`` or ``x``, as a formula: ``x`` with its name as index.
+    """Formula of a quantity of a mesh, such as ``x`` or ``\\dot x``, with the mesh as index.
 
-    A name that no formula takes is drawn as it is, behind the letter.
+    A name of another form is drawn literally behind the letter.
     """
     parts = _OF_A_MESH.fullmatch(mesh)
     if parts is None:

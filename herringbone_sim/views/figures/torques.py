@@ -1,4 +1,4 @@
-"""Control beyond the paper: the torques it takes, and what it bears."""
+"""Figures of ``control``: torques that realise it, and its robustness."""
 
 from __future__ import annotations
 
@@ -11,67 +11,68 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from herringbone_sim.control.amplitude import Survey
-from herringbone_sim.control.realisation import Actuator, Needed, easiest
-from herringbone_sim.control.robustness import SHARES, Gathered, Survival
-from herringbone_sim.views.figures.control import FULL_STYLE, draw_rates
-from herringbone_sim.views.figures.style import BLUE, GREEN, ORANGE, parameter_label
+from herringbone_sim.control.amplitude import Survey, Target
+from herringbone_sim.control.realisation import Actuator, TorqueDemand, smallest_demand
+from herringbone_sim.control.robustness import SHARES, StartShares, Survival
+from herringbone_sim.views.figures.control import draw_rates
+from herringbone_sim.views.figures.style import BLUE, FRAMED_STYLE, GREEN, ORANGE, parameter_label
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
 MESH_LABELS = (
     *(r"$\mathrm{sp}^\mathrm{L}$", r"$\mathrm{sp}^\mathrm{R}$"),
     *(r"$\mathrm{rp}^\mathrm{L}$", r"$\mathrm{rp}^\mathrm{R}$"),
 )
-
-
 MARKS: dict[float, str] = {1.0: "o", 2.0: "s"}  # others: a diamond
 
 
 def realisation_figure(
     single: Sequence[Actuator],
     other: Sequence[Actuator],
-    found: Sequence[Needed],
+    demands: Sequence[TorqueDemand],
     T_1: float,
 ) -> Figure:
-    """What each torque does to the meshes, and how large it has to be, beside the rated torque.
+    """Action of each torque on the meshes, and the torque that is needed, beside the rated one.
 
     Args:
         single: bodies driven alone.
-        other: torques that do what the carrier's does.
-        found: what the single ones need.
+        other: torques with the action of that on the carrier.
+        demands: of the single ones.
         T_1: rated torque of the sun [N m].
     """
     ways = [*single, *other]
-    with matplotlib.rc_context(FULL_STYLE):
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 3.7))
         left, right = figure.subplots(1, 2, width_ratios=(1.0, 2.3))
         _draw_patterns(left, ways)
-        _draw_torques(right, ways, found, T_1)
+        _draw_torques(right, ways, demands, T_1)
         return figure
 
 
 def _draw_patterns(axes: Axes, ways: Sequence[Actuator]) -> None:
-    patterns = np.array([one.pattern for one in ways])
+    patterns = np.array([a.pattern for a in ways])
     axes.imshow(patterns, cmap="RdBu_r", vmin=-1.8, vmax=1.8, aspect="auto")
     for (row, column), value in np.ndenumerate(patterns):
         axes.text(column, row, f"{value:+g}" if value else "0", ha="center", va="center")
     axes.set_xticks(range(4), MESH_LABELS)
-    axes.set_yticks(range(len(ways)), [one.name for one in ways])
+    axes.set_yticks(range(len(ways)), [a.name for a in ways])
     axes.tick_params(length=0)
     axes.set_title("share of K on each mesh")
 
 
 def _draw_torques(
-    axes: Axes, ways: Sequence[Actuator], found: Sequence[Needed], T_1: float
+    axes: Axes, ways: Sequence[Actuator], demands: Sequence[TorqueDemand], T_1: float
 ) -> None:
     marks = ((1, "o", "P1"), (2, "s", "P2 or P1"))
-    for row, one in enumerate(ways):
-        name = one.name if any(n.actuator.name == one.name for n in found) else "carrier"
-        scale = one.largest_n_m / next(a for a in ways if a.name == name).largest_n_m
+    for row, actuator in enumerate(ways):
+        name = actuator.name
+        if all(d.actuator.name != name for d in demands):
+            name = "carrier"
+        scale = actuator.largest_n_m / next(a for a in ways if a.name == name).largest_n_m
         for shift, (wanted, mark, _) in zip((-0.13, 0.13), marks, strict=True):
-            own = [n for n in found if (n.actuator.name, n.wanted, n.who) == (name, wanted, "all")]
+            target = Target(wanted, "all")
+            own = [d for d in demands if (d.actuator.name, d.target) == (name, target)]
             at_zero = min(own, key=lambda n: abs(n.phase))
-            for need, fill in ((easiest(own), BLUE), (at_zero, "white")):
+            for need, fill in ((smallest_demand(own), BLUE), (at_zero, "white")):
                 if need is not None and np.isfinite(need.K):
                     x = need.torque_n_m * scale
                     axes.plot(x, row + shift, mark, mec=BLUE, mew=1.3, ms=6.5, mfc=fill)
@@ -91,10 +92,10 @@ def _draw_torques(
 
 
 def robustness_figure(
-    across: Survey, shares: Sequence[Gathered], lasting: Sequence[Survival]
+    across: Survey, shares: Sequence[StartShares], cases: Sequence[Survival]
 ) -> Figure:
-    """Transverse exponent, shares of starts with unlike halves, and gears with unlike halves."""
-    with matplotlib.rc_context(FULL_STYLE):
+    """Transverse exponent, starts with unequal halves, and gears with unequal halves."""
+    with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 6.8))
         (a, b), (c, d) = figure.subplots(2, 2)
         label = r"$\lambda_\perp$ per $\tau$"
@@ -103,24 +104,24 @@ def robustness_figure(
         a.set_title("transverse exponent: red, left and right part")
         _draw_shares(b, shares)
         for axes, wanted in ((c, 1), (d, 2)):
-            _draw_survival(axes, [one for one in lasting if one.wanted == wanted])
+            _draw_survival(axes, [case for case in cases if case.wanted == wanted])
         return figure
 
 
-def _draw_shares(axes: Axes, shares: Sequence[Gathered]) -> None:
+def _draw_shares(axes: Axes, shares: Sequence[StartShares]) -> None:
     """Share of random starts that end in P1 with equal halves, or (broken) in P2 with unlike."""
-    heats = sorted({one.values["delta_T"] for one in shares})
-    for colour, heat in zip(COLOURS, heats, strict=False):
+    temperatures = sorted({s.values["delta_T"] for s in shares})
+    for colour, delta_T in zip(COLOURS, temperatures, strict=False):
         once, twice = (
-            [s for s in shares if (s.values["delta_T"], s.wanted) == (heat, wanted)]
+            [s for s in shares if (s.values["delta_T"], s.wanted) == (delta_T, wanted)]
             for wanted in (1, 2)
         )
         K = [s.values["K"] for s in once]
         share = 100.0 * np.array([s.share for s in once])
         ends = 100.0 * np.array([[s.share - s.low, s.high - s.share] for s in once]).T
-        look: Any = {"color": colour, "marker": "o", "ms": 3.5, "lw": 1.2, "capsize": 2.0}
-        label = rf"$\Delta T$ = {heat:g} K"
-        axes.errorbar(K, share, yerr=np.maximum(ends, 0.0), label=label, **look)
+        options: Any = {"color": colour, "marker": "o", "ms": 3.5, "lw": 1.2, "capsize": 2.0}
+        label = rf"$\Delta T$ = {delta_T:g} K"
+        axes.errorbar(K, share, yerr=np.maximum(ends, 0.0), label=label, **options)
         parted = [100.0 * s.parted / s.starts for s in twice]
         axes.plot(K, parted, color=colour, lw=1.2, ls=(0, (3, 1.5)))
     axes.set(xlabel=parameter_label("K"), ylabel="share of the starts [%]", ylim=(-3.0, 103.0))
@@ -128,17 +129,17 @@ def _draw_shares(axes: Axes, shares: Sequence[Gathered]) -> None:
     axes.legend(fontsize=8, loc="center", frameon=True, framealpha=0.9)
 
 
-def _draw_survival(axes: Axes, lasting: Sequence[Survival]) -> None:
+def _draw_survival(axes: Axes, cases: Sequence[Survival]) -> None:
     """Distance of left and right over the difference: discs P1, squares P2, crosses lost."""
-    for colour, what in zip(COLOURS, dict.fromkeys(one.what for one in lasting), strict=False):
-        own = [one for one in lasting if one.what == what]
-        x, y = [100.0 * one.difference for one in own], [one.distance for one in own]
+    for colour, what in zip(COLOURS, dict.fromkeys(c.what for c in cases), strict=False):
+        own = [c for c in cases if c.what == what]
+        x, y = [100.0 * c.difference for c in own], [c.distance for c in own]
         axes.plot(x, y, color=colour, lw=0.8, alpha=0.5)
         axes.plot([], [], "o", color=colour, ms=5, label=what)
-        for place, value, one in zip(x, y, own, strict=True):
-            every = one.from_zero and one.from_running and one.parted == one.starts
+        for place, value, case in zip(x, y, own, strict=True):
+            every = case.from_zero and case.from_running and case.parted == case.starts
             fill = colour if every else "white"
-            mark = MARKS.get(one.period, "D")
+            mark = MARKS.get(case.period, "D")
             axes.plot(place, value, mark, color=colour, mfc=fill, mew=1.3, ms=5)
         lost = [place for place, value in zip(x, y, strict=True) if np.isnan(value)]
         rim = axes.get_xaxis_transform()
@@ -149,5 +150,5 @@ def _draw_survival(axes: Axes, lasting: Sequence[Survival]) -> None:
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_formatter("")
     axes.set_xlabel("difference of left and right [%]")
-    axes.set_title(f"P{lasting[0].wanted} with unlike halves (open: not from every start)")
+    axes.set_title(f"P{cases[0].wanted} with unlike halves (open: not from every start)")
     axes.legend(fontsize=8, ncols=3, loc="lower center")

@@ -1,4 +1,4 @@
-"""What the mirror is handed: one frozen block of samples, and the scale they are drawn on."""
+"""Input of the mirror: blocks of samples, and the units in which they are drawn."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ class Scale:
 
     @property
     def velocity(self) -> tuple[float, str]:
-        """Unit of velocity [m/s] and how the rest of its label reads."""
+        """Unit of velocity [m/s], and its text behind the name of the quantity."""
         return (self.b_c * self.omega_n, " / (b_c ω_n)") if self.omega_n > 0 else (1.0, " [m/s]")
 
 
 @dataclass(frozen=True)
 class MirrorBlock:
-    """Samples since the block before, with what is known about the motion.
+    """Samples since the previous block, with results on the motion.
 
     Attributes:
         wall_ns: wall-clock stamp of the last row [ns since 1970].

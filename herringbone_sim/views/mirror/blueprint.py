@@ -1,4 +1,4 @@
-"""What the Rerun viewer shows at a glance: the arrangement of the mirror's views."""
+"""Arrangement of the views of the live mirror in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Plane = tuple[str, float, float]
 
 
 @dataclass(frozen=True)
-class Shown:
-    """Which views there is data for.
+class AvailableViews:
+    """Views that there is data for.
 
     Attributes:
         names: channels of the blocks.
@@ -32,12 +32,12 @@ class Shown:
     window_s: float
 
 
-def blueprint(shown: Shown) -> Any:
+def blueprint(available: AvailableViews) -> Any:
     """Time courses and contact on the left, diagrams in the plane and text on the right."""
-    views = {path: plane_view(path, *plane) for path, plane in shown.planes.items()}
+    views = {path: plane_view(path, *plane) for path, plane in available.planes.items()}
     courses = [
-        course_row(shown, "displacement", "Displacement", "µm", shown.displacement_kinds),
-        course_row(shown, "force", "Mesh force", "kN", shown.force_kinds),
+        course_row(available, "displacement", "Displacement", "µm", available.displacement_kinds),
+        course_row(available, "force", "Mesh force", "kN", available.force_kinds),
     ]
     planes = [side_by_side(views.get("portrait"), views.get("section")), views.get("bifurcation")]
     left = stack([*courses, views.get("contact")], [4.0, 4.0, 5.0])
@@ -54,28 +54,30 @@ def blueprint(shown: Shown) -> Any:
 
 
 def stack(parts: list[Any], shares: list[float]) -> Any:
-    """Views one below the other, None when there are none."""
+    """Views one below the other, without those that are None; None if all are."""
     shares = [share for part, share in zip(parts, shares, strict=True) if part is not None]
-    there = [part for part in parts if part is not None]
-    return rrb.Vertical(*there, row_shares=shares) if there else None
+    present = [part for part in parts if part is not None]
+    return rrb.Vertical(*present, row_shares=shares) if present else None
 
 
 def side_by_side(*parts: Any) -> Any:
-    """Views beside one another, None when there are none."""
-    there = [part for part in parts if part is not None]
-    return rrb.Horizontal(*there) if there else None
+    """Views beside one another, without those that are None; None if all are."""
+    present = [part for part in parts if part is not None]
+    return rrb.Horizontal(*present) if present else None
 
 
-def course_row(shown: Shown, path: str, title: str, unit: str, kinds: tuple[str, ...]) -> Any:
-    """One time course a mesh kind, side by side, None without a kind."""
+def course_row(
+    available: AvailableViews, path: str, title: str, unit: str, kinds: tuple[str, ...]
+) -> Any:
+    """Time courses of a quantity, one view per mesh kind side by side; None without a kind."""
     views = [
         rrb.TimeSeriesView(
             origin=f"/{path}/{kind}",
             name=f"{title}, {KIND_WORDS[kind]} [{unit}]",
-            axis_x=time_axis(shown.window_s),
-            plot_legend=rrb.PlotLegend(visible="contact" not in shown.planes),
+            axis_x=time_axis(available.window_s),
+            plot_legend=rrb.PlotLegend(visible="contact" not in available.planes),
             background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
-            time_ranges=[window(shown.window_s)],
+            time_ranges=[window(available.window_s)],
         )
         for kind in kinds
     ]
@@ -83,7 +85,7 @@ def course_row(shown: Shown, path: str, title: str, unit: str, kinds: tuple[str,
 
 
 def plane_view(path: str, title: str, width: float, height: float) -> Any:
-    """A diagram whose axes are part of the data."""
+    """View of a diagram whose axes are drawn as data."""
     return rrb.Spatial2DView(
         origin=f"/{path}",
         name=title,
@@ -108,7 +110,7 @@ def text_row() -> Any:
 
 
 def window(window_s: float) -> Any:
-    """The last ``window_s`` seconds before the time cursor."""
+    """Time range of a view: the last ``window_s`` seconds before the time cursor."""
     return rrb.VisibleTimeRange("sim_time", range=cursor_range(window_s))
 
 

@@ -17,7 +17,7 @@ TICK_X, TICK_Y, TITLE_X, TITLE_Y, LIFT = 1.0, -9.0, 12.0, -10.0, 4.0
 
 @dataclass(frozen=True)
 class Frame:
-    """What stands around the data.
+    """Axes, labels and backlash borders of a diagram.
 
     Attributes:
         axes: the limits.
@@ -50,14 +50,14 @@ def send_frame(recording: Any, path: str, frame: Frame) -> None:
 
 
 def send_box(recording: Any, path: str, axes: Axes) -> None:
-    """Draw the outline of a box."""
+    """Draw the outline of the box of some axes under an entity path."""
     w, h = axes.width, axes.height
     outline = np.array([[0, 0], [w, 0], [w, h], [0, h], [0, 0]], dtype=np.float32)
     recording.log(f"{path}/frame/box", strips([outline], FRAME, 2.0))
 
 
 def borders(frame: Frame) -> list[Any]:
-    """Lines at plus and minus the half backlash, as far as they are inside the box."""
+    """Lines (2, 2) at plus and minus the half backlash, those inside the box."""
     if frame.border is None:
         return []
     low, high = frame.axes.y if frame.border_across else frame.axes.x
@@ -66,7 +66,7 @@ def borders(frame: Frame) -> list[Any]:
 
 
 def strips(lines: list[Any], colour: Colour, order: float) -> Any:
-    """Thin lines of one colour."""
+    """Rerun entity of thin lines, each (k, 2) in box coordinates; a higher order is in front."""
     return rr.LineStrips2D(lines, colors=[colour], radii=THIN, draw_order=order)
 
 

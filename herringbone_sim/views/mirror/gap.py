@@ -1,4 +1,4 @@
-"""A diagnosis in the Rerun viewer: measured, nominal and augmented, side by side."""
+"""A diagnosis in the Rerun viewer: measured, nominal and augmented motion side by side."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from herringbone_sim.core.layout import KINDS
 from herringbone_sim.core.timeseries import Array
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
+from herringbone_sim.gap.run_views import COLUMNS, RunView, mesh_shares, run_views
 from herringbone_sim.views.mirror.frame import Frame, send_frame
 from herringbone_sim.views.mirror.gap_blueprint import COURSES, RunLayout, blueprint
-from herringbone_sim.views.mirror.gap_runs import COLUMNS, RunView, run_views, shares
 from herringbone_sim.views.mirror.gear import send_gear, send_shares
 from herringbone_sim.views.mirror.palette import mesh_colours
 from herringbone_sim.views.mirror.plane import Axes, limits_for, smooth
@@ -25,11 +25,11 @@ from herringbone_sim.views.pages.gear_drawing import MESHES
 TIMELINE = "run_time"
 
 
-def mirror(campaign: PreparedCampaign, found: Diagnosis, sink: Sink) -> None:
+def mirror(campaign: PreparedCampaign, diagnosis: Diagnosis, sink: Sink) -> None:
     """Send a diagnosis to an open sink: the gear and the verdict, then a tab a run.
 
-    Each run has three columns: what was measured, what the nominal and the augmented law give at
-    the measured motion, what each of the two models does on its own, and the residuals.
+    A run has a column for the measurement, one for the nominal and one for the augmented model,
+    with the forces at the measured motion, the residuals, and the motion of the model itself.
 
     Raises:
         ViewerError: the viewer has gone.
@@ -37,11 +37,11 @@ def mirror(campaign: PreparedCampaign, found: Diagnosis, sink: Sink) -> None:
     recording = sink.recording
     recording.set_log_tick_enabled(False)
     recording.set_log_time_enabled(False)
-    views = run_views(campaign, found)
+    views = run_views(campaign, diagnosis)
     gear = bool(views) and views[0].meshes == MESHES
     if gear:
         _send_gears(recording, views)
-    _log_text(recording, "verdict", verdict_text(found))
+    _log_text(recording, "verdict", verdict_text(diagnosis))
     layouts = []
     for view in views:
         layouts.append(_send_run(recording, view))
@@ -50,13 +50,13 @@ def mirror(campaign: PreparedCampaign, found: Diagnosis, sink: Sink) -> None:
     sink.deliver()
 
 
-def verdict_text(found: Diagnosis) -> str:
+def verdict_text(diagnosis: Diagnosis) -> str:
     """Verdict, causes and gap as a page of Markdown."""
-    verdict, gap = found.verdict, found.gap
+    verdict, gap = diagnosis.verdict, diagnosis.gap
     named = ", ".join(verdict.effects)
     title = verdict.verdict if named in ("", verdict.verdict) else f"{verdict.verdict}: {named}"
     lines = [f"## {title}", "", "| cause | where | probability |", "| --- | --- | --- |"]
-    for cause in found.report["causes"][:5]:
+    for cause in diagnosis.report["causes"][:5]:
         place = "/".join(cause["locus"].values()) if cause.get("locus") else ""
         lines.append(f"| {cause['effect']} | {place} | {cause['probability']:.1%} |")
     closure = f"{gap.closure:.1%}" if np.isfinite(gap.closure) else "not known"
@@ -71,7 +71,7 @@ def verdict_text(found: Diagnosis) -> str:
 
 def _send_gears(recording: Any, views: Sequence[RunView]) -> None:
     fit = [view for view in views if view.run.role == "fit"] or list(views)
-    for name, of_meshes in shares(fit).items():
+    for name, of_meshes in mesh_shares(fit).items():
         send_gear(recording, f"gear/{name}")
         send_shares(recording, f"gear/{name}", of_meshes)
 
@@ -80,10 +80,10 @@ def _send_run(recording: Any, view: RunView) -> RunLayout:
     name = view.run.name
     kinds = {}
     for kind in KINDS:
-        at = [j for j, m in enumerate(view.meshes) if m.startswith(kind)]
-        at = [j for j in at if np.isfinite(view.force["measured"][:, j]).all()]
-        if at:
-            kinds[kind] = _send_courses(recording, view, kind, at)
+        of_kind = [j for j, m in enumerate(view.meshes) if m.startswith(kind)]
+        known = [j for j in of_kind if np.isfinite(view.force["measured"][:, j]).all()]
+        if known:
+            kinds[kind] = _send_courses(recording, view, kind, known)
     meshes = _portrayed(view)
     for mesh in meshes:
         _send_portraits(recording, view, mesh)
@@ -92,7 +92,7 @@ def _send_run(recording: Any, view: RunView) -> RunLayout:
 
 
 def run_text(view: RunView) -> str:
-    """Operating point of a run and what can't be shown, as Markdown."""
+    """Operating point of a run, and notes on what is missing, as Markdown."""
     point = [f"- {name} {value:.4g}" for name, value in view.run.point.items()]
     notes = [f"- {text}" for text in view.notes]
     return "\n".join([f"### {view.run.name}, {view.run.role}", "", *point, *notes])
@@ -109,20 +109,20 @@ def _send_courses(
     names = [view.meshes[j] for j in at]
     limits: dict[str, tuple[float, float]] = {}
     for (what, name), values in columns.items():
-        shown = 1e-3 * values[:, at]
+        values_kn = 1e-3 * values[:, at]
         path = f"{view.run.name}/{what}/{name}/{kind}"
         style = rr.SeriesLines(names=names, colors=[colours[m] for m in names])
         recording.log(path, style, static=True)
         index = [rr.TimeColumn(TIMELINE, duration=view.times)]
-        recording.send_columns(path, index, rr.Scalars.columns(scalars=shown))
-        low, high = limits_for(shown.ravel())
+        recording.send_columns(path, index, rr.Scalars.columns(scalars=values_kn))
+        low, high = limits_for(values_kn.ravel())
         before = limits.get(what, (low, high))
         limits[what] = min(low, before[0]), max(high, before[1])
     return {what: limits[what] for what in COURSES}
 
 
 def _portrayed(view: RunView) -> tuple[str, ...]:
-    """The mesh with the largest residual, or the first that moves; none without a motion."""
+    """Name of the mesh with the largest residual as a tuple; empty if there is no motion."""
     if not view.planes:
         return ()
     return (view.meshes[int(np.argmax(np.nan_to_num(view.energy["nominal"])))],)

@@ -1,4 +1,4 @@
-"""Arrangement of a diagnosis in the viewer: three columns, a tab a run."""
+"""Arrangement of a diagnosis in the Rerun viewer: a tab per run, a column per model."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 
 import rerun.blueprint as rrb
 
+from herringbone_sim.gap.run_views import COLUMNS
 from herringbone_sim.views.mirror.blueprint import KIND_WORDS, plane_view, stack
-from herringbone_sim.views.mirror.gap_runs import COLUMNS
 from herringbone_sim.views.mirror.gear import HEIGHT, WIDTH
 from herringbone_sim.views.mirror.palette import BACKGROUND
 
@@ -19,7 +19,7 @@ TITLES = {"measured": "measured", "nominal": "nominal model", "augmented": "augm
 
 @dataclass(frozen=True)
 class RunLayout:
-    """What there is to show of a run.
+    """Views of a run for which there is data.
 
     Attributes:
         name, role: of the run.
@@ -36,9 +36,13 @@ class RunLayout:
 
 
 def blueprint(gear: bool, runs: Sequence[RunLayout]) -> Any:
-    """Where and what first, then every run."""
+    """Blueprint with a tab for verdict and gears, and a tab per run.
+
+    Args:
+        gear: whether there are drawings of the gear.
+    """
     return rrb.Blueprint(
-        rrb.Tabs(_overview(gear, runs), *(_run(one) for one in runs), active_tab=0),
+        rrb.Tabs(_overview(gear, runs), *(_run(run) for run in runs), active_tab=0),
         rrb.TimePanel(state="collapsed", timeline="run_time"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
@@ -59,43 +63,43 @@ def _overview(gear: bool, runs: Sequence[RunLayout]) -> Any:
     return rrb.Vertical(*(p for p in (above, below) if p is not None), name="Where and what")
 
 
-def _run(one: RunLayout) -> Any:
-    rows = [_forces(one, kind) for kind in one.kinds]
-    rows += [_planes(one, one.meshes[0]) if one.meshes else None]
-    rows += [_residuals(one)]
-    shares = [2.0] * len(one.kinds) + [3.5, 3.5]
-    return rrb.Vertical(stack(rows, shares), name=f"{one.name} ({one.role})")
+def _run(run: RunLayout) -> Any:
+    rows = [_forces(run, kind) for kind in run.kinds]
+    rows += [_planes(run, run.meshes[0]) if run.meshes else None]
+    rows += [_residuals(run)]
+    shares = [2.0] * len(run.kinds) + [3.5, 3.5]
+    return rrb.Vertical(stack(rows, shares), name=f"{run.name} ({run.role})")
 
 
-def _forces(one: RunLayout, kind: str) -> Any:
-    return rrb.Horizontal(*(_course(one, "force", name, kind) for name in COLUMNS))
+def _forces(run: RunLayout, kind: str) -> Any:
+    return rrb.Horizontal(*(_course(run, "force", name, kind) for name in COLUMNS))
 
 
-def _residuals(one: RunLayout) -> Any:
-    about = rrb.TextDocumentView(origin=f"/{one.name}/about", name="Run")
+def _residuals(run: RunLayout) -> Any:
+    about = rrb.TextDocumentView(origin=f"/{run.name}/about", name="Run")
     columns = [
-        rrb.Vertical(*(_course(one, "residual", name, kind) for kind in one.kinds))
+        rrb.Vertical(*(_course(run, "residual", name, kind) for kind in run.kinds))
         for name in COLUMNS[1:]
     ]
-    return rrb.Horizontal(about, *(columns if one.kinds else []))
+    return rrb.Horizontal(about, *(columns if run.kinds else []))
 
 
-def _planes(one: RunLayout, mesh: str) -> Any:
+def _planes(run: RunLayout, mesh: str) -> Any:
     views = [
         plane_view(
-            f"{one.name}/plane/{name}/{mesh}", f"{one.name}: {mesh}, {TITLES[name]}", 110.0, 100.0
+            f"{run.name}/plane/{name}/{mesh}", f"{run.name}: {mesh}, {TITLES[name]}", 110.0, 100.0
         )
         for name in COLUMNS
-        if name in one.planes
+        if name in run.planes
     ]
     return rrb.Horizontal(*views) if views else None
 
 
-def _course(one: RunLayout, what: str, name: str, kind: str) -> Any:
+def _course(run: RunLayout, what: str, name: str, kind: str) -> Any:
     return rrb.TimeSeriesView(
-        origin=f"/{one.name}/{what}/{name}/{kind}",
+        origin=f"/{run.name}/{what}/{name}/{kind}",
         name=f"{what} [kN], {KIND_WORDS[kind]}, {TITLES[name]}",
-        axis_y=rrb.ScalarAxis(range=one.kinds[kind][what]),
+        axis_y=rrb.ScalarAxis(range=run.kinds[kind][what]),
         plot_legend=rrb.PlotLegend(visible=name == COLUMNS[0]),
         background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
     )

@@ -1,4 +1,4 @@
-"""Contact state of each mesh as a lane over the last cycles, drawn in the plane."""
+"""Contact state of each mesh over the last cycles, as a coloured lane."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GAP_CLASS = len(STATES)
 
 
 class Lanes:
-    """A lane a mesh, dark while its teeth are apart, as an image of time and mesh.
+    """Image with a lane per mesh over time, dark while its teeth are apart.
 
     Args:
         recording: a ``rerun.RecordingStream``.
@@ -41,14 +41,20 @@ class Lanes:
         return float(COLUMNS), float(self._lane * len(self.colours))
 
     def send(self, times: Array, x: Mapping[str, Array], b_half: Mapping[str, float]) -> None:
-        """Draw the displacements (n,) [m] of the meshes at rising times (n,) [s]."""
+        """Draw the contact states of the meshes.
+
+        Args:
+            times: (n,) rising [s].
+            x: displacements (n,) [m] by mesh.
+            b_half: half backlash [m] by mesh kind.
+        """
         self._send_frame(float(np.ptp(times)))
         states = np.stack([contact_states(x[m], b_half[m[:2]]) for m in self.colours])
         image = rr.SegmentationImage(painted(states, times, self._lane), opacity=1.0, draw_order=0)
         self.recording.log("contact/lanes", image)
 
     def _send_frame(self, span_s: float) -> None:
-        """Names of lanes and states, and the time axis; again when it changes by a tenth."""
+        """Send names and time axis if the time span has changed by a tenth or more."""
         if self._span_s and abs(span_s - self._span_s) < 0.1 * self._span_s:
             return
         self._span_s = span_s

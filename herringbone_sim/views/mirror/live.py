@@ -1,4 +1,4 @@
-"""A live comparison in the Rerun viewer: gear, residual over its floor, statistics, text."""
+"""Live comparison of rig and simulator in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ EVERY_MESH = tuple(m for layout in (Layout(1, False), Layout(3, True)) for m in 
 
 
 class LiveMirror:
-    """Shows pictures; a viewer that is missing or has gone is said once and then left alone.
+    """Sends comparisons to a viewer; after a failure of the viewer it sends nothing more.
 
     Args:
-        mode, address, path: see ``rerun_sink.open_sink``.
+        mode, address, path: see ``sink.open_sink``.
 
     Attributes:
         state: ``running`` or ``failed: reason``.
@@ -31,7 +31,7 @@ class LiveMirror:
     def __init__(self, mode: str, address: str, path: Path) -> None:
         self.state = "running"
         self._sink: Any = None
-        self._drawn: tuple[str, ...] = ()
+        self._places: tuple[str, ...] = ()
         self._arranged = False
         try:
             from herringbone_sim.views.mirror.sink import open_sink
@@ -41,7 +41,7 @@ class LiveMirror:
             self._fail(error)
 
     def show(self, picture: Picture, topics: tuple[str, ...] = ()) -> None:
-        """Send a picture."""
+        """Send a comparison; ``topics`` is not used."""
         if self._sink is None:
             return
         try:
@@ -50,13 +50,13 @@ class LiveMirror:
         except (HerringboneError, RuntimeError) as error:
             self._fail(error)
         except Exception as error:
-            # A picture that can't be drawn; the next one may be.
+            # This comparison can't be drawn; the next one perhaps can.
             self.state = f"failed: {error}"
         else:
             self.state = "running"
 
     def close(self) -> str:
-        """Finish; what became of it, in a line."""
+        """Close the viewer's connection; a line with its address or the reason of a failure."""
         if self._sink is None:
             return f"mirror {self.state}"
         address = self._sink.address
@@ -76,22 +76,22 @@ class LiveMirror:
 
         from herringbone_sim.views.mirror.gear import send_shares
 
-        recording, found = self._sink.recording, picture.residual
+        recording, residual = self._sink.recording, picture.residual
         recording.set_time("wall_time", timestamp=np.datetime64("now", "ms"))
         if np.isfinite(picture.rig.t_s):
             recording.set_time("rig_time", duration=picture.rig.t_s)
         text = f"```\n{table(picture)}\n```"
         recording.log("text", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-        if found is None:
+        if residual is None:
             self._arrange(())
             return
-        self._arrange(found.places)
-        recording.log("events", rr.TextLog(headline(found)))
-        if found.metric == "force_law":
-            shares = dict(zip(found.places, map(float, found.shares), strict=True))
+        self._arrange(residual.places)
+        recording.log("events", rr.TextLog(headline(residual)))
+        if residual.metric == "force_law":
+            shares = dict(zip(residual.places, map(float, residual.shares), strict=True))
             send_shares(recording, "gear", shares)
-        for kind, at in _groups(found.places).items():
-            values = np.maximum(found.chi[at], SMALL)
+        for kind, at in _groups(residual.places).items():
+            values = np.maximum(residual.chi[at], SMALL)
             recording.log(f"floors/{kind}", rr.Scalars(values))
         beside = picture.simulator_motion if picture.comparable else None
         for name, motion in (("rig", picture.rig_motion), ("sim", beside)):
@@ -101,11 +101,11 @@ class LiveMirror:
                     recording.log(f"force/{kind}/{name}", rr.Scalars(force))
 
     def _arrange(self, places: tuple[str, ...]) -> None:
-        """Names, colours and the blueprint, again when other places come."""
+        """Send names, colours and the blueprint if the places have changed."""
         from herringbone_sim.views.mirror.live_blueprint import arrange
 
-        if places != self._drawn or not self._arranged:
-            self._drawn, self._arranged = places, True
+        if places != self._places or not self._arranged:
+            self._places, self._arranged = places, True
             arrange(self._sink.recording, places, _groups(places))
 
 

@@ -1,4 +1,4 @@
-"""Names, colours and arrangement of a live comparison in the viewer."""
+"""Arrangement, names and colours of a live comparison in the viewer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ WORDS_OF = {**KIND_WORDS, "bodies": "all bodies"}
 
 
 def arrange(recording: Any, places: tuple[str, ...], groups: Mapping[str, Sequence[int]]) -> None:
-    """Send what never changes for a set of places, and the blueprint."""
+    """Send static names and colours, and the blueprint.
+
+    Args:
+        recording: a ``rerun.RecordingStream``.
+        places: meshes, or coordinates of bodies.
+        groups: indices of places by mesh kind, or all under ``bodies``.
+    """
     meshes = tuple(p for p in places if p[:2] in KIND_WORDS)
     if meshes:
         send_gear(recording, "gear")

@@ -1,4 +1,4 @@
-"""A live comparison as text: a table for a terminal, a line for a log, plain data for a topic."""
+"""A live comparison of rig and simulator as a table, as a line, and as plain data."""
 
 from __future__ import annotations
 
@@ -17,11 +17,19 @@ FACTORS = ("kind", "side", "planet", "contact")
 
 
 def table(picture: Picture) -> str:
-    """The whole picture, one line a mesh."""
-    lines = [_heard("rig", picture.rig), _heard("simulator", picture.simulator)]
-    found = picture.residual
-    if found is not None:
-        lines += [_point(found), "", headline(found), "", *_rows(picture, found), "", _by(found)]
+    """The whole comparison as text, one line per mesh."""
+    lines = [_source_line("rig", picture.rig), _source_line("simulator", picture.simulator)]
+    residual = picture.residual
+    if residual is not None:
+        lines += [
+            _point(residual),
+            "",
+            headline(residual),
+            "",
+            *_rows(picture, residual),
+            "",
+            _factor_line(residual),
+        ]
     elif picture.rig_motion is not None:
         lines += ["", *_motions(picture)]
     lines += [f"! {text}" for text in picture.remarks]
@@ -29,52 +37,60 @@ def table(picture: Picture) -> str:
 
 
 def line(picture: Picture) -> str:
-    """One line: where the residual is, or why there is none."""
-    found = picture.residual
-    if found is None:
+    """One line: size and largest shares of the residual, or why there is none."""
+    residual = picture.residual
+    if residual is None:
         return "no residual: " + ("; ".join(picture.remarks) or "no samples yet")
-    text = f"t = {found.t_s:.4f} s  {headline(found)}  {_worst(found)}"
-    stale = [remark for remark in picture.remarks if remark not in found.remarks]
+    text = f"t = {residual.t_s:.4f} s  {headline(residual)}  {_largest_shares(residual)}"
+    stale = [remark for remark in picture.remarks if remark not in residual.remarks]
     return "; ".join([text, *stale])
 
 
-def headline(found: Residual) -> str:
-    """Size of the residual before and after recalibration, and whether it is more than noise."""
-    unit = UNITS[found.metric]
-    nominal, after, floor = (found.rms(q) for q in ("nominal", "recalibrated", "floor"))
-    word = "a gap" if gap_there(found) else "within the noise"
+def headline(residual: Residual) -> str:
+    """Line with the RMS residual before and after recalibration, and the noise floor."""
+    unit = UNITS[residual.metric]
+    nominal, after, floor = (residual.rms(q) for q in ("nominal", "recalibrated", "floor"))
+    word = "a gap" if exceeds_noise(residual) else "within the noise"
     return (
-        f"{METRICS[found.metric]}: residual {nominal:.4g} {unit} nominal, {after:.4g} {unit} "
-        f"recalibrated, floor {floor:.4g} {unit} ({found.total_chi:.2f} floors): {word}"
+        f"{METRICS[residual.metric]}: residual {nominal:.4g} {unit} nominal, {after:.4g} {unit} "
+        f"recalibrated, floor {floor:.4g} {unit} ({residual.total_chi:.2f} floors): {word}"
     )
 
 
-def gap_there(found: Residual) -> bool:
-    """Whether any place is above the noise."""
-    return bool(found.shares.any())
+def exceeds_noise(residual: Residual) -> bool:
+    """Whether the residual exceeds the noise at any place."""
+    return bool(residual.shares.any())
 
 
 def data(picture: Picture) -> dict[str, Any]:
-    """The picture as plain data for the topic ``~/place``; what is not known is left out."""
+    """The comparison as plain data for the topic ``~/place``, without what is not known."""
     content: dict[str, Any] = {
         "schema": SCHEMA,
-        "rig": _heard_data(picture.rig),
-        "simulator": _heard_data(picture.simulator),
+        "rig": _source_data(picture.rig),
+        "simulator": _source_data(picture.simulator),
         "remarks": list(picture.remarks),
     }
-    found = picture.residual
-    if found is not None:
+    residual = picture.residual
+    if residual is not None:
         content |= {
-            "t": found.t_s,
-            "point": dict(found.point),
-            "metric": found.metric,
-            "unit": "N" if found.metric == "force_law" else "m/s^2",
-            "samples": found.count,
-            "gap": gap_there(found),
-            "floors": found.total_chi,
-            "residual": {q: found.rms(q) for q in ("nominal", "recalibrated", "floor", "signal")},
-            "shares": {"mesh" if found.metric == "force_law" else "coordinate": _shares(found)}
-            | {factor: found.shares_by(factor) for factor in FACTORS if found.shares_by(factor)},
+            "t": residual.t_s,
+            "point": dict(residual.point),
+            "metric": residual.metric,
+            "unit": "N" if residual.metric == "force_law" else "m/s^2",
+            "samples": residual.count,
+            "gap": exceeds_noise(residual),
+            "floors": residual.total_chi,
+            "residual": {
+                q: residual.rms(q) for q in ("nominal", "recalibrated", "floor", "signal")
+            },
+            "shares": {
+                "mesh" if residual.metric == "force_law" else "coordinate": _shares(residual)
+            }
+            | {
+                factor: residual.shares_by(factor)
+                for factor in FACTORS
+                if residual.shares_by(factor)
+            },
         }
     if picture.comparable and picture.rig_motion and picture.simulator_motion:
         content["statistics"] = {
@@ -85,13 +101,13 @@ def data(picture: Picture) -> dict[str, Any]:
 
 
 def bar(share: float, width: int = BAR) -> str:
-    """A bar of a share in eighths of a character."""
+    """Text bar for a share from 0 to 1, in eighths of a character."""
     eighths = round(min(max(share, 0.0), 1.0) * width * 8)
     whole, part = divmod(eighths, 8)
     return (EIGHTHS[8] * whole + (EIGHTHS[part] if part else "")).ljust(width)
 
 
-def _heard(name: str, heard: Heard) -> str:
+def _source_line(name: str, heard: Heard) -> str:
     if heard.age_s is None:
         return f"{name:9s} {heard.topic}: waiting"
     state = "" if heard.fresh else f", silent for {heard.age_s:.0f} s"
@@ -101,22 +117,26 @@ def _heard(name: str, heard: Heard) -> str:
     )
 
 
-def _point(found: Residual) -> str:
-    p = found.point
+def _point(residual: Residual) -> str:
+    p = residual.point
     return (
         f"point     delta_T {p['delta_T']:.4g} K, T_1 {p['T_1']:.4g} N m, K {p['K']:.3g}, "
         f"Omega {p['Omega']:.4g}"
     )
 
 
-def _rows(picture: Picture, found: Residual) -> list[str]:
-    """One line a place; bars are drawn against the largest share."""
-    unit = UNITS[found.metric]
-    title = f"{'mesh' if found.metric == 'force_law' else 'place':6s} {'share of the gap':{BAR}s}"
+def _rows(picture: Picture, residual: Residual) -> list[str]:
+    """One line per place; bars are relative to the largest share."""
+    unit = UNITS[residual.metric]
+    title = (
+        f"{'mesh' if residual.metric == 'force_law' else 'place':6s} {'share of the gap':{BAR}s}"
+    )
     title += f" {'':>6s} {'floors':>7s} {'residual':>14s}"
     rows = [title + _motion_title(picture)]
-    top = max(float(found.shares.max()), 1e-300)
-    columns = zip(found.places, found.shares, found.chi, found.rms_of_place, strict=True)
+    top = max(float(residual.shares.max()), 1e-300)
+    columns = zip(
+        residual.places, residual.shares, residual.chi, residual.rms_of_place, strict=True
+    )
     for place, share, chi, rms in columns:
         text = f"{place:6s} {bar(share / top)} {share:6.1%} {chi:7.2f} {f'{rms:.4g} {unit}':>14s}"
         rows.append(text + _motion_cells(picture, place))
@@ -153,28 +173,28 @@ def _number(value: float, form: str, width: int) -> str:
     return f"{value:{width}{form}}" if math.isfinite(value) else "-".rjust(width)
 
 
-def _by(found: Residual) -> str:
+def _factor_line(residual: Residual) -> str:
     parts = []
     for factor in FACTORS:
-        shares = found.shares_by(factor)
+        shares = residual.shares_by(factor)
         if any(shares.values()):
-            told = "  ".join(f"{name} {share:.0%}" for name, share in shares.items())
-            parts.append(f"{factor}: {told}")
+            text = "  ".join(f"{name} {share:.0%}" for name, share in shares.items())
+            parts.append(f"{factor}: {text}")
     return "   ".join(parts) or f"no place above {math.sqrt(QUIET):.2f} floors"
 
 
-def _worst(found: Residual) -> str:
-    if not gap_there(found):
+def _largest_shares(residual: Residual) -> str:
+    if not exceeds_noise(residual):
         return ""
-    order = sorted(zip(found.shares, found.places, strict=True), reverse=True)[:3]
+    order = sorted(zip(residual.shares, residual.places, strict=True), reverse=True)[:3]
     return " ".join(f"{place} {share:.0%}" for share, place in order if share > 0.0)
 
 
-def _shares(found: Residual) -> dict[str, float]:
-    return {place: float(s) for place, s in zip(found.places, found.shares, strict=True)}
+def _shares(residual: Residual) -> dict[str, float]:
+    return {place: float(s) for place, s in zip(residual.places, residual.shares, strict=True)}
 
 
-def _heard_data(heard: Heard) -> dict[str, Any]:
+def _source_data(heard: Heard) -> dict[str, Any]:
     content: dict[str, Any] = {"topic": heard.topic, "fresh": heard.fresh}
     content |= {"samples": heard.received, "lost": heard.lost, "restarts": heard.restarts}
     if math.isfinite(heard.t_s):
@@ -183,13 +203,14 @@ def _heard_data(heard: Heard) -> dict[str, Any]:
 
 
 def _statistics(rig: Motion, simulator: Motion, j: int) -> dict[str, float]:
-    told: dict[str, float] = {}
-    for name, one in (("rig", rig), ("simulator", simulator)):
-        back, apart, drive = (float(v) for v in one.contact_shares[j])
-        told |= {
-            f"force_rms_{name}": float(one.force_rms_n[j]),
+    """RMS force and contact shares of one mesh in both motions; without those not known."""
+    values: dict[str, float] = {}
+    for name, motion in (("rig", rig), ("simulator", simulator)):
+        back, apart, drive = (float(v) for v in motion.contact_shares[j])
+        values |= {
+            f"force_rms_{name}": float(motion.force_rms_n[j]),
             f"contact_{name}": drive,
             f"separated_{name}": apart,
             f"back_contact_{name}": back,
         }
-    return {key: value for key, value in told.items() if math.isfinite(value)}
+    return {key: value for key, value in values.items() if math.isfinite(value)}

@@ -1,8 +1,8 @@
-"""The live mirror: blocks go into a bounded queue, a thread of its own hands them to Rerun.
+"""The live mirror: a bounded queue of blocks, and a thread that sends them to Rerun.
 
-Nothing here waits for a viewer: what does not fit is dropped and counted, what fails becomes
-``state``, is reported, and is tried again. The Rerun package is imported by that thread, so that a
-node without it, or with the mirror off, starts as fast as ever.
+The caller never waits for a viewer: blocks that do not fit into the queue are dropped and counted;
+a failure becomes ``state``, is reported, and the viewer is tried again. Rerun is imported in the
+thread, so that a node without it, or with the mirror off, is not slowed down.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ MODES = ("off", "spawn", "connect", "serve", "save")
 POLL_S = 0.1
 RETRY_S = 2.0
 LONGEST_RETRY_S = 60.0
-# A failure that repeats is reported as often.
+# Interval at which a failure that repeats is reported again.
 REPEAT_S = 10.0
 FLUSH_S = 5.0
 
 
 class RerunMirror:
-    """A mirror of the motion in the Rerun viewer, never in the way of who feeds it.
+    """Mirror of the motion in the Rerun viewer, which does not delay its caller.
 
     Args:
         mode: ``off``; ``spawn`` starts a viewer; ``connect`` sends to the viewer at ``address``
             and tries again every two seconds when none answers; ``serve`` waits for viewers at
-            ``address``; ``save`` writes ``path``. What can't be opened is tried again, ever more
-            rarely; a viewer that was started and is closed stays closed.
+            ``address``; ``save`` writes ``path``. A target that can't be opened is tried again
+            at growing intervals; a started viewer that the user closes is not started again.
         layout: names of the meshes.
         address: ``HOST:PORT``, ``PORT`` or ``rerun+http://HOST:PORT/proxy``; empty for Rerun's
             own 127.0.0.1:9876.
         path: the .rrd file to write.
-        memory_limit: beyond this a spawned viewer or a server forgets the oldest, as ``1GB``.
+        memory_limit: above which a started viewer or server drops its oldest data, as ``1GB``.
         scale: units and backlash; without it displacements are in micrometres and there is no
             contact state.
         burst_cycles: mesh cycles at the end of each block that are shown at full rate.
         queue_blocks: blocks that may wait.
         mesh: the mesh of the phase plane, the first of the layout when empty.
-        report: is told each failure once, one that repeats every ``REPEAT_S`` seconds with how
-            often it was; called in a thread of the mirror.
+        report: called in the mirror's thread with each failure, and with one that repeats every
+            ``REPEAT_S`` seconds with its count.
 
     Raises:
         ParameterError: an unknown mode or mesh, ``save`` without a path, a size below 1.
@@ -83,9 +83,9 @@ class RerunMirror:
         self._memory_limit = memory_limit
         self._drawing = (layout, scale, burst_cycles, mesh)
         self._state = "off" if mode == "off" else "running"
-        self._told = Told(report)
-        # Whether blocks may wait: until it is open, and while it is.
-        self._taking = True
+        self._reporter = FailureReporter(report)
+        # Blocks are queued until the target is open, and while it is.
+        self._accepts_blocks = True
         self._queue: Queue[MirrorBlock] = Queue(maxsize=queue_blocks)
         self._closing = Event()
         self._thread = Thread(target=self._run, name="rerun-mirror", daemon=True)
@@ -98,11 +98,11 @@ class RerunMirror:
         return self._state
 
     def put(self, block: MirrorBlock, *, wait_s: float = 0.0) -> bool:
-        """Hand in a block; whether it was taken. Returns at once unless ``wait_s`` is given."""
+        """Queue a block; whether there was room. Waits up to ``wait_s`` seconds for room."""
         if self.mode == "off" or self._closing.is_set():
             return False
         with suppress(Full):
-            if self._taking:
+            if self._accepts_blocks:
                 self._queue.put(block, block=wait_s > 0, timeout=wait_s or None)
                 return True
         self.dropped += 1
@@ -126,7 +126,7 @@ class RerunMirror:
                 pause_s = min(2 * pause_s, LONGEST_RETRY_S)
 
     def _attempt(self) -> bool:
-        """Mirror until it is closed or fails; whether there is nothing more to try."""
+        """Mirror until closed or failed; returns whether not to try again."""
         opened = False
         try:
             from herringbone_sim.views.mirror.sink import open_sink
@@ -135,18 +135,18 @@ class RerunMirror:
             opened = True
             self._mirror(sink)
         except Exception as error:
-            # Whatever a viewer does must not reach the integrator: this is the wall.
+            # A failure of the viewer must not reach the integrator.
             self._stop(error)
-            # To open a file again would empty it, and whoever closed a viewer wants none.
+            # Opening a file again would empty it; a closed viewer was closed by the user.
             return opened and self.mode in ("save", "spawn")
         return True
 
     def _mirror(self, sink: Sink) -> None:
         try:
-            self.address, self._state, self._taking = sink.address, "running", True
+            self.address, self._state, self._accepts_blocks = sink.address, "running", True
             self._feed(sink)
         except Exception as error:
-            # Letting go of a frozen viewer takes seconds: say so before.
+            # Set the state first: disconnecting from a frozen viewer takes seconds.
             self._state = failure(error)
             raise
         finally:
@@ -165,7 +165,7 @@ class RerunMirror:
             sink.deliver()
 
     def _send(self, sink: Sink, stream: RerunStream, block: MirrorBlock) -> RerunStream:
-        """Draw a block; the stream for the next, a new one where this failed half way."""
+        """Send a block; returns the stream for the next block, a new one after a failure."""
         try:
             stream.send(block)
         except Exception as error:
@@ -182,11 +182,11 @@ class RerunMirror:
 
     def _fail(self, error: Exception) -> None:
         self._state = failure(error)
-        self._told(self._state)
+        self._reporter(self._state)
 
     def _stop(self, error: Exception) -> None:
-        """Fail, and take no blocks until it is open again; those that wait are dropped."""
-        self._taking = False
+        """Report a failure and drop all blocks until the target is open again."""
+        self._accepts_blocks = False
         self._fail(error)
         with suppress(Empty):
             while True:
@@ -201,8 +201,8 @@ def failure(error: Exception) -> str:
     return f"failed: {error}{hint}"
 
 
-class Told:
-    """Hands failures on: each once, one that repeats every ``REPEAT_S`` seconds with its count.
+class FailureReporter:
+    """Reports each failure once, and one that repeats every ``REPEAT_S`` seconds with its count.
 
     Args:
         report: takes a line of text.
@@ -224,7 +224,7 @@ class Told:
 
 
 def check_options(mode: str, path: Path | None, burst_cycles: int, queue_blocks: int) -> None:
-    """Refuse what no mirror can do; raises ParameterError."""
+    """ParameterError for a wrong mode, a missing path, or a size below 1."""
     if mode not in MODES:
         raise ParameterError(
             f"the mirror's mode must be one of {', '.join(MODES)}, got {mode!r}: choose one"

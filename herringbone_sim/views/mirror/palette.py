@@ -1,4 +1,4 @@
-"""Colours of the views, told apart by colour-blind eyes too (after Okabe and Ito)."""
+"""Colours of the views, distinguishable with colour-blindness too (after Okabe and Ito)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def shaded(colour: Colour, share: float) -> Colour:
 
 
 def mesh_colours(layout: Layout) -> dict[str, Colour]:
-    """A colour for each mesh: hue by kind and side, lightness by planet."""
+    """Colour of each mesh by name: hue by kind and side, lightness by planet."""
     count = layout.n_classes
     shades = [0.0] if count == 1 else [0.45 - 0.9 * i / (count - 1) for i in range(count)]
     return {

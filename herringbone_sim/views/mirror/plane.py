@@ -1,4 +1,4 @@
-"""Diagrams in a plane whose axes are drawn by hand: a box, ticks, and a bounded bifurcation."""
+"""Geometry of diagrams whose axes are drawn as data: limits, ticks, box; bifurcation points."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 
-# Values beyond are not drawn: no motion has them, and limits that hold them overflow.
+# Larger values are not drawn: limits that include them would overflow.
 MOST = 1e150
-# Values closer than this are one value: a round step between them is no number any more.
+# Least width of limits: the step of ticks would underflow below it.
 LEAST_SPAN = 1e-150
-# Bins of a diagram are no narrower: nobody steers a parameter by less.
+# Least width of a bin of the parameter in a bifurcation diagram.
 LEAST_BIN = 2.0**-40
 
 
@@ -38,10 +38,13 @@ def ticks(limits: Range, count: int = 5) -> Array:
 
 
 def limits_for(values: Array, before: Range | None = None, least_span: float = 1e-9) -> Range:
-    """Limits that hold all finite values with a margin; never of zero span.
+    """Limits around all finite values with a margin.
 
-    Limits that still hold the values and are no more than three times too wide are kept, so that
-    a live picture does not jump at every block.
+    Args:
+        values: (n,), any finite number of them.
+        before: earlier limits, returned again if they still include the values and are at most
+            three times too wide, so that a live diagram does not move with every block.
+        least_span: smallest difference of the limits.
     """
     finite = values[np.abs(values) < MOST]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (-1.0, 1.0)
@@ -54,7 +57,7 @@ def limits_for(values: Array, before: Range | None = None, least_span: float = 1
 
 @dataclass(frozen=True)
 class Axes:
-    """A box width x height, origin top left and y downwards, with limits in data units."""
+    """A box of width x height with its origin top left and y downwards; limits in data units."""
 
     x: Range
     y: Range

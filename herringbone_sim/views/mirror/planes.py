@@ -1,4 +1,4 @@
-"""Phase portrait, stroboscopic section and live bifurcation of one mesh, drawn in the plane."""
+"""Phase portrait, stroboscopic section and live bifurcation diagram of one mesh."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DOT = rr.Radius.ui_points(1.6)
 
 
 class Planes:
-    """The diagrams of one mesh; sends only what a block has changed.
+    """Sends the diagrams of one mesh, and of each only what a block has changed.
 
     Args:
         recording: a ``rerun.RecordingStream``.
@@ -69,12 +69,12 @@ class Planes:
         cls, recording: Any, layout: Layout, scale: Scale | None, mesh: str, block: MirrorBlock
     ) -> Planes | None:
         """The diagrams of the chosen mesh, or the first that has data; None without any."""
-        there = [m for m in layout.meshes if f"x_{m}" in block.names and mesh in ("", m)]
-        if not there:
+        names = [m for m in layout.meshes if f"x_{m}" in block.names and mesh in ("", m)]
+        if not names:
             return None
-        velocity = f"v_{there[0]}" in block.names
-        colour = mesh_colours(layout)[there[0]]
-        return cls(recording, there[0], scale, colour, velocity, "phase" in block.names)
+        velocity = f"v_{names[0]}" in block.names
+        colour = mesh_colours(layout)[names[0]]
+        return cls(recording, names[0], scale, colour, velocity, "phase" in block.names)
 
     @property
     def titles(self) -> dict[str, Plane]:
@@ -162,7 +162,7 @@ class Planes:
         return block.parameters.get(name)
 
     def _steered_values(self, block: MirrorBlock) -> Array:
-        """The steered parameter (m,) at each section point, 0 when nobody knows it."""
+        """The steered parameter (m,) at each section point, 0 if unknown."""
         if self.steered in block.names:
             return block.at_section(self.steered)
         return np.full(len(block.sections), block.parameters.get(self.steered, 0.0))

@@ -1,4 +1,4 @@
-"""A recording as blocks for the mirror: one code path shows a run that is live or was."""
+"""Converts a recording to blocks for the mirror, so that it is drawn like a live run."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from herringbone_sim.recording.reader import Recording
 from herringbone_sim.views.mirror.block import MirrorBlock, Scale
 
 MESH = re.compile(r"[xvF]_(?:sp|rp)(\d*)_[LR]")
-SHOWN = ("K", "delta_T", "xi", "T_1", "Omega", "control_phase")
-HELD = ("K", "delta_T", "T_1")
+STATUS_PARAMETERS = ("K", "delta_T", "xi", "T_1", "Omega", "control_phase")
+OPERATING = ("K", "delta_T", "T_1")
 ROWS_WITHOUT_PHASE = 400
 PERIOD_CYCLES = 128
 
 
 @dataclass(frozen=True)
 class Replay:
-    """A recording made ready to be shown.
+    """A recording prepared for the mirror.
 
     Attributes:
         names: channels of the rows, with ``t`` first when the recording calls it otherwise.
@@ -42,7 +42,7 @@ class Replay:
         noise: RMS noise of each displacement in ``sections`` by name [m].
         layout: the meshes.
         gear: parameters of the recording, or None.
-        notes: what can't be shown, and why.
+        notes: what is missing, and why.
     """
 
     names: tuple[str, ...]
@@ -60,11 +60,11 @@ class Replay:
 
 
 def prepare(recording: Recording, nominal: bool = False) -> Replay:
-    """Section points, layout and gear of a recording; any subset of channels will do.
+    """Compute section points, layout and gear of a recording.
 
     Args:
-        recording: what was read.
-        nominal: take the nominal rig where the recording has no parameters.
+        recording: any, with any subset of the channels.
+        nominal: use the nominal rig if the recording has no parameters.
     """
     samples = recording.samples
     gear, notes = gear_of(recording, nominal)
@@ -93,7 +93,7 @@ def replay_blocks(
     times = replay.rows[:, replay.names.index("t")]
     end_ns = recording.path.stat().st_mtime_ns if recording.path.exists() else 0
     events = events_of(recording, replay)
-    told = 0
+    sent = 0
     for start, stop in block_edges(replay, burst_cycles, max_blocks):
         last = float(times[stop - 1])
         until = len(events) if stop == len(times) else sum(t <= last for t, _ in events)
@@ -101,23 +101,29 @@ def replay_blocks(
             recording,
             replay,
             slice(start, stop),
-            tuple(text for _, text in events[told:until]),
+            tuple(text for _, text in events[sent:until]),
             end_ns + round((last - float(times[-1])) * 1e9),
         )
-        told = until
+        sent = until
 
 
 def replay_block(
     recording: Recording, replay: Replay, cut: slice, events: tuple[str, ...], wall_ns: int
 ) -> MirrorBlock:
-    """One block of rows."""
+    """Block of the samples in a slice of rows.
+
+    Args:
+        cut: rows of the block.
+        events: texts for the log of the viewer.
+        wall_ns: wall-clock time of the last row.
+    """
     rows = replay.rows[cut]
     at = replay.sections[:, replay.names.index("t")]
     now = replay.names.index("t")
     later = replay.rows[cut.stop, now] if cut.stop < len(replay.rows) else np.inf
     first, behind = np.searchsorted(at, [rows[0, now], later])
     parameters = parameters_at(recording, replay, rows[-1])
-    gear = with_heat(replay.gear, parameters)
+    gear = at_temperature(replay.gear, parameters)
     return MirrorBlock(
         wall_ns=wall_ns,
         names=replay.names,
@@ -154,7 +160,7 @@ def section_rows(samples: TimeSeries, motion: Motion, names: tuple[str, ...]) ->
     before = np.searchsorted(samples.times, section.times + 1e-12, side="right") - 1
     phase: Array = 2 * pi * section.cycles.astype(np.float64)
     known = {"t": section.times, "phase": phase}
-    known |= {name: samples[name][before] for name in HELD if name in samples}
+    known |= {name: samples[name][before] for name in OPERATING if name in samples}
     for column, mesh in enumerate(section.meshes):
         known |= {f"x_{mesh}": section.x[:, column], f"v_{mesh}": section.v[:, column]}
     nothing = np.full(len(section), np.nan)
@@ -169,12 +175,12 @@ def layout_of(names: tuple[str, ...]) -> Layout:
 
 
 def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, list[str]]:
-    """Parameters that the recording holds, else the nominal rig on demand; and notes."""
-    held = recording.channels.parameters
+    """Parameters of the recording, else of the nominal rig on demand, else None; and notes."""
+    recorded = recording.channels.parameters
     try:
-        if held:
-            named = [f"effects: {held[EFFECTS]}"] if held.get(EFFECTS) else []
-            return quiet_gear(held), named
+        if recorded:
+            notes = [f"effects: {recorded[EFFECTS]}"] if recorded.get(EFFECTS) else []
+            return quiet_gear(recorded), notes
     except ParameterError as error:
         return None, [f"parameters that can't be read, so no scale and no backlash: {error}"]
     if nominal:
@@ -183,13 +189,13 @@ def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, lis
 
 
 def quiet_gear(values: Mapping[str, object]) -> Parameters:
-    """Parameters without the warnings that whoever recorded them has had."""
+    """Parameters from recorded values, without warnings on the gear."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return gear_of_values(values)[0]
 
 
-def with_heat(gear: Parameters | None, parameters: Mapping[str, float]) -> Parameters | None:
+def at_temperature(gear: Parameters | None, parameters: Mapping[str, float]) -> Parameters | None:
     """The gear at the temperature rise in force."""
     if gear is None or "delta_T" not in parameters:
         return gear
@@ -199,7 +205,7 @@ def with_heat(gear: Parameters | None, parameters: Mapping[str, float]) -> Param
 
 
 def scale_of(gear: Parameters) -> Scale:
-    """Units and half backlash of the first mesh of each kind; 0 where heat has taken it all."""
+    """Units, and half backlash of the first mesh of each kind; 0 if closed by the temperature."""
     unit = scales(gear)
     try:
         half = half_backlashes(gear, unit)
@@ -214,11 +220,13 @@ def parameters_at(recording: Recording, replay: Replay, row: Array) -> dict[str,
     t = row[replay.names.index("t")]
     values: dict[str, object] = {}
     if replay.gear:
-        values = {name: getattr(replay.gear, name) for name in SHOWN}
+        values = {name: getattr(replay.gear, name) for name in STATUS_PARAMETERS}
     for change in recording.changes:
         if change.t_s <= t:
-            values |= {name: value for name, value in change.values.items() if name in SHOWN}
-    values |= {name: row[replay.names.index(name)] for name in HELD if name in replay.names}
+            values |= {
+                name: value for name, value in change.values.items() if name in STATUS_PARAMETERS
+            }
+    values |= {name: row[replay.names.index(name)] for name in OPERATING if name in replay.names}
     return {n: float(v) for n, v in values.items() if isinstance(v, (int, float))}
 
 
@@ -236,15 +244,18 @@ def events_of(recording: Recording, replay: Replay) -> list[tuple[float, str]]:
 
 
 def readable(value: object) -> str:
-    """A parameter's value without the digits of its binary form."""
+    """Value of a parameter with six digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def regime_at(recording: Recording, replay: Replay, behind: int) -> str:
-    """Period over the last cycles at unchanged parameters before section point ``behind``."""
+    """Name of the motion in the last cycles before section point ``behind``, as ``P2``.
+
+    Only cycles with unchanged parameters count; empty if there are none.
+    """
     columns = [i for i, name in enumerate(replay.names) if name in replay.noise]
     window = replay.sections[max(0, behind - PERIOD_CYCLES) : behind]
-    window = window[held_since(recording, replay, window) :]
+    window = window[constant_since(recording, replay, window) :]
     if not columns or not len(window):
         return ""
     x = window[:, columns]
@@ -253,9 +264,9 @@ def regime_at(recording: Recording, replay: Replay, behind: int) -> str:
     return find_period(x / size, float(np.sqrt(np.mean(noise**2)))).label
 
 
-def held_since(recording: Recording, replay: Replay, window: Array) -> int:
-    """Index of the first section point (m, c) behind the last change of a parameter."""
-    names = [replay.names.index(name) for name in HELD if name in replay.names]
+def constant_since(recording: Recording, replay: Replay, window: Array) -> int:
+    """Index of the first section point of a window (m, c) after the last parameter change."""
+    names = [replay.names.index(name) for name in OPERATING if name in replay.names]
     moved = np.flatnonzero(np.any(np.diff(window[:, names], axis=0) != 0, axis=1))
     changes = [change.t_s for change in recording.changes]
     at: Array = window[:, replay.names.index("t")]

@@ -1,4 +1,4 @@
-"""A picture of a .rrd file, drawn by the real viewer without a screen."""
+"""Picture of a .rrd file, drawn by the Rerun viewer without a screen."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from herringbone_sim.views.mirror.sink import (
     HOST,
     ViewerError,
     await_answer,
-    nameless_file,
     rerun_binary,
+    temporary_file,
 )
 
 SETTLE_S = 1.0
@@ -32,7 +32,7 @@ def take_screenshot(
         rrd: the file to show.
         png: the picture to write.
         size: of the window, in points; the picture has two pixels a point.
-        timeout_s: to give up after.
+        timeout_s: time limit.
 
     Raises:
         ViewerError: no viewer, no Vulkan driver, or no picture in time.
@@ -40,7 +40,7 @@ def take_screenshot(
     port = free_port()
     command = [rerun_binary(), "--headless", "--bind", HOST, "--port", str(port)]
     command += ["--hide-welcome-screen", "--window-size", f"{size[0]}x{size[1]}", str(rrd)]
-    with nameless_file() as errors:
+    with temporary_file() as errors:
         viewer = subprocess.Popen(
             command,
             stdout=subprocess.DEVNULL,
@@ -49,7 +49,7 @@ def take_screenshot(
         )
         try:
             await_answer(viewer, "viewer", errors, HOST, port)
-            png.write_bytes(settled_picture(port, timeout_s))
+            png.write_bytes(stable_screenshot(port, timeout_s))
         except (ViewerError, RuntimeError, OSError) as error:
             raise ViewerError(f"no picture of {rrd} ({error}): {VULKAN_HINT}") from error
         finally:
@@ -57,8 +57,8 @@ def take_screenshot(
             viewer.wait()
 
 
-def settled_picture(port: int, timeout_s: float) -> bytes:
-    """The first PNG that equals the one before it: the viewer loads in the background."""
+def stable_screenshot(port: int, timeout_s: float) -> bytes:
+    """First PNG that equals the one before it, as the viewer loads in the background."""
     client = ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
     deadline = time.monotonic() + timeout_s
     before = b""
@@ -75,7 +75,7 @@ def settled_picture(port: int, timeout_s: float) -> bytes:
 
 
 def free_port() -> int:
-    """A port of this machine that nobody listens at."""
+    """A free port of this machine."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])

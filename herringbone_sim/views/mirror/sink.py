@@ -1,4 +1,4 @@
-"""Where a Rerun recording goes: a new viewer, a running one, a server, or a file."""
+"""Targets of a Rerun recording: a new viewer, a running one, a server, or a file."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ HOST, PORT = "127.0.0.1", 9876
 START_S = 20.0
 PROBE_S = 1.0
 STALL_S = 5.0
-LAST_BYTES = 4096  # a last line is looked for in so much
+LAST_BYTES = 4096  # of the output of a program in which its last line is sought
 
 
-# Runs a command until it ends, or until nobody holds the other end of its input any more: that end
-# closes with the program that has it, even when that is killed.
-WHILE_HELD = (
+# Shell script that runs a command until it ends or its standard input is closed. The input is a
+# pipe of this program, which the system closes even if the program is killed.
+RUN_WHILE_INPUT_OPEN = (
     'exec 3<&0; "$@" 3<&- </dev/null & running=$!; (read _ <&3; kill $running) & holder=$!; '
     "exec 3<&-; wait $running; ended=$?; kill $holder 2>/dev/null; exit $ended"
 )
-# Where to reach, on this machine, a server that listens on all interfaces.
+# Address on this machine of a server that listens on all interfaces.
 LOOPBACK_OF = {"0.0.0.0": HOST, "::": "::1"}
 
 
@@ -44,15 +44,15 @@ class ViewerError(HerringboneError):
 
 @dataclass
 class Sink:
-    """An open recording, and how to find out that nobody takes it any more.
+    """An open recording, with what is needed to notice that its receiver has gone.
 
     Attributes:
         recording: the stream to log to.
-        address: where it goes, for people.
+        address: of the receiver, for messages.
         endpoint: host and port of a viewer that must answer, or None.
         viewer: the viewer's process if it was started here.
         server: the process that serves viewers, if one was started; it ends with this program.
-        errors: file of what that process said.
+        errors: file with the error output of that process.
     """
 
     recording: Any
@@ -64,23 +64,23 @@ class Sink:
     _checked: float = field(default_factory=time.monotonic)
 
     def deliver(self) -> None:
-        """Wait until what was logged is taken, so that a frozen viewer can't fill the memory.
+        """Wait until the receiver has taken what was logged, so that a frozen one fills no memory.
 
         Raises:
             ViewerError: the viewer has gone (asked at most once a second).
-            RuntimeError: nothing is taken any more.
+            RuntimeError: the receiver takes no more data.
         """
         self.recording.flush(timeout_sec=STALL_S)
         for name, process in (("viewer", self.viewer), ("server", self.server)):
             if process and process.poll() is not None:
-                raise ViewerError(f"the {name} ended{last_words(self.errors)}")
+                raise ViewerError(f"the {name} ended{last_error_line(self.errors)}")
         if self.endpoint and time.monotonic() - self._checked > PROBE_S:
             self._checked = time.monotonic()
             if not answers(*self.endpoint):
                 raise ViewerError(f"the viewer at {self.address} has gone")
 
     def close(self, timeout_s: float) -> None:
-        """Flush and let go; raises what Rerun raises when the rest can't be delivered."""
+        """Flush and disconnect; RuntimeError of Rerun if the rest can't be delivered."""
         try:
             self.recording.flush(timeout_sec=timeout_s)
         finally:
@@ -131,9 +131,9 @@ def serve_at(recording: Any, host: str, port: int, memory_limit: str) -> Sink:
     address = own_address(host, port)
     command = [rerun_binary(), "--serve-grpc", "--bind", address, "--port", str(port)]
     command += ["--server-memory-limit", memory_limit]
-    errors = nameless_file()
+    errors = temporary_file()
     server = subprocess.Popen(
-        ["sh", "-c", WHILE_HELD, "sh", *command],
+        ["sh", "-c", RUN_WHILE_INPUT_OPEN, "sh", *command],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=errors,
@@ -147,7 +147,7 @@ def serve_at(recording: Any, host: str, port: int, memory_limit: str) -> Sink:
 
 
 def end_server(server: subprocess.Popen[bytes], timeout_s: float) -> None:
-    """End a server that runs while its input is held, by force where it does not end so."""
+    """End a server by closing its input; kill it if it does not end in time."""
     if server.stdin:
         server.stdin.close()
     try:
@@ -160,8 +160,8 @@ def end_server(server: subprocess.Popen[bytes], timeout_s: float) -> None:
 def own_address(host: str, port: int) -> str:
     """IP address of a host name; ViewerError where this machine can't listen there."""
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        family, _, _, _, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        choices = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        family, _, _, _, address = min(choices, key=lambda choice: choice[0] != socket.AF_INET)
         with socket.socket(family, socket.SOCK_STREAM) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
@@ -187,10 +187,10 @@ def connect_to(recording: Any, host: str, port: int) -> Sink:
 
 
 def spawn_viewer(recording: Any, port: int, memory_limit: str) -> Sink:
-    """Start a viewer of its own session, so that it outlives an interrupt of this program."""
+    """Start a viewer in a session of its own, so that Ctrl-C does not end it."""
     command = [rerun_binary(), "--bind", HOST, "--port", str(port)]
     command += ["--memory-limit", memory_limit]
-    errors = nameless_file()
+    errors = temporary_file()
     viewer = subprocess.Popen(
         [*command, "--expect-data-soon"],
         stdout=subprocess.DEVNULL,
@@ -210,7 +210,7 @@ def await_answer(
     deadline = time.monotonic() + START_S
     while not answers(host, port):
         if process.poll() is not None:
-            raise ViewerError(f"the {name} did not start{last_words(errors)}")
+            raise ViewerError(f"the {name} did not start{last_error_line(errors)}")
         if time.monotonic() > deadline:
             process.terminate()
             raise ViewerError(f"the {name} did not answer within {START_S:g} s")
@@ -218,35 +218,35 @@ def await_answer(
 
 
 def rerun_binary() -> str:
-    """The viewer's own program; ViewerError without one.
+    """Path of the program of the viewer; ViewerError if there is none.
 
-    The ``rerun`` script beside the interpreter only starts it, and ending that script would leave
-    the viewer running: it is the last resort.
+    The ``rerun`` script beside the interpreter is a last resort: it starts the program as a child,
+    which would continue when the script is ended.
     """
     package = find_spec("rerun_cli")
     folders = package.submodule_search_locations if package else None
     inside = [Path(folder) / "rerun" for folder in folders or []]
-    found = next((str(path) for path in inside if path.exists()), which("rerun"))
-    if found is None:
+    binary = next((str(path) for path in inside if path.exists()), which("rerun"))
+    if binary is None:
         raise ViewerError("no `rerun` program found: install it with `pip install rerun-sdk`")
-    return found
+    return binary
 
 
-def nameless_file() -> IO[bytes]:
-    """A file that is gone when the last program that has it ends, this one or a viewer."""
+def temporary_file() -> IO[bytes]:
+    """File without a name; it is deleted when the last program that has it open ends."""
     return tempfile.TemporaryFile()
 
 
-def last_words(errors: IO[bytes] | None) -> str:
-    """Last line of what a program said on stderr, led by a colon; empty when it said nothing.
+def last_error_line(errors: IO[bytes] | None) -> str:
+    """Last line of the error output of a program, after a colon; empty if there is none.
 
-    The place at which that program writes on is left where it is.
+    Reads without moving the position at which the program writes.
     """
     if errors is None:
         return ""
     size = os.fstat(errors.fileno()).st_size
-    said = os.pread(errors.fileno(), LAST_BYTES, max(size - LAST_BYTES, 0))
-    lines = [line for line in said.decode(errors="replace").splitlines() if line.strip()]
+    tail = os.pread(errors.fileno(), LAST_BYTES, max(size - LAST_BYTES, 0))
+    lines = [line for line in tail.decode(errors="replace").splitlines() if line.strip()]
     return f": {lines[-1].strip()}" if lines else ""
 
 

@@ -1,4 +1,4 @@
-"""Blocks in, Rerun entities out: time courses, contact lanes and text; the planes are beside."""
+"""Sends blocks of samples to a Rerun recording: time courses, contact lanes, diagrams, text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.layout import KINDS, Layout
 from herringbone_sim.views.mirror.block import Array, MirrorBlock, Scale
-from herringbone_sim.views.mirror.blueprint import Plane, Shown, blueprint
+from herringbone_sim.views.mirror.blueprint import AvailableViews, Plane, blueprint
 from herringbone_sim.views.mirror.lanes import Lanes
 from herringbone_sim.views.mirror.palette import BORDER, mesh_colours
 from herringbone_sim.views.mirror.planes import Planes
@@ -48,7 +48,7 @@ class Burst:
 
 
 class RerunStream:
-    """Sends blocks to a recording, and knows what was sent before.
+    """Sends blocks to a recording; only what has changed is sent again.
 
     Args:
         recording: a ``rerun.RecordingStream``.
@@ -71,7 +71,7 @@ class RerunStream:
         self._colours = mesh_colours(layout)
         self._planes: Planes | None = None
         self._lanes: Lanes | None = None
-        self._shown: Shown | None = None
+        self._available: AvailableViews | None = None
         self._recent: Array = np.empty((0, 0))
         self._last = -np.inf
         self._offset = 0.0
@@ -95,7 +95,7 @@ class RerunStream:
         self._last = float(burst.times[-1])
 
     def _restart(self, block: MirrorBlock) -> str:
-        """Where time starts again, go on along the viewer's time line; the line that says so."""
+        """Shift the time line if the time of samples starts again; text of the event, or empty."""
         first = float(block.column("t")[0])
         if first + self._offset > self._last or not np.isfinite(self._last):
             return ""
@@ -110,16 +110,16 @@ class RerunStream:
         return Burst(rows, times, wall_ns, gap)
 
     def _with_recent(self, block: MirrorBlock, burst: Burst) -> Array:
-        """Rows (n, c) of the last cycles, those of earlier blocks too when a block is short."""
+        """Rows (n, c) of the last cycles, with rows of earlier blocks if this one is short."""
         if burst.gap or self._recent.shape[1] != burst.rows.shape[1]:
             return burst.rows
         rows = np.vstack((self._recent, burst.rows))
         return rows[last_cycles(rows, block.names, self.burst_cycles) :]
 
     def _arrange(self, block: MirrorBlock, burst: Burst) -> None:
-        """Send the blueprint and what never changes, again when the views or the window do."""
+        """Send the blueprint and static styles, again if the views or the window have changed."""
         window_s = window_of(block, self.burst_cycles)
-        before = self._shown
+        before = self._available
         if before and "phase" not in block.names:
             window_s = max(window_s, before.window_s)
         if before and before.names == block.names and is_near(before.window_s, window_s):
@@ -128,15 +128,15 @@ class RerunStream:
             self._planes = Planes.of(self.recording, self.layout, self.scale, self.mesh, block)
             self._lanes = self._open_lanes(block)
             self._send_styles(block)
-        self._shown = self._what_is_there(block, window_s)
-        self.recording.send_blueprint(blueprint(self._shown))
+        self._available = self._find_views(block, window_s)
+        self.recording.send_blueprint(blueprint(self._available))
 
-    def _what_is_there(self, block: MirrorBlock, window_s: float) -> Shown:
+    def _find_views(self, block: MirrorBlock, window_s: float) -> AvailableViews:
         kinds = {
             path: tuple(kind for kind in KINDS if self._meshes(block, prefix, kind))
             for path, prefix, _ in COURSES
         }
-        return Shown(
+        return AvailableViews(
             names=block.names,
             displacement_kinds=kinds["displacement"],
             force_kinds=kinds["force"],
@@ -151,8 +151,8 @@ class RerunStream:
         return titles
 
     def _open_lanes(self, block: MirrorBlock) -> Lanes | None:
-        there = [m for kind in self._bordered(block) for m in self._meshes(block, "x", kind)]
-        return Lanes(self.recording, {m: self._colours[m] for m in there}) if there else None
+        meshes = [m for kind in self._bordered(block) for m in self._meshes(block, "x", kind)]
+        return Lanes(self.recording, {m: self._colours[m] for m in meshes}) if meshes else None
 
     def _send_styles(self, block: MirrorBlock) -> None:
         for path, prefix, _ in COURSES:
@@ -217,7 +217,7 @@ class RerunStream:
 
 
 def timed(block: MirrorBlock) -> MirrorBlock:
-    """The block without the samples whose time is no number: they have no place."""
+    """The block without samples whose time is not finite."""
     rows, sections = (
         array[np.isfinite(array[:, block.names.index("t")])]
         for array in (block.rows, block.sections)
@@ -234,7 +234,7 @@ def last_cycles(rows: Array, names: tuple[str, ...], cycles: int) -> int:
 
 
 def window_of(block: MirrorBlock, cycles: int) -> float:
-    """Length [s] of so many mesh cycles at the frequency of a block, or of the block."""
+    """Length [s] of so many mesh cycles in a block; of the block itself without a phase."""
     t = block.column("t")
     span = float(t[-1] - t[0])
     turned = 0.0
@@ -250,5 +250,5 @@ def step_of(times: Array) -> float:
 
 
 def is_near(before_s: float, span_s: float) -> bool:
-    """Whether a window still fits what it shall show, within a fifth."""
+    """Whether a window (s) differs from the needed one by at most a fifth."""
     return 0.8 * before_s <= span_s <= 1.2 * before_s

@@ -1,4 +1,4 @@
-"""The gear as SVG: left and right half side by side, twelve meshes coloured by a share."""
+"""SVG of the gear: both halves side by side, twelve meshes coloured by a share."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ SIDE_NAMES = {"L": "Left half", "R": "Right half"}
 
 
 def mesh_shares(where: object) -> dict[str, tuple[float | None, bool]]:
-    """Share of the residual of each of the twelve meshes, and whether it is its own.
+    """By mesh: share of the residual (None if unknown), and whether it is of this mesh alone.
 
-    A locus that spans several meshes is spread evenly over them (not its own); where loci
-    overlap, the narrowest that covers a mesh counts. A mesh that no locus covers is not known.
+    The share of a locus with several meshes is divided evenly; where loci overlap, that with the
+    fewest meshes counts.
 
     Args:
         where: ``where`` of a gap report.
     """
     loci = [(covered(mapping(e).get("locus")), mapping(e).get("share")) for e in sequence(where)]
-    loci.sort(key=lambda one: len(one[0]))
-    found: dict[str, tuple[float | None, bool]] = {}
+    loci.sort(key=lambda locus: len(locus[0]))
+    shares: dict[str, tuple[float | None, bool]] = {}
     for mesh in MESHES:
-        names, share = next((one for one in loci if mesh in one[0]), ((mesh,), None))
+        names, share = next((locus for locus in loci if mesh in locus[0]), ((mesh,), None))
         value = known(share)
-        found[mesh] = (None if value is None else value / len(names), len(names) == 1)
-    return found
+        shares[mesh] = (None if value is None else value / len(names), len(names) == 1)
+    return shares
 
 
 def covered(locus: object) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ def gear_svg(
     marked: Collection[str] = (),
     bodies: Collection[str] = (),
 ) -> str:
-    """Both halves of the gear, seen along the shaft, and the scale of the colours.
+    """SVG of both halves of the gear, seen along the shaft, with the colour scale.
 
     Args:
         shares: by mesh name, see ``mesh_shares``.
@@ -138,7 +138,7 @@ def _heavy(heavy: bool) -> str:
 
 
 def _teeth(teeth: int, low: float, high: float, turn: float) -> str:
-    """Outline with trapezoid teeth; radii in the unit of the tooth numbers."""
+    """SVG path of a gear with trapezoid teeth; radii in units of tooth numbers, angle in rad."""
     steps = ((low, 0.0), (low, 0.3), (high, 0.45), (high, 0.85))
     points = [
         _polar(radius, turn + 2 * math.pi * (tooth + part) / teeth)
@@ -153,14 +153,14 @@ def _spot(
 ) -> str:
     value, own = share
     x, y = at
-    told = NOT_KNOWN if value is None else percent(value) + ("" if own else ", spread evenly")
-    # Anything longer than four signs leaves the spot.
+    text = NOT_KNOWN if value is None else percent(value) + ("" if own else ", spread evenly")
+    # Longer texts do not fit into the circle.
     inside = "?" if value is None else "≈ 0" if 0 < value < 0.001 else percent(value)
     classes = ("spot" if value is not None else "spot blank") + _heavy(heavy)
     ink = "#fff" if value is not None and value > 0.6 * top else "#22262c"
     return (
         f'<g data-mesh="{mesh}" data-share="{"" if value is None else f"{value:.6g}"}">'
-        f"<title>{mesh}: {escape(told)}</title>"
+        f"<title>{mesh}: {escape(text)}</title>"
         f'<circle class="{classes}" cx="{x:.1f}" cy="{y:.1f}" r="{SPOT + 4:.0f}" '
         f'fill="{colour(value, top)}"/>'
         f'<text class="name" x="{x:.1f}" y="{y - 3:.1f}" fill="{ink}">{mesh[:3]}</text>'

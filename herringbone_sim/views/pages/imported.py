@@ -1,4 +1,4 @@
-"""``import.html``: what an import took and left, a picture of every run, and what looks odd."""
+"""``import.html``: per imported run its channels, unused columns, remarks and a picture."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import DPI, GREY, STYLE
-from herringbone_sim.views.pages.compare import table
-from herringbone_sim.views.pages.report import CSS, Picture, number, picture_html
+from herringbone_sim.views.pages.html import (
+    Picture,
+    bullets,
+    html_page,
+    number,
+    picture_html,
+    table,
+)
 
-SHOWN_CYCLES = 4  # mesh cycles that are seen in full, beside the whole run
-# Constrained layout takes seconds here; Agg draws lines of a million samples in parts alone.
+DETAIL_CYCLES = 4  # mesh cycles drawn at full resolution, beside the whole run
+# Constrained layout takes seconds here; Agg draws lines of a million samples only in parts.
 PLAIN = {
     "figure.constrained_layout.use": False,
     "agg.path.chunksize": 10_000,
@@ -34,9 +40,9 @@ def write_import_page(folder: Path, rig: str, runs: Sequence[ImportedRun]) -> Pa
     """Write ``import.html`` (nothing outside it) and ``figures/``; returns the page.
 
     Args:
-        folder: campaign that was made; pictures show what its bags hold.
-        rig: name.
-        runs: what came in.
+        folder: of the campaign; pictures are drawn from its bags.
+        rig: its name.
+        runs: imported runs.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -46,31 +52,32 @@ def write_import_page(folder: Path, rig: str, runs: Sequence[ImportedRun]) -> Pa
     for run in runs:
         path = folder / "figures" / f"{run.name}.png"
         run_figure(read_recording(folder / run.name).samples).savefig(path)
-        parts.append(_run(run, Picture(path, f"{run.name}: the whole run, and its first cycles")))
-    title = f"Import of {escape(rig)}"
+        parts.append(
+            _run_section(run, Picture(path, f"{run.name}: the whole run, and its first cycles"))
+        )
+    title = f"Import of {rig}"
     lead = f'<p class="lead">{len(runs)} runs, in SI, each on one clock.</p>'
-    head = f'<meta charset="utf-8"><title>{title}</title><style>{CSS}</style>'
-    body = f"<h1>{title}</h1>{lead}{''.join(parts)}"
     page = folder / "import.html"
-    html = f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>'
+    html = html_page(title, [f"<h1>{escape(title)}</h1>", lead, *parts])
     page.write_text(html, encoding="utf-8")
     return page
 
 
-def _run(run: ImportedRun, picture: Picture) -> str:
+def _run_section(run: ImportedRun, picture: Picture) -> str:
     rows = [
         [escape(c) for c in (t.channel, t.source, *_numbers(t.rate_hz, t.low, t.high), t.unit)]
         for t in run.taken
     ]
-    told = f"{run.role}, {run.samples} samples, {run.rate_hz:.6g} Hz, {run.cycles:.1f} mesh cycles"
-    odd = "".join(f"<li>{escape(text)}</li>" for text in run.remarks)
-    left = "".join(f"<li>{escape(text)}</li>" for text in left_words(run.left))
+    facts = (
+        f"{run.role}, {run.samples} samples, {run.rate_hz:.6g} Hz, {run.cycles:.1f} mesh cycles"
+    )
+    remarks, unused = bullets(run.remarks), bullets(unused_texts(run.left))
     return (
-        f'<h2>{escape(run.name)}</h2><p class="lead">{escape(told)}</p>'
-        + (f"<p>To look at:</p><ul>{odd}</ul>" if odd else "")
+        f'<h2>{escape(run.name)}</h2><p class="lead">{escape(facts)}</p>'
+        + (f"<p>To look at:</p>{remarks}" if remarks else "")
         + picture_html(picture)
         + table(HEAD, rows, (2, 3, 4))
-        + (f"<p>Left:</p><ul>{left}</ul>" if left else "")
+        + (f"<p>Not used:</p>{unused}" if unused else "")
     )
 
 
@@ -78,28 +85,28 @@ def _numbers(*values: float) -> tuple[str, ...]:
     return tuple(number(value, 5) for value in values)
 
 
-def left_words(left: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """What was left, once for each reason."""
-    for reason in dict.fromkeys(why for _, why in left):
-        yield f"{listed([what for what, why in left if why == reason])}: {reason}"
+def unused_texts(unused: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """A text per reason with the columns left out for it; from pairs (column, reason)."""
+    for reason in dict.fromkeys(why for _, why in unused):
+        yield f"{listed([name for name, why in unused if why == reason])}: {reason}"
 
 
-def kinds(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Channels by quantity: those of meshes and bodies together, each of the others alone."""
-    found: dict[str, list[str]] = {}
+def channels_by_quantity(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Channel names by quantity: ``x`` of all meshes, ``u`` of all bodies, ..., others alone."""
+    groups: dict[str, list[str]] = {}
     for name in names:
         first, _, rest = name.partition("_")
-        many = rest and len(first) == 1 and first != "T"
-        found.setdefault(first if many else name, []).append(name)
-    found.pop("t", None)
-    return {title: tuple(channels) for title, channels in found.items()}
+        indexed = rest and len(first) == 1 and first != "T"
+        groups.setdefault(first if indexed else name, []).append(name)
+    groups.pop("t", None)
+    return {quantity: tuple(channels) for quantity, channels in groups.items()}
 
 
 def run_figure(series: TimeSeries) -> Figure:
-    """A row a quantity: left the whole run, right its first mesh cycles, all channels in it."""
-    every = kinds(series.names)
-    turned = (series["phase"] - series["phase"][0]) / (2.0 * np.pi)
-    first = max(int(np.searchsorted(turned, SHOWN_CYCLES)), 2)
+    """A row per quantity with all its channels: left the whole run, right its first cycles."""
+    every = channels_by_quantity(series.names)
+    cycles = (series["phase"] - series["phase"][0]) / (2.0 * np.pi)
+    first = max(int(np.searchsorted(cycles, DETAIL_CYCLES)), 2)
     with matplotlib.rc_context(STYLE | PLAIN):
         height = 0.6 + 1.2 * len(every)
         figure = Figure(figsize=(9.6, height), dpi=DPI)
@@ -117,14 +124,14 @@ def run_figure(series: TimeSeries) -> Figure:
     return figure
 
 
-def by_kind(run: ImportedRun) -> Mapping[str, tuple[str, float, float]]:
-    """Unit and range of each quantity of a run."""
-    taken = {one.channel: one for one in run.taken}
+def ranges_by_quantity(run: ImportedRun) -> Mapping[str, tuple[str, float, float]]:
+    """By quantity of a run: unit, smallest and largest value."""
+    channels = {channel.channel: channel for channel in run.taken}
     return {
         title: (
-            taken[names[0]].unit,
-            min(taken[name].low for name in names),
-            max(taken[name].high for name in names),
+            channels[names[0]].unit,
+            min(channels[name].low for name in names),
+            max(channels[name].high for name in names),
         )
-        for title, names in kinds(tuple(taken)).items()
+        for title, names in channels_by_quantity(tuple(channels)).items()
     }

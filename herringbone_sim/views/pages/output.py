@@ -1,8 +1,9 @@
-"""Write an analysis into a folder: figures, tables, the page."""
+"""Files of an analysed run: figures, tables, the page."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from herringbone_sim.analysis.bifurcation import BifurcationDiagram, bifurcation_diagram
@@ -12,42 +13,38 @@ from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures import motion as figures
 from herringbone_sim.views.figures import style
 from herringbone_sim.views.figures.style import Scale
-from herringbone_sim.views.pages.report import Picture, report_html
+from herringbone_sim.views.pages.html import Picture
+from herringbone_sim.views.pages.report import Report, report_html
 from herringbone_sim.views.tables import runs as tables
 
 
 def write_run(
     folder: Path,
-    name: str,
-    facts: Sequence[str],
-    results: Sequence[SegmentResult],
+    report: Report,
     mesh: str,
     scale: Scale,
-    notes: Sequence[str] = (),
 ) -> Path:
-    """Everything of one run: CSV tables, ``figures/``, ``report.html``; returns the page.
+    """Write CSV tables, ``figures/`` and ``report.html`` of one run; returns the page.
 
     Args:
-        folder: made when it is new; files of an earlier analysis are overwritten.
-        name: of the run.
-        facts: a few words each for the head of the page.
-        results: one a segment.
-        mesh: that the figures show.
+        folder: made if new; files of an earlier analysis are overwritten.
+        report: results of the run.
+        mesh: name of the mesh in the figures.
         scale: units of the axes.
-        notes: of the recording.
 
     Raises:
         AnalysisError: the folder can't be written.
     """
     make_folder(folder / "figures")
+    results = report.results
     chosen = figures.representatives(results)
     written = _tables(folder, results, chosen)
     pictures = []
-    remarks = list(notes)
+    notes = list(report.notes)
     try:
         diagram = bifurcation_diagram(results, mesh)
     except AnalysisError as error:
-        remarks.append(f"no bifurcation diagram: {error}")
+        notes.append(f"no bifurcation diagram: {error}")
     else:
         paths = write_diagram(folder, diagram, scale)
         written.append("bifurcation.csv")
@@ -55,13 +52,13 @@ def write_run(
     pictures += [_motion_picture(folder, result, mesh, scale) for result in chosen]
     if len(chosen) < len(results):
         numbers = ", ".join(str(result.number) for result in chosen)
-        remarks.append(
+        notes.append(
             f"figures show {len(chosen)} of {len(results)} segments (number {numbers}): one of "
             "each period first, then the longest"
         )
     page = folder / "report.html"
     written += ["figures/*.png", "figures/*.svg"]
-    html = report_html(name, facts, results, pictures, remarks, written)
+    html = report_html(replace(report, notes=notes), pictures, written)
     page.write_text(html, encoding="utf-8")
     return page
 
@@ -69,7 +66,7 @@ def write_run(
 def write_diagram(
     folder: Path, diagram: BifurcationDiagram, scale: Scale
 ) -> tuple[Path, Path, Path]:
-    """``bifurcation.csv``, ``figures/bifurcation.png`` and ``.svg``; returns the three paths."""
+    """Write ``bifurcation.csv``, ``figures/bifurcation.png`` and ``.svg``; returns the paths."""
     make_folder(folder / "figures")
     table = folder / "bifurcation.csv"
     tables.write_bifurcation(table, diagram)
@@ -80,6 +77,7 @@ def write_diagram(
 def _tables(
     folder: Path, results: Sequence[SegmentResult], chosen: Sequence[SegmentResult]
 ) -> list[str]:
+    """Write the tables, spectra of the chosen segments only; returns the file names."""
     tables.write_segments(folder / "segments.csv", results)
     tables.write_poincare(folder / "poincare.csv", results)
     tables.write_lines(folder / "lines.csv", results)

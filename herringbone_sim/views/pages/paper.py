@@ -1,48 +1,41 @@
-"""``index.html`` of a reproduction: statements, rules, figures beside what the paper says."""
+"""``index.html`` of a reproduction: figures, published and obtained statements, rules."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
+from herringbone_sim.paper.boundaries import Boundary
 from herringbone_sim.paper.checks import RULES
 from herringbone_sim.paper.reproduction import Checked, Compared
 from herringbone_sim.paper.scenarios import Scenario
+from herringbone_sim.views.pages.html import bullets, figure_html, html_page, table
 
-CSS = """
-:root { --ink: #22262c; --soft: #5d6570; --line: #dde1e6; --blue: #0072B2; --red: #D55E00; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 1120px; padding: 40px 28px 64px; color: var(--ink);
-  background: #fff; font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; }
-h1 { font-size: 26px; margin: 0 0 4px; } h2 { font-size: 19px; margin: 46px 0 10px; }
-h3 { font-size: 15px; margin: 26px 0 6px; }
-p, li { max-width: 80ch; } .lead { color: var(--soft); margin: 0 0 18px; }
-.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: 13px; width: 100%; }
-th { text-align: left; font-weight: 600; color: var(--soft); vertical-align: bottom; }
-th, td { padding: 4px 12px 4px 0; border-bottom: 1px solid var(--line); vertical-align: top; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+STYLE = """
+:root { --red: #D55E00; } body { max-width: 1120px; }
+h2 { font-size: 19px; margin: 46px 0 10px; } h3 { font-size: 15px; margin: 26px 0 6px; }
+p, li { max-width: 80ch; } th, td { padding: 4px 12px 4px 0; vertical-align: top; }
 td.y { color: var(--blue); font-weight: 600; } td.x { color: var(--red); font-weight: 600; }
 .pair { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 26px;
   align-items: start; margin: 0 0 26px; }
 .grid { display: grid; grid-template-columns: 1fr 1fr; gap: 18px; }
-figure { margin: 0; } img { width: 100%; height: auto; }
-figcaption, .small, footer { color: var(--soft); font-size: 13px; } ul { padding-left: 20px; }
-footer { margin-top: 44px; border-top: 1px solid var(--line); padding-top: 12px; }
+figure { margin: 0; } img { max-width: none; } .small { color: var(--soft); font-size: 13px; }
 @media (max-width: 800px) { .pair, .grid { grid-template-columns: 1fr; } }
 """
+RIGHT = {True: ("yes", "y"), False: ("no", "x")}  # text and CSS class
 
 
 @dataclass(frozen=True)
-class Part:
-    """What the page shows of one scenario.
+class ScenarioFigures:
+    """Figures of one scenario, file names relative to the page.
 
     Attributes:
-        scenario: which.
-        figure: file name of the diagram, relative to the page.
+        scenario: published sweep.
+        figure: bifurcation diagram.
         motions: (file name, caption) of the four-panel figures.
-        raster: file name of the comparison of starts and steps; empty when there is none.
+        raster: comparison of starts and steps; empty if there is none.
     """
 
     scenario: Scenario
@@ -53,55 +46,61 @@ class Part:
 
 def page(
     facts: Sequence[str],
-    parts: Sequence[Part],
+    parts: Sequence[ScenarioFigures],
     checked: Sequence[Checked],
     compared: Sequence[Compared],
 ) -> str:
-    """The whole page; pictures are files beside it."""
+    """The complete page; pictures are files beside it.
+
+    Args:
+        facts: short texts for its head.
+        parts: figures by scenario.
+        checked: statements and what was obtained.
+        compared: boundaries by start and step; may be empty.
+    """
     body = [
         "<h1>The paper's figures and statements, run again</h1>",
         f'<p class="lead">{escape("  ·  ".join(facts))}</p>',
         _summary(parts, checked),
         *(_scenario(part, checked, compared) for part in parts),
         "<h2>When a statement counts as right</h2>",
-        _list(RULES),
+        bullets(RULES),
         "<footer>Beside this page: statements.csv, dependence.csv, figures/. Misprints and open "
         "parameters of the paper, and how each was settled: docs/paper.md.</footer>",
     ]
-    head = f'<meta charset="utf-8"><title>Reproduction</title><style>{CSS}</style>'
-    return f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(body)}</body></html>'
+    return html_page("Reproduction", body, STYLE)
 
 
-def _summary(parts: Sequence[Part], checked: Sequence[Checked]) -> str:
-    rows = [_count(f"{part.scenario.key}", part.scenario, checked) for part in parts]
-    right = sum(one.obtained.ok for one in checked)
-    return _table(
-        ["", "scenario", "statements", "right"],
-        [*rows, ["", "<b>all</b>", str(len(checked)), f"<b>{right}</b>"]],
-        numeric=(2, 3),
-    )
+def _summary(parts: Sequence[ScenarioFigures], checked: Sequence[Checked]) -> str:
+    rows = [_count(part.scenario, checked) for part in parts]
+    right = sum(c.obtained.ok for c in checked)
+    total = ["", "<b>all</b>", str(len(checked)), f"<b>{right}</b>"]
+    return table(["", "scenario", "statements", "right"], [*rows, total], numeric=(2, 3))
 
 
-def _count(key: str, one: Scenario, checked: Sequence[Checked]) -> list[str]:
-    own = [c for c in checked if c.statement.scenario == key]
+def _count(scenario: Scenario, checked: Sequence[Checked]) -> list[str]:
+    own = [c for c in checked if c.statement.scenario == scenario.key]
     right = sum(c.obtained.ok for c in own)
-    return [key, f"{escape(one.title)} ({escape(one.figure)})", str(len(own)), str(right)]
+    name = f"{escape(scenario.title)} ({escape(scenario.figure)})"
+    return [scenario.key, name, str(len(own)), str(right)]
 
 
-def _scenario(part: Part, checked: Sequence[Checked], compared: Sequence[Compared]) -> str:
-    one = part.scenario
-    below = ", largest exponent" if one.has_exponents else ""
+def _scenario(
+    part: ScenarioFigures, checked: Sequence[Checked], compared: Sequence[Compared]
+) -> str:
+    scenario = part.scenario
+    below = ", largest exponent" if scenario.has_exponents else ""
     caption = (
-        f"{one.figure}: motions published (hatched: implied) and obtained, section points of "
+        f"{scenario.figure}: motions published (hatched: implied) and obtained, section points of "
         f"x_sp_L{below}; dashed: the published boundaries"
     )
-    motions = "".join(_figure(name, text) for name, text in part.motions)
+    motions = "".join(figure_html(name, text) for name, text in part.motions)
     return "".join(
         [
-            f"<h2>{one.key}: {escape(one.title)} ({escape(one.figure)})</h2>",
-            f'<div class="pair">{_figure(part.figure, caption)}<div><h3>What the paper says</h3>',
-            f"{_list(one.says)}</div></div>",
-            _statements([c for c in checked if c.statement.scenario == one.key]),
+            f"<h2>{scenario.key}: {escape(scenario.title)} ({escape(scenario.figure)})</h2>",
+            f'<div class="pair">{figure_html(part.figure, caption)}',
+            f"<div><h3>What the paper says</h3>{bullets(scenario.says)}</div></div>",
+            _statements([c for c in checked if c.statement.scenario == scenario.key]),
             f'<h3>Single motions</h3><div class="grid">{motions}</div>' if motions else "",
             _dependence(part, compared),
         ]
@@ -115,66 +114,41 @@ def _statements(checked: Sequence[Checked]) -> str:
             escape(c.statement.published),
             escape(c.obtained.text),
             f"{c.obtained.error:+.3g}" if math.isfinite(c.obtained.error) else "–",
-            "yes" if c.obtained.ok else "no",
+            RIGHT[c.obtained.ok][0],
         ]
         for c in checked
     ]
-    return _table(["statement", "published", "obtained", "error", "right"], rows, numeric=(3,))
+    classes = {(i, 4): RIGHT[c.obtained.ok][1] for i, c in enumerate(checked)}
+    head = ["statement", "published", "obtained", "error", "right"]
+    return table(head, rows, numeric=(3,), classes=classes)
 
 
-def _dependence(part: Part, compared: Sequence[Compared]) -> str:
-    """Raster, and every boundary by every way."""
-    own = [c for c in compared if c.wanted.scenario == part.scenario.key]
+def _dependence(part: ScenarioFigures, compared: Sequence[Compared]) -> str:
+    """Motions and boundaries of a scenario by each start and step; empty if none were compared."""
+    own = [c for c in compared if c.statement.scenario == part.scenario.key]
     if not own:
         return ""
-    wanted = list(dict.fromkeys(c.wanted for c in own))
+    wanted = list(dict.fromkeys(c.statement for c in own))
     by_way: dict[str, list[str]] = {}
-    for one in own:
-        by_way.setdefault(one.way, []).append(_place(one))
+    for c in own:
+        by_way.setdefault(c.way, []).append(_boundary_text(c.boundary))
     rows = [[escape(way), *cells] for way, cells in by_way.items()]
     head = ["start, or step", *(f"{escape(w.text)} ({w.published})" for w in wanted)]
     caption = "Motions from other starts, by continuation, and by fixed steps over the kinks"
     return "".join(
         [
-            "<h3>What it hangs on</h3>",
-            _figure(part.raster, caption) if part.raster else "",
-            _table(head, rows, numeric=range(1, len(head))),
+            "<h3>Dependence on start and step</h3>",
+            figure_html(part.raster, caption) if part.raster else "",
+            table(head, rows, numeric=range(1, len(head))),
             '<p class="small">Read off the sweeps; in brackets the shares of the two motions '
             "within 3 % of the range on either side, where they are not 100 %.</p>",
         ]
     )
 
 
-def _place(one: Compared) -> str:
-    found = one.found
-    if not math.isfinite(found.at):
+def _boundary_text(boundary: Boundary) -> str:
+    if not math.isfinite(boundary.at):
         return "no such edge"
-    shares = (found.share_before, found.share_after)
+    shares = (boundary.share_before, boundary.share_after)
     ragged = f" ({shares[0]:.0%}, {shares[1]:.0%})" if min(shares) < 1.0 else ""
-    return f"{found.at:.4g}{ragged}"
-
-
-def _figure(name: str, caption: str) -> str:
-    text = escape(caption)
-    return (
-        f'<figure><img alt="{text}" src="{escape(name)}"><figcaption>{text}</figcaption></figure>'
-    )
-
-
-def _table(
-    header: Sequence[str], rows: Iterable[Sequence[str]], numeric: Container[int] = ()
-) -> str:
-    def cells(tag: str, row: Sequence[str]) -> str:
-        return "".join(f"<{tag}{_kind(i, c, numeric)}>{c}</{tag}>" for i, c in enumerate(row))
-
-    lines = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
-    return f'<div class="scroll"><table><tr>{cells("th", header)}</tr>{lines}</table></div>'
-
-
-def _kind(column: int, cell: str, numeric: Container[int]) -> str:
-    kinds = {"yes": ' class="y"', "no": ' class="x"'}
-    return kinds.get(cell) or (' class="n"' if column in numeric else "")
-
-
-def _list(items: Sequence[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in items)}</ul>" if items else ""
+    return f"{boundary.at:.4g}{ragged}"

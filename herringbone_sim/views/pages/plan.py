@@ -1,4 +1,4 @@
-"""``plan.html``: what sensors would tell of each effect, and what one more would buy."""
+"""``plan.html``: sizes from which sensors let a diagnosis name each effect; further sensors."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from herringbone_sim.gap.planning.summary import (
 )
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, DPI, GREEN, GREY, INK, ORANGE, STYLE
-from herringbone_sim.views.pages.compare import table
-from herringbone_sim.views.pages.report import CSS, Picture, number, picture_html
+from herringbone_sim.views.pages.html import Picture, html_page, number, picture_html, table
 
 COLOURS = (ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
 HEAD = [
@@ -53,7 +52,14 @@ def write_plan_page(
     also: Mapping[str, Plan],
     noise: str,
 ) -> Path:
-    """Write ``plan.html`` (nothing outside it) and ``plan.png``; returns the page.
+    """Write ``plan.html``, which holds its picture, and ``plan.png``; returns the page.
+
+    Args:
+        folder: made if new.
+        plan: of the given sensors.
+        points: operating points of the runs.
+        also: by name of a further sensor, the plan with it.
+        noise: in words.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -62,11 +68,11 @@ def write_plan_page(
     picture = folder / "plan.png"
     plan_figure(plan, also).savefig(picture)
     title = f"What {sensors_text(plan)} would tell"
-    told = f"{named_effects(plan)} of {len(plan.effects)} effects are named at a moderate size"
+    named = f"{named_effects(plan)} of {len(plan.effects)} effects are named at a moderate size"
     facts = f"{', '.join(plan.observations)}, {plan.count:.0f} values, noise {noise}"
     body = [
         f"<h1>{escape(title)}</h1>",
-        f'<p class="lead">{escape(f"{told}; {facts}.")}</p><p>{escape(LEAD)}</p>',
+        f'<p class="lead">{escape(f"{named}; {facts}.")}</p><p>{escape(LEAD)}</p>',
         picture_html(
             Picture(
                 picture,
@@ -88,23 +94,21 @@ def write_plan_page(
         "of the effect that they tell least of.</p>",
         _length(plan),
     ]
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{CSS}</style>'
     page = folder / "plan.html"
-    html = f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(body)}</body></html>'
-    page.write_text(html, encoding="utf-8")
+    page.write_text(html_page(title, body), encoding="utf-8")
     return page
 
 
 def size(value: float, unit: str) -> str:
-    """A size with its unit; ``never`` where the effect is not named at any size tried."""
+    """A size with its unit; ``never`` for one that is not finite."""
     if not math.isfinite(value):
         return "never"
-    known = unit.replace("unit of the channel", "SI").replace("1e-6", "ppm")
-    return f"{number(value, 3)} {known}".removesuffix(" -")
+    plain_unit = unit.replace("unit of the channel", "SI").replace("1e-6", "ppm")
+    return f"{number(value, 3)} {plain_unit}".removesuffix(" -")
 
 
 def effect_rows(plan: Plan) -> list[list[str]]:
-    """Cells of the table of effects."""
+    """Rows of the table of effects, columns as in ``HEAD``."""
     return [
         [
             escape(row.effect),
@@ -121,7 +125,7 @@ def effect_rows(plan: Plan) -> list[list[str]]:
 
 
 def point_rows(plan: Plan, points: Sequence[Mapping[str, float]]) -> list[list[str]]:
-    """Cells of the table of runs."""
+    """Rows of the table of runs: operating point and share of the information."""
     return [
         [
             f"run {r + 1}",
@@ -170,7 +174,7 @@ def _length(plan: Plan) -> str:
 
 
 def plan_figure(plan: Plan, also: Mapping[str, Plan]) -> Figure:
-    """A line an effect: sizes over a moderate one, from the best place to the worst."""
+    """Per effect a line from its size at the best place to that at the worst, relative."""
     plans = [(sensors_text(plan), plan), *((f"+ {n}", p) for n, p in also.items())]
     order = [row.effect for row in rows(plan)]
     order += [e for _, p in plans[1:] for e in p.effects if e not in order]

@@ -1,35 +1,25 @@
-"""One page of HTML that holds an analysis: table of segments, figures, notes; nothing outside."""
+"""``report.html`` of an analysed run: table of segments, figures, contact, notes."""
 
 from __future__ import annotations
 
-import base64
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import groupby
-from pathlib import Path
 
 from herringbone_sim.analysis.pipeline import SegmentResult
 from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.views.pages.html import (
+    Picture,
+    bullets,
+    html_page,
+    number,
+    picture_html,
+    section,
+    table,
+)
 
-CSS = """
-:root { --ink: #22262c; --soft: #5d6570; --line: #dde1e6; --wash: #f6f7f9; --blue: #0072B2; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 1060px; padding: 40px 28px 64px; color: var(--ink);
-  background: #fff; font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; }
-h1 { font-size: 26px; margin: 0 0 4px; } h2 { font-size: 17px; margin: 38px 0 10px; }
-p, li { max-width: 76ch; } .lead { color: var(--soft); margin: 0 0 18px; }
-.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: 13px; width: 100%; }
-th { text-align: left; font-weight: 600; color: var(--soft); vertical-align: bottom; }
-th, td { padding: 5px 10px 5px 0; border-bottom: 1px solid var(--line); }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-td.why { color: var(--soft); font-size: 12px; min-width: 15ch; }
-b.chaos { color: #D55E00; } b.periodic { color: var(--blue); }
-figure { margin: 0 0 22px; } img { width: 100%; max-width: 980px; height: auto; }
-figcaption, footer { color: var(--soft); font-size: 13px; } ul { padding-left: 20px; }
-footer { margin-top: 44px; border-top: 1px solid var(--line); padding-top: 12px; }
-"""
 SYMBOLS = {
     "K": "<i>K</i>",
     "delta_T": "Δ<i>T</i> [K]",
@@ -41,62 +31,61 @@ SYMBOLS = {
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A PNG file and what it shows."""
+class Report:
+    """What is known of one run.
 
-    path: Path
-    caption: str
+    Attributes:
+        name: of the run.
+        facts: short texts for the head of the page.
+        results: one per segment.
+        notes: of the recording, a sentence each.
+    """
+
+    name: str
+    facts: Sequence[str]
+    results: Sequence[SegmentResult]
+    notes: Sequence[str] = ()
 
 
-def report_html(
-    name: str,
-    facts: Sequence[str],
-    results: Sequence[SegmentResult],
-    pictures: Sequence[Picture],
-    notes: Sequence[str],
-    files: Sequence[str],
-) -> str:
-    """The page: facts on the run, segments, pictures (in the page), notes, names of the files."""
+def report_html(report: Report, pictures: Sequence[Picture], files: Sequence[str]) -> str:
+    """The page of a run, with the names of the files beside it."""
+    results = report.results
     body = [
-        f"<h1>{escape(name)}</h1>",
-        f'<p class="lead">{escape("  ·  ".join(facts))}</p>',
-        _section("Segments", [_segments(results), _legend(results)]),
-        _section("Figures", [picture_html(picture) for picture in pictures]),
-        _section("Contact, share of time", [_contact(results)]),
-        _section("Notes", [_notes(notes, results)]),
+        f"<h1>{escape(report.name)}</h1>",
+        f'<p class="lead">{escape("  ·  ".join(report.facts))}</p>',
+        section("Segments", _segments(results) + _reasons(results)),
+        section("Figures", "".join(map(picture_html, pictures))),
+        section("Contact, share of time", _contact(results)),
+        section("Notes", _notes(report.notes, results)),
         f"<footer>Beside this page: {escape(', '.join(files))}.</footer>",
     ]
-    head = f'<meta charset="utf-8"><title>{escape(name)}</title><style>{CSS}</style>'
-    return f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(body)}</body></html>'
-
-
-def _section(title: str, parts: Sequence[str]) -> str:
-    content = "".join(parts)
-    return f"<h2>{title}</h2>{content}" if content else ""
+    return html_page(report.name, body)
 
 
 def _segments(results: Sequence[SegmentResult]) -> str:
-    """Table of the segments; what never changes stands above it, the bins of a ramp as one row."""
+    """Table of the segments, a ramp as one row; constant parameters stand above it."""
     names = changing(results)
     header = [
         *("#", "start [s]", "cycles", "dropped", *(_symbol(name) for name in names)),
         *("motion", "<i>λ</i><sub>1</sub> per cycle, data", "90 % interval"),
         *("<i>λ</i><sub>1</sub> per cycle, model", "off the lines"),
     ]
-    runs = [list(run) for _, run in groupby(results, lambda r: r.segment.ramp or r.number)]
+    numeric = {i for i, title in enumerate(header) if title != "motion"}
+    groups = [list(group) for _, group in groupby(results, lambda r: r.segment.ramp or r.number)]
     rows = [
-        _segment_cells(run[0], names) if len(run) == 1 else _ramp_cells(run, names) for run in runs
+        _segment_cells(group[0], names) if len(group) == 1 else _ramp_cells(group, names)
+        for group in groups
     ]
     fixed = [
         f"{_symbol(name)} = {number(value)}"
         for name, value in results[0].segment.point.items()
         if name not in names
     ]
-    return f"<p>{',&ensp; '.join(fixed)}</p>{_table(header, rows, 'motion')}"
+    return f"<p>{',&ensp; '.join(fixed)}</p>{table(header, rows, numeric)}"
 
 
 def changing(results: Sequence[SegmentResult]) -> list[str]:
-    """Parameters that differ between segments, to 6 digits."""
+    """Names of the parameters that differ between segments in six digits."""
     names = list(results[0].segment.point)
     return [n for n in names if len({number(r.segment.point[n]) for r in results}) > 1]
 
@@ -133,15 +122,15 @@ def _segment_cells(result: SegmentResult, names: Sequence[str]) -> list[str]:
     ]
 
 
-def _legend(results: Sequence[SegmentResult]) -> str:
+def _reasons(results: Sequence[SegmentResult]) -> str:
     reasons = {
         f"{r.number}: {reason}"
         for r in results
         for reason in (r.period.reason if r.period.value is None else "", r.exponent.reason)
         if reason and not r.segment.ramp and not r.period.value
     }
-    told = sorted(reasons, key=lambda text: int(text.split(":")[0]))
-    return _list([f"Segment {text}" for text in told[:12]])
+    ordered = sorted(reasons, key=lambda text: int(text.split(":")[0]))
+    return bullets(f"Segment {text}" for text in ordered[:12])
 
 
 def _contact(results: Sequence[SegmentResult]) -> str:
@@ -153,7 +142,7 @@ def _contact(results: Sequence[SegmentResult]) -> str:
         [str(r.number), *(f"{c.drive:.0%} / {c.separated:.0%} / {c.back:.0%}" for c in r.contact)]
         for r in known
     )
-    return _table(header, rows, "")
+    return table(header, rows, range(len(header)))
 
 
 def _notes(notes: Sequence[str], results: Sequence[SegmentResult]) -> str:
@@ -161,42 +150,16 @@ def _notes(notes: Sequence[str], results: Sequence[SegmentResult]) -> str:
     for result in results:
         for note in result.notes:
             by_note.setdefault(note, []).append(result.number)
-    told = [f"{note} (segment {_spans(numbers)})" for note, numbers in by_note.items()]
-    return _list([*notes, *told])
+    by_segment = [f"{note} (segment {_spans(numbers)})" for note, numbers in by_note.items()]
+    return bullets([*notes, *by_segment])
 
 
 def _spans(numbers: Sequence[int]) -> str:
     """``1-4, 7`` for 1, 2, 3, 4, 7."""
     spans: list[list[int]] = []
-    for one in numbers:
-        if spans and one == spans[-1][1] + 1:
-            spans[-1][1] = one
+    for n in numbers:
+        if spans and n == spans[-1][1] + 1:
+            spans[-1][1] = n
         else:
-            spans.append([one, one])
+            spans.append([n, n])
     return ", ".join(f"{a}" if a == b else f"{a}–{b}" for a, b in spans)
-
-
-def picture_html(picture: Picture) -> str:
-    """The picture in the page, with its caption."""
-    data = base64.b64encode(picture.path.read_bytes()).decode()
-    caption = escape(picture.caption)
-    image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
-    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]], words: str) -> str:
-    def cells(tag: str, row: Sequence[str]) -> str:
-        kinds = ("" if title == words else ' class="n"' for title in header)
-        return "".join(f"<{tag}{k}>{c}</{tag}>" for k, c in zip(kinds, row, strict=True))
-
-    lines = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
-    return f'<div class="scroll"><table><tr>{cells("th", header)}</tr>{lines}</table></div>'
-
-
-def _list(items: Sequence[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in items)}</ul>" if items else ""
-
-
-def number(value: float, digits: int = 6) -> str:
-    """Short decimal, a dash for NaN."""
-    return f"{value:.{digits}g}" if math.isfinite(value) else "–"

@@ -1,4 +1,4 @@
-"""Branches of periodic orbits as text and as CSV: orbits, their sections, the boundaries."""
+"""Branches of periodic orbits as text, and as CSV: orbits, sections, boundaries."""
 
 from __future__ import annotations
 
@@ -42,22 +42,30 @@ BOUNDARY_COLUMNS = [
 ]
 
 
-def summary(found: Sequence[Followed], name: str) -> str:
-    """Table of the branches, then of the boundaries by value."""
+def summary(branches: Sequence[Followed], name: str) -> str:
+    """Text: table of the branches, then of the boundaries in the order of their values.
+
+    Args:
+        name: of the parameter.
+    """
     rows = [["branch", "period", "left/right", "range", "points", "ends", "origin"]]
-    for i, one in enumerate(found, start=1):
-        values = [point.value for point in one.branch.points]
-        sides = "alike" if one.symmetric else "differ"
+    for i, followed in enumerate(branches, start=1):
+        values = [point.value for point in followed.branch.points]
+        sides = "alike" if followed.symmetric else "differ"
         span = f"{min(values):.7g} .. {max(values):.7g}"
-        ends = ", ".join(one.branch.ends)
-        rows.append([str(i), f"P{one.period}", sides, span, str(len(values)), ends, one.origin])
+        ends = ", ".join(followed.branch.ends)
+        rows.append(
+            [str(i), f"P{followed.period}", sides, span, str(len(values)), ends, followed.origin]
+        )
     table = [[name, "kind", "branch", "period", "along the branch", "detail"]]
-    table += [_row(number, b) for number, b in _ordered(found)]
+    table += [_row(number, b) for number, b in _ordered(branches)]
     return f"{_aligned(rows)}\n\n{_aligned(table)}"
 
 
-def _ordered(found: Sequence[Followed]) -> list[tuple[int, Boundary]]:
-    numbered = [(i, b) for i, one in enumerate(found, start=1) for b in one.boundaries]
+def _ordered(branches: Sequence[Followed]) -> list[tuple[int, Boundary]]:
+    numbered = [
+        (i, b) for i, followed in enumerate(branches, start=1) for b in followed.boundaries
+    ]
     return sorted(numbered, key=lambda pair: pair[1].value)
 
 
@@ -80,35 +88,38 @@ def _aligned(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def write_orbits(folder: Path, found: Sequence[Followed], p: Parameters) -> None:
-    """``branches.csv``, ``sections.csv`` and ``boundaries.csv`` into a folder that is there."""
+def write_orbits(folder: Path, branches: Sequence[Followed], p: Parameters) -> None:
+    """Write ``branches.csv``, ``sections.csv`` and ``boundaries.csv`` into an existing folder.
+
+    A row per orbit, per section point of an orbit, and per boundary; ``p`` is the gear.
+    """
     columns = [f"{a}_{m}" for a in "xv" for m in p.layout.meshes]
     head = ["branch", "index", "value"]
-    write_csv(folder / "branches.csv", [*head, *ORBIT_COLUMNS], _orbit_rows(found))
-    write_csv(folder / "sections.csv", [*head, "cycle", *columns], _section_rows(found))
-    write_csv(folder / "boundaries.csv", BOUNDARY_COLUMNS, _boundary_rows(found))
+    write_csv(folder / "branches.csv", [*head, *ORBIT_COLUMNS], _orbit_rows(branches))
+    write_csv(folder / "sections.csv", [*head, "cycle", *columns], _section_rows(branches))
+    write_csv(folder / "boundaries.csv", BOUNDARY_COLUMNS, _boundary_rows(branches))
 
 
-def _orbit_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
-    for i, one in enumerate(found, start=1):
-        for j, point in enumerate(one.branch.points):
+def _orbit_rows(branches: Sequence[Followed]) -> Iterator[Sequence[object]]:
+    for i, followed in enumerate(branches, start=1):
+        for j, point in enumerate(followed.branch.points):
             mu = point.multipliers
             largest = [part[0] if len(part) else NONE for part in (mu.within, mu.transverse)]
             parts = [f"{x:.12g}" for value in largest for x in (value.real, value.imag)]
             stability = stability_of(point)
-            yield [i, j, f"{point.value:.12g}", one.period, stability, *mu.unstable, *parts]
+            yield [i, j, f"{point.value:.12g}", followed.period, stability, *mu.unstable, *parts]
 
 
-def _section_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
-    for i, one in enumerate(found, start=1):
-        for j, point in enumerate(one.branch.points):
-            flow = one.curve.family.flow_at(point.value)
+def _section_rows(branches: Sequence[Followed]) -> Iterator[Sequence[object]]:
+    for i, followed in enumerate(branches, start=1):
+        for j, point in enumerate(followed.branch.points):
+            flow = followed.curve.family.flow_at(point.value)
             for cycle, both in enumerate(np.hstack(section(flow, point.orbit.points))):
                 yield [i, j, f"{point.value:.12g}", cycle, *(f"{x:.12g}" for x in both)]
 
 
-def _boundary_rows(found: Sequence[Followed]) -> Iterator[Sequence[object]]:
-    for number, b in _ordered(found):
+def _boundary_rows(branches: Sequence[Followed]) -> Iterator[Sequence[object]]:
+    for number, b in _ordered(branches):
         where = [f"{b.value:.12g}", f"{b.width:.3g}", b.kind, number, b.period, b.detail]
         mu = [f"{b.multiplier.real:.9g}", f"{b.multiplier.imag:.9g}"]
         yield [*where, *b.before, *b.after, b.changes_stability, *mu]

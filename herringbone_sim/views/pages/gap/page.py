@@ -1,4 +1,4 @@
-"""``report.html`` of a gap diagnosis: where, which, how much, what is open, what to do next."""
+"""``report.html`` of a diagnosis: verdict, places, causes, size of the gap, next experiment."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from herringbone_sim.views.pages.gap import words
 from herringbone_sim.views.pages.gap.senses import distances_table, senses_table
 from herringbone_sim.views.pages.gap.style import STYLE
 from herringbone_sim.views.pages.gap.tables import attractor_table, noise_table, runs_table
-from herringbone_sim.views.pages.gap.verdict import OUTSIDE, answers, headline, kind, named
+from herringbone_sim.views.pages.gap.verdict import OUTSIDE, answers, headline, kind, named_effects
 from herringbone_sim.views.pages.gap.where import where_section
 from herringbone_sim.views.pages.gap.words import (
     NOT_KNOWN,
@@ -24,7 +24,7 @@ from herringbone_sim.views.pages.gap.words import (
     percent,
     sequence,
 )
-from herringbone_sim.views.pages.report import CSS, Picture, picture_html
+from herringbone_sim.views.pages.html import Picture, bullets, html_page, picture_html, section
 
 POINT = (
     ("delta_T", "temperature rise", "K"),
@@ -32,22 +32,21 @@ POINT = (
     ("Omega", "speed Ω", ""),
     ("K", "control K", ""),
 )
-SHOWN_CAUSES, LEAST_SHOWN = 6, 0.005
+TOP_CAUSES, LEAST_PROBABILITY = 6, 0.005  # causes listed with a bar
 FURTHER = ("a_c", "F_pin1", "F_rp1_L", "u_p1_L")  # one sensor of each kind that may be added
 
 
 def write_gap_page(
     report: Part, folder: Path, arrays: GapArrays | None = None, nominal: Path | None = None
 ) -> Path:
-    """Write ``report.html`` (nothing outside it) and ``figures/``; returns the page.
+    """Write ``report.html``, pictures included, and ``figures/``; returns the page.
 
     Args:
-        report: after the schema ``herringbone_sim/gap-report/1``; what is absent or null in it
-            is told as not known.
-        folder: made when it is new; a page of earlier is overwritten.
-        arrays: what the figures beneath show; without them there are none.
-        nominal: parameter file of the rig, for the command that compares it with the augmented
-            gear in the folder; without it none is told.
+        report: of the schema ``herringbone_sim/gap-report/1``; what is absent or null in it is
+            shown as not known.
+        folder: made if new; an earlier page is overwritten.
+        arrays: content of the figures; None for no figures of the residual.
+        nominal: parameter file of the rig, for the commands that the page suggests.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -66,7 +65,7 @@ def write_gap_page(
 
 
 def plan_command(report: Part, nominal: Path, folder: Path) -> str:
-    """Command that tells what further sensors would show; empty where all of them are there."""
+    """Shell command that plans further sensors; empty unless the report rests on few sensors."""
     recorded = [str(name) for name in sequence(report.get("recorded"))]
     more = [name for name in FURTHER if name not in recorded]
     if "trajectory" not in sequence(report.get("observations")) or not more:
@@ -77,7 +76,7 @@ def plan_command(report: Part, nominal: Path, folder: Path) -> str:
 
 
 def compare_command(nominal: Path, folder: Path) -> str:
-    """Command that shows what the augmented gear of a diagnosis does that the nominal does not."""
+    """Shell command that compares the bifurcations of the nominal and the augmented gear."""
     files = [nominal, folder / "augmented.yaml"]
     words = ["python", "-m", "herringbone_sim", "compare", *map(str, files)]
     return shlex.join([*words, "--over", "delta_T=0:100:400", "--out", str(folder / "compared")])
@@ -86,37 +85,36 @@ def compare_command(nominal: Path, folder: Path) -> str:
 def gap_page(
     report: Part, pictures: Sequence[Picture] = (), command: str = "", planned: str = ""
 ) -> str:
-    """The whole page as text; commands as of ``compare_command`` and ``plan_command``."""
+    """The complete page; ``command`` of ``compare_command``, ``planned`` of ``plan_command``."""
     name = words.word(report.get("campaign"), "campaign of unknown name")
     body = [
         f'<p class="kicker">Gap diagnosis &nbsp;·&nbsp; {escape(name)}</p>',
         f"<h1>{escape(headline(report))}</h1>",
         answers(report),
-        _optional("What is wrong with the recording", _findings(report)),
+        section("What is wrong with the recording", bullets(_faults(report))),
         f"<h2>Where</h2>{where_section(report)}",
         f"<h2>Which</h2>{_which(report)}",
         f"<h2>How much</h2>{runs_table(mapping(report.get('gap')), kind(report))}",
-        _optional("In three senses, on held-out runs", senses_table(mapping(report.get("gap")))),
+        section("In three senses, on held-out runs", senses_table(mapping(report.get("gap")))),
         f'<div class="two"><div><h2>What is not decidable</h2>{_undecidable(report)}</div>',
         f"<div><h2>What to measure next</h2>{_next(report)}{_planned(planned)}</div></div>",
-        _optional("What the real gear will do", _compared(command)),
-        _optional("Noise, as the recording shows it", noise_table(mapping(report.get("noise")))),
-        _optional("Attractor", _attractor(mapping(report.get("attractor")))),
-        _optional("Figures", "".join(picture_html(picture) for picture in pictures)),
+        section("What the real gear will do", _compared(command)),
+        section("Noise, as the recording shows it", noise_table(mapping(report.get("noise")))),
+        section("Attractor", _attractor(mapping(report.get("attractor")))),
+        section("Figures", "".join(picture_html(picture) for picture in pictures)),
         "<footer>The same in numbers: report.json, beside this page.</footer>",
     ]
-    head = f'<meta charset="utf-8"><title>Gap: {escape(name)}</title><style>{CSS}{STYLE}</style>'
-    return f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(body)}</body></html>'
+    return html_page(f"Gap: {name}", body, STYLE)
 
 
 def _which(report: Part) -> str:
     causes = [mapping(cause) for cause in sequence(report.get("causes"))]
     if not causes:
         return f"<p>The probabilities of the causes are {NOT_KNOWN}.</p>"
-    said = named(report)
-    shown = [c for i, c in enumerate(causes) if c.get("effect") in said or _shown(i, c)]
-    rest = [cause for cause in causes if not any(cause is one for one in shown)]
-    rows = "".join(_cause(cause, cause.get("effect") in said) for cause in shown)
+    verdict = named_effects(report)
+    listed = [c for i, c in enumerate(causes) if c.get("effect") in verdict or _is_likely(i, c)]
+    rest = [cause for cause in causes if not any(cause is c for c in listed)]
+    rows = "".join(_cause(cause, cause.get("effect") in verdict) for cause in listed)
     small = "".join(
         f"<li><span>{escape(words.word(c.get('effect')))}</span>"
         f"<span>{escape(percent(c.get('probability')))}</span></li>"
@@ -126,20 +124,20 @@ def _which(report: Part) -> str:
     return rows + others
 
 
-def _shown(rank: int, cause: Part) -> bool:
+def _is_likely(rank: int, cause: Part) -> bool:
     chance = known(cause.get("probability"))
-    return rank < SHOWN_CAUSES and (chance is None or chance >= LEAST_SHOWN)
+    return rank < TOP_CAUSES and (chance is None or chance >= LEAST_PROBABILITY)
 
 
-def _cause(cause: Part, said: bool) -> str:
+def _cause(cause: Part, named: bool) -> str:
     effect, chance = words.word(cause.get("effect")), known(cause.get("probability"))
     width = 100 * min(max(chance or 0.0, 0.0), 1.0)
-    shown = {k: v for k, v in mapping(cause.get("parameters")).items() if k != "member"}
-    told = [] if effect in OUTSIDE else [words.place_words(cause)]
-    told += [words.parameter_words(str(name), p) for name, p in shown.items()]
-    more = escape("; ".join(told)) + (" &nbsp;·&nbsp; " if told else "")
+    parameters = {k: v for k, v in mapping(cause.get("parameters")).items() if k != "member"}
+    texts = [] if effect in OUTSIDE else [words.place_words(cause)]
+    texts += [words.parameter_words(str(name), p) for name, p in parameters.items()]
+    more = escape("; ".join(texts)) + (" &nbsp;·&nbsp; " if texts else "")
     return (
-        f'<div class="cause{" said" if said else ""}">'
+        f'<div class="cause{" said" if named else ""}">'
         f"<b>{escape(words.capital(words.effect_words(effect)))}</b>"
         f'<div class="bar"><span style="width:{width:.1f}%"></span></div>'
         f'<i class="p">{escape(percent(chance))}</i>'
@@ -148,27 +146,19 @@ def _cause(cause: Part, said: bool) -> str:
 
 
 def _faults(report: Part) -> list[str]:
-    return [words.plain(mapping(one).get("text")) for one in sequence(report.get("findings"))]
-
-
-def _findings(report: Part) -> str:
-    listed = "".join(f"<li>{escape(text)}</li>" for text in _faults(report))
-    return f"<ul>{listed}</ul>" if listed else ""
+    return [words.plain(mapping(f).get("text")) for f in sequence(report.get("findings"))]
 
 
 def _undecidable(report: Part) -> str:
     if report.get("undecidable") is None:
         return f"<p>Whether these data leave anything open is {NOT_KNOWN}.</p>"
-    items = [words.plain(one) for one in sequence(report.get("undecidable"))]
+    items = [words.plain(text) for text in sequence(report.get("undecidable"))]
     items = [item for item in items if item not in _faults(report)]
     others = sequence(report.get("ambiguous_with"))
     if others and report.get("verdict") != "ambiguous":
-        told = "; ".join(words.effect_words(one) for one in others)
-        items.insert(0, f"These data do not tell it from: {told}.")
-    listed = "".join(f"<li>{escape(item)}</li>" for item in items)
-    return (
-        f"<ul>{listed}</ul>" if items else "<p>Nothing that these data leave open was found.</p>"
-    )
+        names = "; ".join(words.effect_words(effect) for effect in others)
+        items.insert(0, f"These data do not tell it from: {names}.")
+    return bullets(items) or "<p>Nothing that these data leave open was found.</p>"
 
 
 def _next(report: Part) -> str:
@@ -203,7 +193,3 @@ def _compared(command: str) -> str:
 
 def _attractor(attractor: Part) -> str:
     return distances_table(attractor) or attractor_table(attractor)
-
-
-def _optional(title: str, content: str) -> str:
-    return f"<h2>{title}</h2>{content}" if content else ""

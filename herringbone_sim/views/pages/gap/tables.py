@@ -1,4 +1,4 @@
-"""Tables of a gap report: before, after and noise floor of each run; the attractor's numbers."""
+"""Tables of a gap report: residual by run, numbers of the attractor, noise of the channels."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from herringbone_sim.views.pages.gap.words import (
     sequence,
     word,
 )
+from herringbone_sim.views.pages.html import folded, table
 
 FOLDED = 24  # rows of the attractor above which the table is folded
 KEY = (
@@ -30,7 +31,12 @@ KEY = (
 
 
 def runs_table(gap: Part, verdict: str) -> str:
-    """Before, after and floor over all and by run, runs for the fit told from held-out ones."""
+    """Table of a gap by run: before, after, noise floor and closure, held-out runs first.
+
+    Args:
+        gap: object ``gap`` of a report.
+        verdict: kind of its verdict, see ``verdict.kind``.
+    """
     if not gap:
         return f"<p>The size of the gap is {NOT_KNOWN}.</p>"
     metric = word(gap.get("metric"), f"a metric that is {NOT_KNOWN}")
@@ -46,10 +52,9 @@ def runs_table(gap: Part, verdict: str) -> str:
     titles = (f"before{more}", f"after{more}", f"noise floor{more}", "closure")
     header = "<th>run</th><th>role</th><th></th>"
     header += "".join(f'<th class="n">{title}</th>' for title in titles)
-    table = f'<div class="scroll"><table><tr>{header}</tr>{rows}</table></div>'
-    return (
-        f"<p>{escape(lead)} Held-out runs entered neither the choice nor the fit.</p>{KEY}{table}"
-    )
+    note = "Held-out runs entered neither the choice nor the fit."
+    content = f'<div class="scroll"><table><tr>{header}</tr>{rows}</table></div>'
+    return f"<p>{escape(lead)} {note}</p>{KEY}{content}"
 
 
 def _total(gap: Part) -> str:
@@ -63,8 +68,8 @@ def _run(run: Part) -> str:
     cells = "".join(f'<td class="n">{escape(v)}</td>' for v in [*values, percent(closure(run))])
     held = ' class="held"' if role == "held_out" else ""
     path = escape(word(run.get("path")))
-    told = escape(ROLES.get(role, role))
-    head = f'<td>{path}</td><td class="role">{told}</td><td>{_track(run)}</td>'
+    role_text = escape(ROLES.get(role, role))
+    head = f'<td>{path}</td><td class="role">{role_text}</td><td>{_track(run)}</td>'
     return f"<tr{held}>{head}{cells}</tr>"
 
 
@@ -94,54 +99,42 @@ def _track(run: Part) -> str:
 
 
 def attractor_table(attractor: Part) -> str:
-    """Numbers of the attractor, a column each for nominal, augmented and what else is given."""
+    """Table of all numbers on the attractor, a column per model."""
     columns = {str(name): dict(flat(mapping(part))) for name, part in attractor.items()}
     columns = {name: part for name, part in columns.items() if part}
     names = list(dict.fromkeys(key for part in columns.values() for key in part))
     if not names:
         return ""
-    header = "<th></th>" + "".join(f'<th class="n">{escape(c)}</th>' for c in columns)
-    rows = "".join(
-        f"<tr><td>{escape(name.replace('_', ' '))}</td>"
-        + "".join(f'<td class="n">{escape(plain(p.get(name)))}</td>' for p in columns.values())
-        + "</tr>"
+    rows = [
+        [
+            escape(name.replace("_", " ")),
+            *(escape(plain(part.get(name))) for part in columns.values()),
+        ]
         for name in names
-    )
-    table = f'<div class="scroll"><table><tr>{header}</tr>{rows}</table></div>'
-    if len(names) <= FOLDED:
-        return table
-    return f"<details><summary>{len(names)} numbers</summary>{table}</details>"
+    ]
+    content = table(["", *map(escape, columns)], rows, numeric=range(1, len(columns) + 1))
+    return content if len(names) <= FOLDED else folded(f"{len(names)} numbers", content)
 
 
-def flat(part: Part, before: str = "") -> list[tuple[str, object]]:
-    """(dotted name, value) of all leaves."""
-    found: list[tuple[str, object]] = []
+def flat(part: Part, prefix: str = "") -> list[tuple[str, object]]:
+    """Pairs (name, value) of all leaves of nested mappings; keys are joined by dots."""
+    leaves: list[tuple[str, object]] = []
     for key, value in part.items():
-        name = f"{before}{key}"
-        found += flat(value, f"{name} · ") if isinstance(value, dict) else [(name, value)]
-    return found
+        name = f"{prefix}{key}"
+        leaves += flat(value, f"{name} · ") if isinstance(value, dict) else [(name, value)]
+    return leaves
 
 
 def noise_table(noise: Part) -> str:
-    """Noise of every channel, folded: RMS, colour, lines, step and delay."""
+    """Folded table of the noise by channel: RMS, quantisation step, delay, colour, lines."""
     if not noise:
         return ""
-    header = "<th>channel</th>" + "".join(
-        f'<th class="n">{title}</th>' for title in ("RMS", "step", "delay [s]")
-    )
-    header += "<th>unit</th><th>colour</th><th>lines [Hz]</th>"
+    head = ["channel", "RMS", "step", "delay [s]", "unit", "colour", "lines [Hz]"]
     rows = []
-    for name, one in noise.items():
-        told = mapping(one)
-        lines = ", ".join(figure(f) for f in sequence(told.get("lines_hz"))) or "-"
-        cells = "".join(
-            f'<td class="n">{escape(figure(told.get(key)))}</td>'
-            for key in ("rms", "step", "delay_s")
-        )
-        words = "".join(
-            f"<td>{escape(text)}</td>"
-            for text in (word(told.get("unit")), word(told.get("colour")), lines)
-        )
-        rows.append(f"<tr><td>{escape(name)}</td>{cells}{words}</tr>")
-    table = f'<div class="scroll"><table><tr>{header}</tr>{"".join(rows)}</table></div>'
-    return f"<details><summary>{len(rows)} channels</summary>{table}</details>"
+    for name, entry in noise.items():
+        part = mapping(entry)
+        lines = ", ".join(figure(f) for f in sequence(part.get("lines_hz"))) or "-"
+        numbers = [figure(part.get(key)) for key in ("rms", "step", "delay_s")]
+        texts = [word(part.get("unit")), word(part.get("colour")), lines]
+        rows.append([escape(cell) for cell in (name, *numbers, *texts)])
+    return folded(f"{len(rows)} channels", table(head, rows, numeric=(1, 2, 3)))

@@ -1,4 +1,4 @@
-"""The verdict of a gap report in a sentence, and in three answers: where, which, how much."""
+"""Headline of a gap report, and its boxes: where, which, how much."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def headline(report: Part) -> str:
         return "There is a gap, and nothing in the catalogue explains it"
     if verdict == "ambiguous":
         names = _alternatives(report)
-        told = ": " + "; or ".join(names) if names else ""
-        return f"There is a gap, but these data cannot tell which cause it has{told}"
+        causes = ": " + "; or ".join(names) if names else ""
+        return f"There is a gap, but these data cannot tell which cause it has{causes}"
     if len(effects) > 1:
         return f"Two causes together: {'; and '.join(effects)}"
     return words.capital(words.effect_words(verdict))
@@ -42,47 +42,50 @@ def _alternatives(report: Part) -> list[str]:
     return [words.effect_words(effect) for effect in dict.fromkeys(map(words.word, ids))]
 
 
-def named(report: Part) -> list[str]:
-    """Ids that the verdict names: the effects, or all between which it can't decide."""
+def named_effects(report: Part) -> list[str]:
+    """Ids of the effects that the verdict names, or between which it can't decide."""
     verdict = words.word(report.get("verdict"))
-    ids = [words.word(one) for one in sequence(report.get("effects"))]
+    ids = [words.word(effect) for effect in sequence(report.get("effects"))]
     if verdict == "ambiguous":
-        ids += [words.word(one) for one in sequence(report.get("ambiguous_with"))]
+        ids += [words.word(effect) for effect in sequence(report.get("ambiguous_with"))]
     return list(dict.fromkeys(ids or [verdict]))
 
 
-def said(report: Part) -> list[Part]:
-    """The most probable cause of each id that the verdict names."""
+def named_causes(report: Part) -> list[Part]:
+    """The most probable cause of each effect of ``named_effects``."""
     causes = [mapping(cause) for cause in sequence(report.get("causes"))]
-    first = (next((c for c in causes if c.get("effect") == one), None) for one in named(report))
+    first = (
+        next((c for c in causes if c.get("effect") == effect), None)
+        for effect in named_effects(report)
+    )
     return [cause for cause in first if cause is not None]
 
 
-def sited(report: Part) -> list[Part]:
-    """Of the causes that the verdict names, those that have a place."""
-    return [cause for cause in said(report) if cause.get("effect") not in OUTSIDE]
+def located_causes(report: Part) -> list[Part]:
+    """Those of ``named_causes`` that have a place: neither ``none`` nor ``unknown``."""
+    return [cause for cause in named_causes(report) if cause.get("effect") not in OUTSIDE]
 
 
 def kind(report: Part) -> str:
-    """``none``, ``unknown``, ``ambiguous``, ``pair`` or ``one``."""
+    """Kind of the verdict: ``none``, ``unknown``, ``ambiguous``, ``pair`` or ``one``."""
     verdict = words.word(report.get("verdict"))
     if verdict in (*OUTSIDE, "ambiguous"):
         return verdict
-    return "pair" if len(named(report)) > 1 else "one"
+    return "pair" if len(named_effects(report)) > 1 else "one"
 
 
 def answers(report: Part) -> str:
-    """Three boxes: where, which, how much."""
+    """HTML of three boxes: where, which, how much."""
     boxes = (("Where", *_place(report)), ("Which", *_name(report)), ("How much", *_size(report)))
-    told = (
+    parts = (
         f"<div><span>{escape(title)}</span><b>{escape(main)}</b><span>{escape(more)}</span></div>"
         for title, main, more in boxes
     )
-    return f'<div class="answers">{"".join(told)}</div>'
+    return f'<div class="answers">{"".join(parts)}</div>'
 
 
 def _place(report: Part) -> tuple[str, str]:
-    """Where the named effects sit; which mesh holds most of the residual."""
+    """Places of the named effects, and the mesh with the largest share of the residual."""
     entries = [mapping(entry) for entry in sequence(report.get("where"))]
     top = max(entries, key=lambda entry: known(entry.get("share")) or 0.0, default=None)
     share = "share of the residual not known"
@@ -96,10 +99,10 @@ def _place(report: Part) -> tuple[str, str]:
             share = "no residual in the meshes above the noise"
     if kind(report) == "none":
         return "Nowhere beyond the noise", share
-    told = dict.fromkeys(words.place_words(cause) for cause in sited(report))
-    if told and _any_planet(report, entries):
-        return words.capital(" / ".join(told)), "or at another planet: nothing tells them apart"
-    return words.capital(" / ".join(told)) if told else "No place named", share
+    places = dict.fromkeys(words.place_words(cause) for cause in located_causes(report))
+    if places and _any_planet(report, entries):
+        return words.capital(" / ".join(places)), "or at another planet: nothing tells them apart"
+    return words.capital(" / ".join(places)) if places else "No place named", share
 
 
 def _any_planet(report: Part, entries: list[Part]) -> bool:
@@ -109,17 +112,18 @@ def _any_planet(report: Part, entries: list[Part]) -> bool:
         planet = words.word(mapping(entry.get("locus")).get("planet"))
         planets[planet] = planets.get(planet, 0.0) + (known(entry.get("share")) or 0.0)
     shares = list(planets.values())
-    one = any(mapping(c.get("locus")).get("planet") not in ("all", None) for c in sited(report))
-    return one and len(shares) > 1 and math.isclose(min(shares), max(shares))
+    planets_named = [mapping(c.get("locus")).get("planet") for c in located_causes(report)]
+    single = any(planet not in ("all", None) for planet in planets_named)
+    return single and len(shares) > 1 and math.isclose(min(shares), max(shares))
 
 
 def _name(report: Part) -> tuple[str, str]:
     joint = {"ambiguous": " or ", "pair": " and "}.get(kind(report), "")
-    chances = [known(cause.get("probability")) for cause in said(report)]
-    found = [chance for chance in chances if chance is not None]
-    total = percent(min(sum(found), 1.0)) if found else words.NOT_KNOWN
-    together = "together " if len(found) > 1 else ""
-    return joint.join(named(report)), f"probability {together}{total}"
+    every = (known(cause.get("probability")) for cause in named_causes(report))
+    chances = [chance for chance in every if chance is not None]
+    total = percent(min(sum(chances), 1.0)) if chances else words.NOT_KNOWN
+    together = "together " if len(chances) > 1 else ""
+    return joint.join(named_effects(report)), f"probability {together}{total}"
 
 
 def _size(report: Part) -> tuple[str, str]:

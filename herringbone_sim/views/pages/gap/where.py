@@ -1,4 +1,4 @@
-"""The gear of a gap report: its meshes coloured by their share, what the verdict names marked."""
+"""Drawing of the gear in a gap report: meshes coloured by share, named places marked."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from html import escape
 
 from herringbone_sim.core.layout import SIDES
 from herringbone_sim.views.pages.gap import words
-from herringbone_sim.views.pages.gap.verdict import sited
+from herringbone_sim.views.pages.gap.verdict import located_causes
 from herringbone_sim.views.pages.gap.words import Part, mapping
 from herringbone_sim.views.pages.gear_drawing import PLANETS, covered, gear_svg, mesh_shares
 
@@ -14,30 +14,30 @@ ON_PLANETS = ("bearing_clearance", "pin_position", "planet_phase")
 
 
 def where_section(report: Part) -> str:
-    """Drawing and what has to be said about it."""
+    """HTML of the drawing, with remarks on what it leaves open."""
     shares = mesh_shares(report.get("where"))
-    causes = sited(report)
+    causes = located_causes(report)
     sites = [covered(cause.get("locus")) for cause in causes]
-    # A rim around all twelve tells nothing.
+    # Rims around all twelve meshes mark no place.
     rims = {mesh for site in sites if len(site) < len(shares) for mesh in site}
     drawing = gear_svg(shares, rims, {body for cause in causes for body in bodies(cause)})
     return f'{drawing}<p class="lead">{escape(" ".join(_remarks(report, shares)))}</p>'
 
 
 def _remarks(report: Part, shares: dict[str, tuple[float | None, bool]]) -> list[str]:
-    told = []
+    remarks = []
     if all(share is None for share, _ in shares.values()):
-        told.append("How the residual is shared among the meshes is not known.")
+        remarks.append("How the residual is shared among the meshes is not known.")
     if any(share is not None and not own for share, own in shares.values()):
-        told.append("Where the report gives one share for several meshes it is spread evenly.")
+        remarks.append("Where the report gives one share for several meshes it is spread evenly.")
     metric = words.word(mapping(report.get("gap")).get("metric"))
     if metric in ("torque_balance", "consistency", "trajectory"):
-        told.append(f"What counts here is not the meshes but the {words.METRICS[metric]}.")
-    return told
+        remarks.append(f"What counts here is not the meshes but the {words.METRICS[metric]}.")
+    return remarks
 
 
 def bodies(cause: Part) -> set[str]:
-    """Bodies that a cause concerns, such as ``sun_L``, ``planet2_R``, ``ring_L``."""
+    """Names of the bodies of a cause, such as ``sun_L``, ``planet2_R``, ``ring_L``."""
     effect, place = words.word(cause.get("effect")), mapping(cause.get("locus"))
     part = "ring" if effect == "ring_flexibility" else words.member(cause)
     part = "planet" if effect in ON_PLANETS else part
@@ -45,4 +45,4 @@ def bodies(cause: Part) -> set[str]:
     numbers = PLANETS if planet == "all" else (planet,)
     names = [f"planet{number}" for number in numbers] if part == "planet" else [part]
     sides = SIDES if side == "all" else (side,)
-    return {f"{name}_{one}" for name in names for one in sides if name}
+    return {f"{name}_{half}" for name in names for half in sides if name}

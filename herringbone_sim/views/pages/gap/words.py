@@ -1,4 +1,7 @@
-"""A gap report in words: effects, places, quantities; what is absent is told as not known."""
+"""Texts for the parts of a gap report: effects, places, numbers; ``not known`` for absent ones.
+
+Reports are read from JSON, perhaps of another version, so every look-up allows for what is absent.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,9 @@ from typing import Any
 
 from herringbone_sim.effects.registry import effects
 
-Part = Mapping[str, Any]
+Part = Mapping[str, Any]  # a report, or an object in it
 NOT_KNOWN = "not known"
-LISTED = 12
+MAX_ITEMS = 12  # of a list as text
 
 PHRASES = {
     "none": "no gap beyond tolerance and noise",
@@ -46,13 +49,13 @@ METRICS = {
     "consistency": "contradiction of the channels with each other",
 }
 UNITS = {"force_law": "N", "torque_balance": "m/s²", "consistency": "σ", "trajectory": "σ"}
-STEPS = {
+ACTIONS = {  # by kind of verdict, what closes the gap
     "none": "recalibrating within the tolerance",
     "unknown": "what can be explained",
     "ambiguous": "adding the likeliest of them",
     "pair": "adding both",
 }
-SEATS = {
+PLACES = {  # of effects that sit at no mesh
     "torque_ripple": "input shaft",
     "ring_flexibility": "ring",
     "clock_drift": "clock of the recorder",
@@ -62,7 +65,7 @@ SEATS = {
     "channel_swap": "recorded channels",
 }
 ROLES = {"fit": "fit", "held_out": "held out"}
-SHOWN = {
+DISPLAY_UNITS = {  # factor and name
     "m": (1e6, "µm"),
     "m/K": (1e6, "µm/K"),
     "s": (1e6, "µs"),
@@ -73,29 +76,29 @@ SHOWN = {
 
 
 def mapping(value: object) -> Part:
-    """The mapping that a report should hold here, empty when it does not."""
+    """The value if it is a mapping, else an empty one."""
     return value if isinstance(value, Mapping) else {}
 
 
 def sequence(value: object) -> Sequence[Any]:
-    """The list that a report should hold here, empty when it does not."""
+    """The value if it is a list, else an empty one."""
     return value if isinstance(value, Sequence) and not isinstance(value, str) else ()
 
 
 def known(value: object) -> float | None:
-    """A finite number, or None."""
+    """The value as a float if it is a finite number, else None."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if math.isfinite(value) else None
 
 
 def word(value: object, absent: str = NOT_KNOWN) -> str:
-    """A name of a report, or ``absent``."""
+    """The value as text if it is a name or an integer, else ``absent``."""
     return str(value) if isinstance(value, str | int) and value != "" else absent
 
 
 def effect_words(effect: object) -> str:
-    """Plain words for an effect id; a user's own effect speaks with its text."""
+    """Phrase for the id of an effect; for an effect of the user its own text."""
     name = word(effect)
     if name in PHRASES:
         return PHRASES[name]
@@ -109,7 +112,7 @@ def capital(text: str) -> str:
 
 
 def percent(value: object) -> str:
-    """A share in percent, never rounded to 0 or 100 when it is neither."""
+    """A share in percent; one that is neither 0 nor 1 is not rounded to 0 or 100 %."""
     share = known(value)
     if share is None:
         return NOT_KNOWN
@@ -123,7 +126,7 @@ def percent(value: object) -> str:
 
 
 def figure(value: object, digits: int = 3) -> str:
-    """A number in few digits."""
+    """A number with some significant digits."""
     number = known(value)
     if number is None:
         return NOT_KNOWN
@@ -131,7 +134,7 @@ def figure(value: object, digits: int = 3) -> str:
 
 
 def locus_words(locus: object) -> str:
-    """Where: ``sun mesh of planet 2, left side``."""
+    """Text of a locus, as ``sun mesh of planet 2, left side``."""
     place = mapping(locus)
     if not place:
         return "place " + NOT_KNOWN
@@ -156,12 +159,13 @@ def _sides(side: str) -> str:
 
 
 def place_words(cause: Part) -> str:
-    """Where a cause sits: its member and locus, or the part that has no mesh."""
+    """Text of the place of a cause: its locus and member, or a place without a mesh."""
     effect, locus = word(cause.get("effect")), cause.get("locus")
     meshes = locus_words(locus)
     everywhere = meshes == "all meshes"
-    if effect in SEATS:
-        return SEATS[effect] if everywhere or not mapping(locus) else f"{SEATS[effect]}, {meshes}"
+    if effect in PLACES:
+        place = PLACES[effect]
+        return place if everywhere or not mapping(locus) else f"{place}, {meshes}"
     part = member(cause)
     if part:
         return part if everywhere else f"{meshes}, on the {part}"
@@ -169,7 +173,7 @@ def place_words(cause: Part) -> str:
 
 
 def member(cause: Part) -> str:
-    """The gear that carries a cause; empty where none is given."""
+    """Member of a cause, such as ``sun`` or ``ring``; empty if none is given."""
     given = mapping(cause.get("parameters")).get("member", cause.get("member"))
     return word(mapping(given).get("value", given), "")
 
@@ -181,16 +185,16 @@ def plain(value: object) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {plain(one)}" for key, one in value.items())
     if isinstance(value, Sequence):
-        rest = len(value) - LISTED
+        rest = len(value) - MAX_ITEMS
         more = [f"and {rest} more"] if rest > 0 else []
-        return ", ".join([*(plain(one) for one in value[:LISTED]), *more])
+        return ", ".join([*(plain(one) for one in value[:MAX_ITEMS]), *more])
     if isinstance(value, bool):
         return "yes" if value else "no"
     return figure(value, 4)
 
 
 def parameter_words(name: str, parameter: object) -> str:
-    """``height 12 µm (11.2 … 12.7)``, in the units of a workshop."""
+    """Text of a parameter with its 90 % interval, as ``height 12 µm (11.2 … 12.7)``."""
     given = mapping(parameter)
     label = name.replace("_", " ")
     value = given.get("value") if given else parameter
@@ -200,38 +204,43 @@ def parameter_words(name: str, parameter: object) -> str:
     if number is None:
         return f"{label} {plain(value) if sequence(value) else NOT_KNOWN}"
     unit = word(given.get("unit"), "-")
-    factor, shown = SHOWN.get(unit, (1.0, unit))
+    factor, shown_unit = DISPLAY_UNITS.get(unit, (1.0, unit))
     ends = [known(end) for end in sequence(given.get("ci90"))]
     low, high = ends if len(ends) == 2 else (None, None)
     digits = _digits(number, low, high)
-    text = f"{label} {figure(factor * number, digits)}" + (f" {shown}" if shown else "")
+    text = f"{label} {figure(factor * number, digits)}" + (f" {shown_unit}" if shown_unit else "")
     if isinstance(value, int) and not isinstance(value, bool):
-        return text  # chosen among whole numbers
+        return text  # an option, without an interval
     if low is None or high is None:
         return f"{text} (interval {NOT_KNOWN})"
     return f"{text} ({figure(factor * low, digits)} … {figure(factor * high, digits)})"
 
 
 def _digits(value: float, low: float | None, high: float | None) -> int:
-    """Digits that show two of the width of an interval, four at least."""
+    """Significant digits at which the width of an interval has two; 4 to 9."""
     if low is None or high is None or high <= low or value == 0:
         return 4
     return min(max(math.ceil(math.log10(abs(value) / (high - low))) + 2, 4), 9)
 
 
 def closure_words(closure: object, verdict: str) -> str:
-    """What the verdict does to the gap on runs that were kept out."""
-    value, step = known(closure), STEPS.get(verdict, "adding it")
+    """How much of the gap on held-out runs closes, with what closes it.
+
+    Args:
+        closure: share of the gap.
+        verdict: its kind, see ``verdict.kind``.
+    """
+    value, action = known(closure), ACTIONS.get(verdict, "adding it")
     if value is None and verdict == "none":
         return "there is no gap to close"
     if value is None:
         return "how much of the gap closes on held-out runs is not known"
     if value < 0:
-        return f"{step} makes the gap on held-out runs larger, not smaller"
-    return f"{step} closes {percent(min(value, 1.0))} of the gap on held-out runs"
+        return f"{action} makes the gap on held-out runs larger, not smaller"
+    return f"{action} closes {percent(min(value, 1.0))} of the gap on held-out runs"
 
 
 def residual_words(value: object, gap: Part) -> str:
-    """A residual with the unit of the metric."""
+    """A residual with the unit of the gap that it belongs to."""
     unit = word(gap.get("unit"), UNITS.get(word(gap.get("metric")), ""))
     return figure(value) + (f" {unit}" if unit and known(value) is not None else "")

@@ -1,4 +1,4 @@
-"""What the mirror of a diagnosis shows of each run: measured, nominal, augmented."""
+"""Runs of a diagnosis as columns: measured, and by the nominal and the augmented model."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verdict.augmented import Augmented
 
 COLUMNS = ("measured", "nominal", "augmented")
-TRANSIENT, CYCLES = 150, 40  # mesh cycles that settle, and that are shown
+TRANSIENT, CYCLES = 150, 40  # mesh cycles discarded, and mesh cycles of a view
 
 
 @dataclass(frozen=True)
 class RunView:
-    """A run as three columns; arrays of the last cycles, NaN where a channel can't give them.
+    """The last cycles of a run, measured and by both models; NaN where a channel is missing.
 
     Attributes:
         run: name, role, operating point.
         meshes: n names.
         times: (k,) [s].
         force: by column (k, n) [N]: measured, and the two laws at the measured motion.
-        planes: by column (j, n, 2) displacement [m] and rate [m/s]: measured, and what each model
-            does on its own from the start of the run on; a column without a motion is left out.
-        energy: by column but the first (n,) mean square of its residual over the floor, over all
-            samples of the run; NaN where unknown.
+        planes: by column (j, n, 2) displacement [m] and rate [m/s]: measured, and integrated by
+            each model from the start of the run; without columns that have no motion.
+        energy: by model (n,) mean square of its residual over the noise floor, over all samples of
+            the run; NaN if unknown.
         notes: what is missing.
     """
 
@@ -50,15 +50,15 @@ class RunView:
     notes: tuple[str, ...]
 
 
-def run_views(campaign: PreparedCampaign, found: Diagnosis) -> list[RunView]:
+def run_views(campaign: PreparedCampaign, diagnosis: Diagnosis) -> list[RunView]:
     """Every run of a campaign that the diagnosis could use, in the campaign's order."""
-    model = found.augmented
-    known = {one.run.name: one for one in found.calibrated.cases}
+    model = diagnosis.augmented
+    known = {c.run.name: c for c in diagnosis.calibrated.cases}
     views = []
     for run in check(campaign)[0].runs:
         one = known.get(run.name)
         if one is None:
-            whole = found.mend(run)
+            whole = diagnosis.mend(run)
             one = case(whole, fuse(whole))
         views.append(run_view(one, model))
     return views
@@ -102,23 +102,23 @@ def own_gear(run: PreparedRun, model: Augmented) -> Model:
     return build(p.changed(changed))
 
 
-def shares(views: Sequence[RunView]) -> dict[str, dict[str, float | None]]:
+def mesh_shares(views: Sequence[RunView]) -> dict[str, dict[str, float | None]]:
     """By column, share of every mesh in the residual above the floor before; None if unknown.
 
     Both columns are shares of the nominal residual, so the second adds up to what is left.
     """
-    found: dict[str, dict[str, float | None]] = {}
+    shares: dict[str, dict[str, float | None]] = {}
     above = {
         name: np.maximum(np.mean([view.energy[name] for view in views], axis=0) - 1.0, 0.0)
         for name in COLUMNS[1:]
     }
     total = max(float(np.nansum(above["nominal"])), 1e-300)
     for name, energy in above.items():
-        found[name] = {
+        shares[name] = {
             mesh: float(value) / total if np.isfinite(value) else None
             for mesh, value in zip(views[0].meshes, energy, strict=True)
         }
-    return found
+    return shares
 
 
 def _last_cycles(run: PreparedRun) -> int:

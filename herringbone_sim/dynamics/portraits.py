@@ -1,0 +1,55 @@
+"""Phase portraits of attractors: the motion of a gear over some cycles from a given state."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.integrate import stepper
+from herringbone_sim.core.model import Model
+from herringbone_sim.dynamics.attractors import Attractor
+from herringbone_sim.effects.assemble import changed
+
+Array = NDArray[np.float64]
+
+CYCLES, PER_CYCLE = 60, 64  # mesh cycles; samples of each
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """Motion of the first left and the first right sun mesh.
+
+    Attributes:
+        left, right: (n, 2) displacement / b_c and rate / (b_c omega_n).
+    """
+
+    left: Array
+    right: Array
+
+
+def portraits(model: Model, attractors: Iterable[Attractor], cycle: int) -> list[Portrait]:
+    """Portraits of attractors, each integrated from its last point.
+
+    Args:
+        cycle: mesh cycles from the start of the runs to these points.
+    """
+    return [portrait(model, attractor.points[-1], cycle) for attractor in attractors]
+
+
+def portrait(model: Model, state: Array, cycle: int) -> Portrait:
+    """Portrait of the motion from a state (n_state,) at phase 0, after so many mesh cycles."""
+    layout, scales = model.layout, model.scales
+    gear = changed(model, model.parameters.changed({"samples_per_cycle": PER_CYCLE}))
+    machine = stepper(gear)
+    begin = replace(machine.start(), y=np.array(state), cycle=cycle)
+    rows = machine.advance(begin, CYCLES * PER_CYCLE).rows
+    units = np.array([scales.b_c, scales.velocity_m_per_s])
+
+    def motion(mesh: str) -> Array:
+        columns = [layout.channels.index(f"{quantity}_{mesh}") for quantity in "xv"]
+        return np.asarray(rows[:, columns] / units)
+
+    return Portrait(motion(layout.meshes[0]), motion(layout.meshes[layout.n_mesh // 4]))

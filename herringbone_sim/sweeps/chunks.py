@@ -1,0 +1,58 @@
+"""Runs in chunks on threads; the arrays of a chunk are stored in a folder and read from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.sweeps.array_cache import ArrayCache, Arrays
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Runs that are computed and stored together.
+
+    Attributes:
+        key: all inputs that the arrays depend on, see ``array_cache.digest``.
+        compute: the arrays by name, a row per run.
+        runs: number of runs.
+    """
+
+    key: Sequence[Any]
+    compute: Callable[[], Mapping[str, Any]]
+    runs: int
+
+
+@dataclass(frozen=True)
+class ChunkRunner:
+    """Computes chunks on threads, or reads them if they are stored.
+
+    Attributes:
+        cache: where arrays are stored.
+        workers: threads.
+        done: called with the number of runs of each finished chunk.
+    """
+
+    cache: ArrayCache
+    workers: int
+    done: Callable[[int], object]
+
+    def arrays(self, jobs: Sequence[Sequence[Chunk]]) -> list[Arrays]:
+        """Arrays of each job, those of its chunks joined; the jobs run side by side."""
+        with ThreadPoolExecutor(self.workers) as pool:
+            every = chain.from_iterable(jobs)
+            results = pool.map(lambda chunk: self.cache.get(chunk.key, chunk.compute), every)
+            parts = [[self._counted(next(results), chunk) for chunk in job] for job in jobs]
+        return [
+            {name: np.concatenate([part[name] for part in job]) for name in job[0]}
+            for job in parts
+        ]
+
+    def _counted(self, arrays: Arrays, chunk: Chunk) -> Arrays:
+        self.done(chunk.runs)
+        return arrays
