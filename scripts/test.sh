@@ -21,13 +21,14 @@ stage() {
   summary+=("$(printf '%-20s %-7s %5d s' "$name" "$result" $((SECONDS - began)))")
 }
 
-# A file of tests stays with one of two processes, as its tests share what is slow to make. Tests of
-# the node run alone afterwards: it keeps its time, and they wait for it. Only the folders whose
+# Each of two processes has half of the files, as the tests of a file share what is slow to make, and
+# takes tests from the other once it is done. Tests of the node run alone afterwards: it keeps its
+# time, and they wait for it. Only the folders whose
 # coverage is asked for are traced: tracing slows numerical code by half.
 tests() {
   local result=0
   local traced=(--cov --cov-report=)
-  python -m pytest -n 2 --dist loadfile --ignore=test/ros --ignore=test/faults --durations=20 \
+  python -m pytest -n 2 --dist worksteal --ignore=test/ros --ignore=test/faults --durations=40 \
     "${traced[@]}" | tee "$work/pytest.txt" || result=1
   python -m pytest test/ros test/faults "${traced[@]}" --cov-append |
     tee -a "$work/pytest.txt" || result=1
