@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.diagnosis.search import LIKELIER
+from herringbone_sim.diagnosis.search import CHANCE_CHI2
 
 Array = NDArray[np.float64]
 
@@ -78,14 +78,14 @@ def numbers(evidence: Evidence) -> tuple[list[Candidate | None], Array]:
         least["pair"] = pairs[0]
     best = min(least, key=lambda k: least[k].energy + evidence.remains.get(k, 0.0))
     floor = least[best].energy - evidence.remains.get(best, 0.0)
-    gap = max(none.energy - floor - LIKELIER, 0.0) / evidence.count + LEAST
+    gap = max(none.energy - floor - CHANCE_CHI2, 0.0) / evidence.count + LEAST
     rows: list[Array] = []
     every: list[Candidate | None] = []
 
     def share(energy: float) -> float:
         return float(np.log((max(energy - floor, 0.0) / evidence.count + LEAST) / gap))
 
-    fewest = min(c.energy for c in evidence.candidates) - LIKELIER
+    fewest = min(c.energy for c in evidence.candidates) - CHANCE_CHI2
     log_count = float(np.log(max(evidence.count, FEWEST) / FULL))
     for c in (none, *singles, *pairs):
         row = np.zeros(len(NAMES))

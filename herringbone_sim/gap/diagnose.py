@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.evidence import Evidence, evidence_of
-from herringbone_sim.diagnosis.examine import Examined, Found, examine
+from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
 from herringbone_sim.diagnosis.judge import Chance, chances
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.hypothesis import case
@@ -154,7 +154,7 @@ def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[
     return fit
 
 
-def _found(found: Examined, evidence: Evidence, chance: Chance) -> Found:
+def _found(found: Examination, evidence: Evidence, chance: Chance) -> FittedExplanation:
     """The fit of an explanation."""
     every = (found.none, *found.singles, *found.pairs)
     at = next(i for i, c in enumerate(evidence.candidates) if c is chance.candidate)
@@ -162,17 +162,17 @@ def _found(found: Examined, evidence: Evidence, chance: Chance) -> Found:
 
 
 def _taken(
-    found: Examined,
+    found: Examination,
     evidence: Evidence,
     told: Sequence[Chance],
     options: dict[int, Option],
     option: Option | None,
-) -> Found | None:
+) -> FittedExplanation | None:
     at = next((i for i, o in options.items() if o is option), None)
     return None if at is None or option is None else _found(found, evidence, told[at])
 
 
-def augmented(found: Found, option: Option | None) -> Augmented:
+def augmented(found: FittedExplanation, option: Option | None) -> Augmented:
     """The nominal model with the tolerances of a fit, and the effects of an explanation."""
     values = {c.name: v for c, v in zip(found.score.coefficients, found.score.mean, strict=True)}
     factors = np.array(
@@ -183,9 +183,9 @@ def augmented(found: Found, option: Option | None) -> Augmented:
     return Augmented(factors, inverse, actives)
 
 
-def _calibrated(machine: GearMachine, found: Examined) -> Calibrated:
+def _calibrated(machine: GearMachine, found: Examination) -> Calibrated:
     cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
-    rows = found.none.score.rows.get("force_law")
+    rows = found.none.score.energy_by_row.get("force_law")
     count = found.counts.get("force_law", 0.0)
     per_mesh = None
     if rows is not None and count > 0.0:

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_support import rig
+from herringbone_sim.gap.observations.independent_share import independent
 from scipy.interpolate import CubicSpline
 
-from herringbone_sim.diagnosis.products import cleared
+from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.common_delay import undelayed
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.runs import slopes
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -87,7 +87,10 @@ def test_gratings_off_centre_are_no_finding_where_forces_come_from_the_law() -> 
         replace(b, shared=np.zeros((0, *b.shared.shape[1:])), shared_sd=np.zeros(0))
         for b in blocks
     ]
-    left, more = (np.array([np.mean(cleared(b) ** 2) for b in some]) for some in (blocks, bare))
+    left, more = (
+        np.array([np.mean(residual_without_nuisance(b) ** 2) for b in some])
+        for some in (blocks, bare)
+    )
     assert (left < 2.0).all()
     assert np.max(more / left) > 2.0
 
@@ -134,7 +137,7 @@ def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     assert by_name["filter 1"] == pytest.approx((10.0 / 10.5) ** 2, abs=0.15)
     without = Search(_without_filters(GearMachine(Gear(found)))).null
     o = "force_law"
-    assert null.rows[o].sum() < 0.7 * without.rows[o].sum()
+    assert null.energy_by_row[o].sum() < 0.7 * without.energy_by_row[o].sum()
     assert null.in_sample < 1.2 * null.count
 
 

@@ -269,7 +269,7 @@ def test_exchanged_encoders_are_put_back() -> None:
     machine = practised(372312, "channel_swap")
     null = no_effect(machine)
     ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
-    ((squares, best, _),) = machine.tried(ranked, null)
+    ((squares, best, _),) = machine.nonlinear_trials(ranked, null)
     assert best.options == (("channels", ("u_s_R", "u_c")),)
     assert squares < 0.01 * null.in_sample
 
@@ -297,7 +297,7 @@ def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:
         for h in machine.hypotheses()
         if h.effect in kinds and h.locus.side == "all"
     ]
-    (_, best, start), *_ = machine.tried(ranked, null)
+    (_, best, start), *_ = machine.nonlinear_trials(ranked, null)
     assert best.effect == "pin_position"
     assert start[len(null.mean)] > 1e-5
 
@@ -313,7 +313,7 @@ def test_a_soft_ring_is_tried_at_a_third_of_its_proposed_stiffness() -> None:
     null = no_effect(machine)
     ranked = [(h, np.append(null.mean, [c.sd for c in h.coefficients])) for h in stiffness]
     ranked.append((parts[0], np.append(null.mean, np.zeros(len(parts[0].coefficients)))))
-    (_, best, start), *_ = machine.tried(ranked, null)
+    (_, best, start), *_ = machine.nonlinear_trials(ranked, null)
     assert best is parts[0]
     assert start[len(null.mean) + 1] == pytest.approx(-np.log(3.0))
 
@@ -350,9 +350,9 @@ def test_a_loose_pin_is_proposed_at_its_planet_from_gauges_in_the_pins() -> None
     calibrated = Search(machine).null
     _, proposed = machine.proposals({}, calibrated)
     pins = [h for h in proposed if h.effect == "bearing_clearance"]
-    best = max(pins, key=lambda h: h.removes or 0.0)
+    best = max(pins, key=lambda h: h.measured_gain or 0.0)
     assert isinstance(best.locus, Locus)
     assert best.locus.planet == campaign.label["effects"][0]["locus"]["planet"]
     excess = float(calibrated.energy.sum()) - calibrated.count
-    assert best.removes is not None
-    assert best.removes > 0.5 * excess > 0.0
+    assert best.measured_gain is not None
+    assert best.measured_gain > 0.5 * excess > 0.0

@@ -124,9 +124,9 @@ def block(
         np.repeat(slow[:, None, :], rows, axis=1),
         np.repeat(spread[:, None], slow.shape[1], axis=1),
         *_gratings(run.model, modelled, names),
-        independent=min(1.0, stride / overlap),
-        at=at,
-        alike=np.array([name not in (*MASSES, "between") for name in names]),
+        independent_share=min(1.0, stride / overlap),
+        sample_index=at,
+        common_columns=np.array([name not in (*MASSES, "between") for name in names]),
     )
 
 
@@ -155,10 +155,10 @@ def corrected(
     block: Block, after_n: Array | None, before_n: Array | None, run: PreparedRun
 ) -> Block:
     """A balance with other forces between samples."""
-    if after_n is None or before_n is None or block.at is None:
+    if after_n is None or before_n is None or block.sample_index is None:
         return block
     whole = inertia_parts(run.model).sum(0)
-    rows = block.at - block.at[0]
+    rows = block.sample_index - block.sample_index[0]
     return replace(block, residual=block.residual - ((after_n - before_n) @ whole.T)[rows])
 
 

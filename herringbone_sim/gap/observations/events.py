@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block, cleared
+from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
@@ -115,8 +115,8 @@ def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
     """Rows of the balance, one for each mesh whose force comes from the law."""
     look = window_of(g.run, gear.width)
     stride = max(1, round(look.deviation))
-    root = np.sqrt(block.independent)
-    residual, phase = root * cleared(block), g.motion.phase[block.at]
+    root = np.sqrt(block.independent_share)
+    residual, phase = root * residual_without_nuisance(block), g.motion.phase[block.sample_index]
     reach = inertia_parts(gear.model).sum(0)
     pushed = {k: look.average(c)[::stride] for k, c in columns_of(g.motion, now).items()}
     return [

@@ -11,18 +11,18 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.flexible import Surroundings
+from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.threads import each
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.changes import Changes, Part
 from herringbone_sim.gap.observations.law import Change, Law, Motion, law
+from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.shooting import Shot
-from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import Channels as Followed
 from herringbone_sim.gap.observations.window_channels import channels
@@ -129,7 +129,7 @@ class Gear:
 
     @property
     def trajectories(self) -> tuple[Trajectory, ...]:
-        return tuple(each(self.windows_of, range(len(self.runs))))
+        return tuple(parallel_map(self.windows_of, range(len(self.runs))))
 
     def of_runs(self, runs: Sequence[PreparedRun]) -> Gear:
         """The same rig in other runs, at every sample; windows of runs known here are kept."""
@@ -193,7 +193,7 @@ class Gear:
         whole = fine.average(force)[first::FINE][: len(g.run) - 2 * reach]
         return np.asarray(whole - look.average(force[::FINE]))
 
-    def finely(self) -> Gear:
+    def without_linearisation(self) -> Gear:
         """The same, its balance with forces between samples by the law with all changes."""
         found = copy.copy(self)
         found.fine = True
@@ -221,7 +221,7 @@ class Gear:
                     functions=(*plain.functions, *more.functions),
                     columns=np.concatenate([plain.columns, more.columns], axis=2),
                     shared=np.concatenate([plain.shared, more.shared], axis=2),
-                    alike=np.concatenate([_alike(plain), _alike(more)]),
+                    common_columns=np.concatenate([_alike(plain), _alike(more)]),
                 )
             )
         return found
@@ -284,7 +284,7 @@ class Gear:
     def _number(self) -> dict[str, int]:
         return {g.motion.name: r for r, g in enumerate(self.runs)}
 
-    def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
+    def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
         """The consistency always; the balance unless its forces or its motion change."""
         motion = any(np.any(a) for a in amplitudes.get(consistency.NAME, {}).values())
         if motion or self.modelled.any() or self.fine:
@@ -304,7 +304,7 @@ class Gear:
         observations: Sequence[str],
     ) -> list[dict[str, Block]]:
         """Some observations of all runs about a change, with the columns wanted (None: all)."""
-        return each(
+        return parallel_map(
             lambda r: self._blocks(r, amplitudes, wanted, observations), range(len(self.runs))
         )
 
@@ -439,10 +439,10 @@ class Gear:
             found.__dict__.pop(name, None)
         return found
 
-    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
+    def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
         """What is measured about the rows of a block of a run."""
         if observation == trajectory.NAME:
-            return self.windows_of(r).surroundings(block, self.law_functions)
+            return self.windows_of(r).regression_inputs(block, self.law_functions)
         g = self.runs[r]
         cycles = (1.0, *force_law.members(self.model).values())
         if observation == force_law.NAME:
@@ -481,9 +481,13 @@ def _about(
         functions=tuple(block.functions[i] for i in keep),
         columns=block.columns[:, :, keep],
         shared=block.shared[:, :, keep],
-        alike=None if block.alike is None else block.alike[keep],
+        common_columns=None if block.common_columns is None else block.common_columns[keep],
     )
 
 
 def _alike(block: Block) -> NDArray[np.bool_]:
-    return np.zeros(len(block.functions), bool) if block.alike is None else block.alike
+    return (
+        np.zeros(len(block.functions), bool)
+        if block.common_columns is None
+        else block.common_columns
+    )

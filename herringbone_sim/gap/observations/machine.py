@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.flexible import Surroundings
+from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Hypothesis, Score
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -74,13 +74,13 @@ class GearMachine:
         found += seat_grid.proposals(self.gear, amplitudes, known)
         return self.with_parts(found, amplitudes)
 
-    def tried(
+    def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:
         """Hypotheses at their own size, of windows alone: all else is near enough to linear."""
         if not self.gear.by_windows:
             return []
-        return window_trials.tried(self.gear, self.rows, len(self.base), ranked, known)
+        return window_trials.nonlinear_trials(self.gear, self.rows, len(self.base), ranked, known)
 
     def with_parts(
         self, parts: Sequence[Event | Seat], about: Amplitudes | None = None
@@ -109,8 +109,8 @@ class GearMachine:
 
     def same(self, hypotheses: Sequence[Hypothesis]) -> tuple[GearMachine, list[Hypothesis]]:
         """Hypotheses of another machine of the rig here."""
-        machine, made = self.with_parts([h.maker for h in hypotheses if h.maker is not None])
-        plain = [h for h in hypotheses if h.maker is None]
+        machine, made = self.with_parts([h.source for h in hypotheses if h.source is not None])
+        plain = [h for h in hypotheses if h.source is None]
         only = {h.effect for h in plain}
         known = {
             (h.effect, h.options, h.locus): h
@@ -118,17 +118,17 @@ class GearMachine:
         }
         rest = iter(made)
         return machine, [
-            next(rest) if h.maker is not None else known[h.effect, h.options, h.locus]
+            next(rest) if h.source is not None else known[h.effect, h.options, h.locus]
             for h in hypotheses
         ]
 
-    def finely(self) -> GearMachine:
+    def without_linearisation(self) -> GearMachine:
         found = copy.copy(self)
-        found.gear = self.gear.finely()
+        found.gear = self.gear.without_linearisation()
         return found
 
-    def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        return self.gear.linear(amplitudes)
+    def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
+        return self.gear.linear_observations(amplitudes)
 
     def blocks(
         self,
@@ -138,8 +138,8 @@ class GearMachine:
     ) -> list[dict[str, Block]]:
         return self.gear.blocks(amplitudes, wanted, observations)
 
-    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
-        return self.gear.surroundings(observation, r, block)
+    def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
+        return self.gear.regression_inputs(observation, r, block)
 
     def cycles(self, observation: str, r: int) -> Array:
         if observation == trajectory.NAME:

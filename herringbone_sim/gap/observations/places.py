@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Coefficient, Part
+from herringbone_sim.diagnosis.products import Coefficient, Placement
 from herringbone_sim.gap.observations import balance, force_law, trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.residuals.balance import inertia_parts
@@ -36,7 +36,7 @@ class Places:
             o, function = (force_law.NAME, key) if isinstance(key, str) else key
             self._place(placed, o, function, np.asarray(weight, dtype=float))
         parts = {
-            o: Part(
+            o: Placement(
                 tuple(row for row, _, _ in all_),
                 tuple(f for _, f, _ in all_),
                 np.array([w for _, _, w in all_]).T.reshape(self.runs, -1),

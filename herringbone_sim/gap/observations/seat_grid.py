@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from herringbone_sim.diagnosis.products import Block, Campaign, products
+from herringbone_sim.diagnosis.products import Block, CampaignProducts, products
 from herringbone_sim.diagnosis.regression import solve
-from herringbone_sim.diagnosis.search import Score, wanted_of
-from herringbone_sim.diagnosis.threads import each
+from herringbone_sim.diagnosis.search import Score, functions_used
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, force_law
@@ -75,7 +75,7 @@ def most_promising(trial: Trial) -> list[Seat]:
         parts = [p for p in places if np.all(inside[p.mask(layout) > 0.0])]
         best = trial.best([replace(best, locus=p) for p in parts])
         found.append(trial.with_load(best))
-    first = max(found, key=lambda seat: seat.removes)
+    first = max(found, key=lambda seat: seat.measured_gain)
     return [trial.nearer(seat) if seat is first else seat for seat in found]
 
 
@@ -119,9 +119,9 @@ class Trial:
         self.gear, self._amplitudes = gear, amplitudes
         looked = range(0, len(gear.runs), every)
         self._known = known.coefficients
-        blocks = gear.blocks(amplitudes, wanted_of(self._known), self._observations())
+        blocks = gear.blocks(amplitudes, functions_used(self._known), self._observations())
         every_one = [{o: products(b) for o, b in one.items()} for one in blocks]
-        campaign = Campaign(every_one, self._known)
+        campaign = CampaignProducts(every_one, self._known)
         self._A = campaign.base_A[list(looked)].sum(axis=0)
         self._b = campaign.base_b[list(looked)].sum(axis=0)
         self._sd = np.array([c.sd for c in self._known]) * np.sqrt(len(gear.runs) / len(looked))
@@ -170,7 +170,7 @@ class Trial:
 
     def best(self, seats: Sequence[Seat]) -> Seat:
         """That which removes most."""
-        return seats[int(np.argmax(each(self.fall, seats)))]
+        return seats[int(np.argmax(parallel_map(self.fall, seats)))]
 
     def with_load(self, seat: Seat) -> Seat:
         """With the largest load of the runs that are looked at, and what it removes of all."""
@@ -178,7 +178,7 @@ class Trial:
         looked_at = len(self._runs) / len(self.gear.runs)
         fall, followed = self._followed(seat)
         known = followed + np.array([c.center for c in self._known])
-        return replace(seat, removes=fall / looked_at, known_mean=tuple(known.tolist()))
+        return replace(seat, measured_gain=fall / looked_at, base_mean=tuple(known.tolist()))
 
     def nearer(self, seat: Seat) -> Seat:
         """The same where it removes most nearby, by Nelder and Mead: the grid is coarse."""
@@ -234,10 +234,10 @@ class Trial:
         look = window_of(g.run, self.gear.width)
         whole = np.arange(len(g.motion.times))
         steps = np.arange(len(more)) * self.gear.stride
-        each = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)
+        parallel_map = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)
         reach = inertia_parts(self.gear.model).sum(0)[:, at]
-        pushed = look.average(each)[:: max(1, round(look.deviation))] @ reach.T
-        weight = np.sqrt(block.independent) / block.sigma
+        pushed = look.average(parallel_map)[:: max(1, round(look.deviation))] @ reach.T
+        weight = np.sqrt(block.independent_share) / block.sigma
         for row in np.flatnonzero(np.any(reach != 0.0, axis=1)).tolist():
             without = block.residual[:, row] * weight[:, row]
             left = without - pushed[:, row] * weight[:, row]
@@ -251,10 +251,10 @@ class Trial:
             at = {f: i for i, f in enumerate(block.functions)}
             found = np.zeros((len(block.residual), len(self._known)))
             for i, c in enumerate(self._known):
-                part = c.parts.get(o)
+                part = c.placements.get(o)
                 for own, f, w in part.entries if part is not None else ():
                     if own == row:
                         found[:, i] += w[run.number] * block.columns[:, row, at[f]]
-            weight = np.sqrt(block.independent) / block.sigma[:, row]
+            weight = np.sqrt(block.independent_share) / block.sigma[:, row]
             self._columns[key] = found * weight[:, None]
         return self._columns[key]

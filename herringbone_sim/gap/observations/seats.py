@@ -52,8 +52,8 @@ class Seat:
     locus: Locus
     theta: tuple[float, ...]
     load: float = 1e5
-    removes: float = 0.0
-    known_mean: tuple[float, ...] = ()
+    measured_gain: float = 0.0
+    base_mean: tuple[float, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ class Seat:
             )
         every = [places.coefficient("present", weights, PRESENT, center=1.0)]
         every += [places.coefficient(n, {f"{label} {n}": mask}, FAR, REACH) for n in self.names]
-        every = [replace(c, sized=False) for c in every]
+        every = [replace(c, scales_with_effect=False) for c in every]
         options = tuple(zip(self.names, self.theta, strict=True))
         return Hypothesis(
             self.effect,
@@ -97,8 +97,8 @@ class Seat:
             tuple(every),
             len(every),
             self,
-            self.removes,
-            self.known_mean,
+            self.measured_gain,
+            self.base_mean,
         )
 
     def displacements(

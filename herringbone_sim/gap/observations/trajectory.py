@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, mean_stiffness
-from herringbone_sim.diagnosis.flexible import Surroundings
-from herringbone_sim.diagnosis.products import Block, clearing
-from herringbone_sim.diagnosis.search import LIKELIER
+from herringbone_sim.diagnosis.flexible import RegressionInputs
+from herringbone_sim.diagnosis.products import Block, nuisance_remover
+from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
@@ -198,7 +198,7 @@ class Trajectory:
         shot = fitted(self.stretch, shot.starts, drive_at(shot), FIRST if new else LATER)
         before = self._started.get(key, self.nominal.cost)
         far_off = shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight)
-        settled = abs(self._costs.get(key, np.inf) - shot.cost) < LIKELIER
+        settled = abs(self._costs.get(key, np.inf) - shot.cost) < CHANCE_CHI2
         at_rest = far_off and settled and key not in self._rested
         if at_rest:
             self._rested.add(key)
@@ -318,7 +318,7 @@ class Trajectory:
             np.append(np.full(unknown, LOOSE), sizes)[None],
             np.zeros((0, 1, len(wanted))),
             np.zeros(0),
-            independent=share,
+            independent_share=share,
         )
 
     def _independent(self, J: Array) -> float:
@@ -334,16 +334,16 @@ class Trajectory:
             self._share = max(len(read) - float(leverage), 1.0) / len(J)
         return self._share
 
-    def surroundings(self, block: Block, functions: Sequence[Function]) -> Surroundings:
+    def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
         """What forces of many shapes would add to the rows of the block made last."""
         s = self.stretch
         shot, now, m = self.last
         some = [f for f in functions if f.name in ANY]
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
         made = columns(s, shot, m, now, some, wanted) / block.sigma
-        left = clearing(block, 0)(made)
+        left = nuisance_remover(block, 0)(made)
         nothing = np.zeros((len(left), 1, 1))
-        return Surroundings(nothing, nothing[:, 0], nothing, left[:, None, :])
+        return RegressionInputs(nothing, nothing[:, 0], nothing, left[:, None, :])
 
     def cycles(self) -> Array:
         """(rows,) mesh cycles since the start; jumps at that of their window."""

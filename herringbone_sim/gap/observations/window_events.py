@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block, clearing
+from herringbone_sim.diagnosis.products import Block, nuisance_remover
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import force_law, trajectory
@@ -63,7 +63,7 @@ def contacts(one: Trajectory, block: Block) -> Contacts:
     away = cycles[None] - (before[None, :, None] + near[:, None, None]) / EACH
     shape = np.where(np.abs(away) < WIDE, 0.5 + 0.5 * np.cos(np.pi * away / WIDE), 0.0)
     M = len(s.G)
-    clear = clearing(block, 0)
+    clear = nuisance_remover(block, 0)
     times = int(before.max() - before.min()) + len(near)
     W, samples, k = s.measured.shape
     of_window = np.repeat(np.arange(W), samples * k)

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block, clearing
+from herringbone_sim.diagnosis.products import Block, nuisance_remover
 from herringbone_sim.diagnosis.search import Score
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
@@ -39,7 +39,7 @@ class WindowTrial(Trial):
     @cached_property
     def _clearings(self) -> dict[int, Callable[[Array], Array]]:
         """By run: what subtracts the fit of states and gratings."""
-        return {run.number: clearing(run.blocks[trajectory.NAME], 0) for run in self._runs}
+        return {run.number: nuisance_remover(run.blocks[trajectory.NAME], 0) for run in self._runs}
 
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TriedRun:
         _, _, m = self.gear.windows_about(r, self._amplitudes).last
@@ -71,7 +71,7 @@ class WindowTrial(Trial):
         size = more.T[:, s.first[:, None] // 2 + np.arange(s.steps + 1)]
         pushed = responses(s, shot, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
-        weight = np.sqrt(block.independent) / block.sigma[:, 0]
+        weight = np.sqrt(block.independent_share) / block.sigma[:, 0]
         clear = self._clearings[run.number]
         before = clear(block.residual[:, 0] * weight)
         after = before - clear(pushed * weight)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.search import Hypothesis, Score, amplitudes
-from herringbone_sim.diagnosis.threads import each
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.trajectory import SQUARES_OF_A_FIT
@@ -28,7 +28,7 @@ SECOND = 24  # trials that are done on the next run as well
 KEPT, PLACES = 4, 2  # trials that are fitted, and of them with the same effect
 
 
-def tried(
+def nonlinear_trials(
     gear: Gear,
     rows: Mapping[str, int],
     tolerances: int,
@@ -48,7 +48,7 @@ def tried(
     about = known.mean.copy()
     about[:tolerances] = 0.0
     made = amplitudes(known.coefficients, about, count, rows)
-    near = each(lambda r: gear.states(r, made), range(count))
+    near = parallel_map(lambda r: gear.states(r, made), range(count))
     left = [
         shot.cost / np.count_nonzero(t.recorded.weight)
         for shot, t in zip(near, gear.trajectories, strict=True)
@@ -56,17 +56,17 @@ def tried(
     far = [r for r in np.argsort(left).tolist() if left[r] > SQUARES_OF_A_FIT]
     trials: list[tuple[Hypothesis, Array]] = []
     for one, linear in ranked:
-        own = linear[n : n + one.mains]
+        own = linear[n : n + one.n_own]
         if _exchange(one):
             trials.append((one, np.append(about, 1.0)))
-        elif isinstance(one.maker, Seat):
+        elif isinstance(one.source, Seat):
             center = np.array([c.center for c in one.coefficients])
             leading = np.arange(len(center)) == 1  # its stiffness or clearance, as a logarithm
             trials += [(one, np.concatenate([about, center + leading * k])) for k in FACTORS]
-        elif np.any(own) and all(c.sized and not c.center for c in one.coefficients):
-            unit = np.array([c.sd for c in one.coefficients[: one.mains]])
+        elif np.any(own) and all(c.scales_with_effect and not c.center for c in one.coefficients):
+            unit = np.array([c.sd for c in one.coefficients[: one.n_own]])
             moderate = own / np.linalg.norm(own / unit)
-            rest = np.zeros(len(one.coefficients) - one.mains)
+            rest = np.zeros(len(one.coefficients) - one.n_own)
             trials += [(one, np.concatenate([about, moderate * k, rest])) for k in TIMES]
 
     def share_left(r: int, i: int, rounds: int) -> float:
@@ -85,7 +85,7 @@ def tried(
     share = np.ones(len(trials))
     chosen = [i for i, (one, _) in enumerate(trials) if not _exchange(one)]
     for r, rounds in used:
-        left_of_run = each(partial(share_left, r, rounds=rounds), chosen)
+        left_of_run = parallel_map(partial(share_left, r, rounds=rounds), chosen)
         share[chosen] *= np.array(left_of_run) ** (1.0 / len(used))
         chosen = sorted(chosen, key=lambda i: float(share[i]))[:SECOND]
     best: list[tuple[float, Hypothesis, Array]] = []

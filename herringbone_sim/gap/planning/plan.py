@@ -131,7 +131,7 @@ def plan(
     hypotheses = machine.hypotheses()
     by_windows = machine.gear.by_windows
     machine, events = machine.with_parts(_teeth(machine.gear))
-    hypotheses += [replace(h, mains=1) for h in events]
+    hypotheses += [replace(h, n_own=1) for h in events]
     search = search.onwards(machine)
     say(f"{len(hypotheses)} hypotheses")
     # What is there or not, such as exchanged channels, has no size.
@@ -231,10 +231,10 @@ def _judged(
     """
     h, count = hypotheses[i], found.count
     none = _candidate((), Locus(), count + found.seen(i, size), 0, count)
-    own = _candidate((h.effect,), h.locus, count + h.mains, h.mains, count)
+    own = _candidate((h.effect,), h.locus, count + h.n_own, h.n_own, count)
     others = [
         _candidate(
-            (r.effect,), r.locus, count + found.left_at(i, j, size) + r.mains, r.mains, count
+            (r.effect,), r.locus, count + found.left_at(i, j, size) + r.n_own, r.n_own, count
         )
         for j, r in ((j, hypotheses[j]) for j in rivals)
     ]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from herringbone_sim.diagnosis.flexible import Surroundings
+from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.observations.law import Motion, law
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 MEMORIES = (0.3, 3.0)
 
 
-def about_meshes(m: Motion, cycles: Sequence[float], block: Block) -> Surroundings:
+def about_meshes(m: Motion, cycles: Sequence[float], block: Block) -> RegressionInputs:
     """Of the force law: a force, a stiffness, a damping or a displacement may be a function."""
     now = law(m)
     acts = (np.ones_like(m.x), now.k * now.f, now.damper, now.k * (now.drive + now.back))
@@ -31,7 +31,7 @@ def about_meshes(m: Motion, cycles: Sequence[float], block: Block) -> Surroundin
 
 def about_rows(
     m: Motion, own: Sequence[Array], cycles: Sequence[float], block: Block
-) -> Surroundings:
+) -> RegressionInputs:
     """Of other rows: what is left of them may be a function.
 
     Args:
@@ -42,16 +42,16 @@ def about_rows(
 
 def _about(
     m: Motion, own: Sequence[Array], cycles: Sequence[float], factors: Array, block: Block
-) -> Surroundings:
+) -> RegressionInputs:
     """With states that remember, what is held in the run, time, and turns of ``cycles`` each."""
     step = float(m.times[1] - m.times[0])
     known = [np.nan_to_num(q) for q in own]
     late = [_low_passed(q, c * 2.0 * np.pi / m.omega / step) for q in known for c in MEMORIES]
     held = (m.point["delta_T"], m.point["T_1"], m.times / m.times[-1])
     known += [np.broadcast_to(np.reshape(h, (-1, 1)), own[0].shape) for h in held]
-    at = slice(None) if block.at is None else block.at
+    at = slice(None) if block.sample_index is None else block.sample_index
     angles = np.stack([m.phase / c for c in cycles], axis=1)
-    return Surroundings(np.stack([*known, *late], axis=2)[at], angles[at], factors)
+    return RegressionInputs(np.stack([*known, *late], axis=2)[at], angles[at], factors)
 
 
 def _low_passed(values: Array, samples: float) -> Array:
