@@ -22,11 +22,11 @@ from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.measured import gap_of, metric_of
 from herringbone_sim.gap.named import named
 from herringbone_sim.gap.observations import trajectory
-from herringbone_sim.gap.observations.common_delay import undelayed
+from herringbone_sim.gap.observations.common_delay import remove_common_delay
+from herringbone_sim.gap.observations.copied_channels import drop_copies
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.shown import noise_shown
+from herringbone_sim.gap.observations.recorded_noise import recorded_noise
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
 from herringbone_sim.gap.sensors.noise import quieter
@@ -92,7 +92,7 @@ def diagnose(
         say(finding.text)
     campaign = calibrated_sensors(campaign)
     machine = machine_of(campaign, findings)
-    if mismatched(findings) or not machine.formed:
+    if mismatched(findings) or not machine.observation_names:
         return _nothing(campaign, findings, machine, senses)
     found = examine(machine, say, campaign.noise_known)
     evidence = evidence_of(found, campaign.noise_known)
@@ -124,8 +124,8 @@ def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
     """A campaign with noise as recorded, copies counted once, a common delay undone."""
     if not campaign.noise_known:
         campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
-    runs = tuple(independent(run) for run in campaign.runs)
-    return replace(campaign, runs=undelayed(runs, _gauges(campaign)))
+    runs = tuple(drop_copies(run) for run in campaign.runs)
+    return replace(campaign, runs=remove_common_delay(runs, _gauges(campaign)))
 
 
 def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearMachine:
@@ -234,7 +234,7 @@ def _reported(
         senses,
         campaign.nominal.layout.channels,
         structure(campaign, made.calibrated) if full else None,
-        noise_shown(machine.gear.runs, campaign.noise_known),
-        machine.formed,
+        recorded_noise(machine.gear.runs, campaign.noise_known),
+        machine.observation_names,
     )
     return replace(made, report=written, senses=senses)

@@ -57,7 +57,7 @@ def gap_of(
         none, best, other: calibrated machine, the verdict's and the runner-up's explanation.
         noise: (fit runs, R) of the observation, over what it was taken for.
     """
-    whole = machine.of_runs(runs)
+    whole = machine.for_runs(runs)
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
     rows = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
     left = {name: _left(whole, metric, f, rows) for name, f in after.items() if f is not None}
@@ -83,7 +83,7 @@ def _left(
     machine: GearMachine, metric: str, found: FittedExplanation | None, noise: Array
 ) -> list[tuple[float, float]]:
     """RMS of what an explanation leaves of each run, and of the noise, rows of it as given."""
-    there, same = machine.same(() if found is None else found.hypotheses)
+    there, same = machine.transferred(() if found is None else found.hypotheses)
     made: Mapping[str, Mapping[str, Array]] = {}
     if found is not None:
         coefficients = (*there.base, *(c for h in same for c in h.coefficients))

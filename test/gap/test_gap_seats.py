@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from herringbone_sim.diagnosis.products import products
 from herringbone_sim.diagnosis.search import Hypothesis, Search, amplitudes
 from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose, machine_of
-from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, motion
+from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motion
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.trial import Setting, plan_of
@@ -21,12 +21,12 @@ OMEGA = 6000.0  # [rad/s] of the motion that drives
 @pytest.mark.parametrize(
     "spring",
     [
-        Spring(20.0, np.inf, 1e10, 2e4, growth=4e9, drag=3.0, farthest=1e-5, fastest=0.1),
-        Spring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6),
+        SeatSpring(20.0, np.inf, 1e10, 2e4, growth=4e9, drag=3.0, farthest=1e-5, fastest=0.1),
+        SeatSpring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6),
     ],
     ids=["ring", "pin"],
 )
-def test_a_part_moves_as_its_equation_says(spring: Spring) -> None:
+def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
     """DOP853 on the same equation, meshes that lose contact: equal to a part in a hundred."""
     n, step = 1500, 2.0 * np.pi / OMEGA / 128.0
     t = np.arange(n) * step
@@ -34,7 +34,7 @@ def test_a_part_moves_as_its_equation_says(spring: Spring) -> None:
     x = 6e-5 + 4e-5 * np.cos(OMEGA * t)[:, None] * np.array([1.0, 0.8])
     v = -4e-5 * OMEGA * np.sin(OMEGA * t)[:, None] * np.array([1.0, 0.8])
     one = np.ones((n, 2))
-    meshes = Meshes(
+    meshes = MeshLoads(
         x,
         v,
         k * one,

@@ -20,9 +20,9 @@ from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window
-from herringbone_sim.gap.observations.basis import Function, column
-from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, gratings, slow_waves
-from herringbone_sim.gap.observations.law import Law, Motion
+from herringbone_sim.gap.observations.basis import Function, force_column
+from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, encoder_nuisances, slow_waves
+from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.residuals.balance import _loads, inertia_parts, window_of
 from herringbone_sim.gap.residuals.fusion import Fused
 
@@ -62,12 +62,12 @@ def accelerations(model: Model) -> Array:
 def block(
     run: PreparedRun,
     fused: Fused,
-    m: Motion,
+    m: MeshMotion,
     law: Law,
     modelled: NDArray[np.bool_],
     chosen: Sequence[Function],
     quadrature_n: Array | None,
-    width: float,
+    window_cycles: float,
     on_bodies: Sequence[Function] = (),
     wanted: Sequence[str] | None = None,
     drift: float = DRIFT_SHARE,
@@ -78,12 +78,12 @@ def block(
         modelled: (n_mesh,) meshes whose force comes from the law.
         chosen: functions of the force law, which act through those meshes.
         quadrature_n: (k, n_mesh) integral minus sum of the forces over the window [N].
-        width: of the window [mesh cycles].
+        window_cycles: of the window [mesh cycles].
         on_bodies: further functions, (n,) each.
         wanted: names of the columns to form; None for all.
         drift: RMS of drift and hum over that of the noise.
     """
-    look = window_of(run, width)
+    look = window_of(run, window_cycles)
     A = inertia_parts(run.model)
     whole = A.sum(0)
     reach = len(look.mean) // 2
@@ -123,14 +123,14 @@ def block(
         columns,
         np.repeat(slow[:, None, :], rows, axis=1),
         np.repeat(spread[:, None], slow.shape[1], axis=1),
-        *_gratings(run.model, modelled, names),
+        *_encoder_nuisances(run.model, modelled, names),
         independent_share=min(1.0, stride / overlap),
         sample_index=at,
         common_columns=np.array([name not in (*MASSES, "between") for name in names]),
     )
 
 
-def _gratings(
+def _encoder_nuisances(
     model: Model, modelled: NDArray[np.bool_], names: Sequence[str]
 ) -> tuple[Array, Array]:
     """Encoders off centre through the forces that come from the law (T, rows, Q), and their prior.
@@ -141,7 +141,9 @@ def _gratings(
     shaft = tuple(n for n in names if n.startswith("shaft "))
     kinds = sorted({n.rpartition(" of ")[0] for n in shaft})
     by_mesh, sd = (
-        gratings(model, kinds) if shaft else (np.zeros((0, len(modelled), 0)), np.zeros(0))
+        encoder_nuisances(model, kinds)
+        if shaft
+        else (np.zeros((0, len(modelled), 0)), np.zeros(0))
     )
     found = np.zeros((len(sd), len(reach), len(names)))
     for name in shaft:
@@ -179,7 +181,7 @@ def friction_shapes(phase: Array) -> dict[str, Array]:
 
 def _columns(
     run: PreparedRun,
-    m: Motion,
+    m: MeshMotion,
     law: Law,
     force: Array,
     modelled: NDArray[np.bool_],
@@ -222,7 +224,7 @@ def _columns(
     for f in chosen:
         meshes = [j for j in np.flatnonzero(modelled).tolist() if f"{f.name} of {j}" in there]
         if meshes:
-            of_law = np.nan_to_num(column(f, m, law)[:, meshes])
+            of_law = np.nan_to_num(force_column(f, m, law)[:, meshes])
             for i, j in enumerate(meshes):
                 made[f"{f.name} of {j}"] = partial(np.take, of_law, i, 1)
     masses = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "between"))}

@@ -22,11 +22,11 @@ from herringbone_sim.gap.residuals.fusion import Fused
 
 Array = NDArray[np.float64]
 Displacements = Mapping[str, tuple[Array, Array]]  # [m] and rate [m/s], (n, n_mesh), by function
-SLOTS = ("kappa", "mean_kappa", "d", "b_plus", "b_minus", "gamma", "more")
+SLOTS = ("kappa", "mean_kappa", "d", "b_plus", "b_minus", "gamma", "extra_force")
 
 
 @dataclass(frozen=True)
-class Motion:
+class MeshMotion:
     """A run as the force law needs it; arrays (n, n_mesh) where nothing else is said.
 
     Attributes:
@@ -65,10 +65,10 @@ class Motion:
     filtered: Array | None = None
 
 
-def motion_of(run: PreparedRun, fused: Fused, stride: int = 1) -> Motion:
+def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
     """A run with its best displacements, at every sample or at some of them."""
     at = slice(None, None, stride)
-    return Motion(
+    return MeshMotion(
         name=run.name,
         phase=run.phase[at],
         times=(run.times - run.times[0])[at],
@@ -102,7 +102,7 @@ def _waves(model: Model, omega: float, late: float, e_share: float, phase: Array
 
 
 @dataclass
-class Change:
+class LawChange:
     """What effects do to the law at every sample: arrays (n, n_mesh) or numbers.
 
     ``displacements`` are those of ``Law``; what of them acts is in ``d`` and ``d_rate`` already.
@@ -115,11 +115,13 @@ class Change:
     b_plus: Array | float = 0.0
     b_minus: Array | float = 0.0
     gamma: Array | float = 0.0
-    more: Array | float = 0.0
+    extra_force: Array | float = 0.0
     displacements: Displacements = field(default_factory=dict)
 
 
-def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion, Change]:
+def select_meshes(
+    m: MeshMotion, change: LawChange, at: NDArray[np.int64]
+) -> tuple[MeshMotion, LawChange]:
     """A run and a change on some of its meshes alone."""
     wide = ("x", "v", "F", "k", "e", "e_rate")
     narrow = ("sigma_x", "sigma_v", "sigma_F", "k_m", "c", "b")
@@ -131,7 +133,7 @@ def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion,
         for name, value in vars(change).items()
         if name != "displacements"
     }
-    return replace(m, **some), Change(**parts)  # type: ignore[arg-type]
+    return replace(m, **some), LawChange(**parts)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -153,33 +155,33 @@ class Law:
     sigma: Array
     k: Array
     f: Array
-    drive: Array
-    back: Array
+    contact_drive: Array
+    contact_back: Array
     damper: Array
     c: Array = field(repr=False)
     displacements: Displacements = field(default_factory=dict, repr=False)
 
 
-def law(m: Motion, change: Change | None = None) -> Law:
+def law(m: MeshMotion, change: LawChange | None = None) -> Law:
     """The force law of a run."""
-    ch = change or Change()
+    ch = change or LawChange()
     s = np.maximum(np.nan_to_num(m.sigma_x), 1e-15)
     x = m.x + ch.d
     f, variance, on, off = np.empty((4, *x.shape))
     plus = np.broadcast_to(np.maximum(m.b + ch.b_plus, 0.0), x.shape)
     minus = np.broadcast_to(np.maximum(m.b + ch.b_minus, 0.0), x.shape)
-    _ramps(np.ascontiguousarray(x), plus, minus, s, f, variance, on, off)
+    _smoothed_backlash(np.ascontiguousarray(x), plus, minus, s, f, variance, on, off)
     f[np.isnan(x)] = np.nan
     k = m.k * (1.0 + ch.kappa) + m.k_m * ch.mean_kappa
     c = m.c * (1.0 + ch.gamma) * np.ones_like(m.x)
     damper = m.c * (m.v + ch.d_rate)
-    force = k * f + damper * (1.0 + ch.gamma) + ch.more
+    force = k * f + damper * (1.0 + ch.gamma) + ch.extra_force
     sigma = np.sqrt(np.nan_to_num(m.sigma_F) ** 2 + k**2 * variance + (c * m.sigma_v) ** 2)
     return Law(force, sigma, k, f, on, off, damper, c, ch.displacements)
 
 
 @njit(cache=True, nogil=True)
-def _ramps(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-untyped-def]
+def _smoothed_backlash(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-untyped-def]
     """Expectation and variance of the backlash function and odds of contact, entry by entry.
 
     Of max(y, 0) with y ~ N(over, sigma^2); past ``FAR`` sigma the noise does not reach the edge.
@@ -193,9 +195,9 @@ def _ramps(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-
             for flank in range(2):
                 over = x[i, j] - plus[i, j] if flank == 0 else -x[i, j] - minus[i, j]
                 z = over / s
-                if z > FAR:
+                if z > FAR_SIGMA:
                     odds, mean, square = 1.0, over, over * over + s * s
-                elif z < -FAR or np.isnan(z):
+                elif z < -FAR_SIGMA or np.isnan(z):
                     odds, mean, square = 0.0, 0.0, 0.0
                 else:
                     odds = 0.5 * math.erfc(-z / SQRT_2)
@@ -213,5 +215,5 @@ def _ramps(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-
             variance[i, j] = max(second - first * first, 0.0)
 
 
-FAR = 6.0  # sigma: a part in a thousand million of the noise reaches beyond
+FAR_SIGMA = 6.0  # sigma: a part in a thousand million of the noise reaches beyond
 SQRT_2, SQRT_2_PI = math.sqrt(2.0), math.sqrt(2.0 * math.pi)

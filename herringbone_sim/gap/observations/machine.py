@@ -24,9 +24,9 @@ from herringbone_sim.gap.observations import (
     window_parts,
     window_trials,
 )
+from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
-from herringbone_sim.gap.observations.places import Places
 from herringbone_sim.gap.observations.seats import Seat
 
 Array = NDArray[np.float64]
@@ -37,19 +37,19 @@ class GearMachine:
 
     def __init__(self, gear: Gear) -> None:
         self.gear = gear
-        self.places = Places(gear)
-        self.base = curves.tolerances(self.places)
-        self.rows: Mapping[str, int] = {o: self.places.rows(o) for o in gear.functions}
+        self.builder = CoefficientBuilder(gear)
+        self.base = curves.tolerances(self.builder)
+        self.rows: Mapping[str, int] = {o: self.builder.rows(o) for o in gear.functions}
         self.runs = len(gear.runs)
 
     @property
-    def formed(self) -> tuple[str, ...]:
+    def observation_names(self) -> tuple[str, ...]:
         """Observations that can be formed."""
         there = {
             force_law.NAME: self.gear.has_force_law,
-            balance.NAME: self.gear.balanced,
-            consistency.NAME: self.gear.relations > 0,
-            trajectory.NAME: self.gear.by_windows,
+            balance.NAME: self.gear.has_balance,
+            consistency.NAME: self.gear.n_relations > 0,
+            trajectory.NAME: self.gear.uses_windows,
         }
         return tuple(name for name, known in there.items() if known)
 
@@ -58,17 +58,17 @@ class GearMachine:
         return self.gear.functions
 
     def hypotheses(self) -> list[Hypothesis]:
-        return list(curves.hypotheses(self.places))
+        return list(curves.hypotheses(self.builder))
 
     def proposals(
         self, amplitudes: Amplitudes, known: Score
     ) -> tuple[GearMachine, list[Hypothesis]]:
         """Events of teeth, rings and pins."""
-        if self.gear.by_windows:
+        if self.gear.uses_windows:
             found: list[Event | Seat] = [*window_events.proposals(self.gear, amplitudes)]
             found += window_parts.proposals(self.gear, amplitudes, known)
             return self.with_parts(found, amplitudes)
-        if not (self.gear.has_force_law or self.gear.balanced):
+        if not (self.gear.has_force_law or self.gear.has_balance):
             return self, []
         found = [*events.proposals(self.gear, amplitudes)]
         found += seat_grid.proposals(self.gear, amplitudes, known)
@@ -78,7 +78,7 @@ class GearMachine:
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:
         """Hypotheses at their own size, of windows alone: all else is near enough to linear."""
-        if not self.gear.by_windows:
+        if not self.gear.uses_windows:
             return []
         return window_trials.nonlinear_trials(self.gear, self.rows, len(self.base), ranked, known)
 
@@ -100,21 +100,25 @@ class GearMachine:
                 about,
             )
         )
-        made = [p.place(machine.places, label) for p, label in zip(parts, labels, strict=True)]
+        made = [
+            p.hypothesis(machine.builder, label) for p, label in zip(parts, labels, strict=True)
+        ]
         return machine, made
 
-    def of_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
+    def for_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
         """The machine of other runs of the same rig, at every sample."""
-        return GearMachine(self.gear.of_runs(runs))
+        return GearMachine(self.gear.for_runs(runs))
 
-    def same(self, hypotheses: Sequence[Hypothesis]) -> tuple[GearMachine, list[Hypothesis]]:
+    def transferred(
+        self, hypotheses: Sequence[Hypothesis]
+    ) -> tuple[GearMachine, list[Hypothesis]]:
         """Hypotheses of another machine of the rig here."""
         machine, made = self.with_parts([h.source for h in hypotheses if h.source is not None])
         plain = [h for h in hypotheses if h.source is None]
         only = {h.effect for h in plain}
         known = {
             (h.effect, h.options, h.locus): h
-            for h in (curves.hypotheses(machine.places, only) if plain else ())
+            for h in (curves.hypotheses(machine.builder, only) if plain else ())
         }
         rest = iter(made)
         return machine, [
@@ -143,7 +147,7 @@ class GearMachine:
 
     def cycles(self, observation: str, r: int) -> Array:
         if observation == trajectory.NAME:
-            return self.gear.windows_of(r).cycles()
+            return self.gear.trajectory_of(r).cycles()
         g = self.gear.runs[r]
-        phase = (g.some if observation == force_law.NAME else g.motion).phase
+        phase = (g.strided if observation == force_law.NAME else g.motion).phase
         return np.asarray((phase - phase[0]) / (2.0 * np.pi))

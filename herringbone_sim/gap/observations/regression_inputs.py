@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.gap.observations.law import Motion, law
+from herringbone_sim.gap.observations.law import MeshMotion, law
 
 Array = NDArray[np.float64]
 
@@ -21,16 +21,21 @@ Array = NDArray[np.float64]
 MEMORIES = (0.3, 3.0)
 
 
-def about_meshes(m: Motion, cycles: Sequence[float], block: Block) -> RegressionInputs:
+def about_meshes(m: MeshMotion, cycles: Sequence[float], block: Block) -> RegressionInputs:
     """Of the force law: a force, a stiffness, a damping or a displacement may be a function."""
     now = law(m)
-    acts = (np.ones_like(m.x), now.k * now.f, now.damper, now.k * (now.drive + now.back))
+    acts = (
+        np.ones_like(m.x),
+        now.k * now.f,
+        now.damper,
+        now.k * (now.contact_drive + now.contact_back),
+    )
     factors = np.stack([np.nan_to_num(a) / block.sigma for a in acts], axis=2)
     return _about(m, (m.x, m.v), cycles, factors, block)
 
 
 def about_rows(
-    m: Motion, own: Sequence[Array], cycles: Sequence[float], block: Block
+    m: MeshMotion, own: Sequence[Array], cycles: Sequence[float], block: Block
 ) -> RegressionInputs:
     """Of other rows: what is left of them may be a function.
 
@@ -41,7 +46,7 @@ def about_rows(
 
 
 def _about(
-    m: Motion, own: Sequence[Array], cycles: Sequence[float], factors: Array, block: Block
+    m: MeshMotion, own: Sequence[Array], cycles: Sequence[float], factors: Array, block: Block
 ) -> RegressionInputs:
     """With states that remember, what is held in the run, time, and turns of ``cycles`` each."""
     step = float(m.times[1] - m.times[0])

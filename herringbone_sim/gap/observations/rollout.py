@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 STATES = 18
 BODIES = STATES // 2
-MOST = 3  # bodies that a mesh moves with: two gears and the carrier
+BODIES_PER_MESH = 3  # bodies that a mesh moves with: two gears and the carrier
 
 
-class Drive(NamedTuple):
+class Forcing(NamedTuple):
     """What drives a motion, at every half step: arrays (n, n_mesh) where nothing else is said.
 
     Attributes:
@@ -40,11 +40,11 @@ class Drive(NamedTuple):
     rate: Array
     plus: Array
     minus: Array
-    more: Array
+    extra_force: Array
 
 
-def roll(
-    starts: Array, first: NDArray[np.int64], steps: int, h: float, drive: Drive
+def integrate_windows(
+    starts: Array, first: NDArray[np.int64], steps: int, h: float, forcing: Forcing
 ) -> tuple[Array, Array]:
     """States and tangents of windows.
 
@@ -58,16 +58,16 @@ def roll(
     """
     W = len(starts)
     states, tangents = np.empty((W, steps + 1, STATES)), np.empty((W, steps, STATES, STATES))
-    whole = Drive(*(np.ascontiguousarray(one) for one in drive))
-    moved = np.argsort(whole.G == 0.0, axis=1, kind="stable")[:, :MOST]
-    _roll(np.ascontiguousarray(starts), first, h, whole, moved, states, tangents)
+    whole = Forcing(*(np.ascontiguousarray(one) for one in forcing))
+    moved = np.argsort(whole.G == 0.0, axis=1, kind="stable")[:, :BODIES_PER_MESH]
+    _integrate(np.ascontiguousarray(starts), first, h, whole, moved, states, tangents)
     return states, tangents
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def _roll(starts, first, h, drive, moved, states, tangents):  # type: ignore[no-untyped-def]
+def _integrate(starts, first, h, forcing, moved, states, tangents):  # type: ignore[no-untyped-def]
     """Window by window, step by step; the tangent is that of the step itself."""
-    G, inverse, tau, k, c, offset, rate, plus, minus, more = drive
+    G, inverse, tau, k, c, offset, rate, plus, minus, more = forcing
     meshes = len(G)
     slopes, K = np.zeros((4, STATES)), np.zeros((4, STATES, STATES))
     y, z, T = np.empty(STATES), np.empty(STATES), np.zeros((STATES, STATES))

@@ -17,8 +17,8 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, force_law
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
-from herringbone_sim.gap.observations.law import Change, Motion, law, on_meshes
-from herringbone_sim.gap.observations.seats import Drive, Seat
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, select_meshes
+from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
 Array = NDArray[np.float64]
@@ -28,22 +28,31 @@ RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
 SEATS_N_PER_M = np.geomspace(1e10, 1e12, 3)
 CLEARANCES_M = np.geomspace(5e-7, 5e-5, 7)
 RING_RATIO, SEAT_RATIO = 0.05, 0.1  # as the catalogue starts
-SHARP, SOFT = 0.05, 0.5  # softness over the clearance; a soft seat is a spring at any clearance
-SLIGHT = 0.3  # growth and drag
-TRIES = 40  # of parameters near the best point of a grid
+HARD_END, SOFT_END = (
+    0.05,
+    0.5,
+)  # softness over the clearance; a soft seat is a spring at any clearance
+START_GROWTH = 0.3  # growth and drag
+MAX_TRIALS = 40  # of parameters near the best point of a grid
 
 Grid = list[tuple[float, ...]]
 GRIDS: tuple[tuple[str, Grid], ...] = (
-    ("ring_flexibility", [(k, RING_RATIO, SLIGHT, SLIGHT) for k in RING_N_PER_M.tolist()]),
+    (
+        "ring_flexibility",
+        [(k, RING_RATIO, START_GROWTH, START_GROWTH) for k in RING_N_PER_M.tolist()],
+    ),
     (
         "bearing_clearance",
         [
-            (b, k, SEAT_RATIO, SHARP, SLIGHT)
+            (b, k, SEAT_RATIO, HARD_END, START_GROWTH)
             for b in CLEARANCES_M.tolist()
             for k in SEATS_N_PER_M.tolist()
         ],
     ),
-    ("bearing_clearance", [(1e-5, k, SEAT_RATIO, SOFT, SLIGHT) for k in SEATS_N_PER_M.tolist()]),
+    (
+        "bearing_clearance",
+        [(1e-5, k, SEAT_RATIO, SOFT_END, START_GROWTH) for k in SEATS_N_PER_M.tolist()],
+    ),
 )
 
 
@@ -58,10 +67,10 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
     """
     if any(g.dense is None for g in gear.runs):
         return []
-    return most_promising(Trial(gear, amplitudes, known))
+    return best_seats(PartTrial(gear, amplitudes, known))
 
 
-def most_promising(trial: Trial) -> list[Seat]:
+def best_seats(trial: PartTrial) -> list[Seat]:
     """The part of each grid that removes most squares."""
     layout = trial.gear.model.layout
     found = []
@@ -76,16 +85,16 @@ def most_promising(trial: Trial) -> list[Seat]:
         best = trial.best([replace(best, locus=p) for p in parts])
         found.append(trial.with_load(best))
     first = max(found, key=lambda seat: seat.measured_gain)
-    return [trial.nearer(seat) if seat is first else seat for seat in found]
+    return [trial.refined(seat) if seat is first else seat for seat in found]
 
 
 # Observation, row, residuals over their noise without and with a part, (n,) each, and the noise
 # that columns are over, over that of the residuals.
-Row = tuple[str, int, Array, Array, Array]
+RowChange = tuple[str, int, Array, Array, Array]
 
 
 @dataclass(frozen=True)
-class TriedRun:
+class TrialRun:
     """A run with what all but the part does to it.
 
     Attributes:
@@ -97,15 +106,15 @@ class TriedRun:
     """
 
     number: int
-    some: Motion
-    change: Change
-    dense: Motion
-    between: Change
+    strided: MeshMotion
+    change: LawChange
+    dense: MeshMotion
+    between: LawChange
     at: NDArray[np.int64]
     blocks: Mapping[str, Block]
 
 
-class Trial:
+class PartTrial:
     """Squares that a part removes, all that is known free to follow inside its bounds.
 
     Args:
@@ -128,7 +137,7 @@ class Trial:
         self._bound = np.array([c.bound for c in self._known])
         self._start = known.mean - np.array([c.center for c in self._known])
         self._runs = [self._run(r, blocks[r]) for r in looked]
-        self._drives: dict[tuple[Locus, int], Drive] = {}
+        self._drives: dict[tuple[Locus, int], PartDrive] = {}
         self._columns: dict[tuple[int, str, int], Array] = {}
 
     def _observations(self) -> list[str]:
@@ -136,31 +145,31 @@ class Trial:
         gear = self.gear
         formed = {
             force_law.NAME: gear.has_force_law,
-            balance.NAME: gear.balanced,
-            consistency.NAME: gear.relations > 0,
+            balance.NAME: gear.has_balance,
+            consistency.NAME: gear.n_relations > 0,
         }
         return [name for name, there in formed.items() if there]
 
-    def _run(self, r: int, blocks: Mapping[str, Block]) -> TriedRun:
+    def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
         """A run with the changes of its law, at the samples of the law and between them."""
-        some, dense = self.gear.runs[r].some, self.gear.runs[r].dense
+        some, dense = self.gear.runs[r].strided, self.gear.runs[r].dense
         assert dense is not None
         of_law = {f: a[r] for f, a in self._amplitudes.get(force_law.NAME, {}).items()}
         at = np.rint((some.times - dense.times[0]) / (dense.times[1] - dense.times[0]))
         changes = self.gear.change_of(some, of_law), self.gear.change_of(dense, of_law)
-        return TriedRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)
+        return TrialRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)
 
-    def fall(self, seat: Seat) -> float:
+    def gain(self, seat: Seat) -> float:
         """Squares that a part removes."""
-        return self._followed(seat)[0]
+        return self._gain_and_refit(seat)[0]
 
-    def _followed(self, seat: Seat) -> tuple[float, Array]:
+    def _gain_and_refit(self, seat: Seat) -> tuple[float, Array]:
         """Squares that a part removes, and all that is known where it does, over its centres."""
         fall, b = 0.0, np.zeros(len(self._known))
         for run in self._runs:
             for o, row, before, after, weight in self._rows(run, seat):
                 fall += float(before @ before - after @ after)
-                b += self._columns_of(run, o, row).T @ (weight * (after - before))
+                b += self._base_columns(run, o, row).T @ (weight * (after - before))
         b = self._b + b
         followed = solve(self._A, b + self._A @ self._start, self._sd, self._bound).mean
         step = followed - self._start
@@ -170,43 +179,43 @@ class Trial:
 
     def best(self, seats: Sequence[Seat]) -> Seat:
         """That which removes most."""
-        return seats[int(np.argmax(parallel_map(self.fall, seats)))]
+        return seats[int(np.argmax(parallel_map(self.gain, seats)))]
 
     def with_load(self, seat: Seat) -> Seat:
         """With the largest load of the runs that are looked at, and what it removes of all."""
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
-        fall, followed = self._followed(seat)
+        fall, followed = self._gain_and_refit(seat)
         known = followed + np.array([c.center for c in self._known])
         return replace(seat, measured_gain=fall / looked_at, base_mean=tuple(known.tolist()))
 
-    def nearer(self, seat: Seat) -> Seat:
+    def refined(self, seat: Seat) -> Seat:
         """The same where it removes most nearby, by Nelder and Mead: the grid is coarse."""
         n = len(seat.names)
         found = minimize(
-            lambda offsets: -self.fall(seat.at(offsets)),
+            lambda offsets: -self.gain(seat.at(offsets)),
             np.zeros(n),
             method="Nelder-Mead",
             options={
-                "maxfev": TRIES,
+                "maxfev": MAX_TRIALS,
                 "initial_simplex": np.vstack([np.zeros(n), 0.5 * np.eye(n)]),
             },
         )
         return self.with_load(seat.at(found.x))
 
-    def _drive(self, run: TriedRun, seat: Seat) -> Drive:
+    def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
         key = seat.locus, run.number
         if key not in self._drives:
-            self._drives[key] = Drive(
+            self._drives[key] = PartDrive(
                 self.gear.model, seat.locus, seat.effect, run.dense, run.between
             )
         return self._drives[key]
 
-    def _rows(self, run: TriedRun, seat: Seat) -> Iterator[Row]:
+    def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
         """Every row that a part changes."""
         gear = self.gear
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
-        m, change = on_meshes(run.some, run.change, at)
+        m, change = select_meshes(run.strided, run.change, at)
         before = law(m, change)
         drive = self._drive(run, seat)
         reach = -gear.model.scales.cos_beta * drive.share[:, at]
@@ -224,14 +233,14 @@ class Trial:
         if block is None or not gear.modelled[at].any():
             return
         more = np.where(gear.modelled[at], now.force - before.force, 0.0)
-        yield from self._pushed(run, block, more, at)
+        yield from self._balance_rows(run, block, more, at)
 
-    def _pushed(
-        self, run: TriedRun, block: Block, more: Array, at: NDArray[np.int64]
-    ) -> Iterator[Row]:
+    def _balance_rows(
+        self, run: TrialRun, block: Block, more: Array, at: NDArray[np.int64]
+    ) -> Iterator[RowChange]:
         """Rows of the balance without and with more force (n, k) on some meshes."""
         g = self.gear.runs[run.number]
-        look = window_of(g.run, self.gear.width)
+        look = window_of(g.run, self.gear.window_cycles)
         whole = np.arange(len(g.motion.times))
         steps = np.arange(len(more)) * self.gear.stride
         parallel_map = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)
@@ -243,7 +252,7 @@ class Trial:
             left = without - pushed[:, row] * weight[:, row]
             yield balance.NAME, row, without, left, np.ones(len(left))
 
-    def _columns_of(self, run: TriedRun, o: str, row: int) -> Array:
+    def _base_columns(self, run: TrialRun, o: str, row: int) -> Array:
         """(n, p) what each coefficient adds to a row, over the noise."""
         key = run.number, o, row
         if key not in self._columns:

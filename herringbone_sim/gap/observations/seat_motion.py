@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-TURN = 1.25  # radians of its fastest oscillation that a step may span: 2.8 would not be stable
-MOST_PARTS = 40  # of a step, whatever a trial asks for
-FARTHEST_M = 1e-2  # a hundred times the backlash
+MAX_STEP_RAD = (
+    1.25  # radians of its fastest oscillation that a step may span: 2.8 would not be stable
+)
+MAX_SUBSTEPS = 40  # of a step, whatever a trial asks for
+DIVERGED_M = 1e-2  # a hundred times the backlash
 
 
-class Meshes(NamedTuple):
+class MeshLoads(NamedTuple):
     """What pushes a part: meshes of one run at equal steps; arrays (n, j).
 
     Attributes:
@@ -39,13 +41,13 @@ class Meshes(NamedTuple):
     c: Array
     plus: Array
     minus: Array
-    more: Array
+    extra_force: Array
     noise: Array
     rest: Array
     step: float
 
 
-class Spring(NamedTuple):
+class SeatSpring(NamedTuple):
     """A part and its seat.
 
     Attributes:
@@ -72,7 +74,7 @@ class Spring(NamedTuple):
     fastest: float = 0.0
 
 
-def motion(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
+def motion(meshes: MeshLoads, spring: SeatSpring, cos_beta: float) -> Array:
     """(n, 2) displacement [m] and rate [m/s] of a part, from rest in balance on.
 
     M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u, by Runge and Kutta.
@@ -81,13 +83,13 @@ def motion(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
     stiff += cos_beta**2 * float(np.max(meshes.k.sum(axis=1)))
     damping = spring.damping * (1.0 + 2.0 * spring.drag * spring.fastest)
     quickest = max(math.sqrt(stiff / spring.mass), damping / spring.mass)
-    parts = min(MOST_PARTS, max(1, math.ceil(meshes.step * quickest / TURN)))
+    parts = min(MAX_SUBSTEPS, max(1, math.ceil(meshes.step * quickest / MAX_STEP_RAD)))
     own = [np.ascontiguousarray(a) for a in meshes[:-1]]
-    return np.asarray(_integrate(Meshes._make([*own, meshes.step]), spring, cos_beta, parts))
+    return np.asarray(_integrate(MeshLoads._make([*own, meshes.step]), spring, cos_beta, parts))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _over(y, s):  # type: ignore[no-untyped-def]
+def _expected_positive(y, s):  # type: ignore[no-untyped-def]
     """Expectation of max(y, 0) with noise s on y."""
     if y > 6.0 * s:
         return y
@@ -99,16 +101,16 @@ def _over(y, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _rise(z):  # type: ignore[no-untyped-def]
+def _softplus(z):  # type: ignore[no-untyped-def]
     """ln(1 + e^z), for any z."""
     return max(z, 0.0) + (math.log1p(math.exp(-abs(z))) if abs(z) < 36.0 else 0.0)
 
 
 @njit(cache=True, nogil=True)
-def _hold(p, q, rate):  # type: ignore[no-untyped-def]
+def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
     """Force [N] of the seat."""
     if p.width > 0.0:
-        g = p.width * (_rise((q - p.play) / p.width) - _rise((-q - p.play) / p.width))
+        g = p.width * (_softplus((q - p.play) / p.width) - _softplus((-q - p.play) / p.width))
     else:
         g = max(q - p.play, 0.0) - max(-q - p.play, 0.0)
     spring = p.stiffness * g * (1.0 + p.growth * g * g)
@@ -122,10 +124,12 @@ def _acceleration(m, p, cos_beta, at, s, q, rate):  # type: ignore[no-untyped-de
     for j in range(m.x.shape[1]):
         y = m.x[at, j] + s * (m.x[to, j] - m.x[at, j]) - cos_beta * q
         w = m.v[at, j] + s * (m.v[to, j] - m.v[at, j]) - cos_beta * rate
-        f = _over(y - m.plus[at, j], m.noise[j]) - _over(-y - m.minus[at, j], m.noise[j])
+        f = _expected_positive(y - m.plus[at, j], m.noise[j]) - _expected_positive(
+            -y - m.minus[at, j], m.noise[j]
+        )
         k = m.k[at, j] + s * (m.k[to, j] - m.k[at, j])
-        load += k * f + m.c[at, j] * w + m.more[at, j]
-    hold = _hold(p, q, rate)
+        load += k * f + m.c[at, j] * w + m.extra_force[at, j]
+    hold = _seat_force(p, q, rate)
     under = m.rest[at] + s * (m.rest[to] - m.rest[at]) + hold
     return (cos_beta * load - hold) / p.mass - under / p.under
 
@@ -159,6 +163,6 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
             q += h * (rate + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
             rate += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
         # A trial far from anything real may run away: it rests then.
-        if not abs(q) < FARTHEST_M:
+        if not abs(q) < DIVERGED_M:
             q, rate = 0.0, 0.0
     return out

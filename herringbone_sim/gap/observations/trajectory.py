@@ -25,51 +25,77 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.law import Change, Motion, law, waves_of
-from herringbone_sim.gap.observations.rollout import STATES, Drive
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, waves_of
+from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
-    WINDOWS,
-    Shot,
-    Stretch,
-    fitted,
+    N_WINDOWS,
+    Windows,
+    WindowSolution,
+    body_loads,
+    evaluated,
+    fitted_windows,
     jacobian,
-    loads,
-    residual,
-    samples_of,
-    shoot,
-    stretch,
-    symmetric,
-    with_swing,
+    stacked_residual,
+    symmetric_starts,
+    window_samples,
+    windows_of_run,
+    with_rigid_swing,
 )
 from herringbone_sim.gap.observations.window_columns import (
-    Push,
-    body_pushes,
-    columns,
-    gratings,
+    BodyForce,
+    body_forces,
+    encoder_columns,
+    window_columns,
 )
-from herringbone_sim.gap.observations.window_sensors import ERRORS, SWAP, put_right
-from herringbone_sim.gap.observations.window_starts import carried, first_states, started
+from herringbone_sim.gap.observations.window_sensors import (
+    ERRORS,
+    SWAP_PREFIX,
+    without_sensor_errors,
+)
+from herringbone_sim.gap.observations.window_starts import (
+    filter_and_fit,
+    filtered_starts,
+    first_states,
+)
 from herringbone_sim.gap.residuals.balance import between
 
 Array = NDArray[np.float64]
 
 NAME = "trajectory"
-FIRST, LATER = 8, 2  # rounds of a fit under a change: new, and near one that was tried before
+ROUNDS_NEW, ROUNDS_AGAIN = (
+    8,
+    2,
+)  # rounds of a fit under a change: new, and near one that was tried before
 # Shapes of forces that a cause of any kind may be made of, at the meshes.
-ANY = {"kappa", "gamma", "gamma out", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))}
-ANY |= {f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")}
-ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")}
-LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
-SQUARES_OF_A_FIT = 1.5  # a value: states that leave no more need no other start
-ANOTHER = 0.75  # of the squares at the last start: a change that takes off so much moves otherwise
-LOOSE = 1e3  # prior of a state, in units of the motion: none
+GENERIC_FUNCTIONS = {
+    "kappa",
+    "gamma",
+    "gamma out",
+    "b_plus",
+    "b_minus",
+    *(f"kappa load {i}" for i in range(6)),
+}
+GENERIC_FUNCTIONS |= {
+    f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")
+}
+GENERIC_FUNCTIONS |= {
+    f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")
+}
+LEAD_WINDOWS = (
+    12  # windows; in nine the filter found the motion of all planets from any start tried
+)
+MAX_FIT_CHI2 = 1.5  # a value: states that leave no more need no other start
+RESTART_SHARE = (
+    0.75  # of the squares at the last start: a change that takes off so much moves otherwise
+)
+STATE_PRIOR_SD = 1e3  # prior of a state, in units of the motion: none
 
 
 def trajectory(run: PreparedRun) -> Trajectory:
     """The windows of a run, with or without the swing of the whole gear, whichever fits better."""
     if run.model.packed.K == 0.0 or not run.u.there.any():
         return Trajectory(run)
-    found = Trajectory(run), Trajectory(with_swing(run))
+    found = Trajectory(run), Trajectory(with_rigid_swing(run))
     return min(found, key=lambda one: one.nominal.cost)
 
 
@@ -84,7 +110,7 @@ def function_names(
     meshes = range(model.layout.n_mesh)
     names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
     turning = [c for c in channels if c.startswith("u_")]
-    names += [f"{SWAP}{one} and {other}" for one, other in combinations(turning, 2)]
+    names += [f"{SWAP_PREFIX}{one} and {other}" for one, other in combinations(turning, 2)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
     of_meshes = [f for f in laws if f.slot != "body"]
@@ -100,36 +126,42 @@ class Trajectory:
         lead: windows that are left out at the start, for the filter alone.
     """
 
-    def __init__(self, run: PreparedRun, lead: int = LEAD, windows: int = WINDOWS) -> None:
-        samples = samples_of(run)
-        self.run, self.lead = run, max(0, min(lead, (len(run) - 1) // samples - windows))
-        part = part_of(run, slice(self.lead * samples, None), run.name)
-        self.recorded: Stretch = stretch(part, windows)
-        self.stretch = self.recorded  # without the errors of sensors last tried
+    def __init__(
+        self, run: PreparedRun, lead: int = LEAD_WINDOWS, windows: int = N_WINDOWS
+    ) -> None:
+        samples = window_samples(run)
+        self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - windows))
+        part = part_of(run, slice(self.lead_windows * samples, None), run.name)
+        self.recorded: Windows = windows_of_run(part, windows)
+        self.windows = self.recorded  # without the errors of sensors last tried
         self.model = run.model
-        self._found: dict[tuple[str, ...], Shot] = {}
-        self._started: dict[tuple[str, ...], float] = {}
-        self._costs: dict[tuple[str, ...], float] = {}
-        self._rested: set[tuple[str, ...]] = set()  # changes whose settled fit was begun anew
+        self._solutions: dict[tuple[str, ...], WindowSolution] = {}
+        self._restart_energies: dict[tuple[str, ...], float] = {}
+        self._energies: dict[tuple[str, ...], float] = {}
+        self._restarted_when_settled: set[tuple[str, ...]] = (
+            set()
+        )  # changes whose settled fit was begun anew
         self._share: float | None = None
 
     @cached_property
     def _nominal(self) -> tuple[Array, Array, Array]:
         """k, e and its rate at every half step."""
-        s = self.stretch
+        s = self.windows
         w = waves(s.run.model, s.phase - s.run.late_rad, s.run.omega_rad_per_s)
         return w.k, w.e, w.e_rate
 
-    def drive(self, change: Change, masses: Array, pushes: Sequence[tuple[Push, float]]) -> Drive:
+    def forcing(
+        self, change: LawChange, masses: Array, pushes: Sequence[tuple[BodyForce, float]]
+    ) -> Forcing:
         """What drives the motion under a change (at every half step)."""
-        s = self.stretch
+        s = self.windows
         k, e, rate = self._nominal
         m = self.model
         one = np.ones_like(k)
-        tau = loads(m, s.phase - s.run.late_rad)
+        tau = body_loads(m, s.phase - s.run.late_rad)
         for push, a in pushes:
             tau = tau + a * push.size[:, None] * push.direction
-        return Drive(
+        return Forcing(
             s.G,
             s.inverse * masses,
             tau,
@@ -139,17 +171,17 @@ class Trajectory:
             change.d_rate - rate,
             np.maximum(m.half_backlash_m + change.b_plus, 0.0) * one,
             np.maximum(m.half_backlash_m + change.b_minus, 0.0) * one,
-            change.more * one,
+            change.extra_force * one,
         )
 
-    def motion(self, states: Array, phase: Array) -> Motion:
+    def motion(self, states: Array, phase: Array) -> MeshMotion:
         """Meshes of some states (n, 18) at phases (n,), as the force law needs them."""
-        s, m = self.stretch, self.model
+        s, m = self.windows, self.model
         w = waves(m, phase - s.run.late_rad, s.run.omega_rad_per_s)
         half = STATES // 2
         n, meshes = len(states), m.layout.n_mesh
         nothing = np.zeros(meshes)
-        return Motion(
+        return MeshMotion(
             s.run.name,
             phase,
             (phase - s.run.phase[0]) / s.run.omega_rad_per_s,
@@ -170,19 +202,19 @@ class Trajectory:
             m.half_backlash_m,
         )
 
-    def _half_steps(self, shot: Shot) -> Motion:
+    def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
         """The motion at every half step, windows one after the other."""
-        half, steps = STATES // 2, _in_line(shot)
-        u, rate = between(steps[:, :half], steps[:, half:], self.stretch.h, 2)
-        return self.motion(np.hstack([u, rate]), self.stretch.phase)
+        half, steps = STATES // 2, _concatenated(solution)
+        u, rate = between(steps[:, :half], steps[:, half:], self.windows.h, 2)
+        return self.motion(np.hstack([u, rate]), self.windows.phase)
 
-    def solved(
+    def fitted_states(
         self,
         key: tuple[str, ...],
-        change_of: Callable[[Motion], Change],
+        change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function] = (),
-    ) -> Shot:
+    ) -> WindowSolution:
         """States under a change.
 
         Args:
@@ -192,29 +224,38 @@ class Trajectory:
                 pushes the carrier.
             on_carrier: functions that push it.
         """
-        drive_at = self._drive_at(change_of, of_bodies, on_carrier)
-        new = key not in self._found
-        shot = self._found.get(key, self.nominal)
-        shot = fitted(self.stretch, shot.starts, drive_at(shot), FIRST if new else LATER)
-        before = self._started.get(key, self.nominal.cost)
-        far_off = shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight)
-        settled = abs(self._costs.get(key, np.inf) - shot.cost) < CHANCE_CHI2
-        at_rest = far_off and settled and key not in self._rested
+        forcing_at = self._forcing_under(change_of, of_bodies, on_carrier)
+        new = key not in self._solutions
+        solution = self._solutions.get(key, self.nominal)
+        solution = fitted_windows(
+            self.windows,
+            solution.starts,
+            forcing_at(solution),
+            ROUNDS_NEW if new else ROUNDS_AGAIN,
+        )
+        before = self._restart_energies.get(key, self.nominal.cost)
+        far_off = solution.cost > MAX_FIT_CHI2 * np.count_nonzero(self.windows.weight)
+        settled = abs(self._energies.get(key, np.inf) - solution.cost) < CHANCE_CHI2
+        at_rest = far_off and settled and key not in self._restarted_when_settled
         if at_rest:
-            self._rested.add(key)
-        another = at_rest or shot.cost < ANOTHER * before or (new and shot.cost > before)
+            self._restarted_when_settled.add(key)
+        another = (
+            at_rest or solution.cost < RESTART_SHARE * before or (new and solution.cost > before)
+        )
         if another and far_off:
-            near = shot
-            anew = self._anew(drive_at(near), self._whole.driven(change_of, of_bodies, on_carrier))
-            shot = anew if anew is not None and anew.cost < near.cost else near
-            self._started[key] = shot.cost
-        self._found[key], self._costs[key] = shot, shot.cost
-        return shot
+            near = solution
+            anew = self._restarted(
+                forcing_at(near), self._with_lead.in_step_forcing(change_of, of_bodies, on_carrier)
+            )
+            solution = anew if anew is not None and anew.cost < near.cost else near
+            self._restart_energies[key] = solution.cost
+        self._solutions[key], self._energies[key] = solution, solution.cost
+        return solution
 
     def cost_near(
         self,
-        near: Shot,
-        change_of: Callable[[Motion], Change],
+        near: WindowSolution,
+        change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
         rounds: int,
@@ -224,64 +265,68 @@ class Trajectory:
         Several threads may ask at once.
         """
         own = copy.copy(self)
-        drive_at = own._drive_at(change_of, of_bodies, on_carrier)
-        return fitted(own.stretch, near.starts, drive_at(near), rounds).cost
+        forcing_at = own._forcing_under(change_of, of_bodies, on_carrier)
+        return fitted_windows(own.windows, near.starts, forcing_at(near), rounds).cost
 
-    def driven(
+    def in_step_forcing(
         self,
-        change_of: Callable[[Motion], Change],
+        change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
-    ) -> Drive:
+    ) -> Forcing:
         """What drives the motion under a change, where none but a motion in step is known."""
-        drive_at = self._drive_at(change_of, of_bodies, on_carrier)
-        s = self.stretch
-        return drive_at(shoot(s, symmetric(s), self.drive(Change(), self._masses({}), ())))
+        forcing_at = self._forcing_under(change_of, of_bodies, on_carrier)
+        s = self.windows
+        return forcing_at(
+            evaluated(s, symmetric_starts(s), self.forcing(LawChange(), self._masses({}), ()))
+        )
 
-    def _drive_at(
+    def _forcing_under(
         self,
-        change_of: Callable[[Motion], Change],
+        change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
-    ) -> Callable[[Shot], Drive]:
+    ) -> Callable[[WindowSolution], Forcing]:
         """What drives the motion under a change, which may follow from the motion."""
-        self.stretch = put_right(self.recorded, of_bodies)
+        self.windows = without_sensor_errors(self.recorded, of_bodies)
         masses = self._masses(of_bodies)
 
-        def drive_at(shot: Shot) -> Drive:
-            m = self._half_steps(shot)
+        def forcing_at(solution: WindowSolution) -> Forcing:
+            m = self._motion_at_half_steps(solution)
             change = change_of(m)
             pushes = [
                 (push, of_bodies[push.name])
-                for push in body_pushes(self.model, m, law(m, change), of_bodies, on_carrier)
+                for push in body_forces(self.model, m, law(m, change), of_bodies, on_carrier)
             ]
-            return self.drive(change, masses, pushes)
+            return self.forcing(change, masses, pushes)
 
-        return drive_at
+        return forcing_at
 
     @cached_property
-    def _whole(self) -> Trajectory:
+    def _with_lead(self) -> Trajectory:
         """The same with the windows before those that count."""
-        return Trajectory(self.run, 0, self.lead + self.recorded.windows)
+        return Trajectory(self.run, 0, self.lead_windows + self.recorded.n_windows)
 
     @cached_property
-    def nominal(self) -> Shot:
+    def nominal(self) -> WindowSolution:
         """States under no change, from planets in step or out of it."""
-        mine, of_whole = (one.drive(Change(), self._masses({}), ()) for one in (self, self._whole))
-        return started(self.recorded, mine, self._whole.recorded, of_whole)
+        mine, of_whole = (
+            one.forcing(LawChange(), self._masses({}), ()) for one in (self, self._with_lead)
+        )
+        return filter_and_fit(self.recorded, mine, self._with_lead.recorded, of_whole)
 
-    def _anew(self, drive: Drive, of_whole: Drive) -> Shot | None:
+    def _restarted(self, forcing: Forcing, of_whole: Forcing) -> WindowSolution | None:
         """States found under a change itself: its pattern of contact may be another one.
 
         None where no motion of a gear follows what was measured under the change.
         """
-        whole = self._whole.stretch
+        whole = self._with_lead.windows
         try:
-            starts, cost = carried(whole, of_whole, first_states(whole))
+            starts, cost = filtered_starts(whole, of_whole, first_states(whole))
         except np.linalg.LinAlgError:
             return None
-        best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead :]
-        return fitted(self.stretch, best, drive, FIRST)
+        best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead_windows :]
+        return fitted_windows(self.windows, best, forcing, ROUNDS_NEW)
 
     def _masses(self, of_bodies: Mapping[str, float]) -> Array:
         """(9,) factors on 1/M."""
@@ -290,22 +335,22 @@ class Trajectory:
 
     def block(
         self,
-        shot: Shot,
-        change_of: Callable[[Motion], Change],
+        solution: WindowSolution,
+        change_of: Callable[[MeshMotion], LawChange],
         functions: Sequence[Function],
         wanted: Sequence[str],
     ) -> Block:
         """Residual of the windows at some states, with columns of the functions wanted."""
-        s = self.stretch
-        m = self.motion(_in_line(shot), s.phase[::2])
+        s = self.windows
+        m = self.motion(_concatenated(solution), s.phase[::2])
         now = law(m, change_of(m))
-        self.last = shot, now, m
-        added = columns(s, shot, m, now, functions, wanted)
-        waves_of_encoders, sizes = gratings(s)
-        J = np.hstack([jacobian(s, shot), waves_of_encoders])
-        left = residual(shot)
-        unknown = s.windows * STATES
-        share = self._independent(J[:, :unknown])
+        self.last_linearisation = solution, now, m
+        added = window_columns(s, solution, m, now, functions, wanted)
+        waves_of_encoders, sizes = encoder_columns(s)
+        J = np.hstack([jacobian(s, solution), waves_of_encoders])
+        left = stacked_residual(solution)
+        unknown = s.n_windows * STATES
+        share = self._independent_share(J[:, :unknown])
         return Block(
             NAME,
             s.run.name,
@@ -315,45 +360,45 @@ class Trajectory:
             tuple(wanted),
             added[:, None, :],
             J[:, None, :],
-            np.append(np.full(unknown, LOOSE), sizes)[None],
+            np.append(np.full(unknown, STATE_PRIOR_SD), sizes)[None],
             np.zeros((0, 1, len(wanted))),
             np.zeros(0),
             independent_share=share,
         )
 
-    def _independent(self, J: Array) -> float:
+    def _independent_share(self, J: Array) -> float:
         """Share of the rows that noise is expected to leave squares in, one each.
 
         Ties have no noise of their own, they only hold the states; states take up what is left of
         a row in proportion to its leverage.
         """
         if self._share is None:
-            read = np.flatnonzero(self.stretch.weight.ravel() > 0.0)
-            normal = J.T @ J + np.eye(J.shape[1]) / LOOSE**2
+            read = np.flatnonzero(self.windows.weight.ravel() > 0.0)
+            normal = J.T @ J + np.eye(J.shape[1]) / STATE_PRIOR_SD**2
             leverage = np.sum(J[read] * np.linalg.solve(normal, J[read].T).T)
             self._share = max(len(read) - float(leverage), 1.0) / len(J)
         return self._share
 
     def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
         """What forces of many shapes would add to the rows of the block made last."""
-        s = self.stretch
-        shot, now, m = self.last
-        some = [f for f in functions if f.name in ANY]
+        s = self.windows
+        solution, now, m = self.last_linearisation
+        some = [f for f in functions if f.name in GENERIC_FUNCTIONS]
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
-        made = columns(s, shot, m, now, some, wanted) / block.sigma
+        made = window_columns(s, solution, m, now, some, wanted) / block.sigma
         left = nuisance_remover(block, 0)(made)
         nothing = np.zeros((len(left), 1, 1))
         return RegressionInputs(nothing, nothing[:, 0], nothing, left[:, None, :])
 
     def cycles(self) -> Array:
         """(rows,) mesh cycles since the start; jumps at that of their window."""
-        s = self.stretch
+        s = self.windows
         W, samples, k = s.measured.shape
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
-        data = np.repeat(phase[:: 2 * s.each][: W * samples], k)
-        return np.concatenate([data, np.repeat(phase[s.first[1:]], STATES)])
+        data = np.repeat(phase[:: 2 * s.steps_per_sample][: W * samples], k)
+        return np.concatenate([data, np.repeat(phase[s.first_half_step[1:]], STATES)])
 
 
-def _in_line(shot: Shot) -> Array:
+def _concatenated(solution: WindowSolution) -> Array:
     """States (n, 18) at every step, of the window that begins where two meet."""
-    return np.vstack([shot.states[:, :-1].reshape(-1, STATES), shot.states[-1, -1:]])
+    return np.vstack([solution.states[:, :-1].reshape(-1, STATES), solution.states[-1, -1:]])

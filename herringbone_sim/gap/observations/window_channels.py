@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.observations.rollout import STATES, Drive
+from herringbone_sim.gap.observations.rollout import STATES, Forcing
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Channels:
+class WindowChannels:
     """Channels as sums of what a motion is.
 
     Attributes:
@@ -42,14 +42,14 @@ class Channels:
         return tuple(n for n, of in zip(self.names, self.of_F, strict=True) if np.any(of))
 
 
-def channels(run: PreparedRun) -> Channels:
+def window_channels(run: PreparedRun) -> WindowChannels:
     """All channels of a run that windows can follow."""
     layout = run.model.layout
     bodies, meshes = np.eye(len(layout.bodies)), np.eye(layout.n_mesh)
     kinds: tuple[tuple[str, tuple[str, ...], Measured, Array], ...] = (
         ("u", layout.bodies, run.u, bodies),
         ("F", layout.meshes, run.F, meshes),
-        ("F", pins(layout), run.pin, on_pins(layout)),
+        ("F", pin_names(layout), run.pin, pin_weights(layout)),
         ("a", layout.bodies, run.a, bodies),
     )
     names: list[str] = []
@@ -64,7 +64,7 @@ def channels(run: PreparedRun) -> Channels:
                 )
             values.append(m.values[:, i])
             sigma.append(m.sigma[i])
-    return Channels(
+    return WindowChannels(
         tuple(names),
         np.array(parts["u"]),
         np.array(parts["F"]),
@@ -74,46 +74,48 @@ def channels(run: PreparedRun) -> Channels:
     )
 
 
-def pins(layout: Layout) -> tuple[str, ...]:
+def pin_names(layout: Layout) -> tuple[str, ...]:
     """Names of the pins' gauges, without their quantity."""
     return tuple(f"pin{planet}" for planet in layout.planets)
 
 
-def on_pins(layout: Layout) -> Array:
+def pin_weights(layout: Layout) -> Array:
     """(pins, n_mesh): a pin carries the forces of all meshes of its planet."""
     of = [mesh[2 : mesh.index("_")] for mesh in layout.meshes]
     return np.array([[float(p == str(planet)) for p in of] for planet in layout.planets])
 
 
 def mesh_forces(
-    G: Array, states: Array, drive: Drive, at: NDArray[np.int64]
+    G: Array, states: Array, forcing: Forcing, at: NDArray[np.int64]
 ) -> tuple[Array, Array]:
     """Forces (..., n_mesh) at states (..., 18) of half steps (...), and contact stiffness."""
     half = STATES // 2
-    x = states[..., :half] @ G.T + drive.offset[at]
-    v = states[..., half:] @ G.T + drive.rate[at]
-    over, under = x - drive.plus[at], -x - drive.minus[at]
+    x = states[..., :half] @ G.T + forcing.offset[at]
+    v = states[..., half:] @ G.T + forcing.rate[at]
+    over, under = x - forcing.plus[at], -x - forcing.minus[at]
     f = np.maximum(over, 0.0) - np.maximum(under, 0.0)
-    stiff = drive.k[at] * ((over > 0.0) | (under > 0.0))
-    return drive.k[at] * f + drive.c[at] * v + drive.more[at], stiff
+    stiff = forcing.k[at] * ((over > 0.0) | (under > 0.0))
+    return forcing.k[at] * f + forcing.c[at] * v + forcing.extra_force[at], stiff
 
 
-def shown(c: Channels, states: Array, drive: Drive, at: NDArray[np.int64]) -> tuple[Array, Array]:
+def channel_outputs(
+    c: WindowChannels, states: Array, forcing: Forcing, at: NDArray[np.int64]
+) -> tuple[Array, Array]:
     """What channels show of states (W, m, 18) at half steps (W, m), and its slope.
 
     Returns:
         (W, m, k) and (W, m, k, 18).
     """
-    G = drive.G
+    G = forcing.G
     of_u = np.hstack([c.of_u, np.zeros_like(c.of_u)])
     value = states @ of_u.T
     slope = np.broadcast_to(of_u, (*value.shape, STATES))
-    by_force = c.of_F - (c.of_a * drive.inverse) @ G.T
+    by_force = c.of_F - (c.of_a * forcing.inverse) @ G.T
     if not np.any(by_force):
         return value, slope
-    force, stiff = mesh_forces(G, states, drive, at)
-    value = value + force @ by_force.T + drive.tau[at] @ (c.of_a * drive.inverse).T
+    force, stiff = mesh_forces(G, states, forcing, at)
+    value = value + force @ by_force.T + forcing.tau[at] @ (c.of_a * forcing.inverse).T
     by_x = (by_force * stiff[..., None, :]) @ G
-    by_v = (by_force * drive.c[at][..., None, :]) @ G
+    by_v = (by_force * forcing.c[at][..., None, :]) @ G
     slope = slope + np.concatenate([by_x, by_v], axis=-1)
     return value, slope

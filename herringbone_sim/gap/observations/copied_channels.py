@@ -16,14 +16,14 @@ from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, incre
 from herringbone_sim.gap.sensors.consistency import geometry
 from herringbone_sim.gap.sensors.corrected import drop
 
-HALF = 0.5  # of the disagreement that independent noise would give
+COPY_SHARE = 0.5  # of the disagreement that independent noise would give
 # Of a spline through white noise, a sample apart: squares of its slope over those of the noise.
-OF_SPLINE = float(
+SPLINE_SLOPE_NOISE = float(
     np.sum(CubicSpline(np.arange(33.0), np.eye(33)[16]).derivative()(np.arange(33.0)) ** 2)
 )
 
 
-def independent(run: PreparedRun) -> PreparedRun:
+def drop_copies(run: PreparedRun) -> PreparedRun:
     """The run without copies."""
     layout = run.model.layout
     by_mesh, by_body = (
@@ -31,22 +31,22 @@ def independent(run: PreparedRun) -> PreparedRun:
         for q, names in (("x", layout.meshes), ("u", layout.bodies))
     )
     left = geometry(run)[0][0]
-    if run.u.complete and left.size and _rms(left) < HALF:
+    if run.u.complete and left.size and _rms(left) < COPY_SHARE:
         run = drop(run, by_mesh)
     # Rates may be worked out of displacements, mesh by mesh or all, of rotations, or of both.
     D = coordinates_to_meshes(layout)
     every = [displacement(one) for one in (run, drop(run, by_mesh), drop(run, by_body))]
-    found = [_apart(run, run.x.values + run.waves.e, run.x.sigma**2)]
-    found += [_apart(run, z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
+    found = [_disagreement(run, run.x.values + run.waves.e, run.x.sigma**2)]
+    found += [_disagreement(run, z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
     share = min(found, key=lambda one: float(np.median(one)))
-    if np.median(share) < HALF:
+    if np.median(share) < COPY_SHARE:
         # One that is off all the same has an error of its own.
         own = zip(layout.meshes, share, strict=True)
-        run = drop(run, tuple(f"v_{mesh}" for mesh, off in own if off < HALF))
+        run = drop(run, tuple(f"v_{mesh}" for mesh, off in own if off < COPY_SHARE))
     return run
 
 
-def _apart(
+def _disagreement(
     run: PreparedRun, x: NDArray[np.float64], of_x: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(n_mesh,) disagreement of rates with those of displacements x (n, n_mesh) [m] of variance
@@ -68,7 +68,7 @@ def _apart(
         for off, expected in (
             (integral, 2.0 * of_x + h**2 * float(np.sum(QUADRATURE**2)) * of_v),
             (slope, 0.5 * of_x / h**2 + of_v),
-            (spline, OF_SPLINE * of_x / h**2 + of_v),
+            (spline, SPLINE_SLOPE_NOISE * of_x / h**2 + of_v),
         )
     ]
     found[known] = np.sqrt(np.min(shares, axis=0))
