@@ -237,19 +237,10 @@ class Gear:
         chosen: Sequence[Function],
         wanted: Sequence[str] | None = None,
     ) -> Block:
-        return balance.block(
-            g.run,
-            g.fused,
-            g.motion,
-            now,
-            self.modelled,
-            chosen,
-            self._quadrature[r],
-            self.window_cycles,
-            self.body_functions,
-            wanted,
-            self.drift,
+        setup = balance.BalanceSetup(
+            self.modelled, self.window_cycles, self.body_functions, self.drift
         )
+        return balance.block(g, now, setup, chosen, self._quadrature[r], wanted)
 
     def _corrected_run(self, r: int, errors: Mapping[str, Array]) -> GearRun:
         """A run without errors of its motion sensors."""

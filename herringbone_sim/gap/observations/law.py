@@ -1,7 +1,8 @@
-"""The force law of a run with room for what effects do, and its derivatives.
+"""The mesh force law at measured motion, with terms that effects change.
 
-F = k(t) [1 + kappa] f(x + d; b' + b_plus, b' + b_minus) + c [1 + gamma] (v + d') + more, with f
-the backlash function smoothed over the noise of x, Eqs. (1) to (4), (12).
+F = [k(t) (1 + kappa) + k_m mean_kappa] f(x + d; b' + b_plus, b' + b_minus)
+    + c (1 + gamma) (v + d') + extra_force,
+with f the expectation of the backlash function over the noise of x, Eqs. (1) to (4), (12).
 """
 
 from __future__ import annotations
@@ -22,26 +23,25 @@ from herringbone_sim.gap.residuals.fusion import Fused
 
 Array = NDArray[np.float64]
 Displacements = Mapping[str, tuple[Array, Array]]  # [m] and rate [m/s], (n, n_mesh), by function
-SLOTS = ("kappa", "mean_kappa", "d", "b_plus", "b_minus", "gamma", "extra_force")
 
 
 @dataclass(frozen=True)
 class MeshMotion:
-    """A run as the force law needs it; arrays (n, n_mesh) where nothing else is said.
+    """Motion of all meshes of a run; arrays (n, n_mesh) unless stated otherwise.
 
     Attributes:
-        name: of the run.
-        phase, times: (n,) [rad], [s].
+        name: name of the run.
+        phase, times: (n,) mesh phase [rad], time [s].
         omega: mesh frequency [rad/s].
         point: delta_T [K], K, T_1 [N m], Omega.
         x, v: displacement [m] and rate [m/s] relative to the nominal e(t).
-        F: measured force [N], NaN where there is none.
-        sigma_x, sigma_v, sigma_F: (n_mesh,) noise.
+        F: measured force [N], NaN where not recorded.
+        sigma_x, sigma_v, sigma_F: (n_mesh,) noise of x, v, F.
         k, e, e_rate: nominal waves [N/m], [m], [m/s].
         waves_at: nominal waves at any phases (n,).
         k_m, c, b: (n_mesh,) mean stiffness [N/m], damping [N s/m], half-backlash [m].
-        filtered: (filters, n, n_mesh) force that common filters add [N]; None where it can't be
-            told, see ``common_filter``.
+        filtered: (filters, n, n_mesh) change of the force by common filters [N], see
+            ``common_filter``; None where unknown.
     """
 
     name: str
@@ -66,7 +66,7 @@ class MeshMotion:
 
 
 def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
-    """A run with its best displacements, at every sample or at some of them."""
+    """Motion of a run from fused displacements, at every ``stride``-th sample."""
     at = slice(None, None, stride)
     return MeshMotion(
         name=run.name,
@@ -93,7 +93,7 @@ def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
 def waves_of(
     model: Model, omega: float, late: float, e_share: float = 1.0
 ) -> Callable[[Array], Waves]:
-    """Nominal waves at any phases, late by an angle [rad], e(t) behind a filter."""
+    """Nominal waves as a function of phases (n,): ``late`` [rad] delay, e(t) times ``e_share``."""
     return partial(_waves, model, omega, late, e_share)
 
 
@@ -103,9 +103,15 @@ def _waves(model: Model, omega: float, late: float, e_share: float, phase: Array
 
 @dataclass
 class LawChange:
-    """What effects do to the law at every sample: arrays (n, n_mesh) or numbers.
+    """Change of the terms of the law: arrays (n, n_mesh) or numbers.
 
-    ``displacements`` are those of ``Law``; what of them acts is in ``d`` and ``d_rate`` already.
+    Attributes:
+        kappa, mean_kappa: relative change of k(t), and change over k_m.
+        d, d_rate: additional displacement [m] and its rate [m/s].
+        b_plus, b_minus: change of the half-backlash on drive and back flank [m].
+        gamma: relative change of c.
+        extra_force: [N].
+        displacements: of moving parts at unit amplitude, by function; ``d`` has those that act.
     """
 
     kappa: Array | float = 0.0
@@ -122,7 +128,7 @@ class LawChange:
 def select_meshes(
     m: MeshMotion, change: LawChange, at: NDArray[np.int64]
 ) -> tuple[MeshMotion, LawChange]:
-    """A run and a change on some of its meshes alone."""
+    """Restrict a motion and a change to some meshes (indices)."""
     wide = ("x", "v", "F", "k", "e", "e_rate")
     narrow = ("sigma_x", "sigma_v", "sigma_F", "k_m", "c", "b")
     some = {name: getattr(m, name)[:, at] for name in wide}
@@ -145,10 +151,10 @@ class Law:
         sigma: noise of measured minus modelled force [N].
         k: stiffness with all changes [N/m].
         f: expected backlash function [m].
-        drive, back: odds of contact on the two flanks.
-        damper: c (v + d') [N].
+        contact_drive, contact_back: probability of contact on drive and back flank.
+        damper: nominal c times (v + d') [N].
         c: damping with all changes [N s/m].
-        displacements: of parts that move by themselves, by function.
+        displacements: of moving parts, by function.
     """
 
     force: Array
@@ -163,7 +169,7 @@ class Law:
 
 
 def law(m: MeshMotion, change: LawChange | None = None) -> Law:
-    """The force law of a run."""
+    """Evaluate the force law at a motion; None: no change."""
     ch = change or LawChange()
     s = np.maximum(np.nan_to_num(m.sigma_x), 1e-15)
     x = m.x + ch.d
@@ -182,9 +188,10 @@ def law(m: MeshMotion, change: LawChange | None = None) -> Law:
 
 @njit(cache=True, nogil=True)
 def _smoothed_backlash(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-untyped-def]
-    """Expectation and variance of the backlash function and odds of contact, entry by entry.
+    """Write expectation ``f`` and variance of the backlash function and contact probabilities.
 
-    Of max(y, 0) with y ~ N(over, sigma^2); past ``FAR`` sigma the noise does not reach the edge.
+    From moments of max(y, 0), y ~ N(over, sigma^2), on each flank. All arrays (n, n_mesh) but
+    ``sigma`` (n_mesh,); the last four are outputs, hence more than seven arguments.
     """
     n, m = x.shape
     for i in range(n):
@@ -215,5 +222,5 @@ def _smoothed_backlash(x, plus, minus, sigma, f, variance, drive, back):  # type
             variance[i, j] = max(second - first * first, 0.0)
 
 
-FAR_SIGMA = 6.0  # sigma: a part in a thousand million of the noise reaches beyond
+FAR_SIGMA = 6.0  # sigma beyond which noise is neglected: probability 1e-9
 SQRT_2, SQRT_2_PI = math.sqrt(2.0), math.sqrt(2.0 * math.pi)

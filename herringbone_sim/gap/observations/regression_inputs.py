@@ -1,7 +1,4 @@
-"""What is measured about the rows of an observation: what an unknown law may depend on.
-
-Functions of these are what the flexible regression tries on a residual (``diagnosis.flexible``).
-"""
+"""Inputs of the flexible regression (``diagnosis.flexible``) for the observations of a gear."""
 
 from __future__ import annotations
 
@@ -17,12 +14,16 @@ from herringbone_sim.gap.observations.law import MeshMotion, law
 
 Array = NDArray[np.float64]
 
-# Mesh cycles that a state of a cause's own may remember: a third of one and a few.
+# Time constants of low-passed inputs [mesh cycles], for causes with memory; chosen.
 MEMORIES = (0.3, 3.0)
 
 
 def about_meshes(m: MeshMotion, cycles: Sequence[float], block: Block) -> RegressionInputs:
-    """Of the force law: a force, a stiffness, a damping or a displacement may be a function."""
+    """Inputs of the force law; factors: force, spring force, damper force, displacement.
+
+    Args:
+        cycles: mesh cycles of the periods whose angles are inputs.
+    """
     now = law(m)
     acts = (
         np.ones_like(m.x),
@@ -37,10 +38,10 @@ def about_meshes(m: MeshMotion, cycles: Sequence[float], block: Block) -> Regres
 def about_rows(
     m: MeshMotion, own: Sequence[Array], cycles: Sequence[float], block: Block
 ) -> RegressionInputs:
-    """Of other rows: what is left of them may be a function.
+    """Inputs of other observations; factor: a constant.
 
     Args:
-        own: (n, R) each, what goes on in every row and its rate.
+        own: (n, R) each: signal of every row and its rate.
     """
     return _about(m, own, cycles, np.ones((*block.residual.shape, 1)), block)
 
@@ -48,7 +49,7 @@ def about_rows(
 def _about(
     m: MeshMotion, own: Sequence[Array], cycles: Sequence[float], factors: Array, block: Block
 ) -> RegressionInputs:
-    """With states that remember, what is held in the run, time, and turns of ``cycles`` each."""
+    """Add low-passed signals, operating point, time, and angles of periods of ``cycles``."""
     step = float(m.times[1] - m.times[0])
     known = [np.nan_to_num(q) for q in own]
     late = [_low_passed(q, c * 2.0 * np.pi / m.omega / step) for q in known for c in MEMORIES]
@@ -60,6 +61,6 @@ def _about(
 
 
 def _low_passed(values: Array, samples: float) -> Array:
-    """Values (n, k) behind a low-pass of first order with a time constant in samples."""
+    """First-order low-pass of values (n, k), time constant in samples, from steady state."""
     a = np.exp(-1.0 / samples)
     return np.asarray(lfilter([1.0 - a], [1.0, -a], values, axis=0, zi=a * values[:1])[0])

@@ -1,4 +1,4 @@
-"""A run of a gear with its motion, as the observations need it."""
+"""A prepared run with the mesh motions that observations are formed of."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GearRun:
-    """A run with its motion.
+    """A run with its mesh motion.
 
     Attributes:
-        run, fused: measured, its best displacements.
-        motion, some: as the law needs it, at every sample; at those that the force law is
-            compared at.
-        dense: between samples; None where displacements and rates of all bodies aren't known.
+        run, fused: measured channels, and displacements fused from all of them.
+        motion: mesh motion at every sample.
+        strided: at the samples at which the force law is compared.
+        dense: interpolated at ``FINE`` points per sample; None unless displacements and rates of
+            all bodies are known.
     """
 
     run: PreparedRun
@@ -37,7 +38,7 @@ class GearRun:
 
 
 def gear_run(run: PreparedRun, stride: int) -> GearRun:
-    """A run with its best displacements, rates from them where none are recorded."""
+    """Fuse the channels of a run, fill in missing rates, and form its motions."""
     fused = with_missing_rates(fuse(run), run)
     motion, some = mesh_motion(run, fused), mesh_motion(run, fused, stride)
     dense = _dense(run, fused, motion)
@@ -48,7 +49,7 @@ def gear_run(run: PreparedRun, stride: int) -> GearRun:
 
 
 def _dense(run: PreparedRun, fused: Fused, m: MeshMotion) -> MeshMotion | None:
-    """A motion at ``FINE`` points a sample, by cubics through values and rates; None without."""
+    """Motion at ``FINE`` points per sample by cubic Hermite interpolation; None if unknown."""
     if not (np.isfinite(fused.z).all() and np.isfinite(fused.z_rate).all()):
         return None
     z, rate = between(fused.z, fused.z_rate, run.step_s, FINE)
@@ -73,15 +74,18 @@ def _dense(run: PreparedRun, fused: Fused, m: MeshMotion) -> MeshMotion | None:
     return with_filter_responses(dense, run.model.scales.omega_n)
 
 
-# Samples and order of the polynomials whose slopes may stand for a rate, the last least biased.
+# Savitzky-Golay filters (samples, order) tried for rates, chosen; the last has least bias.
 SLOPE_FILTERS = ((7, 4), (9, 6), (11, 8), (9, 8))
 
 
 def polynomial_rates(values: Array, sigma: Array, step: float) -> tuple[Array, Array]:
-    """Rates (n, k) of values by local polynomials, and their noise over that of the values (k,).
+    """Differentiate values (n, k) by local polynomials, noise ``sigma`` (k,), ``step`` in s.
 
-    Of some polynomials each column takes the one with the least error: noise of its weights, and
-    by how much more than noise it differs from the one that follows the values best.
+    Each column takes the filter of least mean square error: noise variance plus squared bias,
+    estimated from the difference to the least biased filter.
+
+    Returns:
+        Rates (n, k) and their noise over that of the values (k,) [1/s].
     """
     every = [savgol_coeffs(n, order, deriv=1, delta=step) for n, order in SLOPE_FILTERS]
     middle = max(n for n, _ in SLOPE_FILTERS) // 2
@@ -100,7 +104,7 @@ def polynomial_rates(values: Array, sigma: Array, step: float) -> tuple[Array, A
 
 
 def with_missing_rates(fused: Fused, run: PreparedRun) -> Fused:
-    """Rates as slopes of the displacements where they are missing."""
+    """Fill in missing rates by differentiating displacements."""
     if len(run) < max(n for n, _ in SLOPE_FILTERS) or np.isfinite(fused.v).all():
         return fused
 
