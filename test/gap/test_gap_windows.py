@@ -15,6 +15,7 @@ from herringbone_sim.diagnosis.search import Score, Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.observations import shooting, window_events
+from herringbone_sim.gap.observations.body_motion import with_rigid_swing
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, law
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -28,7 +29,6 @@ from herringbone_sim.gap.observations.shooting import (
     jacobian,
     stacked_residual,
     symmetric_starts,
-    with_rigid_swing,
 )
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.trajectory import trajectory as trajectory_of

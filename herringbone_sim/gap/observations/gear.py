@@ -1,4 +1,7 @@
-"""The gear as a machine that the engine can diagnose: its observations, tolerances and places."""
+"""All observations of a gear's runs, about any change of the force law.
+
+Longer than 300 lines: the observations share runs, caches and copies of one object.
+"""
 
 from __future__ import annotations
 
@@ -34,19 +37,25 @@ from herringbone_sim.gap.sensors.swaps import find_swap
 Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
 WINDOW_CYCLES = (
-    0.12  # of the balance's window, mesh cycles: order 1 passes with 0.75, order 3 with 0.08
+    0.12  # width of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3
 )
 
 
 class Gear:
-    """Observations of a gear's runs, linear about any change of the law.
+    """Observations of a gear's runs, linearised about any change of the law.
 
     Args:
         runs: of one rig.
         drift: RMS of drift and hum over that of the noise.
-        stride: samples from one comparison of the force law to the next.
-        swap: motion channels that may have been exchanged; None: sought.
-        gain_tolerance: (n_mesh,) of force sensors, as the campaign tells.
+        stride: samples between comparisons of the force law.
+        swap: motion channels that may have been swapped; None: searched for.
+        gain_tolerance: (n_mesh,) of force sensors as given by the campaign; empty: none.
+
+    Attributes:
+        modelled: (n_mesh,) meshes whose force is not recorded in all runs and comes from the law.
+        exact_forces: whether the balance integrates forces between samples with all changes.
+        body_functions: further functions, forces on the carrier.
+        part_numbers: counter that labels moving parts, shared by all copies.
     """
 
     def __init__(
@@ -70,19 +79,19 @@ class Gear:
         self.body_functions: tuple[Function, ...] = ()
         self._changes = LawChanges(self.model, force_law.law_functions(self.model), {})
         self._part_amplitudes: Amplitudes = {}
-        self._measured_balances: list[Block] = []  # made once for all copies
-        self._trajectories: dict[int, Trajectory] = {}  # and these
+        self._measured_balances: list[Block] = []  # shared by all copies
+        self._trajectories: dict[int, Trajectory] = {}  # likewise
         self._swapped_trajectories: dict[tuple[int, str], Trajectory] = {}
-        self.part_numbers = count()  # one label for each part among all copies
+        self.part_numbers = count()
 
     @property
     def law_functions(self) -> tuple[Function, ...]:
-        """Those of the force law."""
+        """Functions of the force law."""
         return self._changes.functions
 
     @cached_property
     def functions(self) -> dict[str, tuple[str, ...]]:
-        """Names of all functions by observation."""
+        """Names of all functions, by observation."""
         laws = tuple(f.name for f in self.law_functions)
         return {
             force_law.NAME: laws,
@@ -104,38 +113,39 @@ class Gear:
 
     @cached_property
     def has_force_law(self) -> bool:
-        """Whether force and displacement are recorded of one mesh at least."""
+        """Whether force and displacement are known of at least one mesh."""
         known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
         return bool((~self.modelled & np.logical_and.reduce(known)).any())
 
     @cached_property
     def uses_windows(self) -> bool:
-        """Whether states are estimated over windows: where neither law nor balance is formed."""
+        """Whether trajectories are fitted: where neither force law nor balance is formed."""
         few = not self.has_force_law and not self.has_balance
         return few and all(g.run.shafts_known for g in self.runs)
 
     @cached_property
     def followed_channels(self) -> WindowChannels:
-        """Channels of the first run that windows follow."""
+        """Channels of the first run to which windows are fitted."""
         return window_channels(self.runs[0].run)
 
     @property
     def gauges(self) -> tuple[str, ...]:
-        """Force channels that windows follow."""
+        """Names of force channels to which windows are fitted."""
         return self.followed_channels.gauges if self.uses_windows else ()
 
     def trajectory_of(self, r: int) -> Trajectory:
-        """Windows of a run, made once for all copies."""
+        """Windows of run r, shared by all copies."""
         if r not in self._trajectories:
             self._trajectories[r] = trajectory.trajectory(self.runs[r].run)
         return self._trajectories[r]
 
     @property
     def trajectories(self) -> tuple[Trajectory, ...]:
+        """Windows of all runs."""
         return tuple(parallel_map(self.trajectory_of, range(len(self.runs))))
 
     def for_runs(self, runs: Sequence[PreparedRun]) -> Gear:
-        """The same rig in other runs, at every sample; windows of runs known here are kept."""
+        """Gear of other runs of the rig, at every sample; windows of shared runs are reused."""
         found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
         kept = {r: known.get(id(run)) for r, run in enumerate(runs)}
@@ -145,11 +155,12 @@ class Gear:
 
     @cached_property
     def omegas(self) -> Array:
+        """(runs,) mesh frequencies [rad/s]."""
         return np.array([g.motion.omega for g in self.runs])
 
     @cached_property
     def rms_by_quantity(self) -> dict[str, float]:
-        """RMS of each quantity over all runs; those without any channel are left out."""
+        """RMS of all channels over all runs, by quantity of x, v and u that is recorded."""
         return {
             q: float(
                 np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
@@ -160,30 +171,37 @@ class Gear:
 
     @cached_property
     def n_relations(self) -> int:
-        """Rows of the consistency of motion sensors."""
+        """Number of rows of the consistency observation."""
         few = part_of(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
         found = consistency.block(few, fuse(few), self.drift, self.swap)
         return 0 if found is None else len(found.rows)
 
     @cached_property
     def _consistency(self) -> list[Block | None]:
+        """Consistency of every run as recorded."""
         return [consistency.block(g.run, g.fused, self.drift, self.swap) for g in self.runs]
 
     @cached_property
     def delta_T(self) -> Array:
+        """(runs,) temperature rises [K]."""
         return np.array([g.motion.point["delta_T"] for g in self.runs])
 
     @cached_property
     def T_1(self) -> Array:
+        """(runs,) input torques [N m]."""
         return np.array([g.motion.point["T_1"] for g in self.runs])
 
     @cached_property
     def _quadrature(self) -> list[Array | None]:
-        """Integral minus sum of the nominal forces over the balance's window."""
+        """``_quadrature_error`` of every run for the nominal law."""
         return [self._quadrature_error(r, {}) for r in range(len(self.runs))]
 
     def _quadrature_error(self, r: int, of_law: Mapping[str, Array]) -> Array | None:
-        """Integral minus sum of the forces of a law over the balance's window (k, n_mesh) [N]."""
+        """Window integral of the forces minus its sum over samples (k, n_mesh) [N].
+
+        Args:
+            of_law: amplitudes (n_mesh,) by function of the law.
+        """
         g = self.runs[r]
         dense = g.dense
         if dense is None:
@@ -197,14 +215,14 @@ class Gear:
         return np.asarray(whole - look.average(force[::FINE]))
 
     def without_linearisation(self) -> Gear:
-        """The same, its balance with forces between samples by the law with all changes."""
+        """Copy whose balance integrates forces between samples with all changes of the law."""
         found = copy.copy(self)
         found.exact_forces = True
         return found
 
     @cached_property
     def _balances(self) -> list[Block]:
-        """Balances of the runs as measured, which no law enters but for parts that move."""
+        """Balances with recorded forces; independent of the law except for moving parts."""
         if not self._measured_balances:
             self._measured_balances += [
                 self._balance(r, g, law(g.motion), self.law_functions)
@@ -243,7 +261,7 @@ class Gear:
         return balance.block(g, now, setup, chosen, self._quadrature[r], wanted)
 
     def _corrected_run(self, r: int, errors: Mapping[str, Array]) -> GearRun:
-        """A run without errors of its motion sensors."""
+        """Run r with errors of motion sensors removed; ``errors``: amplitudes by column."""
         g, run = self.runs[r], self.runs[r].run
         for name, a in errors.items():
             value = float(a[r][0])
@@ -259,27 +277,28 @@ class Gear:
     def law_of(
         self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = None
     ) -> Law:
-        """The law of a run with functions at amplitudes (n_mesh,).
+        """Force law of a run with functions at amplitudes (n_mesh,).
 
         Args:
-            wanted: functions whose columns will be formed (None: all).
+            wanted: functions whose columns will be formed; None: all.
         """
         return law(m, self.change_of(m, amplitudes, wanted))
 
     def change_of(
         self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = ()
     ) -> LawChange:
-        """What functions at amplitudes (n_mesh,) do to the law of a run."""
+        """Change of the law of a run by functions at amplitudes (n_mesh,); see ``law_of``."""
         r = self._number.get(m.name)
         between = None if r is None or not self._changes.parts else self.runs[r].dense
         return self._changes.of(m, m if self.uses_windows else between, amplitudes, wanted)
 
     @cached_property
     def _number(self) -> dict[str, int]:
+        """Number of each run, by name."""
         return {g.motion.name: r for r, g in enumerate(self.runs)}
 
     def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        """The consistency always; the balance unless its forces or its motion change."""
+        """Consistency; balance, if all forces are recorded and no motion sensor is changed."""
         motion = any(np.any(a) for a in amplitudes.get(consistency.NAME, {}).values())
         if motion or self.modelled.any() or self.exact_forces:
             return (consistency.NAME,) if self.n_relations else ()
@@ -288,7 +307,7 @@ class Gear:
 
     @cached_property
     def has_balance(self) -> bool:
-        """Whether rates of all coordinates are known."""
+        """Whether rates of all coordinates are known in all runs."""
         return all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
 
     def blocks(
@@ -297,7 +316,7 @@ class Gear:
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> list[dict[str, Block]]:
-        """Some observations of all runs about a change, with the columns wanted (None: all)."""
+        """Blocks of all runs about amplitudes; see ``diagnosis.search.Machine.blocks``."""
         return parallel_map(
             lambda r: self._blocks(r, amplitudes, wanted, observations), range(len(self.runs))
         )
@@ -309,6 +328,7 @@ class Gear:
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> dict[str, Block]:
+        """Blocks of run r."""
         found: dict[str, Block] = {}
         relations = self._consistency[r] if consistency.NAME in observations else None
         if relations is not None:
@@ -325,12 +345,12 @@ class Gear:
         if wanted is not None:
             used = {*wanted.get(force_law.NAME, ()), *SHAFT_NAMES}
             chosen = tuple(f for f in chosen if f.name in used)
-        asked = [f.name for f in chosen]
+        law_columns = [f.name for f in chosen]
         if force_law.NAME in observations and self.has_force_law:
-            now = self.law_of(g.strided, of_law, asked)
+            now = self.law_of(g.strided, of_law, law_columns)
             found[force_law.NAME] = force_law.block(g.strided, now, self.model, chosen, self.drift)
         if balance.NAME in observations and self.has_balance:
-            # Functions of laws stand in the forces already.
+            # Functions of the law are in the forces already.
             own = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
             own |= {f.name for f in self.body_functions}
             given = amplitudes.get(balance.NAME, {})
@@ -343,7 +363,7 @@ class Gear:
             full = (
                 self._balances[r]
                 if cached
-                else self._balance(r, g, self.law_of(g.motion, of_law, asked), chosen, names)
+                else self._balance(r, g, self.law_of(g.motion, of_law, law_columns), chosen, names)
             )
             if self.exact_forces and self._quadrature[r] is not None:
                 full = balance.corrected(
@@ -358,7 +378,7 @@ class Gear:
         amplitudes: Amplitudes,
         wanted: Mapping[str, Sequence[str]] | None,
     ) -> Block:
-        """Windows of a run about a change, at the states that fit it."""
+        """Trajectory block of run r, states fitted under the change."""
         names_of = self.functions if wanted is None else wanted
         every = names_of.get(trajectory.NAME, ())
         functions = [f.name for f in self.law_functions]
@@ -372,13 +392,13 @@ class Gear:
         return one.block(solution, change_of, every_one, tuple(every))
 
     def states(self, r: int, amplitudes: Amplitudes) -> WindowSolution:
-        """States of the windows of a run that fit a change."""
+        """Fit the states of the windows of run r under a change."""
         key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
         one = self.trajectory_under(r, amplitudes)
         return one.fitted_states(tuple(key), *self._windows_change(r, amplitudes))
 
     def trajectory_under(self, r: int, amplitudes: Amplitudes) -> Trajectory:
-        """Windows of a run; of the channels put back where a change says they are exchanged."""
+        """Windows of run r; with channels swapped back if the amplitudes contain a swap."""
         for f, a in amplitudes.get(trajectory.NAME, {}).items():
             if f.startswith(SWAP_PREFIX) and a[r][0] != 0.0:
                 key = r, f
@@ -392,17 +412,25 @@ class Gear:
     def energy_near(
         self, r: int, near: WindowSolution, amplitudes: Amplitudes, rounds: int
     ) -> float:
-        """Squares that some rounds leave of the windows of a run, from states near by."""
+        """Energy of the windows of run r after ``rounds`` steps under a change.
+
+        Args:
+            near: states to start from.
+        """
         one = self.trajectory_under(r, amplitudes)
         return one.cost_near(near, *self._windows_change(r, amplitudes), rounds)
 
     def _windows_change(
         self, r: int, amplitudes: Amplitudes, wanted: Sequence[str] = ()
     ) -> tuple[Callable[[MeshMotion], LawChange], dict[str, float], tuple[Function, ...]]:
-        """What amplitudes do to the law of a run, those of bodies and sensors, their functions.
+        """Arguments of ``Trajectory.fitted_states`` for run r.
 
         Args:
             wanted: functions of the law whose columns will be formed.
+
+        Returns:
+            Change of the law by motion, amplitudes of functions on bodies and sensors, and the
+            functions on the carrier.
         """
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         names = {f.name for f in self.law_functions}
@@ -420,11 +448,14 @@ class Gear:
         parts: Mapping[str, MovingPart] | None = None,
         about: Amplitudes | None = None,
     ) -> Gear:
-        """The same with further functions of the force law and of the balance.
+        """Copy with further functions.
 
         Args:
-            parts: that move by themselves, by the label that their functions begin with.
-            about: amplitudes of all else, by which parts move that push a body as well.
+            extra: functions of the force law.
+            on_bodies: forces on the carrier.
+            parts: moving parts, by the label that prefixes their functions.
+            about: amplitudes of everything else, about which parts on the carrier are computed;
+                None: as before.
         """
         found = copy.copy(self)
         every = {**self._changes.parts, **(parts or {})}
@@ -436,7 +467,7 @@ class Gear:
         return found
 
     def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
-        """What is measured about the rows of a block of a run."""
+        """Inputs of the flexible regression for the rows of a block of run r."""
         if observation == trajectory.NAME:
             return self.trajectory_of(r).regression_inputs(block, self.law_functions)
         g = self.runs[r]
@@ -459,9 +490,9 @@ def _linear_block_at(
     r: int,
     wanted: Mapping[str, Sequence[str]] | None,
 ) -> Block:
-    """A linear block with its residual at some amplitudes, and the columns wanted.
+    """Linear block of run r with its residual moved to amplitudes, restricted to wanted columns.
 
-    Columns that shared nuisances are made of stay.
+    Columns used by shared nuisances are kept.
     """
     residual = block.residual
     for name, a in amplitudes.items():
@@ -482,6 +513,7 @@ def _linear_block_at(
 
 
 def _common_columns(block: Block) -> NDArray[np.bool_]:
+    """``common_columns`` of a block, false for None."""
     return (
         np.zeros(len(block.functions), bool)
         if block.common_columns is None

@@ -1,4 +1,4 @@
-"""The gear as the engine takes it: observations with places, tolerances and a catalogue."""
+"""The gear as a machine of the diagnosis engine: observations, tolerances and catalogue."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 
 class GearMachine:
-    """A gear's runs with all that may be wrong with them; see ``diagnosis.search.Machine``."""
+    """Implements ``diagnosis.search.Machine`` for a gear."""
 
     def __init__(self, gear: Gear) -> None:
         self.gear = gear
@@ -44,7 +44,7 @@ class GearMachine:
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Observations that can be formed."""
+        """Names of the observations that the recorded channels allow."""
         there = {
             force_law.NAME: self.gear.has_force_law,
             balance.NAME: self.gear.has_balance,
@@ -63,7 +63,7 @@ class GearMachine:
     def proposals(
         self, amplitudes: Amplitudes, known: Score
     ) -> tuple[GearMachine, list[Hypothesis]]:
-        """Events of teeth, rings and pins."""
+        """Damaged teeth, flexible rings and loose pins suggested by the residual."""
         if self.gear.uses_windows:
             found: list[Event | Seat] = [*window_events.proposals(self.gear, amplitudes)]
             found += window_parts.proposals(self.gear, amplitudes, known)
@@ -77,7 +77,7 @@ class GearMachine:
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:
-        """Hypotheses at their own size, of windows alone: all else is near enough to linear."""
+        """Nonlinear trials of trajectories; other observations are nearly linear."""
         if not self.gear.uses_windows:
             return []
         return window_trials.nonlinear_trials(self.gear, self.rows, len(self.base), ranked, known)
@@ -85,7 +85,11 @@ class GearMachine:
     def with_parts(
         self, parts: Sequence[Event | Seat], about: Amplitudes | None = None
     ) -> tuple[GearMachine, list[Hypothesis]]:
-        """A machine with the functions of some events and parts, and their hypotheses."""
+        """Extended machine and hypotheses of some damaged teeth and moving parts.
+
+        Args:
+            about: see ``Gear.with_functions``.
+        """
         labels = [f"part {next(self.gear.part_numbers)}" for _ in parts]
         every = [
             f
@@ -106,13 +110,13 @@ class GearMachine:
         return machine, made
 
     def for_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
-        """The machine of other runs of the same rig, at every sample."""
+        """Machine of other runs of the same rig, at every sample."""
         return GearMachine(self.gear.for_runs(runs))
 
     def transferred(
         self, hypotheses: Sequence[Hypothesis]
     ) -> tuple[GearMachine, list[Hypothesis]]:
-        """Hypotheses of another machine of the rig here."""
+        """Hypotheses of another machine of the rig for these runs, and the machine for them."""
         machine, made = self.with_parts([h.source for h in hypotheses if h.source is not None])
         plain = [h for h in hypotheses if h.source is None]
         only = {h.effect for h in plain}

@@ -1,4 +1,4 @@
-"""Rings and pins over a grid: how many squares each would remove, and the best of each kind."""
+"""Grid search for moving parts: energy that a flexible ring or loose pin would remove."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
 Array = NDArray[np.float64]
 
-# Four stiffnesses a decade of a ring, one of a seat: parameters follow within one and a half.
+# Grids of stiffness and clearance, chosen; fits reach 1.5 decades beyond (``seats``).
 RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
 SEATS_N_PER_M = np.geomspace(1e10, 1e12, 3)
 CLEARANCES_M = np.geomspace(5e-7, 5e-5, 7)
-RING_RATIO, SEAT_RATIO = 0.05, 0.1  # as the catalogue starts
+RING_RATIO, SEAT_RATIO = 0.05, 0.1  # damping ratios, start values of the catalogue
 HARD_END, SOFT_END = (
     0.05,
     0.5,
-)  # softness over the clearance; a soft seat is a spring at any clearance
-START_GROWTH = 0.3  # growth and drag
-MAX_TRIALS = 40  # of parameters near the best point of a grid
+)  # rounding of the ends over the clearance, chosen; soft: nearly linear
+START_GROWTH = 0.3  # start of growth and drag, chosen
+MAX_TRIALS = 40  # evaluations of the local search, chosen for run time
 
 Grid = list[tuple[float, ...]]
 GRIDS: tuple[tuple[str, Grid], ...] = (
@@ -57,13 +57,11 @@ GRIDS: tuple[tuple[str, Grid], ...] = (
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
-    """The most promising part of each grid; none where motion between samples is unknown.
-
-    Both sides alike first, then each side of the best.
+    """Best moving part of each grid; none where motion between samples is unknown.
 
     Args:
-        amplitudes: of what is known.
-        known: fit that they come from.
+        amplitudes: of the current fit.
+        known: the current fit.
     """
     if any(g.dense is None for g in gear.runs):
         return []
@@ -71,7 +69,10 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
 
 
 def best_seats(trial: PartTrial) -> list[Seat]:
-    """The part of each grid that removes most squares."""
+    """Part of each grid that removes most energy, on the largest places first, then inside them.
+
+    The best of all is refined by local search.
+    """
     layout = trial.gear.model.layout
     found = []
     for effect, grid in GRIDS:
@@ -88,21 +89,21 @@ def best_seats(trial: PartTrial) -> list[Seat]:
     return [trial.refined(seat) if seat is first else seat for seat in found]
 
 
-# Observation, row, residuals over their noise without and with a part, (n,) each, and the noise
-# that columns are over, over that of the residuals.
+# Observation, row, whitened residuals without and with a part, (n,) each, and (n,) factor that
+# rescales whitened columns to the noise of these residuals.
 RowChange = tuple[str, int, Array, Array, Array]
 
 
 @dataclass(frozen=True)
 class TrialRun:
-    """A run with what all but the part does to it.
+    """A run under the current fit, without the part.
 
     Attributes:
         number: of the run.
-        some, dense: at the samples of the force law, between samples.
-        change, between: of the law at both.
-        at: where the former stand in the latter.
-        blocks: by observation, with the columns of all that is known.
+        strided, dense: motion at the samples of the force law, and between samples.
+        change, between: change of the law at both.
+        at: indices of the samples of ``strided`` in ``dense``.
+        blocks: by observation, with the columns of the current fit.
     """
 
     number: int
@@ -115,13 +116,13 @@ class TrialRun:
 
 
 class PartTrial:
-    """Squares that a part removes, all that is known free to follow inside its bounds.
+    """Evaluates the energy that a moving part removes when all other coefficients are refitted.
 
     Args:
         gear: with its runs.
-        amplitudes: of what is known.
-        known: fit that the amplitudes come from.
-        every: run that is looked at.
+        amplitudes: of the current fit.
+        known: the current fit.
+        every: use every so many-th run.
     """
 
     def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
@@ -141,7 +142,7 @@ class PartTrial:
         self._columns: dict[tuple[int, str, int], Array] = {}
 
     def _observations(self) -> list[str]:
-        """Names of those that are formed."""
+        """Names of the observations that are evaluated."""
         gear = self.gear
         formed = {
             force_law.NAME: gear.has_force_law,
@@ -151,7 +152,7 @@ class PartTrial:
         return [name for name, there in formed.items() if there]
 
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
-        """A run with the changes of its law, at the samples of the law and between them."""
+        """Run r with the change of its law under the current fit."""
         some, dense = self.gear.runs[r].strided, self.gear.runs[r].dense
         assert dense is not None
         of_law = {f: a[r] for f, a in self._amplitudes.get(force_law.NAME, {}).items()}
@@ -160,11 +161,11 @@ class PartTrial:
         return TrialRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)
 
     def gain(self, seat: Seat) -> float:
-        """Squares that a part removes."""
+        """Energy that a part removes from the runs used."""
         return self._gain_and_refit(seat)[0]
 
     def _gain_and_refit(self, seat: Seat) -> tuple[float, Array]:
-        """Squares that a part removes, and all that is known where it does, over its centres."""
+        """Energy removed, and refitted coefficients (p,) of the current fit less centres."""
         fall, b = 0.0, np.zeros(len(self._known))
         for run in self._runs:
             for o, row, before, after, weight in self._rows(run, seat):
@@ -178,11 +179,11 @@ class PartTrial:
         return fall, followed
 
     def best(self, seats: Sequence[Seat]) -> Seat:
-        """That which removes most."""
+        """The part that removes most."""
         return seats[int(np.argmax(parallel_map(self.gain, seats)))]
 
     def with_load(self, seat: Seat) -> Seat:
-        """With the largest load of the runs that are looked at, and what it removes of all."""
+        """Part with its load, and energy removed, scaled to all runs."""
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
         fall, followed = self._gain_and_refit(seat)
@@ -190,7 +191,7 @@ class PartTrial:
         return replace(seat, measured_gain=fall / looked_at, base_mean=tuple(known.tolist()))
 
     def refined(self, seat: Seat) -> Seat:
-        """The same where it removes most nearby, by Nelder and Mead: the grid is coarse."""
+        """Improve the parameters of a part by a Nelder-Mead search from the grid point."""
         n = len(seat.names)
         found = minimize(
             lambda offsets: -self.gain(seat.at(offsets)),
@@ -212,7 +213,7 @@ class PartTrial:
         return self._drives[key]
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
-        """Every row that a part changes."""
+        """Rows of force law and balance that a part changes."""
         gear = self.gear
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
         m, change = select_meshes(run.strided, run.change, at)
@@ -238,7 +239,7 @@ class PartTrial:
     def _balance_rows(
         self, run: TrialRun, block: Block, more: Array, at: NDArray[np.int64]
     ) -> Iterator[RowChange]:
-        """Rows of the balance without and with more force (n, k) on some meshes."""
+        """Rows of the balance with additional force ``more`` (n, k) [N] on meshes ``at``."""
         g = self.gear.runs[run.number]
         look = window_of(g.run, self.gear.window_cycles)
         whole = np.arange(len(g.motion.times))
@@ -253,7 +254,7 @@ class PartTrial:
             yield balance.NAME, row, without, left, np.ones(len(left))
 
     def _base_columns(self, run: TrialRun, o: str, row: int) -> Array:
-        """(n, p) what each coefficient adds to a row, over the noise."""
+        """(n, p) whitened columns of the coefficients of the current fit in a row."""
         key = run.number, o, row
         if key not in self._columns:
             block = run.blocks[o]

@@ -1,7 +1,7 @@
-"""Parts that move by themselves, driven by the meshes: a ring on its spring, a loose pin.
+"""Moving parts as hypotheses: a ring on a spring, a loose pin in its bore.
 
-Their displacement follows from the recorded motion by their own equation, see ``seat_motion``; its
-parameters are coefficients like any other, about those of the best point of a grid.
+Their displacement follows from the recorded motion by their own equation of motion, see
+``seat_motion``; the logarithms of its parameters are coefficients, relative to a point of a grid.
 """
 
 from __future__ import annotations
@@ -31,10 +31,12 @@ from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, 
 
 Array = NDArray[np.float64]
 
-MAX_LOG_OFFSET = np.log(30.0)  # a parameter is sought within one and a half decades of the grid
-PRIOR_LOG_SD = 1.0  # prior of the logarithm of a parameter about that of the grid
-PRESENCE_SD = 1e-9  # prior of the amplitude of what is there or not: no data outweigh it
-DIFFERENCE_STEP = 1e-3  # of a parameter, for derivatives
+MAX_LOG_OFFSET = np.log(
+    30.0
+)  # range of a parameter's logarithm about the grid, 1.5 decades; chosen
+PRIOR_LOG_SD = 1.0  # prior of a parameter's logarithm about the grid; chosen
+PRESENCE_SD = 1e-9  # prior of the amplitude about 1: practically fixed
+DIFFERENCE_STEP = 1e-3  # of a logarithm, for difference quotients
 SEAT_PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "ring_flexibility": ("stiffness", "damping", "growth", "drag"),
     "bearing_clearance": ("clearance", "stiffness", "damping", "softness", "growth"),
@@ -43,16 +45,16 @@ SEAT_PARAMETERS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Seat:
-    """A part that moves by itself.
+    """A ring or pin on its seat.
 
     Attributes:
         effect, locus: as in the catalogue.
-        theta: parameters as in ``PARAMETERS``: stiffness [N/m], damping ratio, clearance [m],
-            growth of the stiffness at the deflection by the load, drag at its rate, softness over
-            the clearance.
-        load: largest force on it as if it were rigid [N].
-        removes: squares that it removes.
-        known_mean: values of all coefficients known before it, at which it removes them.
+        theta: parameters in the order of ``SEAT_PARAMETERS``: stiffness [N/m], damping ratio,
+            clearance [m], growth of the stiffness at the deflection by ``load``, drag at its rate,
+            softness over the clearance.
+        load: largest force on it if it were rigid [N].
+        measured_gain: energy that it removes.
+        base_mean: values of all other coefficients at ``measured_gain``.
     """
 
     effect: str
@@ -64,18 +66,18 @@ class Seat:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its parameters."""
+        """Names of its parameters."""
         return SEAT_PARAMETERS[self.effect]
 
     def at(self, offsets: Array) -> Seat:
-        """The same with parameters times e^offset, as far as they reach."""
+        """Copy with parameters times exp(offset), clipped to ``MAX_LOG_OFFSET``."""
         factors = np.exp(
             np.clip(offsets, -MAX_LOG_OFFSET - DIFFERENCE_STEP, MAX_LOG_OFFSET + DIFFERENCE_STEP)
         )
         return replace(self, theta=tuple((np.array(self.theta) * factors).tolist()))
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
-        """What it does to its meshes, per unit of its amplitude and of each parameter."""
+        """Basis functions: displacement of its meshes, and derivatives by parameter logarithms."""
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
         names = (label, *(f"{label} {name}" for name in self.names))
         found = [replace(_displacement(name), meshes=at) for name in names]
@@ -84,7 +86,7 @@ class Seat:
         return tuple(found)
 
     def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
-        """With its coefficients."""
+        """Hypothesis with a fixed amplitude and the logarithms of its parameters."""
         model = builder.gear.model
         mask = self.locus.mask(model.layout)
         weights: Weights = {label: mask}
@@ -122,7 +124,7 @@ class Seat:
         offsets: Array,
         slopes: bool,
     ) -> Displacements:
-        """What each of its functions stands for, by name; see ``changes.Part``."""
+        """Displacements of the meshes by its functions; see ``changes.MovingPart``."""
         drive = PartDrive(model, self.locus, self.effect, m, change)
         now = drive.motion(self.at(offsets))
         found = {label: now}
@@ -134,6 +136,7 @@ class Seat:
 
 
 def _displacement(name: str) -> Function:
+    """Function that returns a displacement already computed for the law."""
     return Function(
         name,
         "d",
@@ -143,7 +146,7 @@ def _displacement(name: str) -> Function:
 
 
 def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
-    """-m w'' on the carrier [N]."""
+    """Inertia force of a pin on the carrier, -m w'' [N]."""
     at, mass = pin_meshes(model, seat.locus)
 
     def values(m: MeshMotion, law: Law) -> Array:
@@ -154,17 +157,17 @@ def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
 
 
 def pin_meshes(model: Model, locus: Locus) -> tuple[list[int], float]:
-    """Meshes of a pin, and its mass [kg]; half of it where one side is free alone."""
+    """Meshes of a pin, and its mass [kg]: half of the pin if only one side is loose."""
     at = np.flatnonzero(locus.mask(model.layout)).tolist()
     return at, model.parameters.m_p * len(at) / 4.0
 
 
 class PartDrive:
-    """What drives a part on one run.
+    """Meshes and forces that drive a part in one run.
 
     Attributes:
-        share: (k, n_mesh) meshes of each of its k coordinates: sides of a ring, or one pin.
-        load: largest force on it as if it were rigid [N].
+        share: (k, n_mesh) 1 for the meshes of each of its k coordinates: ring sides, or one pin.
+        load: largest force on it if it were rigid [N].
     """
 
     def __init__(
@@ -191,7 +194,7 @@ class PartDrive:
         self._meshes = [_mesh_loads(m, change, np.flatnonzero(one), rest) for one in self.share]
 
     def motion(self, seat: Seat) -> Array:
-        """(n, k, 2) displacement [m] and rate [m/s] of its coordinates."""
+        """Displacement [m] and rate [m/s] (n, k, 2) of the coordinates of a part."""
         theta = dict(zip(seat.names, seat.theta, strict=True))
         stiffness, clearance = theta["stiffness"], theta.get("clearance", 0.0)
         s = self._model.scales
@@ -212,7 +215,7 @@ class PartDrive:
 
 
 def _mesh_loads(m: MeshMotion, change: LawChange, at: NDArray[np.int64], rest: Array) -> MeshLoads:
-    """Some meshes with all that changes them."""
+    """Meshes ``at`` under a change of the law, with force ``rest`` (n,) on the carrier."""
     own, ch = select_meshes(m, change, at)
 
     def wide(value: Array | float) -> Array:

@@ -1,4 +1,4 @@
-"""Errors of sensors as hypotheses: of forces in the law and the balance, of motion by geometry."""
+"""Hypotheses: errors of force sensors, of motion sensors, and of channels fitted by windows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from herringbone_sim.gap.sensors.groups import groups_of
 
 
 def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Errors of force sensors: in the force law, and with the other sign in the balance."""
+    """Gain, bias, delay, clock and swap of force channels; opposite signs in law and balance."""
     gear = builder.gear
     layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
     measured = np.flatnonzero(~gear.modelled)
@@ -55,7 +55,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 
 
 def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Errors of x, v and u: by what the sensors say of each other."""
+    """Gain, bias, delay, clock and swap of x, v and u, seen by their consistency."""
     gear = builder.gear
     if not gear.n_relations:
         return
@@ -83,10 +83,10 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 
 
 def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Errors of the channels that windows follow.
+    """Gain, bias, delay and swap of the channels to which windows are fitted.
 
-    An accelerometer shows no constant; a gauge that sees a planet at times alone is not late by
-    itself, all gauges are read by one recorder.
+    No bias of accelerometers, which have no constant part; no delay of gauges that see a planet
+    only at times, as all gauges share one recorder.
     """
     gear = builder.gear
     if not gear.uses_windows:
@@ -117,6 +117,7 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (one,), 1)
 
 
+# Parameter of each effect in the catalogue.
 PARAMETER_NAMES = {
     "sensor_gain": "gain",
     "sensor_bias": "bias",
@@ -127,4 +128,5 @@ MOTION_EFFECTS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
 def sensor_loci(layout: Layout) -> tuple[Locus, ...]:
+    """Places at which force sensors may share an error."""
     return known_effects()["sensor_gain"].candidates(layout)

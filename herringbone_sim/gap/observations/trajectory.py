@@ -25,13 +25,13 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
+from herringbone_sim.gap.observations.body_motion import body_loads, with_rigid_swing
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, waves_of
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
     N_WINDOWS,
     Windows,
     WindowSolution,
-    body_loads,
     evaluated,
     fitted_windows,
     jacobian,
@@ -39,7 +39,6 @@ from herringbone_sim.gap.observations.shooting import (
     symmetric_starts,
     window_samples,
     windows_of_run,
-    with_rigid_swing,
 )
 from herringbone_sim.gap.observations.window_columns import (
     BodyForce,

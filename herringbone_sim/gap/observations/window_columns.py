@@ -16,10 +16,11 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, force_column
+from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, cycles_per_shaft_turn
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
-from herringbone_sim.gap.observations.shooting import JUMP_SD, Windows, WindowSolution, body_loads
+from herringbone_sim.gap.observations.shooting import JUMP_SD, Windows, WindowSolution
 from herringbone_sim.gap.observations.window_sensors import error_columns
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.observations.shooting import body_loads, inverse_masses
+from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
 from herringbone_sim.gap.observations.window_channels import pin_names, pin_weights
 
 Array = NDArray[np.float64]
