@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def body_loads(model: Model, phase: Array) -> Array:
-    """(n, 9) forces on the bodies by both torques and the control at phases (n,) [N]."""
+    """(n, 9) forces on the bodies by both torques and the control at mesh phases (n,) [N]."""
     p, sc, packed = model.parameters, model.scales, model.packed
     tau = np.zeros((len(phase), len(model.layout.bodies)))
     tau[:, :2] = p.T_1 / (2.0 * sc.r_bs)
@@ -32,7 +32,7 @@ def inverse_masses(model: Model) -> Array:
 
 
 def rigid_momentum(run: PreparedRun, phase: Array) -> Array:
-    """(n,) sum of M r u of the whole gear, r the rigid rotation with 1 at the carrier [kg m]."""
+    """(n,) sum of M r u [kg m] by the control, r the rigid rotation with 1 at the carrier."""
     sc, packed = run.model.scales, run.model.packed
     push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
     turn = packed.control_order * run.omega_rad_per_s
@@ -41,10 +41,10 @@ def rigid_momentum(run: PreparedRun, phase: Array) -> Array:
 
 
 def with_rigid_swing(run: PreparedRun) -> PreparedRun:
-    """A run with the swing of the whole gear by the control put back on its rotations.
+    """Run with the rigid oscillation excited by the control added to its rotations.
 
-    A simulator of relative coordinates has no rigid rotation at all; a rig's recording lacks its
-    trend alone.
+    Recordings of a simulator in relative coordinates lack all rigid rotation; those of a rig lack
+    only its trend.
     """
     model = run.model
     M = 1.0 / inverse_masses(model)
@@ -57,7 +57,7 @@ def with_rigid_swing(run: PreparedRun) -> PreparedRun:
 
 
 def static_rotations(run: PreparedRun) -> Array:
-    """Rotations (9,) under the torques, all planets alike and without mesh error, M u = 0."""
+    """Static rotations (9,) [m] under the torques: equal planets, e = 0, no rigid rotation."""
     model = run.model
     p, sc, layout = model.parameters, model.scales, model.layout
     G = coordinates_to_meshes(layout) @ bodies_to_coordinates(model)
@@ -73,10 +73,9 @@ def static_rotations(run: PreparedRun) -> Array:
 
 
 def shaft_rotations(run: PreparedRun) -> Array:
-    """Rotations (n, 3) of suns and carrier [m]: as measured, or from accelerations.
+    """Rotations (n, 3) of suns and carrier [m], measured or integrated from accelerations.
 
-    An acceleration has neither mean nor slow parts: what lies below half a turn of the mesh is
-    left out, and the mean is that of the gear at rest under its load.
+    Integration leaves out frequencies below half the mesh frequency; the mean is the static one.
     """
     bodies, n = run.model.layout.bodies, len(run)
     at = [bodies.index(name) for name in SHAFTS]

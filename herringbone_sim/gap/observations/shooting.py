@@ -1,8 +1,8 @@
-"""States of short windows of a run that fit what was measured: multiple shooting.
+"""Fit the states of short windows of a run to its channels: multiple shooting.
 
-Windows are short against the Lyapunov time and tied by a weak continuity (H. G. Bock,
-Springer Series in Chemical Physics 18, 102 (1981), with jumps that cost instead of none), so that
-chaos does no harm. Solved by Levenberg and Marquardt over the states of all windows.
+Windows are short against the Lyapunov time, so chaos does no harm, and joined by a weak
+continuity constraint: jumps cost energy (H. G. Bock, Springer Series in Chemical Physics 18, 102
+(1981), where they are zero). Solved by Levenberg-Marquardt over the start states of all windows.
 """
 
 from __future__ import annotations
@@ -31,34 +31,33 @@ from herringbone_sim.gap.observations.window_channels import (
 
 Array = NDArray[np.float64]
 
-STEP_RAD = 0.08  # of 1 / omega_n
-INTEGRATION_ERROR = (
-    3e-4  # of a channel's RMS: what such steps through contact miss of it, by test_gap_windows
-)
-WINDOW_RAD = (
-    6.0  # of 1 / omega_n, the length of a window: two periods of the fastest mode at least
-)
-N_WINDOWS = 24
-JUMP_SD = 0.03  # of the motion's RMS, from window to window
+# Chosen; times in units of 1 / omega_n:
+STEP_RAD = 0.08  # longest integration step
+# Integration error through contact at this step, as a share of a channel's RMS, counted as noise;
+# upper bound checked by test/gap/test_gap_windows.py.
+INTEGRATION_ERROR = 3e-4
+WINDOW_RAD = 6.0  # length of a window: two periods of the fastest mode at least
+N_WINDOWS = 24  # of a run
+JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
 MAX_ROUNDS = 25
-RELATIVE_TOLERANCE = 1e-3  # share of the cost: less gained in a round ends the search
+RELATIVE_TOLERANCE = 1e-3  # decrease of the energy, as a share of it, that ends the fit
 
 
 @dataclass(frozen=True)
 class Windows:
-    """Windows of a run.
+    """W windows of a run with k channels.
 
     Attributes:
-        run: as prepared.
-        G, inverse: see ``rollout.Drive``.
-        channels: what is measured.
-        measured: (W, samples, k); 0 where there is no reading.
+        run: the run.
+        G, inverse: see ``rollout.Forcing``.
+        channels: channels to fit.
+        measured: (W, samples, k) readings; 0 where there are none.
         weight: (W, samples, k) 1 over the noise; 0 where there is no reading.
-        samples, steps: of a window; steps of a sample.
-        h: of a step [s].
-        phase: (n,) at every half step [rad].
-        first: (W,) half step at which each window starts.
-        scale: (18,) of a state: RMS of the motion.
+        samples, steps: samples and integration steps per window.
+        h: integration step [s].
+        phase: (n,) mesh phase at every half step [rad].
+        first_half_step: (W,) index of the half step at which each window starts.
+        scale: (18,) RMS of rotations [m] and rates [m/s], for scaling.
     """
 
     run: PreparedRun
@@ -76,25 +75,27 @@ class Windows:
 
     @property
     def n_windows(self) -> int:
+        """Number of windows W."""
         return len(self.first_half_step)
 
     @property
     def steps_per_sample(self) -> int:
-        """Steps of a sample."""
+        """Integration steps per sample."""
         return self.steps // self.samples
 
     def in_windows(self, values: Array) -> Array:
-        """Channels (n, k) as (W, samples, k), 0 where there is no reading."""
+        """Reshape channels (n, k) to (W, samples, k), 0 for missing readings."""
         W, samples, k = self.measured.shape
         return np.nan_to_num(values[: W * samples].reshape(W, samples, k))
 
     def channel_outputs(
         self, states: Array, forcing: Forcing, first: NDArray[np.int64] | None = None
     ) -> tuple[Array, Array]:
-        """What channels show of states (W, steps + 1, 18), (W, samples, k), and its slope.
+        """Channels (W, samples, k) predicted from states, and derivatives (W, samples, k, 18).
 
         Args:
-            first: (W,) half step at which each window starts; None: those of the stretch.
+            states: (W, steps + 1, 18).
+            first: (W,) index of the half step at which each window starts; None: as stored.
         """
         begin = self.first_half_step if first is None else first
         at = begin[:, None] + 2 * self.steps_per_sample * np.arange(self.samples)
@@ -103,15 +104,15 @@ class Windows:
 
 @dataclass(frozen=True)
 class WindowSolution:
-    """Windows at some states, and how they change with them.
+    """Windows integrated from given start states.
 
     Attributes:
-        starts: (W, 18).
-        states: (W, steps + 1, 18) at every step.
-        tangents: (W, steps, 18, 18) of every step.
-        slope: (W, samples, k, 18) of what channels show by the state, over the noise.
-        off: (W, samples, k) measured less expected, over the noise.
-        jumps: (W - 1, 18) end of a window less the start of the next, over the motion's scale.
+        starts: (W, 18) start states.
+        states: (W, steps + 1, 18) states at every step.
+        tangents: (W, steps, 18, 18) tangents of every step.
+        slope: (W, samples, k, 18) derivative of the channels by the state, over the noise.
+        residuals: (W, samples, k) measured minus predicted, over the noise.
+        jumps: (W - 1, 18) end of a window minus start of the next, over ``Windows.scale``.
     """
 
     starts: Array
@@ -123,17 +124,17 @@ class WindowSolution:
 
     @property
     def cost(self) -> float:
-        """Sum of squares, jumps over ``JUMP``."""
+        """Energy: sum of squared residuals and of jumps over ``JUMP_SD``."""
         return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / JUMP_SD**2)
 
 
 def window_samples(run: PreparedRun) -> int:
-    """Samples of a window."""
+    """Samples per window."""
     return max(3, round(WINDOW_RAD / (run.model.scales.omega_n * run.step_s)))
 
 
 def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
-    """The first windows of a run."""
+    """Form the first windows of a run."""
     model, omega_n = run.model, run.model.scales.omega_n
     samples = window_samples(run)
     W = min(windows, (len(run) - 1) // samples)
@@ -163,10 +164,9 @@ def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
 
 
 def symmetric_starts(s: Windows) -> Array:
-    """Starts (W, 18) with all planets alike, by the momentum of the whole gear.
+    """Start states (W, 18) from measured rotations, with all unmeasured planets alike.
 
-    What is measured of suns and carrier leaves the mean planet: the sum of M r u, r the rigid
-    rotation, moves by the control alone.
+    Their mean follows from suns and carrier, as the rigid momentum is known (``rigid_momentum``).
     """
     M, run = 1.0 / s.inverse, s.run
     n = s.n_windows * s.samples
@@ -183,7 +183,7 @@ def symmetric_starts(s: Windows) -> Array:
 
 
 def evaluated(s: Windows, starts: Array, forcing: Forcing) -> WindowSolution:
-    """Windows from some starts."""
+    """Integrate windows from start states (W, 18)."""
     states, tangents = integrate_windows(starts, s.first_half_step, s.steps, s.h, forcing)
     seen, slope = s.channel_outputs(states, forcing)
     off, slope = (s.measured - seen) * s.weight, slope * s.weight[..., None]
@@ -193,7 +193,7 @@ def evaluated(s: Windows, starts: Array, forcing: Forcing) -> WindowSolution:
 
 
 def propagators(s: Windows, tangents: Array) -> Array:
-    """(W, samples + 1, 18, 18) from the start of windows to their samples, over the scale."""
+    """Propagators (W, samples + 1, 18, 18) from scaled start states to samples; end scaled."""
     found = np.empty((len(tangents), s.samples + 1, STATES, STATES))
     _propagate(tangents, np.diag(s.scale), s.steps_per_sample, found)
     found[:, -1] /= s.scale[:, None]
@@ -202,7 +202,7 @@ def propagators(s: Windows, tangents: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
-    """Products of the tangents (W, steps, n, n) of windows from a start (n, n), at samples."""
+    """Write products of tangents (W, steps, n, n) and ``start`` (n, n) at every sample."""
     for w in range(len(tangents)):
         now = start.copy()
         found[w, 0] = now
@@ -213,7 +213,7 @@ def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
 
 
 def jacobian(s: Windows, solution: WindowSolution) -> Array:
-    """(rows, 18 W) of what is measured, over its noise, and of the jumps, by all starts."""
+    """Jacobian (rows, 18 W) of predictions and jumps by scaled start states, over the noise."""
     W, k = s.n_windows, s.measured.shape[2]
     T = propagators(s, solution.tangents)
     data = np.zeros((W, s.samples * k, W, STATES))
@@ -228,17 +228,17 @@ def jacobian(s: Windows, solution: WindowSolution) -> Array:
 
 
 def stacked_residual(solution: WindowSolution) -> Array:
-    """(rows,) measured less expected, and jumps that are expected to be none."""
+    """Residuals (rows,) of channels and jumps, over the noise."""
     return np.concatenate([solution.residuals.ravel(), -solution.jumps.ravel() / JUMP_SD])
 
 
 def fitted_windows(
     s: Windows, starts: Array, forcing: Forcing, rounds: int = MAX_ROUNDS
 ) -> WindowSolution:
-    """States that fit best, by Levenberg and Marquardt; a window meets its neighbours alone."""
+    """Fit start states by Levenberg-Marquardt with a banded normal matrix."""
     solution, damping = evaluated(s, starts, forcing), 1e-2
     cost = solution.cost
-    for _ in range(rounds if np.isfinite(cost) else 0):  # a change may be one that no gear stands
+    for _ in range(rounds if np.isfinite(cost) else 0):  # else the start diverged
         band, right = _normal_bands(s, solution)
         while damping < 1e6:
             whole = band.copy()
@@ -261,7 +261,7 @@ def fitted_windows(
 
 
 def _normal_bands(s: Windows, solution: WindowSolution) -> tuple[Array, Array]:
-    """Lower bands (36, 18 W) of the normal matrix of all starts, and its right side (18 W,)."""
+    """Lower bands (36, 18 W) of the normal matrix of scaled start states; right side (18 W,)."""
     T, W = propagators(s, solution.tangents), s.n_windows
     seen = (solution.slope @ T[:, :-1]).reshape(W, -1, STATES)
     right = np.einsum("wrs,wr->ws", seen, solution.residuals.reshape(W, -1))

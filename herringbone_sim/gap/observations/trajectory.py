@@ -1,9 +1,10 @@
-"""Trajectories of few channels as an observation: what windows of the motion leave of rotations.
+"""Trajectories as an observation, for few channels: residual of fitted windows of the motion.
 
-Where neither a force law nor a balance can be formed, the states of short windows are estimated
-from the rotations of some bodies (``shooting``); what is left of the measured rotations, and the
-jumps from window to window, is the residual. A function of the force law acts through the motion:
-its column is the linear response of the windows to the force that it adds to a mesh.
+Where neither force law nor balance can be formed, states of short windows are fitted to the
+recorded channels (``shooting``). Rows are the residuals of the channels and the jumps between
+windows. The column of a function is the linear response of the windows to its force.
+
+Longer than 300 lines: ``Trajectory`` holds the fitted states that all its methods share.
 """
 
 from __future__ import annotations
@@ -61,37 +62,27 @@ from herringbone_sim.gap.residuals.balance import between
 Array = NDArray[np.float64]
 
 NAME = "trajectory"
-ROUNDS_NEW, ROUNDS_AGAIN = (
-    8,
-    2,
-)  # rounds of a fit under a change: new, and near one that was tried before
-# Shapes of forces that a cause of any kind may be made of, at the meshes.
+# Levenberg-Marquardt rounds under a change for the first time, and later, from the last states;
+# chosen for run time.
+ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
+# Functions of the law whose responses at every mesh are inputs of the flexible regression; chosen.
 GENERIC_FUNCTIONS = {
-    "kappa",
-    "gamma",
-    "gamma out",
-    "b_plus",
-    "b_minus",
-    *(f"kappa load {i}" for i in range(6)),
+    *("kappa", "gamma", "gamma out", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))),
+    *(f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")),
+    *(f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")),
 }
-GENERIC_FUNCTIONS |= {
-    f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")
-}
-GENERIC_FUNCTIONS |= {
-    f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")
-}
-LEAD_WINDOWS = (
-    12  # windows; in nine the filter found the motion of all planets from any start tried
-)
-MAX_FIT_CHI2 = 1.5  # a value: states that leave no more need no other start
-RESTART_SHARE = (
-    0.75  # of the squares at the last start: a change that takes off so much moves otherwise
-)
-STATE_PRIOR_SD = 1e3  # prior of a state, in units of the motion: none
+# Windows at the start of a run, used by the filter alone; in nine it converged from all initial
+# states tried.
+LEAD_WINDOWS = 12
+MAX_FIT_CHI2 = 1.5  # energy per reading above which states may be in a wrong minimum; chosen
+# Energy over that at the last restart below which states are restarted: the motion has changed;
+# chosen.
+RESTART_SHARE = 0.75
+STATE_PRIOR_SD = 1e3  # prior of scaled start states, practically none
 
 
 def trajectory(run: PreparedRun) -> Trajectory:
-    """The windows of a run, with or without the swing of the whole gear, whichever fits better."""
+    """Windows of a run, with or without ``with_rigid_swing``, whichever fits better."""
     if run.model.packed.K == 0.0 or not run.u.there.any():
         return Trajectory(run)
     found = Trajectory(run), Trajectory(with_rigid_swing(run))
@@ -101,10 +92,11 @@ def trajectory(run: PreparedRun) -> Trajectory:
 def function_names(
     model: Model, laws: Sequence[Function], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Columns: masses, channels' errors, friction by mesh, ripple, every law on its meshes.
+    """Columns: masses, channel errors and swaps, friction by mesh, ripple, the law by mesh.
 
     Args:
-        laws: functions of the force law, and those that push the carrier.
+        laws: functions of the force law, and those on the carrier.
+        channels: names of channels.
     """
     meshes = range(model.layout.n_mesh)
     names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
@@ -118,11 +110,17 @@ def function_names(
 
 
 class Trajectory:
-    """The windows of a run, their states under any change of the law.
+    """Windows of a run and their fitted states under changes of the law.
 
     Args:
         run: with rotations or accelerations of suns and carrier.
-        lead: windows that are left out at the start, for the filter alone.
+        lead: windows at the start that only the filter uses.
+        windows: number of windows that are fitted.
+
+    Attributes:
+        recorded: windows as recorded.
+        windows: windows without the sensor errors of the last change.
+        last_linearisation: states, law and motion of the block formed last.
     """
 
     def __init__(
@@ -132,19 +130,17 @@ class Trajectory:
         self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - windows))
         part = part_of(run, slice(self.lead_windows * samples, None), run.name)
         self.recorded: Windows = windows_of_run(part, windows)
-        self.windows = self.recorded  # without the errors of sensors last tried
+        self.windows = self.recorded
         self.model = run.model
         self._solutions: dict[tuple[str, ...], WindowSolution] = {}
         self._restart_energies: dict[tuple[str, ...], float] = {}
         self._energies: dict[tuple[str, ...], float] = {}
-        self._restarted_when_settled: set[tuple[str, ...]] = (
-            set()
-        )  # changes whose settled fit was begun anew
+        self._restarted_when_settled: set[tuple[str, ...]] = set()
         self._share: float | None = None
 
     @cached_property
     def _nominal(self) -> tuple[Array, Array, Array]:
-        """k, e and its rate at every half step."""
+        """Nominal k, e and its rate at every half step."""
         s = self.windows
         w = waves(s.run.model, s.phase - s.run.late_rad, s.run.omega_rad_per_s)
         return w.k, w.e, w.e_rate
@@ -152,7 +148,13 @@ class Trajectory:
     def forcing(
         self, change: LawChange, masses: Array, pushes: Sequence[tuple[BodyForce, float]]
     ) -> Forcing:
-        """What drives the motion under a change (at every half step)."""
+        """Forcing of the windows under a change.
+
+        Args:
+            change: at every half step.
+            masses: (9,) factors on 1/M.
+            pushes: forces on bodies with their amplitudes.
+        """
         s = self.windows
         k, e, rate = self._nominal
         m = self.model
@@ -174,7 +176,7 @@ class Trajectory:
         )
 
     def motion(self, states: Array, phase: Array) -> MeshMotion:
-        """Meshes of some states (n, 18) at phases (n,), as the force law needs them."""
+        """Mesh motion at states (n, 18) and phases (n,), without noise."""
         s, m = self.windows, self.model
         w = waves(m, phase - s.run.late_rad, s.run.omega_rad_per_s)
         half = STATES // 2
@@ -202,7 +204,7 @@ class Trajectory:
         )
 
     def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
-        """The motion at every half step, windows one after the other."""
+        """Mesh motion at every half step, windows concatenated."""
         half, steps = STATES // 2, _concatenated(solution)
         u, rate = between(steps[:, :half], steps[:, half:], self.windows.h, 2)
         return self.motion(np.hstack([u, rate]), self.windows.phase)
@@ -214,14 +216,15 @@ class Trajectory:
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function] = (),
     ) -> WindowSolution:
-        """States under a change.
+        """Fit states under a change, from those fitted last for the same ``key``.
+
+        States are restarted by the filter where they may be in a wrong minimum.
 
         Args:
-            key: names of what is changed; the states are kept by it.
-            change_of: what a motion makes of the law.
-            of_bodies: amplitudes of masses, errors of sensors, friction and ripple, and of what
-                pushes the carrier.
-            on_carrier: functions that push it.
+            key: names of the functions with an amplitude.
+            change_of: change of the law as a function of the motion.
+            of_bodies: amplitudes of masses, sensor errors, friction, ripple and ``on_carrier``.
+            on_carrier: functions on the carrier.
         """
         forcing_at = self._forcing_under(change_of, of_bodies, on_carrier)
         new = key not in self._solutions
@@ -259,10 +262,7 @@ class Trajectory:
         on_carrier: Sequence[Function],
         rounds: int,
     ) -> float:
-        """Squares that a few rounds leave under a change, from states without it.
-
-        Several threads may ask at once.
-        """
+        """Energy under a change after ``rounds`` steps from the states ``near``; thread-safe."""
         own = copy.copy(self)
         forcing_at = own._forcing_under(change_of, of_bodies, on_carrier)
         return fitted_windows(own.windows, near.starts, forcing_at(near), rounds).cost
@@ -273,7 +273,7 @@ class Trajectory:
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
     ) -> Forcing:
-        """What drives the motion under a change, where none but a motion in step is known."""
+        """Forcing under a change, evaluated at the motion with planets in step."""
         forcing_at = self._forcing_under(change_of, of_bodies, on_carrier)
         s = self.windows
         return forcing_at(
@@ -286,7 +286,7 @@ class Trajectory:
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
     ) -> Callable[[WindowSolution], Forcing]:
-        """What drives the motion under a change, which may follow from the motion."""
+        """Forcing under a change as a function of the states; sets ``windows``."""
         self.windows = without_sensor_errors(self.recorded, of_bodies)
         masses = self._masses(of_bodies)
 
@@ -303,21 +303,23 @@ class Trajectory:
 
     @cached_property
     def _with_lead(self) -> Trajectory:
-        """The same with the windows before those that count."""
+        """Windows of the run including those of the lead."""
         return Trajectory(self.run, 0, self.lead_windows + self.recorded.n_windows)
 
     @cached_property
     def nominal(self) -> WindowSolution:
-        """States under no change, from planets in step or out of it."""
+        """States fitted with the nominal law, planets in step or out of step."""
         mine, of_whole = (
             one.forcing(LawChange(), self._masses({}), ()) for one in (self, self._with_lead)
         )
         return filter_and_fit(self.recorded, mine, self._with_lead.recorded, of_whole)
 
     def _restarted(self, forcing: Forcing, of_whole: Forcing) -> WindowSolution | None:
-        """States found under a change itself: its pattern of contact may be another one.
+        """Fit states from a filter run under the change; None if that diverges.
 
-        None where no motion of a gear follows what was measured under the change.
+        Args:
+            forcing: of the windows.
+            of_whole: of the windows with the lead.
         """
         whole = self._with_lead.windows
         try:
@@ -328,7 +330,7 @@ class Trajectory:
         return fitted_windows(self.windows, best, forcing, ROUNDS_NEW)
 
     def _masses(self, of_bodies: Mapping[str, float]) -> Array:
-        """(9,) factors on 1/M."""
+        """(9,) factors on 1/M by the amplitudes of ``M_s``, ``M_c`` and ``M_p``."""
         s, c, p = (1.0 + of_bodies.get(f"M_{body}", 0.0) for body in "scp")
         return np.array([s, s, c, *[p] * (STATES // 2 - 3)])
 
@@ -339,7 +341,13 @@ class Trajectory:
         functions: Sequence[Function],
         wanted: Sequence[str],
     ) -> Block:
-        """Residual of the windows at some states, with columns of the functions wanted."""
+        """Block of the windows about states; nuisances: start states and encoder errors.
+
+        Args:
+            change_of: change of the law as a function of the motion.
+            functions: of the force law and on the carrier.
+            wanted: names of the columns.
+        """
         s = self.windows
         m = self.motion(_concatenated(solution), s.phase[::2])
         now = law(m, change_of(m))
@@ -366,10 +374,9 @@ class Trajectory:
         )
 
     def _independent_share(self, J: Array) -> float:
-        """Share of the rows that noise is expected to leave squares in, one each.
+        """Degrees of freedom over number of rows: readings minus their leverage by the states.
 
-        Ties have no noise of their own, they only hold the states; states take up what is left of
-        a row in proportion to its leverage.
+        Jumps do not count, as they have no noise of their own.
         """
         if self._share is None:
             read = np.flatnonzero(self.windows.weight.ravel() > 0.0)
@@ -379,7 +386,7 @@ class Trajectory:
         return self._share
 
     def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
-        """What forces of many shapes would add to the rows of the block made last."""
+        """Responses to ``GENERIC_FUNCTIONS`` in the block formed last, states projected out."""
         s = self.windows
         solution, now, m = self.last_linearisation
         some = [f for f in functions if f.name in GENERIC_FUNCTIONS]
@@ -390,7 +397,7 @@ class Trajectory:
         return RegressionInputs(nothing, nothing[:, 0], nothing, left[:, None, :])
 
     def cycles(self) -> Array:
-        """(rows,) mesh cycles since the start; jumps at that of their window."""
+        """(rows,) mesh cycles since the start; jumps at the start of their window."""
         s = self.windows
         W, samples, k = s.measured.shape
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
@@ -399,5 +406,5 @@ class Trajectory:
 
 
 def _concatenated(solution: WindowSolution) -> Array:
-    """States (n, 18) at every step, of the window that begins where two meet."""
+    """States (n, 18) at every step; where windows meet, that of the later one."""
     return np.vstack([solution.states[:, :-1].reshape(-1, STATES), solution.states[-1, -1:]])

@@ -1,7 +1,7 @@
-"""What sensors show of a motion: rotations, accelerations, forces of meshes and of pins.
+"""Channels to which windows are fitted, as functions of the state.
 
-Each channel is a sum of rotations u, mesh forces F and accelerations d2u/dt2 = inv (tau - G' F) of
-the bodies, so its slope by the state follows from that of the force law.
+Each channel is a weighted sum of rotations u, mesh forces F and accelerations
+d2u/dt2 = M^-1 (tau - G' F).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WindowChannels:
-    """Channels as sums of what a motion is.
+    """k recorded channels as weighted sums of rotations, mesh forces and accelerations.
 
     Attributes:
-        names: (k,).
-        of_u, of_F, of_a: (k, 9), (k, n_mesh), (k, 9).
-        values: (n, k) as recorded, NaN where there is no reading.
+        names: (k,) channel names.
+        of_u, of_F, of_a: weights (k, 9), (k, n_mesh), (k, 9).
+        values: (n, k) recorded values, NaN where there is no reading.
         sigma: (k,) noise.
     """
 
@@ -38,12 +38,12 @@ class WindowChannels:
 
     @property
     def gauges(self) -> tuple[str, ...]:
-        """Names of those that show forces."""
+        """Names of channels that measure forces."""
         return tuple(n for n, of in zip(self.names, self.of_F, strict=True) if np.any(of))
 
 
 def window_channels(run: PreparedRun) -> WindowChannels:
-    """All channels of a run that windows can follow."""
+    """All recorded rotations, forces and accelerations of a run."""
     layout = run.model.layout
     bodies, meshes = np.eye(len(layout.bodies)), np.eye(layout.n_mesh)
     kinds: tuple[tuple[str, tuple[str, ...], Measured, Array], ...] = (
@@ -75,12 +75,12 @@ def window_channels(run: PreparedRun) -> WindowChannels:
 
 
 def pin_names(layout: Layout) -> tuple[str, ...]:
-    """Names of the pins' gauges, without their quantity."""
+    """Names of pins in force channels, such as ``pin1``."""
     return tuple(f"pin{planet}" for planet in layout.planets)
 
 
 def pin_weights(layout: Layout) -> Array:
-    """(pins, n_mesh): a pin carries the forces of all meshes of its planet."""
+    """(pins, n_mesh) weights: the force on a pin is the sum over all meshes of its planet."""
     of = [mesh[2 : mesh.index("_")] for mesh in layout.meshes]
     return np.array([[float(p == str(planet)) for p in of] for planet in layout.planets])
 
@@ -88,7 +88,11 @@ def pin_weights(layout: Layout) -> Array:
 def mesh_forces(
     G: Array, states: Array, forcing: Forcing, at: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Forces (..., n_mesh) at states (..., 18) of half steps (...), and contact stiffness."""
+    """Mesh forces (..., n_mesh) [N] and contact stiffness [N/m] at states (..., 18).
+
+    Args:
+        at: (...) indices of half steps.
+    """
     half = STATES // 2
     x = states[..., :half] @ G.T + forcing.offset[at]
     v = states[..., half:] @ G.T + forcing.rate[at]
@@ -101,10 +105,11 @@ def mesh_forces(
 def channel_outputs(
     c: WindowChannels, states: Array, forcing: Forcing, at: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """What channels show of states (W, m, 18) at half steps (W, m), and its slope.
+    """Channel values (W, m, k) and derivatives by the state (W, m, k, 18).
 
-    Returns:
-        (W, m, k) and (W, m, k, 18).
+    Args:
+        states: (W, m, 18).
+        at: (W, m) indices of half steps.
     """
     G = forcing.G
     of_u = np.hstack([c.of_u, np.zeros_like(c.of_u)])

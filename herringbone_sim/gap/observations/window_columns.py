@@ -1,7 +1,6 @@
-"""What forces, masses and sensors would add to windows of a motion: the columns of ``trajectory``.
+"""Columns of the trajectory observation: linear response of windows to functions.
 
-A force acts through the motion, so its column is the linear response of the windows; gauges and
-accelerometers see it at once as well.
+A force acts through the motion; gauges and accelerometers also measure it directly.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BodyForce:
-    """A force on bodies: ``direction`` (9,) times ``size`` (n,) [N]."""
+    """Force on the bodies: ``direction`` (9,) times ``size`` (n,) [N]."""
 
     name: str
     direction: Array
@@ -42,7 +41,13 @@ def body_forces(
     wanted: Iterable[str],
     on_carrier: Sequence[Function] = (),
 ) -> Iterator[BodyForce]:
-    """Forces on bodies of those of the functions wanted that push bodies, at unit amplitude."""
+    """Forces on bodies by unit amplitude of those wanted functions that act on bodies.
+
+    Args:
+        now: force law at ``m``.
+        wanted: names of functions.
+        on_carrier: further functions, forces on the carrier.
+    """
     of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}
     shapes = balance.friction_shapes(m.phase)
@@ -73,12 +78,12 @@ def window_columns(
     functions: Sequence[Function],
     wanted: Sequence[str],
 ) -> Array:
-    """(rows, Q) what one unit of each function wanted adds to channels and jumps, over noise.
+    """Response (rows, Q) of channels and jumps to unit amplitudes of functions, over the noise.
 
     Args:
-        m: the meshes at every step of the windows, ``now`` the law there.
-        functions: of the force law, that names ``FUNCTION of MESH`` stand for, and those that
-            push the carrier.
+        m, now: motion of the meshes at every step, and the force law there.
+        functions: of the force law, wanted as ``FUNCTION of MESH``, and those on the carrier.
+        wanted: names of the Q columns.
     """
     inverse = s.inverse
     directions: list[Array] = []
@@ -124,10 +129,12 @@ def window_columns(
 def responses(
     s: Windows, solution: WindowSolution, direction: Array, size: Array, on_meshes: Array
 ) -> Array:
-    """(rows, P) response to ``direction`` (P, 9) times ``size`` (P, W, steps + 1).
+    """Linear response (rows, P) to P accelerations, over the noise.
 
     Args:
-        on_meshes: (P, n_mesh) 1 where it is a mesh force, which gauges see at once.
+        direction: (P, 9) acceleration per unit of ``size``.
+        size: (P, W, steps + 1) time course.
+        on_meshes: (P, n_mesh) 1 for the mesh whose force it is, measured directly by gauges.
     """
     each, half = s.steps_per_sample, STATES // 2
     col = np.zeros((s.n_windows, STATES, len(direction)))

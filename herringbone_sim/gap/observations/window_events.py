@@ -1,8 +1,8 @@
-"""Teeth in windows of the motion: which event once a revolution would take off most squares.
+"""Damaged teeth in windows of the motion: which event removes most energy.
 
-An event acts through the motion, so that its trace lasts longer than the contact and reaches all
-channels: the response of the windows to a contact of every mesh at every time is formed once,
-freed of what the states take up, and summed over the turn of each member.
+A tooth contact excites the motion, so its response outlasts it and reaches all channels. The
+response of the windows to a contact of every mesh at every time is computed once, states are
+projected out, and responses are summed over the revolutions of each member.
 """
 
 from __future__ import annotations
@@ -31,35 +31,35 @@ from herringbone_sim.gap.observations.window_columns import responses
 
 Array = NDArray[np.float64]
 
-MIDDLES_PER_CYCLE = 4  # middles of a contact to a mesh cycle, a sixth of its length apart
+MIDDLES_PER_CYCLE = 4  # trial positions of a contact per mesh cycle, a sixth of its length apart
 MEMBERS = ("sun", "planet", "ring")
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """What a contact of each mesh at each time would add to the windows of a run.
+    """Response of the windows of a run to a contact of each mesh at each time.
 
     Attributes:
-        first: time of the first one, in ``EACH`` of a mesh cycle.
-        response: by kind (n_mesh, times, rows), over the noise, freed of what states take up.
-        residual: (rows,) of the windows, over the noise.
+        first_time: time of the first contact in units of 1 / ``MIDDLES_PER_CYCLE`` mesh cycles.
+        response: by kind of event (n_mesh, times, rows), over the noise, states projected out.
+        residual: (rows,) residual of the windows, over the noise.
     """
 
-    first_half_step: int
+    first_time: int
     response: dict[str, Array]
     residual: Array
 
     def folded(self, kind: str, bins: int) -> Array:
-        """(n_mesh, bins, rows) of all turns of a member that has so many times to a turn."""
+        """Response (n_mesh, bins, rows) summed over revolutions of ``bins`` times."""
         of = self.response[kind]
         found = np.zeros((len(of), bins, of.shape[2]))
         for i in range(of.shape[1]):
-            found[:, (self.first_half_step + i) % bins] += of[:, i]
+            found[:, (self.first_time + i) % bins] += of[:, i]
         return found
 
 
 def contact_responses(one: Trajectory, block: Block) -> Contacts:
-    """Contacts about the states that a block was formed at."""
+    """Responses to contacts about the states of a block."""
     s = one.windows
     solution, now, m = one.last_linearisation
     at = s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)
@@ -97,7 +97,7 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
-    """The most promising events of both kinds about a change."""
+    """The events that remove most energy, ``per_kind`` of each kind; see ``events.proposals``."""
     blocks = gear.blocks(amplitudes, {}, (trajectory.NAME,))
     found = [
         contact_responses(gear.trajectory_under(r, amplitudes), of_run[trajectory.NAME])
@@ -112,10 +112,9 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
 
 
 def _distinct_events(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[Event]:
-    """Events best first, of those that windows show the same contacts of the one on most meshes.
+    """Events best first; of events that remove the same energy, that on most meshes.
 
-    Where the turn brings a tooth to its other meshes while no window is there, nothing tells it
-    from a tooth that leaves them out, which none does.
+    Such events differ only in contacts outside the windows, and a tooth meets all its meshes.
     """
     found: dict[tuple[str, str], Event] = {}
     for squares, event in ranked:
@@ -127,19 +126,20 @@ def _distinct_events(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[
 
 
 def _mesh_count(gear: Gear, event: Event) -> int:
+    """Number of meshes of an event."""
     return int(np.count_nonzero(event.locus.mask(gear.model.layout)))
 
 
 def _best_events(
     gear: Gear, runs: Sequence[Contacts], kind: str, member: str
 ) -> Iterator[tuple[float, Event]]:
-    """Squares that an event at each place takes off at the time when it does most."""
+    """Energy removed and event, for each place at the time that removes most."""
     layout = gear.model.layout
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = round(MIDDLES_PER_CYCLE * cycles)
     sought: list[tuple[Locus, Array]] = []
     for locus in known_effects()[kind].candidates(layout):
-        # What windows of less than a turn tell a planet's tooth from one of sun or ring by.
+        # Windows shorter than a revolution tell a planet's tooth only by the meshes involved.
         if tooth_meets(member, locus) and (member == "planet") == (locus.planet != "all"):
             several = np.count_nonzero(locus.mask(layout)) > 1
             ways = [late for _, late in mesh_delays(gear, member)] if several else [0.0]

@@ -1,7 +1,7 @@
-"""Rings and pins in windows of the motion: how many squares each would remove.
+"""Grid search for moving parts in windows of the motion.
 
-The displacement of a part follows from the motion of the windows by its own equation; the force
-that it takes off its meshes acts through the motion, as any other.
+The displacement of a part follows from the motion by its own equation; the change of the mesh
+forces by it acts through the linear response of the windows.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ Array = NDArray[np.float64]
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
-    """The most promising ring and pin about a change."""
+    """Best flexible ring and loose pins; see ``seat_grid.proposals``."""
     return best_seats(WindowPartTrial(gear, amplitudes, known))
 
 
 class WindowPartTrial(PartTrial):
-    """Squares that a part removes of the windows, at the states that were found without it."""
+    """Energy that a part removes from windows, linear about the states fitted without it."""
 
     def _observations(self) -> list[str]:
         return [trajectory.NAME]
 
     @cached_property
     def _clearings(self) -> dict[int, Callable[[Array], Array]]:
-        """By run: what subtracts the fit of states and gratings."""
+        """By run: function that projects out states and encoder errors."""
         return {run.number: nuisance_remover(run.blocks[trajectory.NAME], 0) for run in self._runs}
 
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
@@ -48,7 +48,7 @@ class WindowPartTrial(PartTrial):
         return TrialRun(r, m, change, m, change, np.arange(len(m.times)), blocks)
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
-        """The one row of the windows, less the fit of their states."""
+        """The row of the windows, with states and encoder errors projected out."""
         model, one = self.gear.model, self.gear.trajectory_under(run.number, self._amplitudes)
         s, solution = one.windows, one.last_linearisation[0]
         drive = self._drive(run, seat)

@@ -1,4 +1,4 @@
-"""Errors of the sensors that windows follow: gain, bias, delay; taken off what was recorded."""
+"""Gain, bias and delay of the channels to which windows are fitted: columns and correction."""
 
 from __future__ import annotations
 
@@ -14,13 +14,18 @@ from herringbone_sim.gap.observations.shooting import Windows, WindowSolution
 
 Array = NDArray[np.float64]
 
-TINY = 1e-300  # no weight, where nothing was read
-SWAP_PREFIX = "swap of "  # one and another; it is there or not, so that its column says nothing
+TINY = 1e-300  # avoids division by zero where there is no reading
+SWAP_PREFIX = "swap of "  # prefix of ``A and B``; present or absent, its column is zero
 ERRORS = ("gain", "bias", "delay")
 
 
 def without_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
-    """What was recorded without errors ``ERROR of CHANNEL``: share, unit of the channel, [s]."""
+    """Windows with sensor errors removed from their readings.
+
+    Args:
+        amplitudes: by ``ERROR of CHANNEL``: gain as a share, bias in the unit of the channel,
+            delay [s].
+    """
     names = s.channels.names
     gain, bias, delay = (
         np.array([amplitudes.get(f"{error} of {name}", 0.0) for name in names]) for error in ERRORS
@@ -38,7 +43,7 @@ def without_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Window
 def error_columns(
     s: Windows, solution: WindowSolution, wanted: Container[str]
 ) -> dict[str, Array]:
-    """(W samples k,) what a unit of each error that is wanted adds to the channels, over noise."""
+    """Change (W samples k,) of all channels by a unit of each wanted error, over the noise."""
     found = {}
     for i, name in enumerate(s.channels.names):
         for error in ERRORS:
@@ -50,7 +55,7 @@ def error_columns(
 
 
 def _error_signal(s: Windows, solution: WindowSolution, i: int, error: str) -> Array | float:
-    """(W, samples) what a channel would show of an error."""
+    """Change (W, samples) of channel i by a unit of an error."""
     if error == "bias":
         return 1.0
     seen = s.measured[:, :, i] - solution.residuals[:, :, i] / np.maximum(s.weight[:, :, i], TINY)

@@ -1,8 +1,8 @@
-"""States to start windows from: an iterated Kalman filter from window to window.
+"""Start states for windows by an iterated Kalman filter from window to window.
 
-The mean planet follows from suns and carrier at once, the differences between planets only as they
-act on the suns. Several first states are carried through all windows side by side, one with all
-planets in step and others out of it; the one that the windows believe most is taken.
+The mean motion of planets follows from suns and carrier directly, differences between planets only
+by their action on the suns. Several initial states, planets in step and out of step, are filtered
+through all windows; the best ones are fitted.
 B. M. Bell and F. W. Cathey, IEEE Trans. Autom. Control 38, 294 (1993).
 """
 
@@ -23,20 +23,21 @@ from herringbone_sim.gap.observations.shooting import (
 
 Array = NDArray[np.float64]
 
-OUT_OF_STEP = (0.1, 0.3, 0.6)  # of the motion's RMS, a first state each
-N_FITTED = 2  # of the first states are fitted to the end
+OUT_OF_STEP = (0.1, 0.3, 0.6)  # initial differences between planets over the motion's RMS, chosen
+N_FITTED = 2  # initial states fitted to convergence
 MAX_ROUNDS = 8
-RELATIVE_TOLERANCE = 1e-2  # share of the cost of a window
+RELATIVE_TOLERANCE = 1e-2  # decrease of a window's energy, as a share, that ends its fit
 
 
 def filter_and_fit(
     s: Windows, forcing: Forcing, whole: Windows, of_whole: Forcing
 ) -> WindowSolution:
-    """The states that fit best, with planets in step or not.
+    """Filter several initial states, fit the best, and return the best fit.
 
     Args:
-        whole: the same windows with some before them, in which the filter finds the motion;
-            ``of_whole`` drives it.
+        forcing: of the windows ``s``.
+        whole: windows that begin earlier, in which the filter converges.
+        of_whole: their forcing.
     """
     starts, cost = filtered_starts(whole, of_whole, first_states(whole))
     starts = starts[:, whole.n_windows - s.n_windows :]
@@ -45,7 +46,7 @@ def filter_and_fit(
 
 
 def first_states(s: Windows) -> Array:
-    """(K, 18) of the first window: all planets in step, then out of it at random."""
+    """Initial states (K, 18): planets in step, then with random differences, fixed seed."""
     rng = np.random.default_rng(0)
     in_step = symmetric_starts(s)[0]
     hidden = 3 + np.flatnonzero(~s.run.u.there[3:])
@@ -59,9 +60,13 @@ def first_states(s: Windows) -> Array:
 
 
 def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, Array]:
-    """Starts (K, W, 18) of all windows from first states (K, 18), and what each costs (K,).
+    """Filter initial states (K, 18) through all windows.
 
-    Nothing is known of a first state; a window starts where the one before ends, within ``JUMP``.
+    The prior of the first window is broad (the RMS of the motion); later ones are predicted with
+    process noise ``JUMP_SD``.
+
+    Returns:
+        Start states (K, W, 18) and total energies (K,).
     """
     K, eye = len(first), np.eye(STATES)
     found, cost = np.empty((K, s.n_windows, STATES)), np.zeros(K)
@@ -81,11 +86,14 @@ def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, 
 def _window(
     s: Windows, forcing: Forcing, w: int, expected: Array, precision: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """States (K, 18) of a window, over the scale, with a prior: Levenberg and Marquardt.
+    """Fit scaled start states (K, 18) of window w with a Gaussian prior by Levenberg-Marquardt.
+
+    Args:
+        expected, precision: mean (K, 18) and inverse covariance (K, 18, 18) of the prior.
 
     Returns:
-        them, their costs (K,), normal matrices and propagators to the end (K, 18, 18), and the
-        states at the end (K, 18).
+        States (K, 18), energies (K,), normal matrices (K, 18, 18), propagators to the end
+        (K, 18, 18) and states at the end (K, 18).
     """
     K = len(expected)
     first = np.full(K, s.first_half_step[w])

@@ -1,8 +1,8 @@
-"""Effects tried at their own size, where windows are too far from the nominal motion to be linear.
+"""Nonlinear trials: fit windows under each effect at several finite sizes.
 
-Once another pattern of contact is met, the response about the nominal motion says neither how
-large an effect is nor which one it is. So the windows are fitted under each effect at some sizes,
-a few rounds each, on the runs whose motion is nearest to the nominal one.
+Needed where the contact pattern differs from the nominal one, so that the linear response gives
+neither size nor kind of an effect. Trials run a few rounds on the runs nearest to the nominal
+motion.
 """
 
 from __future__ import annotations
@@ -21,11 +21,20 @@ from herringbone_sim.gap.observations.trajectory import MAX_FIT_CHI2
 
 Array = NDArray[np.float64]
 
-SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)  # a moderate size, along what the linear screen says
-PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))  # on the stiffness or clearance of a part
-ROUNDS_BY_RUN = (3, 8)  # on the nearest run, and on the next one
-MAX_ON_SECOND_RUN = 24  # trials that are done on the next run as well
-MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # trials that are fitted, and of them with the same effect
+SIZE_FACTORS = (
+    -3.0,
+    -1.0,
+    1.0,
+    3.0,
+)  # sizes over the moderate one, in the direction of the linear fit; chosen
+PART_LOG_FACTORS = (
+    -np.log(3.0),
+    0.0,
+    np.log(3.0),
+)  # offsets of the logarithm of a part's stiffness or clearance; chosen
+ROUNDS_BY_RUN = (3, 8)  # rounds on the nearest run and on the next one, for run time
+MAX_ON_SECOND_RUN = 24  # trials continued on the second run
+MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # trials returned, in all and with the same effect
 
 
 def nonlinear_trials(
@@ -35,13 +44,13 @@ def nonlinear_trials(
     ranked: Sequence[tuple[Hypothesis, Array]],
     known: Score,
 ) -> list[tuple[float, Hypothesis, Array]]:
-    """The best trials: squares left of all runs, hypothesis, where its fit starts.
+    """Best trials: energy left of all runs, hypothesis, start of its fit.
 
     Args:
-        rows: of each observation.
-        tolerances: how many of the known coefficients are; trials leave them at their centre, as
-            they are bent by what is not explained.
-        ranked: hypotheses with their linear fit (p,), known coefficients first.
+        rows: number of rows of each observation.
+        tolerances: number of tolerances among the known coefficients; trials keep them at zero,
+            as their fit is biased by the unexplained gap.
+        ranked: hypotheses with the mean (p,) of their linear fit, known coefficients first.
         known: fit without them.
     """
     count, n = len(gear.runs), len(known.coefficients)
@@ -72,7 +81,7 @@ def nonlinear_trials(
             trials += [(one, np.concatenate([about, moderate * k, rest])) for k in SIZE_FACTORS]
 
     def share_left(r: int, i: int, rounds: int) -> float:
-        """A trial that leaves more has not settled, and says nothing."""
+        """Energy left of run r by trial i over that without it, at most 1 (not converged)."""
         one, start = trials[i]
         of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
         if _is_swap(one):
@@ -100,5 +109,5 @@ def nonlinear_trials(
 
 
 def _is_swap(one: Hypothesis) -> bool:
-    """Whether it is there or not: an exchange of channels."""
+    """Whether it is a swap of channels, which is present or absent."""
     return one.effect == "channel_swap"
