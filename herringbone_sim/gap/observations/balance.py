@@ -44,8 +44,8 @@ def function_names(
 ) -> tuple[str, ...]:
     """Columns: masses, force and its slopes by mesh, friction, ripple, law of modelled meshes."""
     meshes = model.layout.meshes
-    names = [*MASSES, "between", "one"]
-    names += [f"{what} of {j}" for what in ("F", "slope", "late") for j in range(len(meshes))]
+    names = [*MASSES, "quadrature", "constant"]
+    names += [f"{what} of {j}" for what in ("F", "slope", "clock") for j in range(len(meshes))]
     names += [f"friction {g} of {j}" for j in range(len(meshes)) for g in FRICTION]
     names += [f"ripple {q} {trig}" for q in RIPPLES for trig in ("cos", "sin")]
     names += on_bodies
@@ -138,7 +138,7 @@ def block(
         *_encoder_nuisances(run.model, modelled, names),
         independent_share=min(1.0, stride / overlap),
         sample_index=at,
-        common_columns=np.array([name not in (*MASSES, "between") for name in names]),
+        common_columns=np.array([name not in (*MASSES, "quadrature") for name in names]),
     )
 
 
@@ -226,11 +226,11 @@ def _columns(
     names = tuple(n for n in every if n in there)
     n_mesh = m.x.shape[1]
     slope = np.gradient(force, m.times, axis=0)
-    late = m.times[:, None] * slope
+    clock = m.times[:, None] * slope
     shapes = friction_shapes(m.phase)
     p = run.model.parameters
     turn = p.z_s * p.z_r / (p.z_s + p.z_r)
-    made: dict[str, Callable[[], Array]] = {"one": partial(np.ones, len(m.phase))}
+    made: dict[str, Callable[[], Array]] = {"constant": partial(np.ones, len(m.phase))}
 
     def friction(j: int, shape: str) -> Array:
         return np.abs(force[:, j]) * shapes[shape]
@@ -241,7 +241,7 @@ def _columns(
     for j in range(n_mesh):
         made[f"F of {j}"] = partial(np.take, force, j, 1)
         made[f"slope of {j}"] = partial(np.take, slope, j, 1)
-        made[f"late of {j}"] = partial(np.take, late, j, 1)
+        made[f"clock of {j}"] = partial(np.take, clock, j, 1)
         for shape in FRICTION:
             made[f"friction {shape} of {j}"] = partial(friction, j, shape)
     for q in RIPPLES:
@@ -255,7 +255,7 @@ def _columns(
             of_law = np.nan_to_num(force_column(f, m, law)[:, meshes])
             for i, j in enumerate(meshes):
                 made[f"{f.name} of {j}"] = partial(np.take, of_law, i, 1)
-    masses = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "between"))}
+    masses = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "quadrature"))}
     flat = [made[n]() for n in names if n not in masses]
     k, rows = parts[0][::stride].shape
     averaged = iter(window.average(np.stack(flat, axis=1))[::stride].T if flat else ())

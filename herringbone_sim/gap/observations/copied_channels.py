@@ -83,4 +83,5 @@ def _disagreement(
 
 
 def _rms(values: NDArray[np.float64]) -> float:
+    """RMS of all values."""
     return float(np.sqrt(np.mean(values**2)))

@@ -78,8 +78,8 @@ def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
     for i, most in enumerate(MAX_FILTER_COEFFICIENTS):
         name = f"filter {i + 1}"
         found.append(builder.coefficient(name, {name: 1.0}, 0.5 * most, most))
-    between: Weights = {(balance.NAME, "between"): 1.0}
-    found.append(builder.coefficient("between", between, 0.3, 1.0))
+    of_quadrature: Weights = {(balance.NAME, "quadrature"): 1.0}
+    found.append(builder.coefficient("quadrature", of_quadrature, 0.3, 1.0))
     for mass in balance.MASSES:
         of_mass: Weights = {(o, mass): 1.0 for o in (balance.NAME, *builder.window_observation)}
         found.append(builder.coefficient(mass, of_mass, 0.02 / 3**0.5, 0.0205))
@@ -158,12 +158,21 @@ def variants(effect: Effect, gear: Gear) -> Iterator[Variant]:
 
 
 def _mean_stiffness(gear: Gear) -> Iterator[Variant]:
+    """Change of the mean stiffness."""
     yield (), 0.1, [Term("factor", {"kappa": 1.0}, 1.0)], 1
 
 
 def _waves(
     label: str, unit: float, least: int, sign: float
 ) -> Callable[[Gear], Iterator[Variant]]:
+    """Builder of a wave of each mesh order from ``least`` on, with departures in other orders.
+
+    Args:
+        label: of the wave's functions: ``k`` or ``e``.
+        unit: moderate amplitude.
+        sign: of the functions.
+    """
+
     def make(gear: Gear) -> Iterator[Variant]:
         for order in ORDERS:
             if order < least:
@@ -185,10 +194,12 @@ def _waves(
 
 
 def _phase_terms(gear: Gear) -> Iterator[Variant]:
-    yield (), 0.1, [Term("phase", {"ahead k": 1.0, "ahead e": 1.0}, 1.0)], 1
+    """Phase advance of k(t) and e(t) [rad]."""
+    yield (), 0.1, [Term("phase", {"advance k": 1.0, "advance e": 1.0}, 1.0)], 1
 
 
 def _runout(gear: Gear) -> Iterator[Variant]:
+    """Run-out of each member with its harmonics, for both senses of planet order."""
     ring = is_ring(gear.model.layout)
     psi = planet_angles(gear.model)
     for member in ("sun", "planet", "ring"):
@@ -205,6 +216,7 @@ def _runout(gear: Gear) -> Iterator[Variant]:
 
 
 def _pin(gear: Gear) -> Iterator[Variant]:
+    """Tangential pin offset: backlash moves from one flank to the other."""
     ring = is_ring(gear.model.layout)
     yield (
         (),
@@ -218,6 +230,7 @@ def _pin(gear: Gear) -> Iterator[Variant]:
 
 
 def _backlash(gear: Gear) -> Iterator[Variant]:
+    """Change of the half-backlash, with a difference between flanks."""
     yield (
         (),
         5e-6,
@@ -230,6 +243,7 @@ def _backlash(gear: Gear) -> Iterator[Variant]:
 
 
 def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
+    """Change of the half-backlash per kelvin, with curvature and a difference between flanks."""
     T = gear.delta_T
     t, bend = T[:, None] * np.ones(12), (T * (T / 50.0 - 1.0))[:, None] * np.ones(12)
     yield (
@@ -245,6 +259,7 @@ def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
 
 
 def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
+    """Decrease of the stiffness per kelvin, with curvature."""
     T = gear.delta_T
     t, bend = T[:, None] * np.ones(12), (T * (T / 50.0 - 1.0))[:, None] * np.ones(12)
     yield (
@@ -256,6 +271,7 @@ def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
 
 
 def _contact_terms(gear: Gear) -> Iterator[Variant]:
+    """Exponent of the contact force, as a stiffness that depends on the deflection."""
     main: Weights = {f"kappa load {i}": float(np.log(f / 1e-5)) for i, f in enumerate(LOADS_M)}
     bend = [
         Term(f"load {i}", {f"kappa load {i}": 1.0}, DEPARTURE_SHARE) for i in range(len(LOADS_M))
@@ -264,14 +280,15 @@ def _contact_terms(gear: Gear) -> Iterator[Variant]:
 
 
 def _damping(gear: Gear) -> Iterator[Variant]:
+    """Damping only in contact, or proportional to the deflection."""
     # The dependence on load is uncertain by half of the effect.
     bend = [Term(f"load {i}", {f"gamma load {i}": 1.0}, 0.5) for i in range(len(LOADS_M))]
-    yield (("law", "contact"),), 0.3, [Term("share", {"gamma out": -1.0}, 1.0), *bend], 1
+    yield (("law", "contact"),), 0.3, [Term("share", {"gamma free": -1.0}, 1.0), *bend], 1
     by_load: Weights = {f"gamma load {i}": float(f / 1e-5) - 1.0 for i, f in enumerate(LOADS_M)}
     yield (
         (("law", "load"),),
         0.3,
-        [Term("share", {"gamma out": -1.0, **by_load}, 1.0), *bend],
+        [Term("share", {"gamma free": -1.0, **by_load}, 1.0), *bend],
         1,
     )
 

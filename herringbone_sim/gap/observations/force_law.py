@@ -95,8 +95,8 @@ def law_functions(model: Model) -> list[Function]:
         constant_function("b_minus", "b_minus"),
         Function("shift k", "mean_kappa", shift_k),
         Function("shift e", "d", shift_e, shift_e_rate),
-        Function("ahead k", "mean_kappa", shift_k, None, partial(phase_advance, what="k")),
-        Function("ahead e", "d", shift_e, shift_e_rate, partial(phase_advance, what="e")),
+        Function("advance k", "mean_kappa", shift_k, None, partial(phase_advance, what="k")),
+        Function("advance e", "d", shift_e, shift_e_rate, partial(phase_advance, what="e")),
     ]
     found += harmonic_functions("mean_kappa", "k", {str(q): q for q in ORDERS})
     found += harmonic_functions("d", "e", {str(q): q for q in ORDERS})
@@ -106,7 +106,7 @@ def law_functions(model: Model) -> list[Function]:
         found += harmonic_functions("d", f"shaft {shaft}", {"1": 1.0 / cycles})
     found += load_hat_functions("kappa", "kappa load")
     found += [
-        Function("gamma out", "gamma", lambda _, law: 1.0 - law.contact_drive - law.contact_back),
+        Function("gamma free", "gamma", lambda _, law: 1.0 - law.contact_drive - law.contact_back),
         *(
             Function(f.name, f.slot, _in_contact(f))
             for f in load_hat_functions("gamma", "gamma load")

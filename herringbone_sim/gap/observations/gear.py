@@ -255,6 +255,7 @@ class Gear:
         chosen: Sequence[Function],
         wanted: Sequence[str] | None = None,
     ) -> Block:
+        """Torque balance of run ``g``, number r, about the law ``now``; see ``balance.block``."""
         setup = balance.BalanceSetup(
             self.modelled, self.window_cycles, self.body_functions, self.drift
         )

@@ -98,6 +98,7 @@ def waves_of(
 
 
 def _waves(model: Model, omega: float, late: float, e_share: float, phase: Array) -> Waves:
+    """Nominal waves at phases (n,), ``late`` by an angle [rad]."""
     return waves(model, phase - late, omega, e_share)
 
 

@@ -205,6 +205,7 @@ class PartTrial:
         return self.with_load(seat.at(found.x))
 
     def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
+        """Drive of the place of a part in a run, computed once."""
         key = seat.locus, run.number
         if key not in self._drives:
             self._drives[key] = PartDrive(

@@ -25,9 +25,9 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     measured = np.flatnonzero(~gear.modelled)
     for effect, function, of, sign, unit in (
         ("sensor_gain", "F gain", "F", -1.0, 0.05),
-        ("sensor_bias", "F bias", "one", -1.0, 50.0),
+        ("sensor_bias", "F bias", "constant", -1.0, 50.0),
         ("sensor_delay", "F delay", "slope", 1.0, 2e-6),
-        ("clock_drift", "F clock", "late", 1.0, 1e-3),
+        ("clock_drift", "F clock", "clock", 1.0, 1e-3),
     ):
         for locus in sensor_loci(layout):
             mask = locus.mask(layout) * ~gear.modelled
@@ -35,7 +35,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
                 continue
             weights: Weights = {function: mask}
             for j in np.flatnonzero(mask):
-                name = of if of == "one" else f"{of} of {j}"
+                name = of if of == "constant" else f"{of} of {j}"
                 key = (balance.NAME, name)
                 weights[key] = np.asarray(weights.get(key, 0.0)) + sign * reach[:, j]
             one = builder.coefficient(PARAMETER_NAMES[effect], weights, unit)

@@ -67,7 +67,7 @@ NAME = "trajectory"
 ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
 # Functions of the law whose responses at every mesh are inputs of the flexible regression; chosen.
 GENERIC_FUNCTIONS = {
-    *("kappa", "gamma", "gamma out", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))),
+    *("kappa", "gamma", "gamma free", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))),
     *(f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")),
     *(f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")),
 }
