@@ -101,7 +101,7 @@ def products(block: Block) -> Products:
             normal = own + np.diag(block.nuisance_sd[row] ** -2.0)
             whole = whole - with_N.T @ np.linalg.solve(normal, with_N)
         G[row], c[row], energy[row] = whole[:Q, :Q], whole[:Q, Q], whole[Q, Q]
-    cross, cross_y = _shared(block, G, c)
+    cross, cross_y = _shared_products(block, G, c)
     return Products(
         block.observation,
         block.run,
@@ -124,7 +124,7 @@ def _grams(block: Block) -> Iterator[Gram]:
     (S, Q+1) and N'N (S, S) of its nuisances N.
     """
     if block.common_columns is not None:
-        yield from _grams_alike(block, block.common_columns)
+        yield from _grams_common(block, block.common_columns)
         return
     root = np.sqrt(block.independent_share)
     for row in range(block.columns.shape[1]):
@@ -134,7 +134,7 @@ def _grams(block: Block) -> Iterator[Gram]:
         yield X.T @ X, N.T @ X, N.T @ N
 
 
-def _grams_alike(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
+def _grams_common(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
     """``_grams`` where most columns are the same in all rows."""
     Q, N = len(alike), block.nuisance[:, 0]
     C = np.ascontiguousarray(block.columns[:, 0, alike])
@@ -152,7 +152,7 @@ def _grams_alike(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
         yield square * whole, square * with_N, square * N_N
 
 
-def _shared(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
+def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
     """``cross`` and ``cross_y`` of ``Products``."""
     T = len(block.shared_sd)
     if not T:

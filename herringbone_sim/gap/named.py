@@ -155,7 +155,7 @@ def _theta(h: Hypothesis, c: Array, model: Model) -> Told:
         return _event(h, c), kept
     options = dict(h.options)
     if isinstance(h.source, Seat):
-        seat = h.source.at(c[1:])
+        seat = h.source.with_log_offsets(c[1:])
         own = dict(zip(seat.names, seat.theta, strict=True))
         return np.array([own[p.name] for p in known_effects()[h.effect].parameters]), ()
     if h.effect == "damping_law":

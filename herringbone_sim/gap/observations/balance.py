@@ -33,6 +33,7 @@ NAME = "torque_balance"
 QUADRATURE_NOISE = 0.04
 MASSES = ("M_s", "M_p", "M_c")
 RIPPLES = tuple(range(1, 61))  # orders of the input shaft, chosen
+# Shapes of friction over the mesh cycle: the sliding direction, its lever arm, free departures.
 FRICTION = ("sign", "lever", "sin 1", "sin 2", "sin 3", "cos 1", "cos 2")
 
 
@@ -178,7 +179,7 @@ def _encoder_nuisances(
     return found, sd
 
 
-def corrected(
+def with_quadrature(
     block: Block, after_n: Array | None, before_n: Array | None, run: PreparedRun
 ) -> Block:
     """Replace the quadrature error ``before_n`` (k, n_mesh) [N] of a balance by ``after_n``."""

@@ -15,13 +15,11 @@ from herringbone_sim.gap.observations.law import Law, MeshMotion
 
 Array = NDArray[np.float64]
 Values = Callable[[MeshMotion, Law], Array]
-ORDERS = tuple(
-    range(1, 9)
-)  # mesh orders of stiffness and profile waves, chosen: form of a tooth flank
+# Mesh orders of stiffness and profile waves, chosen: form of a tooth flank.
+ORDERS = tuple(range(1, 9))
 TURNS = (1, 2, 3)  # harmonics of a revolution
-LOADS_M = np.array(
-    [1e-7, 5e-7, 2e-6, 8e-6, 3e-5, 1e-4]
-)  # knots over the deflection |f|, chosen: static to violent load
+# Knots over the deflection |f|, chosen: static to violent load.
+LOADS_M = np.array([1e-7, 5e-7, 2e-6, 8e-6, 3e-5, 1e-4])
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ class LawChanges:
         self._others = [f for f in functions if not f"{f.name} ".startswith(heads)]
         self._last: dict[str, tuple[object, set[str], Displacements]] = {}
 
-    def of(
+    def evaluated(
         self,
         m: MeshMotion,
         between: MeshMotion | None,

@@ -18,16 +18,12 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensors.late import later, longest_delay, put_right
 
-STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: 100 windows of the balance
+STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the balance
 N_STRETCHES = 2  # runs used, the fastest ones, where a delay is largest in phase
 DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
 MAX_NULL_CHI2 = 2.0  # energy per value; below it no delay is visible; chosen
-TIME_SHIFT_EFFECTS = (
-    "stagger",
-    "planet_phase",
-    "sensor_delay",
-    "clock_drift",
-)  # of single meshes or sensors
+# Effects that shift single meshes or sensors in time.
+TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 
 
 def remove_common_delay(

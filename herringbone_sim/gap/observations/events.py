@@ -36,9 +36,8 @@ BINS_PER_CYCLE = 6  # of the average; runs have ten samples a mesh cycle or more
 CONTACT_CYCLES = 1.5  # mesh cycles of contact of a tooth pair (contact ratio), by data sheet
 HALF_CONTACT = 0.5 * CONTACT_CYCLES  # mesh cycles from the middle of a contact to its end
 KNOT_SPACING = 0.125  # mesh cycles between knots of the window; three samples at 24 a cycle
-KNOTS = (
-    np.arange(-9, 10, dtype=np.float64) * KNOT_SPACING
-)  # mesh cycles from the middle of the window
+# Mesh cycles from the middle of the window.
+KNOTS = np.arange(-9, 10, dtype=np.float64) * KNOT_SPACING
 
 
 @dataclass(frozen=True)

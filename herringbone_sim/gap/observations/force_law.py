@@ -32,9 +32,8 @@ Array = NDArray[np.float64]
 
 NAME = "force_law"
 SLOW_HZ = 150.0  # [Hz] hum and drift lie below: third harmonic of the mains
-ENCODER_ERROR_RAD = (
-    1.45e-5  # amplitude of the encoder error once a revolution: 3 arcsec, data sheet
-)
+# Amplitude of the encoder error once a revolution: 3 arcsec, data sheet.
+ENCODER_ERROR_RAD = 1.45e-5
 DRIFT_SHARE = 0.5  # RMS of drift and hum over that of the noise, data sheet
 
 

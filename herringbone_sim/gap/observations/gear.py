@@ -36,9 +36,8 @@ from herringbone_sim.gap.sensors.swaps import find_swap
 
 Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
-WINDOW_CYCLES = (
-    0.12  # width of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3
-)
+# Width of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3.
+WINDOW_CYCLES = 0.12
 
 
 class Gear:
@@ -291,7 +290,7 @@ class Gear:
         """Change of the law of a run by functions at amplitudes (n_mesh,); see ``law_of``."""
         r = self._number.get(m.name)
         between = None if r is None or not self._changes.parts else self.runs[r].dense
-        return self._changes.of(m, m if self.uses_windows else between, amplitudes, wanted)
+        return self._changes.evaluated(m, m if self.uses_windows else between, amplitudes, wanted)
 
     @cached_property
     def _number(self) -> dict[str, int]:
@@ -367,7 +366,7 @@ class Gear:
                 else self._balance(r, g, self.law_of(g.motion, of_law, law_columns), chosen, names)
             )
             if self.exact_forces and self._quadrature[r] is not None:
-                full = balance.corrected(
+                full = balance.with_quadrature(
                     full, self._quadrature_error(r, of_law), self._quadrature[r], g.run
                 )
             found[balance.NAME] = _linear_block_at(full, of_balance, r, wanted)

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-STATES = 18
+STATES = 18  # nine rotations [m] and their rates [m/s]
 BODIES = STATES // 2
 BODIES_PER_MESH = 3  # bodies that a mesh depends on: two gears and the carrier
 
@@ -24,7 +24,7 @@ class Forcing(NamedTuple):
 
     Attributes:
         G: (n_mesh, 9) displacements of the meshes by rotations of the bodies.
-        inverse: (9,) 1/M [1/kg].
+        inverse_masses: (9,) 1/M [1/kg].
         tau: (n, 9) forces on the bodies at their base radii [N].
         k, c: stiffness [N/m], damping [N s/m].
         offset, rate: -e + d [m] and its rate [m/s].
@@ -33,7 +33,7 @@ class Forcing(NamedTuple):
     """
 
     G: Array
-    inverse: Array
+    inverse_masses: Array
     tau: Array
     k: Array
     c: Array

@@ -28,10 +28,8 @@ RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
 SEATS_N_PER_M = np.geomspace(1e10, 1e12, 3)
 CLEARANCES_M = np.geomspace(5e-7, 5e-5, 7)
 RING_RATIO, SEAT_RATIO = 0.05, 0.1  # damping ratios, start values of the catalogue
-HARD_END, SOFT_END = (
-    0.05,
-    0.5,
-)  # rounding of the ends over the clearance, chosen; soft: nearly linear
+# Rounding of the ends over the clearance, chosen; a soft seat is nearly linear.
+HARD_END, SOFT_END = 0.05, 0.5
 START_GROWTH = 0.3  # start of growth and drag, chosen
 MAX_TRIALS = 40  # evaluations of the local search, chosen for run time
 
@@ -102,7 +100,7 @@ class TrialRun:
         number: of the run.
         strided, dense: motion at the samples of the force law, and between samples.
         change, between: change of the law at both.
-        at: indices of the samples of ``strided`` in ``dense``.
+        sample_index: indices of the samples of ``strided`` in ``dense``.
         blocks: by observation, with the columns of the current fit.
     """
 
@@ -111,7 +109,7 @@ class TrialRun:
     change: LawChange
     dense: MeshMotion
     between: LawChange
-    at: NDArray[np.int64]
+    sample_index: NDArray[np.int64]
     blocks: Mapping[str, Block]
 
 
@@ -194,7 +192,7 @@ class PartTrial:
         """Improve the parameters of a part by a Nelder-Mead search from the grid point."""
         n = len(seat.names)
         found = minimize(
-            lambda offsets: -self.gain(seat.at(offsets)),
+            lambda offsets: -self.gain(seat.with_log_offsets(offsets)),
             np.zeros(n),
             method="Nelder-Mead",
             options={
@@ -202,7 +200,7 @@ class PartTrial:
                 "initial_simplex": np.vstack([np.zeros(n), 0.5 * np.eye(n)]),
             },
         )
-        return self.with_load(seat.at(found.x))
+        return self.with_load(seat.with_log_offsets(found.x))
 
     def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
         """Drive of the place of a part in a run, computed once."""
@@ -221,7 +219,7 @@ class PartTrial:
         before = law(m, change)
         drive = self._drive(run, seat)
         reach = -gear.model.scales.cos_beta * drive.share[:, at]
-        q = drive.motion(seat)[run.at]
+        q = drive.motion(seat)[run.sample_index]
         ch = replace(change)
         ch.d, ch.d_rate = ch.d + q[:, :, 0] @ reach, ch.d_rate + q[:, :, 1] @ reach
         now = law(m, ch)

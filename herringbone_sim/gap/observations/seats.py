@@ -31,9 +31,8 @@ from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, 
 
 Array = NDArray[np.float64]
 
-MAX_LOG_OFFSET = np.log(
-    30.0
-)  # range of a parameter's logarithm about the grid, 1.5 decades; chosen
+# Range of a parameter's logarithm about the grid, 1.5 decades; chosen.
+MAX_LOG_OFFSET = np.log(30.0)
 PRIOR_LOG_SD = 1.0  # prior of a parameter's logarithm about the grid; chosen
 PRESENCE_SD = 1e-9  # prior of the amplitude about 1: practically fixed
 DIFFERENCE_STEP = 1e-3  # of a logarithm, for difference quotients
@@ -69,7 +68,7 @@ class Seat:
         """Names of its parameters."""
         return SEAT_PARAMETERS[self.effect]
 
-    def at(self, offsets: Array) -> Seat:
+    def with_log_offsets(self, offsets: Array) -> Seat:
         """Copy with parameters times exp(offset), clipped to ``MAX_LOG_OFFSET``."""
         factors = np.exp(
             np.clip(offsets, -MAX_LOG_OFFSET - DIFFERENCE_STEP, MAX_LOG_OFFSET + DIFFERENCE_STEP)
@@ -126,11 +125,13 @@ class Seat:
     ) -> Displacements:
         """Displacements of the meshes by its functions; see ``changes.MovingPart``."""
         drive = PartDrive(model, self.locus, self.effect, m, change)
-        now = drive.motion(self.at(offsets))
+        now = drive.motion(self.with_log_offsets(offsets))
         found = {label: now}
         for i, name in enumerate(self.names if slopes else ()):
             more = offsets + DIFFERENCE_STEP * (np.arange(len(offsets)) == i)
-            found[f"{label} {name}"] = (drive.motion(self.at(more)) - now) / DIFFERENCE_STEP
+            found[f"{label} {name}"] = (
+                drive.motion(self.with_log_offsets(more)) - now
+            ) / DIFFERENCE_STEP
         reach = -model.scales.cos_beta * drive.share
         return {name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach) for name, q in found.items()}
 

@@ -49,7 +49,7 @@ class Windows:
 
     Attributes:
         run: the run.
-        G, inverse: see ``rollout.Forcing``.
+        G, inverse_masses: see ``rollout.Forcing``.
         channels: channels to fit.
         measured: (W, samples, k) readings; 0 where there are none.
         weight: (W, samples, k) 1 over the noise; 0 where there is no reading.
@@ -62,7 +62,7 @@ class Windows:
 
     run: PreparedRun
     G: Array
-    inverse: Array
+    inverse_masses: Array
     channels: WindowChannels
     measured: Array
     weight: Array
@@ -168,7 +168,7 @@ def symmetric_starts(s: Windows) -> Array:
 
     Their mean follows from suns and carrier, as the rigid momentum is known (``rigid_momentum``).
     """
-    M, run = 1.0 / s.inverse, s.run
+    M, run = 1.0 / s.inverse_masses, s.run
     n = s.n_windows * s.samples
     u = np.zeros((n, len(M)))
     u[:, :3] = shaft_rotations(run)[:n]

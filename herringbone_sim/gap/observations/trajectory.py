@@ -55,7 +55,7 @@ from herringbone_sim.gap.observations.window_sensors import (
 from herringbone_sim.gap.observations.window_starts import (
     filter_and_fit,
     filtered_starts,
-    first_states,
+    initial_states,
 )
 from herringbone_sim.gap.residuals.balance import between
 
@@ -164,7 +164,7 @@ class Trajectory:
             tau = tau + a * push.size[:, None] * push.direction
         return Forcing(
             s.G,
-            s.inverse * masses,
+            s.inverse_masses * masses,
             tau,
             k * (1.0 + change.kappa) + mean_stiffness(m.parameters) * change.mean_kappa,
             m.damping_n_s_per_m * (1.0 + change.gamma) * one,
@@ -323,7 +323,7 @@ class Trajectory:
         """
         whole = self._with_lead.windows
         try:
-            starts, cost = filtered_starts(whole, of_whole, first_states(whole))
+            starts, cost = filtered_starts(whole, of_whole, initial_states(whole))
         except np.linalg.LinAlgError:
             return None
         best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead_windows :]

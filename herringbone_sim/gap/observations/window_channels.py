@@ -115,11 +115,11 @@ def channel_outputs(
     of_u = np.hstack([c.of_u, np.zeros_like(c.of_u)])
     value = states @ of_u.T
     slope = np.broadcast_to(of_u, (*value.shape, STATES))
-    by_force = c.of_F - (c.of_a * forcing.inverse) @ G.T
+    by_force = c.of_F - (c.of_a * forcing.inverse_masses) @ G.T
     if not np.any(by_force):
         return value, slope
     force, stiff = mesh_forces(G, states, forcing, at)
-    value = value + force @ by_force.T + forcing.tau[at] @ (c.of_a * forcing.inverse).T
+    value = value + force @ by_force.T + forcing.tau[at] @ (c.of_a * forcing.inverse_masses).T
     by_x = (by_force * stiff[..., None, :]) @ G
     by_v = (by_force * forcing.c[at][..., None, :]) @ G
     slope = slope + np.concatenate([by_x, by_v], axis=-1)

@@ -85,7 +85,7 @@ def window_columns(
         functions: of the force law, wanted as ``FUNCTION of MESH``, and those on the carrier.
         wanted: names of the Q columns.
     """
-    inverse = s.inverse
+    inverse = s.inverse_masses
     directions: list[Array] = []
     on_meshes: list[Array] = []
     sizes: list[Array] = []

@@ -83,7 +83,7 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
         made = responses(
             s,
             solution,
-            np.repeat(-s.inverse * s.G, len(near), axis=0),
+            np.repeat(-s.inverse_masses * s.G, len(near), axis=0),
             size.reshape(-1, *size.shape[2:]),
             np.repeat(np.eye(M), len(near), axis=0),
         ).reshape(-1, M, len(near))

@@ -61,12 +61,14 @@ class WindowPartTrial(PartTrial):
             d_rate=run.change.d_rate + q[:, :, 1] @ reach,
         )
         more = (law(run.strided, change).force - law(run.strided, run.change).force)[:, at]
-        directions, on_meshes = -s.inverse * s.G[at], np.eye(len(s.G))[at]
+        directions, on_meshes = -s.inverse_masses * s.G[at], np.eye(len(s.G))[at]
         if seat.effect == "bearing_clearance":
             _, mass = pin_meshes(model, seat.locus)
             push = -mass * np.gradient(q[:, 0, 1], run.strided.times)
             more = np.column_stack([more, push])
-            directions = np.vstack([directions, s.inverse * np.eye(len(s.inverse))[2]])
+            directions = np.vstack(
+                [directions, s.inverse_masses * np.eye(len(s.inverse_masses))[2]]
+            )
             on_meshes = np.vstack([on_meshes, np.zeros(len(s.G))])
         size = more.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)]
         pushed = responses(s, solution, directions, size, on_meshes).sum(axis=1)

@@ -39,13 +39,13 @@ def filter_and_fit(
         whole: windows that begin earlier, in which the filter converges.
         of_whole: their forcing.
     """
-    starts, cost = filtered_starts(whole, of_whole, first_states(whole))
+    starts, cost = filtered_starts(whole, of_whole, initial_states(whole))
     starts = starts[:, whole.n_windows - s.n_windows :]
     found = [fitted_windows(s, starts[i], forcing) for i in np.argsort(cost)[:N_FITTED]]
     return min(found, key=lambda solution: solution.cost)
 
 
-def first_states(s: Windows) -> Array:
+def initial_states(s: Windows) -> Array:
     """Initial states (K, 18): planets in step, then with random differences, fixed seed."""
     rng = np.random.default_rng(0)
     in_step = symmetric_starts(s)[0]

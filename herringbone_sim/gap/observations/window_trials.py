@@ -21,17 +21,10 @@ from herringbone_sim.gap.observations.trajectory import MAX_FIT_CHI2
 
 Array = NDArray[np.float64]
 
-SIZE_FACTORS = (
-    -3.0,
-    -1.0,
-    1.0,
-    3.0,
-)  # sizes over the moderate one, in the direction of the linear fit; chosen
-PART_LOG_FACTORS = (
-    -np.log(3.0),
-    0.0,
-    np.log(3.0),
-)  # offsets of the logarithm of a part's stiffness or clearance; chosen
+# Sizes over the moderate one, in the direction of the linear fit; chosen.
+SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
+# Offsets of the logarithm of a part's stiffness or clearance; chosen.
+PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
 ROUNDS_BY_RUN = (3, 8)  # rounds on the nearest run and on the next one, for run time
 MAX_ON_SECOND_RUN = 24  # trials continued on the second run
 MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # trials returned, in all and with the same effect
