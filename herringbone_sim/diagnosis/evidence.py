@@ -87,7 +87,7 @@ def evidence_of(found: Examination, noise_known: bool = True) -> Evidence:
 
 
 def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candidate:
-    """Numbers of one explanation; ``counts``: whitened values, by observation."""
+    """Summarise one explanation; ``counts``: number of whitened values, by observation."""
     score = found.score
     return Candidate(
         tuple(h.effect for h in found.hypotheses),

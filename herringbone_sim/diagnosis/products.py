@@ -153,7 +153,11 @@ def _grams_common(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
 
 
 def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
-    """``cross`` and ``cross_y`` of ``Products``."""
+    """L^-1 N'X (T, R, Q) and L^-1 N'y (T,) of shared nuisances N, LL' = N'N + prior precision.
+
+    Args:
+        G, c: X'X (R, Q, Q) and X'y (R, Q) of the block.
+    """
     T = len(block.shared_sd)
     if not T:
         return np.zeros((0, *c.shape)), np.zeros(0)

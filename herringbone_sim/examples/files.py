@@ -1,7 +1,7 @@
-"""Files as measurement programs leave them, one kind a run, and the spec that imports them all.
+"""Example recordings in common file formats, one run each, and the spec that imports them.
 
-``python -m herringbone_sim.examples.files --out DIR`` simulates a rig, writes its runs as CSV,
-Parquet, MAT (v5 and v7.3), TDMS, HDF5 and rosbag2 in units of the shop floor, and ``spec.yaml``.
+``python -m herringbone_sim.examples.files --out DIR`` simulates a rig and writes its runs as CSV,
+Parquet, MAT (v5 and v7.3), TDMS, HDF5 and rosbag2, in um, mm/s and kN, and ``spec.yaml``.
 """
 
 from __future__ import annotations
@@ -183,6 +183,7 @@ def write_bag(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     return [{"path": path.name, "time": clock, "channels": found}]
 
 
+# By file name; a writer returns the entries ``files`` of its run in the import spec.
 WRITERS: Mapping[str, Callable[[Path, TimeSeries], list[dict[str, Any]]]] = {
     "bench.csv": write_csv,
     "bench.parquet": write_parquet,

@@ -44,7 +44,7 @@ def train_judge(rigs: int) -> NDArray[np.float64]:
 
 
 def load_weights() -> NDArray[np.float64]:
-    """Read the weights written by ``--practice``; weights missing in the file are 0."""
+    """Read the judge's weights written by ``--practice``; those missing in the file are 0."""
     data = json.loads(WEIGHTS.read_text(encoding="utf-8"))
     return np.array([data.get(name, 0.0) for name in NAMES])
 

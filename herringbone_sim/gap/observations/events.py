@@ -187,6 +187,7 @@ def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[fl
     spectrum = np.fft.rfft(kernel)
 
     def summed(values: Array) -> Array:
+        """Circular sum over the length of a contact, for every start bin."""
         return np.asarray(np.fft.irfft(np.fft.rfft(values, axis=1) * spectrum, bins, axis=1))
 
     A, b = summed(one.A), summed(one.b)

@@ -513,7 +513,7 @@ def _linear_block_at(
 
 
 def _common_columns(block: Block) -> NDArray[np.bool_]:
-    """``common_columns`` of a block, false for None."""
+    """Mask (Q,) of common columns of a block, all false where it has none."""
     return (
         np.zeros(len(block.functions), bool)
         if block.common_columns is None

@@ -134,7 +134,7 @@ def window_samples(run: PreparedRun) -> int:
 
 
 def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
-    """Form the first windows of a run."""
+    """Cut a run into at most ``windows`` windows, with readings, weights and steps."""
     model, omega_n = run.model, run.model.scales.omega_n
     samples = window_samples(run)
     W = min(windows, (len(run) - 1) // samples)

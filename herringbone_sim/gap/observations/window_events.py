@@ -59,7 +59,12 @@ class Contacts:
 
 
 def contact_responses(one: Trajectory, block: Block) -> Contacts:
-    """Responses to contacts about the states of a block."""
+    """Response of the windows of a run to a tooth contact of each mesh at each time.
+
+    Args:
+        one: windows of the run.
+        block: formed last by ``one``; responses are linear about its states.
+    """
     s = one.windows
     solution, now, m = one.last_linearisation
     at = s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)

@@ -37,8 +37,8 @@ class WindowPartTrial(PartTrial):
         return [trajectory.NAME]
 
     @cached_property
-    def _clearings(self) -> dict[int, Callable[[Array], Array]]:
-        """By run: function that projects out states and encoder errors."""
+    def _nuisance_removers(self) -> dict[int, Callable[[Array], Array]]:
+        """Functions that project out states and encoder errors, by number of the run."""
         return {run.number: nuisance_remover(run.blocks[trajectory.NAME], 0) for run in self._runs}
 
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
@@ -74,7 +74,7 @@ class WindowPartTrial(PartTrial):
         pushed = responses(s, solution, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
         weight = np.sqrt(block.independent_share) / block.sigma[:, 0]
-        clear = self._clearings[run.number]
+        clear = self._nuisance_removers[run.number]
         before = clear(block.residual[:, 0] * weight)
         after = before - clear(pushed * weight)
         yield trajectory.NAME, 0, before, after, np.ones(len(before))

@@ -98,7 +98,8 @@ def _window(
     K = len(expected)
     first = np.full(K, s.first_half_step[w])
 
-    def at(z: Array) -> tuple[Array, ...]:
+    def evaluate(z: Array) -> tuple[Array, ...]:
+        """States, tangents, channel derivatives, residuals and energy at scaled starts z."""
         states, tangents = integrate_windows(z * s.scale, first, s.steps, s.h, forcing)
         seen, slope = s.channel_outputs(states, forcing, first)
         off = (s.measured[w] - seen) * s.weight[w]
@@ -107,7 +108,7 @@ def _window(
         return states, tangents, slope * s.weight[w][..., None], off, cost
 
     z, damping = expected.copy(), np.full(K, 1e-2)
-    states, tangents, slope, off, cost = at(z)
+    states, tangents, slope, off, cost = evaluate(z)
     for number in range(MAX_ROUNDS + 1):
         T = propagators(s, tangents)
         J = (slope @ T[:, :-1]).reshape(K, -1, STATES)
@@ -118,7 +119,7 @@ def _window(
         right -= np.einsum("kij,kj->ki", precision, z - expected)
         more = np.einsum("k,kii->ki", damping, normal)[:, :, None] * np.eye(STATES)
         step = np.linalg.solve(normal + more, right[:, :, None])[:, :, 0]
-        *new, now = at(z + step)
+        *new, now = evaluate(z + step)
         better = now < cost
         gained = np.where(better, cost - now, 0.0)
         z, cost = np.where(better[:, None], z + step, z), np.minimum(now, cost)

@@ -102,5 +102,5 @@ def nonlinear_trials(
 
 
 def _is_swap(one: Hypothesis) -> bool:
-    """Whether it is a swap of channels, which is present or absent."""
+    """Whether a hypothesis swaps channels: present or absent, without a size."""
     return one.effect == "channel_swap"
