@@ -92,7 +92,7 @@ class Products:
 
 
 def products(block: Block) -> Products:
-    """Compute the products of a block."""
+    """Compute the Gram matrices of a block, with nuisances of single rows marginalised."""
     n, R, Q = block.columns.shape
     G, c = np.empty((R, Q, Q)), np.empty((R, Q))
     energy = np.empty(R)
@@ -135,7 +135,7 @@ def _grams(block: Block) -> Iterator[Gram]:
 
 
 def _grams_common(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
-    """``_grams`` where most columns are the same in all rows."""
+    """``_grams`` for blocks with common columns; ``alike``: their mask (Q,)."""
     Q, N = len(alike), block.nuisance[:, 0]
     C = np.ascontiguousarray(block.columns[:, 0, alike])
     of_C, N_C, N_N = C.T @ C, N.T @ C, N.T @ N
@@ -352,7 +352,7 @@ class CampaignProducts:
         b[:, n:] -= (X @ self._y[o][:, :, None])[:, :, 0]
 
     def _entries(self, coefficient: Coefficient, o: str) -> list[tuple[int, int, Array]]:
-        """Row, function and weights (runs,) of a coefficient in an observation."""
+        """Triples of row, index of the function and weights (runs,) of a coefficient."""
         placement = coefficient.placements.get(o)
         if placement is None:
             return []

@@ -339,7 +339,8 @@ class Search:
         Observations that are linear up to there are computed once at zero and shifted.
 
         Args:
-            coefficients, mean: of a hypothesis; values (p,) of the tolerances and of them.
+            coefficients: of a hypothesis, beyond the base.
+            mean: (p,) values, those of the base first.
             wanted: functions whose columns are formed, by observation; None: all.
         """
         machine, every = self.machine, (*self.base, *coefficients)
@@ -379,9 +380,9 @@ class Search:
         """Fit by Gauss-Newton, then score about the solution.
 
         Args:
-            coefficients: of a hypothesis.
-            start: (p,) of the tolerances and of them.
-            rounds: most steps.
+            coefficients: of a hypothesis, beyond the base.
+            start: (p,) start values, those of the base first.
+            rounds: largest number of steps.
         """
         every = (*self.base, *coefficients)
         wanted = functions_used(every)

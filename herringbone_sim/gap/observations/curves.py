@@ -280,7 +280,7 @@ def _contact_terms(gear: Gear) -> Iterator[Variant]:
 
 
 def _damping(gear: Gear) -> Iterator[Variant]:
-    """Damping only in contact, or proportional to the deflection."""
+    """Two laws: damping only in contact, and damping in proportion to the deflection."""
     # The dependence on load is uncertain by half of the effect.
     bend = [Term(f"load {i}", {f"gamma load {i}": 1.0}, 0.5) for i in range(len(LOADS_M))]
     yield (("law", "contact"),), 0.3, [Term("share", {"gamma free": -1.0}, 1.0), *bend], 1

@@ -67,9 +67,10 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
 
 
 def best_seats(trial: PartTrial) -> list[Seat]:
-    """Part of each grid that removes most energy, on the largest places first, then inside them.
+    """Part of each grid that removes most energy.
 
-    The best of all is refined by local search.
+    The grid is evaluated at the largest places (all sides), then the best point at each place
+    inside the best one. The best part of all is refined by local search.
     """
     layout = trial.gear.model.layout
     found = []
@@ -181,7 +182,7 @@ class PartTrial:
         return seats[int(np.argmax(parallel_map(self.gain, seats)))]
 
     def with_load(self, seat: Seat) -> Seat:
-        """Part with its load, and energy removed, scaled to all runs."""
+        """Copy with its largest load, and the energy that it removes scaled up to all runs."""
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
         fall, followed = self._gain_and_refit(seat)
@@ -212,7 +213,7 @@ class PartTrial:
         return self._drives[key]
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
-        """Rows of force law and balance that a part changes."""
+        """Rows of force law and balance that a part changes, without and with it."""
         gear = self.gear
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
         m, change = select_meshes(run.strided, run.change, at)
