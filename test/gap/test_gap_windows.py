@@ -85,7 +85,7 @@ def test_steps_miss_no_more_than_is_counted_as_noise(
     """Against steps of an eighth; noise of less than that would make a healthy rig look sick."""
     trajectory, shot = one
     s = trajectory.recorded
-    monkeypatch.setattr(shooting, "STEP", shooting.STEP_RAD / 8.0)
+    monkeypatch.setattr(shooting, "STEP_RAD", shooting.STEP_RAD / 8.0)
     finely = Trajectory(trajectory.run)
     drive = finely.forcing(LawChange(), np.ones(9), ())
     off = evaluated(finely.recorded, shot.starts, drive).residuals - shot.residuals
@@ -146,11 +146,11 @@ def test_columns_of_bodies_are_differences(
 
 
 @pytest.mark.parametrize("channels", ["accelerometers", "shafts_pins", "shafts_rings"])
-def test_other_sensors_are_followed_to_their_noise(window_channels: str) -> None:
+def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
     """Each kind of channel keeps about its noise: leverage of the states takes a third of it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
-        made = as_prepared(make_campaign(draw_plan(600001, "none", channels=window_channels)))
+        made = as_prepared(make_campaign(draw_plan(600001, "none", channels=channels)))
     run = made.of_role("fit")[1]
     assert Gear([run]).uses_windows
     one = Trajectory(run)
@@ -160,7 +160,7 @@ def test_other_sensors_are_followed_to_their_noise(window_channels: str) -> None
     for kind in set(kinds):
         read = s.weight[:, :, kinds == kind] > 0.0
         assert 0.5 < np.mean(shot.residuals[:, :, kinds == kind][read] ** 2) < 2.0
-    if window_channels == "shafts_rings":
+    if channels == "shafts_rings":
         assert 0.05 < np.mean(s.weight[:, :, kinds == "F"] > 0.0) < 0.6
 
 
