@@ -1,4 +1,7 @@
-"""Examine a campaign: score none, single effects and pairs; test what they leave unexplained."""
+"""Examine a campaign: score none, single effects and pairs; test what they leave unexplained.
+
+Longer than 300 lines: the stages of the search stand together, in the order in which they run.
+"""
 
 from __future__ import annotations
 

@@ -74,8 +74,8 @@ class Information:
             weak[i, own] = directions[:, 0]
             squares.append(max(float(least[0]), 0.0))
             raw.append(float(weak[i, own] @ A[:, n:, n:].sum(0) @ weak[i, own]))
-            told = weak[i, own] @ per_run @ weak[i, own]
-            shares.append(told / max(float(told.sum()), 1e-300))
+            by_run = weak[i, own] @ per_run @ weak[i, own]
+            shares.append(by_run / max(float(by_run.sum()), 1e-300))
         cross = (weak * of_mains) @ cross_gram(campaign, mains, [*base, *others])
         self._with_base, self._with_others = cross[:, :n], cross[:, n:] * of_others
         self._raw = np.array(raw)

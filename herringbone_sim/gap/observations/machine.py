@@ -28,6 +28,7 @@ from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.seats import Seat
+from herringbone_sim.gap.observations.tolerances import tolerances
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class GearMachine:
     def __init__(self, gear: Gear) -> None:
         self.gear = gear
         self.builder = CoefficientBuilder(gear)
-        self.base = curves.tolerances(self.builder)
+        self.base = tolerances(self.builder)
         self.rows: Mapping[str, int] = {o: self.builder.rows(o) for o in gear.functions}
         self.runs = len(gear.runs)
 
