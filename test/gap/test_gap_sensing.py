@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_support import rig
-from herringbone_sim.gap.observations.copied_channels_share import drop_copies
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.diagnosis.products import residual_without_nuisance
@@ -15,6 +14,7 @@ from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
+from herringbone_sim.gap.observations.copied_channels import drop_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.runs import polynomial_rates
