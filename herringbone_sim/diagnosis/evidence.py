@@ -1,7 +1,7 @@
-"""What the examination of a campaign found, in numbers: all that a verdict hangs on.
+"""Summary of an examination in a few numbers: the whole input of the judge.
 
-Small enough to be kept for every practice campaign, so that anyone can compute verdicts and their
-calibration again.
+Small enough to be stored for every practice campaign, so that verdicts and calibration can be
+recomputed.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.diagnosis.examine import Examined, Found
+from herringbone_sim.diagnosis.examine import Examination, FittedExplanation
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An explanation: no effect, one or two.
+    """An explanation of the gap: no effect, one, or two.
 
     Attributes:
         effects: ids; empty for none.
-        places: of each effect, as text.
-        energy: whitened squares left of runs predicted by the others.
-        in_sample: those left with all runs.
+        places: place of each effect, as text.
+        energy: whitened sum of squares left, each run predicted from the others.
+        in_sample: the same with all runs fitted.
         size: number of coefficients.
-        strain: how far curves depart from the catalogue's beside the size of the effect: 1 where
-            they do as their prior expects; 0 of effects without a shape.
-        worst: largest mean square that is left of an observation, over its noise.
+        strain: mean square departure from the catalogue's curve over that of the effect's own
+            parameters, each relative to its prior: 1 as expected; 0 for effects without a curve.
+        worst: largest mean square of whitened residuals left in one observation; noise alone: 1.
     """
 
     effects: tuple[str, ...]
@@ -41,16 +41,16 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Numbers of a campaign.
+    """Numbers of one campaign; field names are keys of stored evidence files.
 
     Attributes:
-        count: whitened values.
+        count: number of whitened values.
         candidates: none, single effects, pairs; each kind best first.
-        remains: of none, the best single and the best pair: whitened squares that a flexible
-            regression predicts of what they leave, out of sample.
-        screened: least squares of each effect by the linear screen.
-        told: whether the noise was told, so that what is left above it counts in full.
-        uneven: largest noise that was found of a row, over the median of its observation's rows.
+        remains: energy that the flexible regression predicts out of sample of the residual of
+            ``none``, the best ``single`` and the best ``pair``.
+        screened: least energy of each effect in the linear screen.
+        told: whether the campaign gives the noise; then residual energy above it counts in full.
+        uneven: largest noise estimated for a row, over the median of its observation's rows.
     """
 
     count: float
@@ -61,12 +61,12 @@ class Evidence:
     uneven: float = 1.0
 
     def written(self) -> dict[str, Any]:
-        """As plain data."""
+        """Plain data for JSON."""
         return asdict(self)
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Evidence:
-        """From plain data."""
+        """Evidence from the plain data of ``written``."""
         candidates = tuple(
             Candidate(**{**c, "effects": tuple(c["effects"]), "places": tuple(c["places"])})
             for c in data["candidates"]
@@ -76,17 +76,18 @@ class Evidence:
         return cls(float(data["count"]), candidates, remains, screened, told, uneven)
 
 
-def evidence_of(found: Examined, told: bool = True) -> Evidence:
-    """The numbers of an examination; ``told``: whether the noise was."""
+def evidence_of(found: Examination, noise_known: bool = True) -> Evidence:
+    """Summarise an examination; ``noise_known``: whether the campaign gives the noise."""
     every = (found.none, *found.singles, *found.pairs)
     remains = {name: sum(p.predicted for p in of.values()) for name, of in found.flexible.items()}
     candidates = tuple(_candidate(f, found.counts) for f in every)
     rows = [np.mean(n**2, axis=0) for n in found.noise.values()]
     uneven = max((float(n.max() / np.median(n)) for n in rows), default=1.0)
-    return Evidence(found.count, candidates, remains, dict(found.screened), told, uneven)
+    return Evidence(found.count, candidates, remains, dict(found.screened), noise_known, uneven)
 
 
-def _candidate(found: Found, counts: Mapping[str, float]) -> Candidate:
+def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candidate:
+    """Summarise one explanation; ``counts``: number of whitened values, by observation."""
     score = found.score
     return Candidate(
         tuple(h.effect for h in found.hypotheses),
@@ -95,12 +96,16 @@ def _candidate(found: Found, counts: Mapping[str, float]) -> Candidate:
         score.in_sample,
         sum(len(h.coefficients) for h in found.hypotheses),
         _strain(found),
-        max(float(rows.sum()) / counts[o] for o, rows in score.rows.items() if counts[o] > 0.0),
+        max(
+            float(rows.sum()) / counts[o]
+            for o, rows in score.energy_by_row.items()
+            if counts[o] > 0.0
+        ),
     )
 
 
-def _strain(found: Found) -> float:
-    """Largest ratio of departures to the effect's own parameters, each over its prior."""
+def _strain(found: FittedExplanation) -> float:
+    """``strain`` of a candidate: the largest over its effects."""
     every = [h.coefficients for h in found.hypotheses]
     first = len(found.score.coefficients) - sum(len(c) for c in every)
     strains = [0.0]
@@ -108,8 +113,8 @@ def _strain(found: Found) -> float:
         mean = found.score.mean[first : first + len(own)]
         first += len(own)
         squares = (mean / np.array([c.sd for c in own])) ** 2
-        if len(own) > h.mains:
+        if len(own) > h.n_own:
             strains.append(
-                float(squares[h.mains :].mean() / max(squares[: h.mains].mean(), 1e-12))
+                float(squares[h.n_own :].mean() / max(squares[: h.n_own].mean(), 1e-12))
             )
     return max(strains)

@@ -1,4 +1,7 @@
-"""All hypotheses on a campaign, scored: none, single effects, pairs, and what is left of them."""
+"""Examine a campaign: score none, single effects and pairs; test what they leave unexplained.
+
+Longer than 300 lines: the stages of the search stand together, in the order in which they run.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.flexible import Predictable, predictable
-from herringbone_sim.diagnosis.products import cleared
+from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
+from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import (
-    WORTH,
+    MIN_GAIN_PER_VALUE,
     Hypothesis,
     Machine,
     Score,
@@ -22,26 +25,28 @@ from herringbone_sim.diagnosis.search import (
 
 Array = NDArray[np.float64]
 
-SCREENED = 6  # places of an effect that are scored linearly on runs left out
-REFINED = 6  # hypotheses that are fitted exactly
-PLACES = 2  # of them with the same effect
-PAIRED = 3  # second effects that are fitted exactly
-SAME = 0.01  # of a gap: less between two explanations is no reason for the larger one
-FEW = 2  # where nothing is worth explaining
-ALIKE = 0.25  # of the rows of an observation have no more than their noise, at the least
-FAR_OFF = 1.5  # squares a value: a linear fit that leaves more does not hold, an exact one is
-# short of an effect
-BLOCK_CYCLES = 6.0  # longer than what a mesh remembers
+# Limits of the search, chosen for run time:
+MAX_SCREENED_PER_EFFECT = 6  # places of an effect scored linearly by leave-one-run-out
+MAX_FITTED = 6  # single effects fitted exactly
+MAX_FITTED_PER_EFFECT = 2  # of them with the same effect
+MAX_FITTED_PAIRS = 3  # second effects fitted exactly
+MIN_FITTED = 2  # single effects fitted where nothing is worth explaining
+# Decisions, chosen, not fitted:
+EQUIVALENT_SHARE = 0.01  # share of the gap by which explanations may differ and count as equal
+NOISE_QUANTILE = 0.25  # share of an observation's rows assumed to contain no more than noise
+# Energy per value (noise: 1) above which a linear fit is not trusted, and a fit lacks an effect.
+NONLINEAR_CHI2 = 1.5
+BLOCK_CYCLES = 6.0  # mesh cycles of a cross-validation block, longer than the memory of a mesh
 
 
 @dataclass(frozen=True)
-class Found:
-    """A hypothesis with its fit.
+class FittedExplanation:
+    """None, a single effect or a pair, with its fit.
 
     Attributes:
-        hypotheses: one, or two of a pair.
+        hypotheses: empty, one or two.
         score: of the fit.
-        search: where it was found, whose machine has all its functions; None for the first one.
+        search: search whose machine has all functions of a pair; None: that of the single effects.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -50,133 +55,148 @@ class Found:
 
     @property
     def energy(self) -> float:
+        """Energy left of all runs, each predicted from the others."""
         return float(self.score.energy.sum())
 
 
 @dataclass(frozen=True)
-class Examined:
-    """Scores of a campaign.
+class Examination:
+    """Result of ``examine``.
 
     Attributes:
-        count: whitened values.
-        counts: by observation.
+        count: number of whitened values.
+        counts: the same by observation.
         none: the calibrated machine.
-        singles, pairs: best first.
-        screened: least linear squares of each effect, those never fitted too.
-        flexible: what a flexible regression explains of what is left, by observation, under none,
-            the best single and the best pair.
-        noise: (runs, R) by observation, over what it was taken for.
+        singles, pairs: fitted explanations, best first.
+        screened: least energy of each effect in the linear screen, fitted or not.
+        flexible: predictable part of the residual by observation, under the keys ``none``,
+            ``single`` (the best) and ``pair`` (the best).
+        noise: (runs, R) factor on the assumed noise, by observation; empty if noise was known.
     """
 
     count: float
     counts: dict[str, float]
-    none: Found
-    singles: tuple[Found, ...]
-    pairs: tuple[Found, ...]
+    none: FittedExplanation
+    singles: tuple[FittedExplanation, ...]
+    pairs: tuple[FittedExplanation, ...]
     screened: dict[str, float]
     flexible: dict[str, dict[str, Predictable]]
     noise: Mapping[str, Array]
 
 
 def examine(
-    machine: Machine, say: Callable[[str], None] = lambda text: None, told: bool = True
-) -> Examined:
+    machine: Machine, say: Callable[[str], None] = lambda text: None, noise_known: bool = True
+) -> Examination:
     """Score every hypothesis on the runs of a machine.
 
     Args:
-        told: whether the noise is what the machine takes it for; otherwise what nothing measured
-            predicts of the calibrated machine's residual is noise too.
+        machine: with its runs.
+        say: called with the name of each stage.
+        noise_known: whether the noise of the blocks is right; otherwise the unpredictable part of
+            the calibrated machine's residual is counted as noise too.
     """
     say("calibration")
     search = Search(machine)
-    none = Found((), search.settled(search.null))
-    left = _left(search, none)
-    if not told:
-        noise = {o: _noise(p) for o, p in left.items()}
-        left = {o: p.for_noise(noise[o]) for o, p in left.items()}
+    none = FittedExplanation((), search.settled(search.null))
+    left = _predictable_remainder(search, none)
+    if not noise_known:
+        noise = {o: _noise_factors(p) for o, p in left.items()}
+        left = {o: p.with_noise_scaled(noise[o]) for o, p in left.items()}
         search = Search(machine, noise, none.score.mean)
-        none = Found((), search.settled(search.null))
+        none = FittedExplanation((), search.settled(search.null))
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
-    search, ranked = _ranked(search, catalogue, None)
+    search, ranked = _rank(search, catalogue, None)
     counts = {
-        o: float(sum(r[o].count[_alive(r[o].energy)].sum() for r in search.campaign.runs))
+        o: float(sum(r[o].count[_recorded_rows(r[o].energy)].sum() for r in search.campaign.runs))
         for o in search.campaign.observations
     }
     count = sum(counts.values())
     say("fits")
     gain = none.energy - min((r[0] for r in ranked), default=none.energy)
-    idle = max(gain, _total(left)) < WORTH * count
-    singles = _fits(search, ranked, FEW if idle else REFINED, PLACES)
+    idle = max(gain, _predicted_energy(left)) < MIN_GAIN_PER_VALUE * count
+    singles = _fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
     say("what is left")
     flexible = {"none": left}
-    pairs: tuple[Found, ...] = ()
+    pairs: tuple[FittedExplanation, ...] = ()
     if singles:
-        first = _simplest(none, singles)
-        flexible["single"] = _left(search, singles[0], left)
-        # What is short, as the contact of a tooth, nothing beside it predicts.
-        far_off = first.score.in_sample > FAR_OFF * count
-        if far_off or _total(flexible["single"]) > WORTH * count:
+        first = _simplest_equivalent(none, singles)
+        flexible["single"] = _predictable_remainder(search, singles[0], left)
+        # Brief events such as a tooth contact are not predictable: judge by the fit, too.
+        far_off = first.score.in_sample > NONLINEAR_CHI2 * count
+        if far_off or _predicted_energy(flexible["single"]) > MIN_GAIN_PER_VALUE * count:
             say("pairs")
-            pairs = _pairs(search, catalogue, first)
+            pairs = _fit_pairs(search, catalogue, first)
             if pairs:
-                flexible["pair"] = _left(search, pairs[0], left)
-            second = _alone(search, singles, pairs)
+                flexible["pair"] = _predictable_remainder(search, pairs[0], left)
+            second = _refit_second_alone(search, singles, pairs)
             if second is not None and second.energy < singles[0].energy:
                 singles = (second, *singles)
-                flexible["single"] = _left(search, second, left)
-            elif not (pairs and _astray(first, pairs[0], flexible)):
+                flexible["single"] = _predictable_remainder(search, second, left)
+            elif not (pairs and _first_was_misfitted(first, pairs[0], flexible)):
                 second = None
-            if second is not None and _total(flexible["pair"]) > WORTH * count:
-                more = _pairs(search, catalogue, second)
+            if (
+                second is not None
+                and _predicted_energy(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
+            ):
+                more = _fit_pairs(search, catalogue, second)
                 pairs = tuple(sorted((*pairs, *more), key=lambda f: f.energy))
-                flexible["pair"] = _left(search, pairs[0], left)
+                flexible["pair"] = _predictable_remainder(search, pairs[0], left)
     screened: dict[str, float] = {}
     for value, one, _ in ranked:
         screened.setdefault(one.effect, value)
-    return Examined(count, counts, none, singles, pairs, screened, flexible, search.noise)
+    return Examination(count, counts, none, singles, pairs, screened, flexible, search.noise)
 
 
-def _noise(found: Predictable) -> Array:
-    """(runs, R) noise over what it was taken for: what can't be predicted, less what can.
+def _noise_factors(found: Predictable) -> Array:
+    """(runs, R) factor on the assumed noise, from unpredictable minus predictable energy.
 
-    Where half can be, the rest need not be noise. Sensors of a kind are alike: what stands out in
-    a few rows alone is no noise.
+    1 where half of the energy or more is predictable. Limited to the ``NOISE_QUANTILE`` of the
+    observation's rows: sensors of a kind are alike, so an excess in few rows is not noise.
     """
     known = found.count[0] > 0.0
     share = (2.0 * found.left - found.energy) / np.maximum(found.count, 1.0)
     most = np.ones((len(share), 1))
     if known.any():
-        most = np.quantile(share[:, known], ALIKE, axis=1)[:, None]
+        most = np.quantile(share[:, known], NOISE_QUANTILE, axis=1)[:, None]
     return np.asarray(np.sqrt(np.clip(share, 1.0, np.maximum(most, 1.0))))
 
 
-def _alive(energy: Array) -> NDArray[np.bool_]:
-    alive: NDArray[np.bool_] = energy != 0.0
-    return alive
+def _recorded_rows(energy: Array) -> NDArray[np.bool_]:
+    """Rows (R,) that are formed: their energy is not exactly zero."""
+    recorded: NDArray[np.bool_] = energy != 0.0
+    return recorded
 
 
-Ranked = list[tuple[float, Hypothesis, Array]]  # squares left, hypothesis, where a fit starts
+Ranking = list[tuple[float, Hypothesis, Array]]  # energy left, hypothesis, start of its fit
 
 
-def _simplest(none: Found, singles: Sequence[Found]) -> Found:
-    """The single with the fewest coefficients of those that explain the same."""
+def _simplest_equivalent(
+    none: FittedExplanation, singles: Sequence[FittedExplanation]
+) -> FittedExplanation:
+    """Of the singles as good as the best (``EQUIVALENT_SHARE``), that of fewest coefficients."""
     best = singles[0].energy
-    near = [f for f in singles if f.energy - best < SAME * (none.energy - best)]
+    near = [f for f in singles if f.energy - best < EQUIVALENT_SHARE * (none.energy - best)]
     return min(near, key=lambda f: len(f.score.coefficients), default=singles[0])
 
 
-def _total(left: Mapping[str, Predictable]) -> float:
-    """Whitened squares that a flexible regression predicts of what is left."""
+def _predicted_energy(left: Mapping[str, Predictable]) -> float:
+    """Predictable energy of all observations."""
     return sum(p.predicted for p in left.values())
 
 
-def _ranked(
+def _rank(
     search: Search, catalogue: Sequence[Hypothesis], taken: Score | None
-) -> tuple[Search, Ranked]:
-    """Scores on top of what was taken, best first, with what the residual proposes.
+) -> tuple[Search, Ranking]:
+    """Rank the catalogue and the machine's proposals by linear scores on top of a fit.
 
-    Linear ones; where nothing linear explains it, those that were tried, and few others.
+    Where even the best linear fit leaves too much, nonlinear trials come first.
+
+    Args:
+        taken: fit that is kept as the base; None: the calibrated machine.
+
+    Returns:
+        Search with the functions of the proposals, and the ranking, best first.
     """
     known = search.null if taken is None else taken
     made = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
@@ -187,86 +207,103 @@ def _ranked(
     per: dict[str, int] = {}
     for _, i in quick:
         one = catalogue[i]
-        if per.get(one.effect, 0) < SCREENED:
+        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT:
             per[one.effect] = per.get(one.effect, 0) + 1
             chosen.append(one)
-    found: Ranked = []
+    found: Ranking = []
     for one in (*chosen, *proposed):
         score = search.screened(one.coefficients, 0.3)
         left, start = float(score.energy.sum()), score.mean
-        if one.removes is not None:
-            left = float(search.null.energy.sum()) - one.removes
-            start = np.array([*one.known_mean, *(c.center for c in one.coefficients)])
+        if one.measured_gain is not None:
+            left = float(search.null.energy.sum()) - one.measured_gain
+            start = np.array([*one.base_mean, *(c.center for c in one.coefficients)])
         found.append((left, one, start))
     found.sort(key=lambda f: f[0])
-    if found and found[0][0] > FAR_OFF * search.null.count:
-        tried = search.machine.tried([(one, start) for _, one, start in found], search.null)
+    if found and found[0][0] > NONLINEAR_CHI2 * search.null.count:
+        tried = search.machine.nonlinear_trials(
+            [(one, start) for _, one, start in found], search.null
+        )
         known_better = {id(one) for _, one, _ in tried}
         rest = [f for f in found if id(f[1]) not in known_better]
-        found = [*tried, *(rest[:FEW] if tried else rest)]
+        found = [*tried, *(rest[:MIN_FITTED] if tried else rest)]
     return search, found
 
 
-def _fits(search: Search, ranked: Ranked, most: int, places: int) -> tuple[Found, ...]:
-    fits: list[Found] = []
+def _fit_best(
+    search: Search, ranked: Ranking, most: int, per_effect: int
+) -> tuple[FittedExplanation, ...]:
+    """Fit the best hypotheses exactly, ``most`` in all and ``per_effect`` of an effect."""
+    fits: list[FittedExplanation] = []
     per: dict[str, int] = {}
     for _, one, start in ranked:
         if len(fits) == most:
             break
-        if per.get(one.effect, 0) < places:
+        if per.get(one.effect, 0) < per_effect:
             per[one.effect] = per.get(one.effect, 0) + 1
-            fits.append(Found((one,), search.settled(search.refined(one.coefficients, start))))
+            fits.append(
+                FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))
+            )
     return tuple(sorted(fits, key=lambda f: f.energy))
 
 
-def _pairs(search: Search, catalogue: Sequence[Hypothesis], first: Found) -> tuple[Found, ...]:
-    """The best single with the best second effects on what it leaves."""
+def _fit_pairs(
+    search: Search, catalogue: Sequence[Hypothesis], first: FittedExplanation
+) -> tuple[FittedExplanation, ...]:
+    """Fit pairs: a single effect with each of the best other effects on its residual."""
     own = first.hypotheses[0]
     others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
-    then, ranked = _ranked(search, others, first.score)
+    then, ranked = _rank(search, others, first.score)
     different = [r for r in ranked if r[1].effect != own.effect]
-    fits = _fits(then, different, PAIRED, 1)
-    return tuple(Found((own, *f.hypotheses), f.score, then) for f in fits)
+    fits = _fit_best(then, different, MAX_FITTED_PAIRS, 1)
+    return tuple(FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
 
 
-def _alone(search: Search, singles: Sequence[Found], pairs: Sequence[Found]) -> Found | None:
-    """The second effect of the best pair by itself; None where it can't be formed so.
+def _refit_second_alone(
+    search: Search, singles: Sequence[FittedExplanation], pairs: Sequence[FittedExplanation]
+) -> FittedExplanation | None:
+    """Fit the second effect of the best pair on its own.
 
-    It need not have been among the few that were fitted. Events and parts that were proposed by
-    what the first effect left can't be formed without it.
+    It may have been missed by the screen while the first effect was not in the model. None if
+    there is no pair, or if the effect was proposed from the residual of the first one, on which
+    its functions depend.
     """
     if not pairs:
         return None
     one = pairs[0].hypotheses[1]
-    if one.maker is not None:
+    if one.source is not None:
         return None
     key = one.effect, one.options, one.locus
     for f in singles:
         if (f.hypotheses[0].effect, f.hypotheses[0].options, f.hypotheses[0].locus) == key:
             return f
     start = np.concatenate([search.null.mean, pairs[0].score.mean[-len(one.coefficients) :]])
-    return Found((one,), search.settled(search.refined(one.coefficients, start)))
+    return FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))
 
 
-def _astray(first: Found, pair: Found, left: Mapping[str, Mapping[str, Predictable]]) -> bool:
-    """Whether a second effect takes much of what the first leaves, and half is predicted still.
+def _first_was_misfitted(
+    first: FittedExplanation,
+    pair: FittedExplanation,
+    left: Mapping[str, Mapping[str, Predictable]],
+) -> bool:
+    """Whether the second effect removes much and half of the residual is predictable still.
 
-    The first one was fitted without it, and is far from where it would be beside it.
+    Then the first effect, fitted alone, is probably the wrong partner of the second.
     """
-    half = 0.5 * _total(left["single"])
-    return first.energy - pair.energy > half and _total(left["pair"]) > half
+    half = 0.5 * _predicted_energy(left["single"])
+    return first.energy - pair.energy > half and _predicted_energy(left["pair"]) > half
 
 
-def _left(
-    search: Search, found: Found, of_none: Mapping[str, Predictable] | None = None
+def _predictable_remainder(
+    search: Search, found: FittedExplanation, of_none: Mapping[str, Predictable] | None = None
 ) -> dict[str, Predictable]:
-    """What a flexible regression explains of what a hypothesis leaves.
+    """Predictable part of the residual of an explanation, by observation.
 
     Args:
-        of_none: of the calibrated machine, which holds where the hypothesis changes nothing.
+        of_none: the same of the calibrated machine, reused for observations that the explanation
+            does not change.
     """
     search = found.search or search
-    machine = search.machine.finely()
+    machine = search.machine.without_linearisation()
     fine = copy.copy(search)
     fine.machine = machine
     every = found.score.coefficients
@@ -282,9 +319,9 @@ def _left(
         own = [b[o] for b in blocks]
         residuals, around, numbers = [], [], []
         for r, b in enumerate(own):
-            at = b.at if b.at is not None else np.arange(len(b.residual))
-            residuals.append(cleared(b))
-            around.append(machine.surroundings(o, r, b))
+            at = b.sample_index if b.sample_index is not None else np.arange(len(b.residual))
+            residuals.append(residual_without_nuisance(b))
+            around.append(machine.regression_inputs(o, r, b))
             numbers.append((machine.cycles(o, r)[at] // BLOCK_CYCLES).astype(int))
-        result[o] = predictable(residuals, around, numbers, own[0].independent)
+        result[o] = predict_residuals(residuals, around, numbers, own[0].independent_share)
     return result

@@ -1,10 +1,10 @@
-"""How much of a residual anything measured could predict: a flexible regression, held out.
+"""Energy of a residual that measured quantities predict: cross-validated nonparametric regression.
 
-A residual may be any factor that acts on it (a constant, a spring, a damper) times any smooth
-function of one to three of what is measured. Random Fourier features (Rahimi and Recht 2007) of
-such functions, regressed row by row on every other block of mesh cycles of all runs and scored on
-the rest. Where causes act through a motion, the features are the responses to forces of many
-shapes. Noise can't be predicted; what repeats can, whatever law it follows.
+Model: a factor (constant, spring force, damper force) times a smooth function of one to three
+measured quantities, as random Fourier features (Rahimi and Recht, NIPS 2007). Each row is
+regressed on every other block of mesh cycles of all runs and scored on the remaining blocks. Where
+causes act through the motion, the features are responses to forces of many shapes instead. Noise
+can't be predicted; anything that repeats can, whatever its law.
 """
 
 from __future__ import annotations
@@ -17,24 +17,25 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-FEATURES = 200
-INPUTS = 3  # most that a function has
-HARMONICS = 4  # of an angle
-RIDGES = (1e1, 1e3)
-STRONGEST = (10, 40)  # features that a sparse regression has
-SAMPLES = 6000  # of a row, thirty a feature
+# Chosen, not fitted:
+N_FEATURES = 200
+MAX_INPUTS = 3  # measured quantities that one feature depends on
+MAX_HARMONIC = 4  # of an angle
+RIDGES = (1e1, 1e3)  # penalties of the regressions on all features, for features of unit RMS
+SPARSE_SIZES = (10, 40)  # features of the sparse regressions
+MAX_SAMPLES = 6000  # of a row, 30 per feature
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """What is measured about the rows of an observation of one run.
+class RegressionInputs:
+    """Inputs of the regression for one observation of one run: n samples, R rows.
 
     Attributes:
-        values: (n, R, D) of any unit.
-        angles: (n, A) [rad]; functions have whole multiples of them.
-        factors: (n, R, M) what a function may be a factor of, in units of the residual.
-        responses: (n, R, P) what causes of many shapes add to the whitened residual, where they
-            act through a motion and no factor of the rows themselves will do; None: none.
+        values: (n, R, D) measured quantities, of any unit.
+        angles: (n, A) [rad], of which functions have integer multiples.
+        factors: (n, R, M) factors of the functions, in units of the residual's noise.
+        responses: (n, R, P) whitened linear responses to forces of many shapes, used instead of
+            the above where causes act through the motion; None: not used.
     """
 
     values: Array
@@ -45,14 +46,13 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Predictable:
-    """What a flexible regression explains of rows it was not trained on.
+    """Out-of-sample energy that the regression predicts.
 
     Attributes:
-        energy: (runs, R) whitened squares of the rows.
-        left: (runs, R) after the regression's prediction; larger than ``energy`` where nothing
-            repeats.
-        count: (runs, R) values.
-        weight: independent values that one looked at stands for.
+        energy: (runs, R) energy of the rows.
+        left: (runs, R) energy after subtracting the prediction; may exceed ``energy``.
+        count: (runs, R) values used.
+        weight: independent values that each value used represents.
     """
 
     energy: Array
@@ -62,17 +62,17 @@ class Predictable:
 
     @property
     def predicted(self) -> float:
-        """Squares that the regression takes off all values of the rows."""
+        """Energy predicted in all rows, at least 0."""
         return self.weight * max(0.0, float((self.energy - self.left).sum()))
 
-    def for_noise(self, noise: Array) -> Predictable:
-        """The same for noise (runs, R) times as large."""
+    def with_noise_scaled(self, noise: Array) -> Predictable:
+        """Copy for a noise larger by the factor ``noise`` (runs, R)."""
         return Predictable(self.energy / noise**2, self.left / noise**2, self.count, self.weight)
 
 
 @dataclass(frozen=True)
 class _Features:
-    """Cosines of weighted sums of values and angles, each times a factor."""
+    """Random Fourier features: cosines of weighted sums of values and angles, times a factor."""
 
     of_values: Array
     of_angles: Array
@@ -81,79 +81,87 @@ class _Features:
 
     @classmethod
     def drawn(cls, D: int, A: int, M: int) -> _Features:
+        """Draw features for D values, A angles and M factors; the seed is their numbers."""
         rng = np.random.default_rng([D, A, M])
-        of_values, of_angles = np.zeros((D, FEATURES)), np.zeros((A, FEATURES))
-        for f in range(FEATURES):
-            some = rng.choice(D + A, min(D + A, int(rng.integers(1, INPUTS + 1))), replace=False)
+        of_values, of_angles = np.zeros((D, N_FEATURES)), np.zeros((A, N_FEATURES))
+        for f in range(N_FEATURES):
+            some = rng.choice(
+                D + A, min(D + A, int(rng.integers(1, MAX_INPUTS + 1))), replace=False
+            )
             for i in some:
                 if i < D:
                     of_values[i, f] = rng.normal() * 2.0 ** rng.uniform(-2.0, 1.0)
                 else:
                     sign = rng.choice([-1.0, 1.0])
-                    of_angles[i - D, f] = sign * rng.integers(1, HARMONICS + 1)
-        phase = rng.uniform(0.0, 2.0 * np.pi, FEATURES)
-        return cls(of_values, of_angles, phase, np.arange(FEATURES) % M)
+                    of_angles[i - D, f] = sign * rng.integers(1, MAX_HARMONIC + 1)
+        phase = rng.uniform(0.0, 2.0 * np.pi, N_FEATURES)
+        return cls(of_values, of_angles, phase, np.arange(N_FEATURES) % M)
 
-    def of(self, values: Array, angles: Array, factors: Array) -> Array:
-        """(n, FEATURES) of one row."""
+    def evaluated(self, values: Array, angles: Array, factors: Array) -> Array:
+        """(n, N_FEATURES) features at (n, D) values, (n, A) angles and (n, M) factors of a row."""
         inputs = np.concatenate([values, angles % (2.0 * np.pi)], axis=1).astype(np.float32)
         weights = np.concatenate([self.of_values, self.of_angles]).astype(np.float32)
         made = np.cos(inputs @ weights + self.phase.astype(np.float32))
         return np.asarray(made * factors[:, self.factor])
 
 
-def predictable(
+def predict_residuals(
     residuals: Sequence[Array],
-    surroundings: Sequence[Surroundings],
+    inputs: Sequence[RegressionInputs],
     blocks: Sequence[NDArray[np.int64]],
-    independent: float = 1.0,
+    independent_share: float = 1.0,
 ) -> Predictable:
-    """Cross-validated squares of whitened residuals.
+    """Cross-validated prediction of whitened residuals.
 
     Args:
-        residuals: (n, R) per run, whitened.
-        surroundings: per run.
-        blocks: (n,) number of the block of cycles of each sample, per run.
-        independent: share of the samples that are independent of each other.
+        residuals: (n, R) for each run, whitened.
+        inputs: for each run.
+        blocks: (n,) number of the block of cycles of each sample, for each run.
+        independent_share: share of the samples with independent noise.
     """
-    first = surroundings[0]
+    first = inputs[0]
     features = _Features.drawn(
         first.values.shape[2], first.angles.shape[1], first.factors.shape[2]
     )
     runs, R = len(residuals), residuals[0].shape[1]
-    thin = max(1, sum(len(r) for r in residuals) // SAMPLES)
+    thin = max(1, sum(len(r) for r in residuals) // MAX_SAMPLES)
     residuals = [r[::thin] for r in residuals]
     energy, left = np.zeros((runs, R)), np.zeros((runs, R))
     of_run = np.repeat(np.arange(runs), [len(r) for r in residuals])
     fold = np.concatenate([b[::thin] % 2 for b in blocks])
-    angles = np.concatenate([s.angles[::thin] for s in surroundings])
+    angles = np.concatenate([s.angles[::thin] for s in inputs])
     for row in range(R):
         y = np.concatenate([r[:, row] for r in residuals])
         if not np.any(y):
             continue
-        responses = [s.responses[::thin, row] for s in surroundings if s.responses is not None]
+        responses = [s.responses[::thin, row] for s in inputs if s.responses is not None]
         if responses:
-            P = _scaled(np.concatenate(responses))
+            P = _unit_rms(np.concatenate(responses))
         else:
-            values = _scaled(np.concatenate([s.values[::thin, row] for s in surroundings]))
-            factors = _scaled(np.concatenate([s.factors[::thin, row] for s in surroundings]))
-            P = features.of(values, angles, factors)
-        off = _held_out(P, y, fold, of_run)
+            values = _unit_rms(np.concatenate([s.values[::thin, row] for s in inputs]))
+            factors = _unit_rms(np.concatenate([s.factors[::thin, row] for s in inputs]))
+            P = features.evaluated(values, angles, factors)
+        off = _cross_predict(P, y, fold, of_run)
         energy[:, row] = np.bincount(of_run, y**2, runs)
         left[:, row] = np.bincount(of_run, off**2, runs)
     count = np.bincount(of_run, minlength=runs)[:, None] * (energy > 0.0)
-    return Predictable(energy, left, count.astype(float), thin * independent)
+    return Predictable(energy, left, count.astype(float), thin * independent_share)
 
 
-def _scaled(values: Array) -> Array:
-    """Columns over their RMS."""
+def _unit_rms(values: Array) -> Array:
+    """Scale columns to unit RMS."""
     size = np.sqrt(np.mean(values**2, axis=0))
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 
 @dataclass(frozen=True)
-class _Fold:
-    """Two halves that predict each other: features, residuals and their products."""
+class _HalfPair:
+    """Two halves of the samples that predict each other.
+
+    Attributes:
+        at: indices of the samples.
+        P, A, b: features, their Gram matrix and their products with the residual.
+    """
 
     at: tuple[NDArray[np.int64], ...]
     P: tuple[Array, ...]
@@ -161,15 +169,21 @@ class _Fold:
     b: tuple[Array, ...]
 
     @classmethod
-    def of(cls, P: Array, y: Array, halves: Sequence[NDArray[np.int64]]) -> _Fold:
+    def build(cls, P: Array, y: Array, halves: Sequence[NDArray[np.int64]]) -> _HalfPair:
+        """Split features (n, F) and residual (n,) into two halves given by their samples."""
         parts = tuple(P[at] for at in halves)
         A = tuple(p.T @ p for p in parts)
         return cls(
             tuple(halves), parts, A, tuple(p.T @ y[h] for p, h in zip(parts, halves, strict=True))
         )
 
-    def left(self, y: Array, most: int, ridge: float, off: Array) -> None:
-        """Write what is left of each half predicted by the ``most`` features of the other."""
+    def predict(self, y: Array, most: int, ridge: float, off: Array) -> None:
+        """Write the prediction error of each half, trained on the other, to ``off`` (n,).
+
+        Args:
+            most: number of features, those most correlated with the residual.
+            ridge: penalty of the regression.
+        """
         for own, other in ((0, 1), (1, 0)):
             A, b = self.A[other], self.b[other]
             if most < len(b):
@@ -181,21 +195,21 @@ class _Fold:
             off[self.at[own]] = y[self.at[own]] - P @ w
 
 
-def _held_out(P: Array, y: Array, fold: NDArray[np.int64], run: NDArray[np.int64]) -> Array:
-    """What is left of each half predicted by the other, by the best of a few regressions."""
-    whole = _Fold.of(P, y, [np.flatnonzero(fold == h) for h in (0, 1)])
-    # Each run on its own: what a law makes of what is held in a run need not be smooth.
+def _cross_predict(P: Array, y: Array, fold: NDArray[np.int64], run: NDArray[np.int64]) -> Array:
+    """(n,) prediction error of each half from the other, by the best of a few regressions."""
+    whole = _HalfPair.build(P, y, [np.flatnonzero(fold == h) for h in (0, 1)])
+    # Also run by run: dependence on quantities constant within a run need not be smooth.
     alone = [
-        _Fold.of(P, y, [np.flatnonzero((fold == h) & (run == r)) for h in (0, 1)])
+        _HalfPair.build(P, y, [np.flatnonzero((fold == h) & (run == r)) for h in (0, 1)])
         for r in np.unique(run)
     ]
     tried = [([whole], P.shape[1], ridge) for ridge in RIDGES]
-    tried += [([whole], most, 1.0) for most in STRONGEST]
-    tried += [(alone, STRONGEST[0], 1.0)]
+    tried += [([whole], most, 1.0) for most in SPARSE_SIZES]
+    tried += [(alone, SPARSE_SIZES[0], 1.0)]
     best = y
     for folds, most, ridge in tried:
         off = y.copy()
         for one in folds:
-            one.left(y, most, ridge, off)
+            one.predict(y, most, ridge, off)
         best = off if float(off @ off) < float(best @ best) else best
     return best

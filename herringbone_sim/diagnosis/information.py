@@ -1,8 +1,8 @@
-"""What a set of runs would tell of each hypothesis, and what the others would leave of it.
+"""Fisher information of a set of runs on each effect, alone and against rival hypotheses.
 
-The expected squares that an effect of size one adds, and those that remain once another hypothesis
-was fitted to them: Fisher information, tolerances and the other's coefficients integrated out
-(Lehmann and Casella, Theory of Point Estimation, 2.6). Linear about the nominal machine.
+Expected energy added by an effect of size one, and the part left after another hypothesis is
+fitted to it, with tolerances and the rival's coefficients profiled out (Lehmann and Casella,
+Theory of Point Estimation, 2.6). Linear about the nominal machine.
 """
 
 from __future__ import annotations
@@ -15,56 +15,68 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
-from herringbone_sim.diagnosis.products import Campaign, Coefficient
+from herringbone_sim.diagnosis.products import CampaignProducts, Coefficient
 from herringbone_sim.diagnosis.regression import solve
-from herringbone_sim.diagnosis.search import BENDINGS, FARTHEST, SIZES, Hypothesis
+from herringbone_sim.diagnosis.search import (
+    DEPARTURE_ROUNDS,
+    MAX_DEPARTURE_SD,
+    PRIOR_SCALES,
+    Hypothesis,
+)
 
 Array = NDArray[np.float64]
 
 
 class Information:
-    """Expected whitened squares of effects, the truths, and what hypotheses leave of them.
+    """Expected energy of true effects and what hypotheses fitted to them leave.
 
-    Sizes are over a moderate one, in the direction of an effect's own parameters that shows least.
+    Size one is the moderate effect, in the least visible direction of its own parameters.
+
+    Args:
+        campaign: products about the nominal machine.
+        truths: effects assumed true.
+        hypotheses: rivals fitted to them.
 
     Attributes:
-        squares: (truths,) above those of the nominal machine at size one, as far as tolerances
-            stay in their bounds.
-        by_run: (truths, runs) share of them that each run tells.
-        left: (truths, hypotheses) what is left at size one, likewise.
-        count: whitened values.
+        squares: (truths,) energy added at size one, tolerances fitted inside their bounds.
+        by_run: (truths, runs) share of it by run.
+        left: (truths, hypotheses) energy left at size one by each hypothesis.
+        count: number of whitened values.
     """
 
     def __init__(
-        self, campaign: Campaign, truths: Sequence[Hypothesis], hypotheses: Sequence[Hypothesis]
+        self,
+        campaign: CampaignProducts,
+        truths: Sequence[Hypothesis],
+        hypotheses: Sequence[Hypothesis],
     ) -> None:
         self._hypotheses = hypotheses
         base = campaign.base
         n = len(base)
         self._sd = np.array([c.sd for c in base])
         self._bound = np.array([c.bound for c in base])
-        mains = [c for h in truths for c in h.coefficients[: h.mains]]
+        mains = [c for h in truths for c in h.coefficients[: h.n_own]]
         others = [c for h in hypotheses for c in h.coefficients]
         of_mains, of_others = (np.array([c.sd for c in some]) for some in (mains, others))
         self._A = campaign.base_A.sum(0)
         self._factor = cho_factor(self._A + np.diag(self._sd**-2.0))
-        at = np.cumsum([0, *(h.mains for h in truths)])
+        at = np.cumsum([0, *(h.n_own for h in truths)])
         weak = np.zeros((len(truths), len(mains)))
         squares, raw, shares = [], [], []
         for i, h in enumerate(truths):
             own = slice(at[i], at[i + 1])
-            A, _ = campaign.normal(h.coefficients[: h.mains])
+            A, _ = campaign.normal_equations(h.coefficients[: h.n_own])
             A[:, n:] *= of_mains[own, None]
             A[:, :, n:] *= of_mains[own]
-            step = np.concatenate([-cho_solve(self._factor, A[:, :n, n:].sum(0)), np.eye(h.mains)])
+            step = np.concatenate([-cho_solve(self._factor, A[:, :n, n:].sum(0)), np.eye(h.n_own)])
             per_run = step.T @ A @ step
             least, directions = np.linalg.eigh(per_run.sum(0))
             weak[i, own] = directions[:, 0]
             squares.append(max(float(least[0]), 0.0))
             raw.append(float(weak[i, own] @ A[:, n:, n:].sum(0) @ weak[i, own]))
-            told = weak[i, own] @ per_run @ weak[i, own]
-            shares.append(told / max(float(told.sum()), 1e-300))
-        cross = (weak * of_mains) @ products_between(campaign, mains, [*base, *others])
+            by_run = weak[i, own] @ per_run @ weak[i, own]
+            shares.append(by_run / max(float(by_run.sum()), 1e-300))
+        cross = (weak * of_mains) @ cross_gram(campaign, mains, [*base, *others])
         self._with_base, self._with_others = cross[:, :n], cross[:, n:] * of_others
         self._raw = np.array(raw)
         self.squares, self.by_run = np.array(squares), np.array(shares)
@@ -75,79 +87,84 @@ class Information:
         )
         ends = np.cumsum([0, *(len(h.coefficients) for h in hypotheses)])
         self._at = [slice(a, b) for a, b in pairwise(ends.tolist())]
-        self._of_h: list[tuple[Array, Array]] = []
+        self._hypothesis_gram: list[tuple[Array, Array]] = []
         self.left = np.empty((len(truths), len(hypotheses)))
         for j, h in enumerate(hypotheses):
-            A = campaign.normal(h.coefficients)[0].sum(0)
+            A = campaign.normal_equations(h.coefficients)[0].sum(0)
             scale = of_others[self._at[j]]
-            self._of_h.append((A[:n, n:] * scale, A[n:, n:] * np.outer(scale, scale)))
-            self.left[:, j] = np.maximum(self.squares - self._taken(j), 0.0)
+            self._hypothesis_gram.append((A[:n, n:] * scale, A[n:, n:] * np.outer(scale, scale)))
+            self.left[:, j] = np.maximum(self.squares - self._reduction(j), 0.0)
 
-    def _taken(self, j: int) -> Array:
-        """Squares (truths,) that hypothesis j takes off, tolerances anywhere in their priors."""
-        of_h, G = self._of_h[j]
+    def _reduction(self, j: int) -> Array:
+        """Energy (truths,) removed by hypothesis j at size one, tolerances without bounds."""
+        of_h, G = self._hypothesis_gram[j]
         X = self._with_others[:, self._at[j]]
         X = X - cho_solve(self._factor, self._with_base.T).T @ of_h
-        return _followed(self._hypotheses[j], G - of_h.T @ cho_solve(self._factor, of_h), X)
+        return _reduction_with_departures(
+            self._hypotheses[j], G - of_h.T @ cho_solve(self._factor, of_h), X
+        )
 
     def seen(self, i: int, size: float) -> float:
-        """Squares that truth i adds at a size, tolerances in their bounds."""
-        if self._inside(i, size):
+        """Energy added by truth i at a size, tolerances fitted inside their bounds."""
+        if self._tolerances_inside(i, size):
             return float(size**2 * self.squares[i])
         mean = solve(self._A, size * self._with_base[i], self._sd, self._bound).mean
         taken = 2.0 * size * self._with_base[i] @ mean - mean @ self._A @ mean
         return max(float(size**2 * self._raw[i] - taken), 0.0)
 
     def left_at(self, i: int, j: int, size: float) -> float:
-        """What hypothesis j leaves of truth i at a size, tolerances in their bounds."""
-        if self._inside(i, size):
+        """Energy of truth i at a size left by hypothesis j, tolerances inside their bounds."""
+        if self._tolerances_inside(i, size):
             return float(size**2 * self.left[i, j])
-        h, (of_h, G) = self._hypotheses[j], self._of_h[j]
+        h, (of_h, G) = self._hypotheses[j], self._hypothesis_gram[j]
         b = size * np.concatenate([self._with_base[i], self._with_others[i, self._at[j]]])
         A = np.block([[self._A, of_h], [of_h.T, G]])
         bent, wide = _priors(h, size)
         sd, n = np.where(bent, size, wide), len(self._sd)
-        for _ in range(BENDINGS + 1):
-            bound = np.where(bent, FARTHEST * sd, np.inf)
+        for _ in range(DEPARTURE_ROUNDS + 1):
+            bound = np.where(bent, MAX_DEPARTURE_SD * sd, np.inf)
             mean = solve(A, b, np.append(self._sd, sd), np.append(self._bound, bound)).mean
             own = float(np.abs(mean[n:][~bent]).max(initial=0.0))
-            sd = np.where(bent, max(own, SIZES[0] ** 2 * size), wide)
+            sd = np.where(bent, max(own, PRIOR_SCALES[0] ** 2 * size), wide)
             if not bent.any():
                 break
         taken = 2.0 * b @ mean - mean @ A @ mean
         return max(float(size**2 * self._raw[i] - taken), 0.0)
 
-    def _inside(self, i: int, size: float) -> bool:
-        """Whether tolerances could take truth i without leaving their bounds."""
+    def _tolerances_inside(self, i: int, size: float) -> bool:
+        """Whether the unbounded fit of tolerances to truth i stays inside their bounds."""
         free = size * cho_solve(self._factor, self._with_base[i])
         return bool(np.all(np.abs(free) <= self._bound))
 
 
 def _priors(h: Hypothesis, size: float) -> tuple[NDArray[np.bool_], Array]:
-    """Which coefficients depart from the catalogue's curve, and priors of the others."""
-    bent = np.array([c.departs > 0 for c in h.coefficients])
-    wide = [SIZES[-1] * max(size, 1.0) if c.sized else 1.0 for c in h.coefficients]
+    """(k,) whether coefficients are departures from the curve, and priors of the others."""
+    bent = np.array([c.departs_from > 0 for c in h.coefficients])
+    wide = [
+        PRIOR_SCALES[-1] * max(size, 1.0) if c.scales_with_effect else 1.0 for c in h.coefficients
+    ]
     return bent, np.array(wide)
 
 
-def _followed(h: Hypothesis, G: Array, X: Array) -> Array:
-    """Squares (truths,) that a hypothesis takes off those of each truth.
+def _reduction_with_departures(h: Hypothesis, G: Array, X: Array) -> Array:
+    """Energy (truths,) of each truth removed by a hypothesis of k coefficients.
 
-    The curve of an effect departs from the catalogue's in proportion to the effect: prior and
-    bounds of its departures go with the size that its own parameters have.
+    Prior and bounds of departures from the catalogue's curve scale with the fitted size of the
+    effect's own parameters, so both are found by iteration.
 
     Args:
-        G: (k, k) products of its columns; X: (truths, k) with each truth.
+        G: (k, k) Gram matrix of its columns.
+        X: (truths, k) products of its columns with each truth.
     """
     bent, wide = _priors(h, 1.0)
     sd = np.broadcast_to(np.where(bent, 1.0, wide), X.shape)
     own = G[np.ix_(~bent, ~bent)] + np.diag(wide[~bent] ** -2.0)
-    for _ in range(BENDINGS + 1):
+    for _ in range(DEPARTURE_ROUNDS + 1):
         mean = np.linalg.solve(G + _diagonal(sd**-2.0), X[:, :, None])[:, :, 0]
-        mean = np.where(bent, np.clip(mean, -FARTHEST * sd, FARTHEST * sd), mean)
+        mean = np.where(bent, np.clip(mean, -MAX_DEPARTURE_SD * sd, MAX_DEPARTURE_SD * sd), mean)
         rest = X[:, ~bent] - mean[:, bent] @ G[np.ix_(bent, ~bent)]
         mean[:, ~bent] = np.linalg.solve(own, rest.T).T
-        size = np.maximum(np.abs(mean[:, ~bent]).max(axis=1, initial=0.0), SIZES[0] ** 2)
+        size = np.maximum(np.abs(mean[:, ~bent]).max(axis=1, initial=0.0), PRIOR_SCALES[0] ** 2)
         sd = np.where(bent, size[:, None], wide)
     taken = 2.0 * np.sum(mean * X, axis=1) - np.sum((mean @ G) * mean, axis=1)
     return np.asarray(taken)
@@ -158,10 +175,10 @@ def _diagonal(values: Array) -> Array:
     return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
 
 
-def products_between(
-    campaign: Campaign, ones: Sequence[Coefficient], others: Sequence[Coefficient]
+def cross_gram(
+    campaign: CampaignProducts, ones: Sequence[Coefficient], others: Sequence[Coefficient]
 ) -> Array:
-    """(ones, others) products of whitened columns over all runs."""
+    """(ones, others) products of the whitened columns of two sets of coefficients, all runs."""
     found = np.zeros((len(ones), len(others)))
     for o in campaign.observations:
         for r, of_run in enumerate(campaign.runs):
@@ -180,13 +197,13 @@ def products_between(
 def _weights(
     coefficients: Sequence[Coefficient], o: str, r: int, at: dict[str, int], rows: int
 ) -> list[csr_array]:
-    """(coefficients, functions) of a run, row by row."""
+    """Sparse weights (coefficients, functions) of run r in observation o, one matrix a row."""
     rows_of: list[list[int]] = [[] for _ in range(rows)]
     functions: list[list[int]] = [[] for _ in range(rows)]
     weights: list[list[float]] = [[] for _ in range(rows)]
     for i, c in enumerate(coefficients):
-        part = c.parts.get(o)
-        for row, f, w in part.entries if part is not None else ():
+        placement = c.placements.get(o)
+        for row, f, w in placement.entries if placement is not None else ():
             rows_of[row].append(i)
             functions[row].append(at[f])
             weights[row].append(float(w[r]))

@@ -12,7 +12,7 @@ machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
 departs from the catalogue's beside the effect's size; the excess is the largest mean square that
 is left of an observation, above the noise's one. Shares are of values, and models miss some of
 each; what noise leaves does not go with their number, so an explanation has both: (E_h - E_best) /
-N with ``LEAST`` beside it, and E_h - E_best with ``LIKELIER`` beside it, which chance alone gives.
+N with ``LEAST`` beside it, and E_h - E_best with ``CHANCE_CHI2``, which chance alone gives.
 What a share of a value says changes with N, from thousands of windows to half a million.
 
 A second effect is tried for the best single ones alone, and need not be among those tried. So each
@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.diagnosis.search import LIKELIER
+from herringbone_sim.diagnosis.search import CHANCE_CHI2
 
 Array = NDArray[np.float64]
 
@@ -120,12 +120,12 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
         least["pair"] = pairs[0]
     best = min(least, key=lambda k: least[k].energy + evidence.remains.get(k, 0.0))
     floor = least[best].energy - evidence.remains.get(best, 0.0)
-    gap = max(none.energy - floor - LIKELIER, 0.0) / evidence.count + LEAST
+    gap = max(none.energy - floor - CHANCE_CHI2, 0.0) / evidence.count + LEAST
 
     def share(energy: float) -> float:
         return float(np.log((max(energy - floor, 0.0) / evidence.count + LEAST) / gap))
 
-    fewest = min(c.energy for c in evidence.candidates) - LIKELIER
+    fewest = min(c.energy for c in evidence.candidates) - CHANCE_CHI2
     log_count = float(np.log(max(evidence.count, FEWEST) / FULL))
     log_gap = float(np.log(gap))
 

@@ -1,9 +1,11 @@
-"""Products of whitened columns, once for all hypotheses.
+"""Gram matrices of whitened columns, computed once for all hypotheses.
 
-A block is what one observation says of one run: rows (residuals over time) and columns (what one
-unit of each function would add to a row). A hypothesis is a sum of functions on rows, so its
-normal equations are sums of entries of the products. Nuisances of a row (drift, hum) and of a run
-(gratings off centre) have a prior of known size and are integrated out of the products here.
+A block is one observation of one run: R rows (residuals over time) and Q columns (change of a row
+by a unit amplitude of each function). A hypothesis is a weighted sum of functions on rows, so its
+normal equations are sums of entries of these matrices. Nuisance parameters of a row (drift, hum)
+and of a run (encoder eccentricity) have a Gaussian prior and are marginalised here.
+
+Longer than 300 lines: blocks, their products and the normal equations share one notation.
 """
 
 from __future__ import annotations
@@ -21,22 +23,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Block:
-    """One observation of one run.
+    """One observation of one run: n samples, R rows, Q functions.
 
     Attributes:
         observation, run: names.
-        rows: names of the residuals; those that can't be formed are left out.
+        rows: names of the rows.
         residual, sigma: (n, R) measured minus expected, and its noise, same unit.
         functions: names of the columns.
-        columns: (n, R, Q) per unit of each function.
-        nuisance: (n, R, S) columns that belong to a row of this run alone.
-        nuisance_sd: (R, S) prior of their coefficients.
-        shared: (T, R, Q) weights of functions that make the nuisances shared by all rows.
-        shared_sd: (T,).
-        independent: share of the samples that are independent of each other.
-        at: (n,) samples of the run that the residual stands at; None for all.
-        alike: (Q,) functions whose column is the same in all rows, whose noise does not change in
-            time and whose nuisances are the same: their products are taken once. None: none.
+        columns: (n, R, Q) change of the residual's expectation by a unit of each function.
+        nuisance: (n, R, S) columns of nuisance parameters of single rows of this run.
+        nuisance_sd: (R, S) their prior standard deviations.
+        shared: (T, R, Q) nuisance parameters common to all rows, as weights of functions.
+        shared_sd: (T,) their prior standard deviations.
+        independent_share: share of the samples with independent noise.
+        sample_index: (n,) samples of the run at which the residual is formed; None: all.
+        common_columns: (Q,) true where a column is the same in all rows; allowed only where noise
+            is constant in time and all rows have the same nuisance columns. Their products are
+            computed once. None: no such columns.
     """
 
     observation: str
@@ -50,23 +53,23 @@ class Block:
     nuisance_sd: Array
     shared: Array
     shared_sd: Array
-    independent: float = 1.0
-    at: NDArray[np.int64] | None = None
-    alike: NDArray[np.bool_] | None = None
+    independent_share: float = 1.0
+    sample_index: NDArray[np.int64] | None = None
+    common_columns: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
 class Products:
-    """Products of one block, row nuisances integrated out.
+    """Products of one block with the nuisance parameters of single rows marginalised.
 
     Attributes:
         observation, run, rows, functions: as in the block.
-        G: (R, Q, Q) of whitened columns.
-        c: (R, Q) with the whitened residual.
-        energy: (R,) of the whitened residual.
+        G: (R, Q, Q) Gram matrix X'X of the whitened columns.
+        c: (R, Q) X'y with the whitened residual y.
+        energy: (R,) y'y.
         count: (R,) independent values.
-        cross: (T, R, Q) of shared nuisances with columns, over the root of their normal matrix.
-        cross_y: (T,) the same with the residual.
+        cross: (T, R, Q) L^-1 N'X of the shared nuisances N, with LL' their normal matrix.
+        cross_y: (T,) L^-1 N'y.
     """
 
     observation: str
@@ -81,15 +84,15 @@ class Products:
     cross_y: Array
 
     @property
-    def cleared_energy(self) -> Array:
-        """(R,) of the residual less what nuisances shared by all rows take, in proportion."""
+    def energy_without_nuisance(self) -> Array:
+        """(R,) energy with shared nuisances marginalised, their part taken from rows pro rata."""
         whole = float(self.energy.sum())
         shared = float(self.cross_y @ self.cross_y)
         return self.energy * (1.0 - shared / whole) if whole > 0.0 else self.energy
 
 
 def products(block: Block) -> Products:
-    """Products of a block."""
+    """Compute the Gram matrices of a block, with nuisances of single rows marginalised."""
     n, R, Q = block.columns.shape
     G, c = np.empty((R, Q, Q)), np.empty((R, Q))
     energy = np.empty(R)
@@ -98,7 +101,7 @@ def products(block: Block) -> Products:
             normal = own + np.diag(block.nuisance_sd[row] ** -2.0)
             whole = whole - with_N.T @ np.linalg.solve(normal, with_N)
         G[row], c[row], energy[row] = whole[:Q, :Q], whole[:Q, Q], whole[Q, Q]
-    cross, cross_y = _shared(block, G, c)
+    cross, cross_y = _shared_products(block, G, c)
     return Products(
         block.observation,
         block.run,
@@ -107,7 +110,7 @@ def products(block: Block) -> Products:
         G,
         c,
         energy,
-        np.full(R, n * block.independent),
+        np.full(R, n * block.independent_share),
         cross,
         cross_y,
     )
@@ -117,13 +120,13 @@ Gram = tuple[Array, Array, Array]
 
 
 def _grams(block: Block) -> Iterator[Gram]:
-    """Row by row, whitened: columns and residual with themselves (Q+1, Q+1), nuisances with them
-    (S, Q+1), nuisances with themselves (S, S).
+    """Whitened products of each row: X'X (Q+1, Q+1) with the residual as last column of X, N'X
+    (S, Q+1) and N'N (S, S) of its nuisances N.
     """
-    if block.alike is not None:
-        yield from _grams_alike(block, block.alike)
+    if block.common_columns is not None:
+        yield from _grams_common(block, block.common_columns)
         return
-    root = np.sqrt(block.independent)
+    root = np.sqrt(block.independent_share)
     for row in range(block.columns.shape[1]):
         w = root / block.sigma[:, row]
         X = np.column_stack([block.columns[:, row] * w[:, None], block.residual[:, row] * w])
@@ -131,8 +134,8 @@ def _grams(block: Block) -> Iterator[Gram]:
         yield X.T @ X, N.T @ X, N.T @ N
 
 
-def _grams_alike(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
-    """The same where most columns are the same in all rows."""
+def _grams_common(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
+    """``_grams`` for blocks with common columns; ``alike``: their mask (Q,)."""
     Q, N = len(alike), block.nuisance[:, 0]
     C = np.ascontiguousarray(block.columns[:, 0, alike])
     of_C, N_C, N_N = C.T @ C, N.T @ C, N.T @ N
@@ -145,12 +148,16 @@ def _grams_alike(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
         whole[np.ix_(then, first)] = whole[np.ix_(first, then)].T
         whole[np.ix_(then, then)] = D.T @ D
         with_N[:, first], with_N[:, then] = N_C, N.T @ D
-        square = block.independent / block.sigma[0, row] ** 2
+        square = block.independent_share / block.sigma[0, row] ** 2
         yield square * whole, square * with_N, square * N_N
 
 
-def _shared(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
-    """Cross products of the shared nuisances, whitened by their own normal matrix."""
+def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
+    """L^-1 N'X (T, R, Q) and L^-1 N'y (T,) of shared nuisances N, LL' = N'N + prior precision.
+
+    Args:
+        G, c: X'X (R, Q, Q) and X'y (R, Q) of the block.
+    """
     T = len(block.shared_sd)
     if not T:
         return np.zeros((0, *c.shape)), np.zeros(0)
@@ -162,21 +169,23 @@ def _shared(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
     return whitened, np.linalg.solve(root, cross_y)
 
 
-def cleared(block: Block) -> Array:
-    """(n, R) whitened residual less what its nuisances most likely make of it."""
-    root = np.sqrt(block.independent)
+def residual_without_nuisance(block: Block) -> Array:
+    """(n, R) whitened residual minus the posterior mean of its nuisances."""
+    root = np.sqrt(block.independent_share)
     w = (root / block.sigma)[:, :, None]
     shared = np.einsum("nrq,trq->nrt", block.columns, block.shared)
     every = np.concatenate([block.residual[:, :, None], shared], axis=2) * w
-    free = np.stack([clearing(block, row)(every[:, row]) for row in range(every.shape[1])], axis=1)
+    free = np.stack(
+        [nuisance_remover(block, row)(every[:, row]) for row in range(every.shape[1])], axis=1
+    )
     normal = np.einsum("nrt,nru->tu", every[:, :, 1:], free)
     mean = np.linalg.solve(normal[:, 1:] + np.diag(block.shared_sd**-2.0), normal[:, 0])
     return np.asarray((free[:, :, 0] - free[:, :, 1:] @ mean) / root)
 
 
-def clearing(block: Block, row: int) -> Callable[[Array], Array]:
+def nuisance_remover(block: Block, row: int) -> Callable[[Array], Array]:
     """Function that subtracts the ridge fit of a row's nuisances from whitened values (n, ...)."""
-    N = block.nuisance[:, row] * (np.sqrt(block.independent) / block.sigma[:, row])[:, None]
+    N = block.nuisance[:, row] * (np.sqrt(block.independent_share) / block.sigma[:, row])[:, None]
     normal = cho_factor(N.T @ N + np.diag(block.nuisance_sd[row] ** -2.0)) if N.size else None
 
     def clear(values: Array) -> Array:
@@ -185,8 +194,8 @@ def clearing(block: Block, row: int) -> Callable[[Array], Array]:
     return clear
 
 
-def moved(p: Products, a: Array) -> Products:
-    """Products of a linear observation about amplitudes a (R, Q) of its functions."""
+def recentred(p: Products, a: Array) -> Products:
+    """Products of a linear observation with the origin moved to amplitudes ``a`` (R, Q)."""
     along = np.einsum("rqs,rs->rq", p.G, a)
     return replace(
         p,
@@ -197,7 +206,7 @@ def moved(p: Products, a: Array) -> Products:
 
 
 @dataclass(frozen=True)
-class Part:
+class Placement:
     """Where a coefficient acts in one observation: k rows, k functions, (runs, k) weights."""
 
     rows: tuple[int, ...]
@@ -206,60 +215,64 @@ class Part:
 
     @cached_property
     def entries(self) -> list[tuple[int, str, Array]]:
-        """Row, function and weights (runs,) one by one."""
+        """Triples of row, function and weights (runs,)."""
         return list(zip(self.rows, self.functions, self.weights.T, strict=True))
 
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One number of a hypothesis.
+    """One scalar unknown of a hypothesis.
 
     Attributes:
         name: as in reports.
         sd: prior standard deviation, in the unit of the coefficient.
-        bound: largest magnitude.
-        parts: by observation.
-        center: of the prior; 1 for an exchange, which is there or not.
-        departs: of how many coefficients, those before the first departure from it, it lets the
-            curve depart; its prior goes with their size. 0 for an effect's own and tolerances.
-        sized: whether its prior goes with the size of the effect; a stiffness in series does not.
+        bound: largest deviation from ``center``.
+        placements: where it acts, by observation.
+        center: prior mean; 1 for an exchange of channels, which is present or absent.
+        departs_from: for a departure from the catalogue's curve: number of the effect's own
+            coefficients, which precede the first departure; its prior scales with their size. 0
+            for own coefficients and tolerances.
+        scales_with_effect: whether its prior is scaled by the effect's size (``PRIOR_SCALES``);
+            false where columns change with the amplitudes, as of a stiffness in series.
     """
 
     name: str
     sd: float
     bound: float
-    parts: dict[str, Part]
+    placements: dict[str, Placement]
     center: float = 0.0
-    departs: int = 0
-    sized: bool = True
+    departs_from: int = 0
+    scales_with_effect: bool = True
 
 
-class Campaign:
+class CampaignProducts:
     """Products of all runs, and the normal equations of any set of coefficients.
 
     Args:
-        runs: products of every run, by observation; all runs have the same observations, rows
-            and functions, rows that a run lacks are zero.
-        base: coefficients of every hypothesis: the tolerances.
+        runs: products of each run, by observation. All runs have the same observations, rows and
+            functions; rows that a run has not recorded are zero.
+        base: coefficients contained in every hypothesis: the tolerances.
     """
 
     def __init__(self, runs: Sequence[dict[str, Products]], base: Sequence[Coefficient]) -> None:
         self.runs = tuple(runs)
         self.base = tuple(base)
         self.observations = tuple(runs[0])
-        self._at = {o: {name: i for i, name in enumerate(p.functions)} for o, p in runs[0].items()}
+        self._function_index = {
+            o: {name: i for i, name in enumerate(p.functions)} for o, p in runs[0].items()
+        }
         self._G = {o: np.stack([r[o].G for r in runs]) for o in self.observations}
         self._c = {o: np.stack([r[o].c for r in runs]) for o in self.observations}
         self._x = {o: np.stack([r[o].cross for r in runs]) for o in self.observations}
         self._y = {o: np.stack([r[o].cross_y for r in runs]) for o in self.observations}
         self.energy = np.array(
-            [sum(float(p.cleared_energy.sum()) for p in r.values()) for r in runs]
+            [sum(float(p.energy_without_nuisance.sum()) for p in r.values()) for r in runs]
         )
         self.count = np.array([sum(float(p.count.sum()) for p in r.values()) for r in runs])
-        self._of_base()
+        self._prepare_base()
 
-    def _of_base(self) -> None:
-        """Products of the base with all functions: (runs, base, R, Q), and with the nuisances."""
+    def _prepare_base(self) -> None:
+        """Products of the base with all functions (runs, base, R, Q) and with the nuisances."""
         runs, p = len(self.runs), len(self.base)
         self._base_G, self._base_x = {}, {}
         self.base_A, self.base_b = np.zeros((runs, p, p)), np.zeros((runs, p))
@@ -272,10 +285,10 @@ class Campaign:
                     products[:, i, row] += w[:, None] * G[:, row, f]
                     nuisances[:, i] += w[:, None] * self._x[o][:, :, row, f]
             self._base_G[o], self._base_x[o] = products, nuisances
-            self._sum_up(o, self.base, products, nuisances, self.base_A, self.base_b)
+            self._accumulate_base(o, self.base, products, nuisances, self.base_A, self.base_b)
             self.base_A -= nuisances @ nuisances.transpose(0, 2, 1)
 
-    def _sum_up(
+    def _accumulate_base(
         self,
         o: str,
         coefficients: Sequence[Coefficient],
@@ -291,8 +304,8 @@ class Campaign:
                 b[:, i] += self._c[o][:, row, f] * w
                 b[:, i] -= np.einsum("rt,rt->r", self._x[o][:, :, row, f], self._y[o]) * w
 
-    def normal(self, coefficients: Sequence[Coefficient]) -> tuple[Array, Array]:
-        """A (runs, p, p) and b (runs, p) of the base and these coefficients."""
+    def normal_equations(self, coefficients: Sequence[Coefficient]) -> tuple[Array, Array]:
+        """Normal equations A (runs, p, p), b (runs, p) of the base and these coefficients."""
         n, p, runs = len(self.base), len(self.base) + len(coefficients), len(self.runs)
         A, b = np.zeros((runs, p, p)), np.zeros((runs, p))
         A[:, :n, :n], b[:, :n] = self.base_A, self.base_b
@@ -303,11 +316,11 @@ class Campaign:
                     at = used.setdefault(row, {})
                     at.setdefault(f, len(at))
             if used:
-                self._add(o, coefficients, used, A, b)
+                self._accumulate(o, coefficients, used, A, b)
         A[:, n:, :n] = A[:, :n, n:].transpose(0, 2, 1)
         return A, b
 
-    def _add(
+    def _accumulate(
         self,
         o: str,
         coefficients: Sequence[Coefficient],
@@ -315,7 +328,11 @@ class Campaign:
         A: Array,
         b: Array,
     ) -> None:
-        """Add the entries used, by row and function, to A (runs, p, p) and b (runs, p)."""
+        """Add one observation to A (runs, p, p) and b (runs, p).
+
+        Args:
+            used: position of each function used, by row and function.
+        """
         n, runs, q = len(self.base), len(self.runs), len(coefficients)
         X = np.zeros((runs, q, self._x[o].shape[1]))
         for row, places in used.items():
@@ -334,9 +351,10 @@ class Campaign:
         A[:, :n, n:] -= self._base_x[o] @ X.transpose(0, 2, 1)
         b[:, n:] -= (X @ self._y[o][:, :, None])[:, :, 0]
 
-    def _entries(self, one: Coefficient, o: str) -> list[tuple[int, int, Array]]:
-        """Row, function and weights (runs,) of a coefficient in an observation."""
-        part = one.parts.get(o)
-        if part is None:
+    def _entries(self, coefficient: Coefficient, o: str) -> list[tuple[int, int, Array]]:
+        """Triples of row, index of the function and weights (runs,) of a coefficient."""
+        placement = coefficient.placements.get(o)
+        if placement is None:
             return []
-        return [(row, self._at[o][f], w) for row, f, w in part.entries]
+        index = self._function_index[o]
+        return [(row, index[f], w) for row, f, w in placement.entries]

@@ -1,8 +1,8 @@
-"""Gaussian regression with bounds, from normal equations that are kept run by run.
+"""Bounded Gaussian regression from normal equations stored run by run.
 
 A model is y_r = Phi_r theta + noise for every run r, whitened so that the noise has unit variance,
-with theta_i ~ N(0, sd_i^2) and ``|theta_i| <= bound_i``. All that is needed of the data are
-A_r = Phi_r' Phi_r and b_r = Phi_r' y_r, so that leaving a run out is a subtraction
+with theta_i ~ N(0, sd_i^2) and ``|theta_i| <= bound_i``. The data enter by
+A_r = Phi_r' Phi_r and b_r = Phi_r' y_r alone, so that leaving a run out is a subtraction
 (MacKay, Neural Computation 4, 415, 1992; leave-one-out as in Rasmussen and Williams 2006, 5.4).
 """
 
@@ -22,11 +22,11 @@ class Normal:
     """Normal equations of p coefficients over some runs.
 
     Attributes:
-        A: (runs, p, p) products of the whitened columns.
-        b: (runs, p) products with the whitened residual.
+        A: (runs, p, p) Gram matrices of the whitened columns.
+        b: (runs, p) products of columns and whitened residual.
         sd: (p,) prior standard deviations.
-        bound: (p,) largest magnitude; inf without one.
-        reach: (p,) how far from the solution the columns hold; None: everywhere.
+        bound: (p,) largest magnitude; inf: unbounded.
+        reach: (p,) largest step from the solution for which the linearisation holds; None: any.
     """
 
     A: Array
@@ -35,19 +35,15 @@ class Normal:
     bound: Array
     reach: Array | None = None
 
-    def scaled(self, size: Array) -> Normal:
-        """The same with prior standard deviations times ``size`` (p,)."""
-        return replace(self, sd=self.sd * size)
-
 
 @dataclass(frozen=True)
 class Solution:
     """Posterior of the coefficients.
 
     Attributes:
-        mean: (p,) inside the bounds.
-        covariance: (p, p); zero for those held at a bound.
-        log_evidence: relative to theta = 0.
+        mean: (p,) posterior mean inside the bounds.
+        covariance: (p, p); zero for coefficients at a bound.
+        log_evidence: log marginal likelihood relative to theta = 0.
     """
 
     mean: Array
@@ -58,13 +54,14 @@ class Solution:
 def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
     """Posterior mean inside bounds, its covariance and the log evidence.
 
-    Coefficients that leave their bounds are held there, held ones that tend inwards are set free,
-    and the free ones are solved again: block principal pivoting, one at a time where several at
-    once lead nowhere (Judice and Pires, Computers & Operations Research 21, 587, 1994).
+    Block principal pivoting: coefficients outside their bounds are fixed there, fixed ones whose
+    gradient points inwards are released, and the free ones are solved again; one exchange at a
+    time where block exchanges cycle (Judice and Pires, Computers & Operations Research 21, 587,
+    1994). A singular matrix gives mean zero and log evidence -inf.
 
     Args:
         A, b: (p, p), (p,) sums over runs.
-        sd, bound: (p,).
+        sd, bound: (p,) prior standard deviations and largest magnitudes.
     """
     p = len(b)
     mean, held = np.zeros(p), np.zeros(p, dtype=bool)
@@ -72,7 +69,7 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
     covariance = np.zeros((p, p))
     evidence = 0.0
     fewest, patience = p + 1, 3
-    for _ in range(10 * (p + 1)):  # a few in practice; rounding could make a tie go on for ever
+    for _ in range(10 * (p + 1)):  # a few in practice; rounding may make ties cycle
         free = ~held
         right = b[free] - A[np.ix_(free, held)] @ mean[held]
         whole = A[np.ix_(free, free)] + np.diag(precision[free])
@@ -113,13 +110,13 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """How well each run is predicted by the others.
+    """Leave-one-run-out prediction.
 
     Attributes:
-        fall: (runs,) sum of squares that the prediction takes off the whitened residual.
-        log_density: (runs,) log predictive density over that of theta = 0.
-        whole: from all runs.
-        means: (runs, p) from all runs but one.
+        fall: (runs,) decrease of the energy of each run when predicted from the others.
+        log_density: (runs,) log predictive density minus that of theta = 0.
+        whole: solution from all runs.
+        means: (runs, p) solutions without one run each.
     """
 
     fall: Array
@@ -129,7 +126,7 @@ class LeftOut:
 
 
 def leave_one_out(n: Normal) -> LeftOut:
-    """Predict every run by the others; a single run is predicted by itself."""
+    """Predict every run from the others; a single run is predicted from itself."""
     whole = solve(n.A.sum(0), n.b.sum(0), n.sd, n.bound)
     runs = len(n.b)
     fall, density, means = np.zeros(runs), np.zeros(runs), np.zeros((runs, len(whole.mean)))
@@ -143,19 +140,22 @@ def leave_one_out(n: Normal) -> LeftOut:
             rest = replace(rest, mean=whole.mean + step)
         means[r] = rest.mean
         fall[r] = 2.0 * n.b[r] @ rest.mean - rest.mean @ n.A[r] @ rest.mean
-        density[r] = 0.5 * fall[r] + 0.5 * _widening(n.A[r], n.b[r], rest)
+        density[r] = 0.5 * fall[r] + 0.5 * _log_density_correction(n.A[r], n.b[r], rest)
     return LeftOut(fall, density, whole, means)
 
 
 def within(step: Array, reach: Array | None) -> Array:
-    """A step (p,), shortened so that no coefficient goes beyond its reach."""
+    """Scale a step (p,) down so that no coefficient exceeds its ``reach`` (p,)."""
     if reach is None:
         return step
     return step / max(1.0, float(np.max(np.abs(step) / reach, initial=0.0)))
 
 
-def _widening(A: Array, b: Array, rest: Solution) -> float:
-    """What the uncertainty of theta adds: r' S r - log det(1 + A S), S the covariance."""
+def _log_density_correction(A: Array, b: Array, rest: Solution) -> float:
+    """Term of the log density by the covariance S of theta: r' S (1 + A S)^-1 r - log|1 + A S|.
+
+    r = b - A mean.
+    """
     left = b - A @ rest.mean
     middle = np.eye(len(b)) + A @ rest.covariance
     sign, log_det = np.linalg.slogdet(middle)

@@ -1,4 +1,4 @@
-"""Runs side by side: NumPy and compiled code leave the interpreter to other threads."""
+"""Parallel map over runs; NumPy and compiled kernels release the GIL."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 
-def each(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
-    """``function`` of each item in their order, by a thread a core."""
+def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
+    """Apply ``function`` to every item in one thread per core; results in the order of items."""
     with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
         return list(threads.map(function, items))

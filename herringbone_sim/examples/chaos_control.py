@@ -1,7 +1,7 @@
-"""A live control experiment, as any other author's node would do it: over topics alone.
+"""Example node for a live control experiment, through topics alone.
 
-Listens to the simulator's ``regime``, raises K on ``cmd/K`` until the motion is periodic, then
-lowers it again until it is not, and says at which K each happened. Parameters: ``simulator``
+Subscribes to the simulator's ``regime``, raises K on ``cmd/K`` until the motion is periodic, then
+lowers it until it is not, and prints K at both transitions. Parameters: ``simulator``
 (name of its node), ``wanted`` (P: any period, P1: period 1, ...), ``step``, ``largest`` (of K),
 ``dwell`` (seconds at each K).
 
@@ -32,18 +32,19 @@ class ChaosControl(Node):  # type: ignore[misc]
         super().__init__("chaos_control")
         simulator = self.declare_parameter("simulator", "/herringbone_sim").value.rstrip("/")
         free = ParameterDescriptor(dynamic_typing=True)  # an integer is as good as a double
-        self._wanted = str(self.declare_parameter("wanted", "P").value)
+        self._target = str(self.declare_parameter("wanted", "P").value)
         self._step = float(self.declare_parameter("step", 0.05, free).value)
         self._largest = float(self.declare_parameter("largest", 1.0, free).value)
         self._dwell = float(self.declare_parameter("dwell", 0.5, free).value)
         self.get_logger().info(f"listening to {simulator}/regime")
         self._K, self._rising, self._since = 0.0, True, time.monotonic()
-        self.found: dict[str, float] = {}
+        self.transitions: dict[str, float] = {}
         self.done = False
         self._command = self.create_publisher(Float64, f"{simulator}/cmd/K", 10)
         self.create_subscription(DiagnosticArray, f"{simulator}/regime", self._listen, 10)
 
     def _listen(self, message: DiagnosticArray) -> None:
+        """Repeat a command that has not arrived; decide after K was held for the dwell time."""
         values = {item.key: item.value for item in message.status[0].values}
         if float(values["K"]) != self._K:
             self._send(self._K)
@@ -54,17 +55,19 @@ class ChaosControl(Node):  # type: ignore[misc]
         self.get_logger().info(
             f"K = {self._K:.3f}: {values['regime']}, exponent {values['largest_exponent']}"
         )
-        self._decide(self._is_wanted(values["regime"]))
+        self._decide(self._is_target(values["regime"]))
 
-    def _is_wanted(self, regime: str) -> bool:
-        return regime.startswith("P") if self._wanted == "P" else regime == self._wanted
+    def _is_target(self, regime: str) -> bool:
+        """Whether a regime is that of the parameter ``wanted``."""
+        return regime.startswith("P") if self._target == "P" else regime == self._target
 
     def _decide(self, periodic: bool) -> None:
+        """Record a transition and step K up or down; done at the second transition or a bound."""
         if self._rising and periodic:
-            self.found[f"{self._wanted} from"] = self._K
+            self.transitions[f"{self._target} from"] = self._K
             self._rising = False
         elif not self._rising and not periodic:
-            self.found["lost again at"] = self._K
+            self.transitions["lost again at"] = self._K
             self.done = True
         next_K = round(self._K + (self._step if self._rising else -self._step), 9)
         if self.done or not 0.0 <= next_K <= self._largest:
@@ -74,11 +77,12 @@ class ChaosControl(Node):  # type: ignore[misc]
         self._send(next_K)
 
     def _send(self, K: float) -> None:
+        """Publish K."""
         self._command.publish(Float64(data=K))
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run until both edges are found or K reaches its bounds."""
+    """Run until both transitions are found or K reaches its bounds."""
     if "--help" in (sys.argv if args is None else args):
         print(__doc__)
         return 0
@@ -89,7 +93,9 @@ def main(args: Sequence[str] | None = None) -> int:
     node = ChaosControl()
     while rclpy.ok() and not node.done and not stop.is_set():
         rclpy.spin_once(node, timeout_sec=0.2)
-    print("; ".join(f"{what} K = {K:g}" for what, K in node.found.items()) or "no edge found")
+    print(
+        "; ".join(f"{what} K = {K:g}" for what, K in node.transitions.items()) or "no edge found"
+    )
     node.destroy_node()
     rclpy.try_shutdown()
     return 0

@@ -1,7 +1,7 @@
-"""Files as measurement programs leave them, one kind a run, and the spec that imports them all.
+"""Example recordings in common file formats, one run each, and the spec that imports them.
 
-``python -m herringbone_sim.examples.files --out DIR`` simulates a rig, writes its runs as CSV,
-Parquet, MAT (v5 and v7.3), TDMS, HDF5 and rosbag2 in units of the shop floor, and ``spec.yaml``.
+``python -m herringbone_sim.examples.files --out DIR`` simulates a rig and writes its runs as CSV,
+Parquet, MAT (v5 and v7.3), TDMS, HDF5 and rosbag2, in um, mm/s and kN, and ``spec.yaml``.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from herringbone_sim.recording.rig import RigPlan, make_campaign
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
 
-# How the files write a quantity: unit, and how many of it are one in SI.
+# Unit of each quantity in the files, and its number per SI unit.
 UNITS = {"x": ("um", 1e6), "v": ("mm/s", 1e3), "F": ("kN", 1e-3), "u": ("um", 1e6)}
-ALL = Layout(n_classes=Parameters.n_planets, numbered=True).channels  # of the full model
+ALL = Layout(n_classes=Parameters.n_planets, numbered=True).channels  # channels of the full model
 DEGREES = 180.0 / np.pi
-# The torque meter: slower, started earlier, and with noise.
+# Torque meter: sampling rate, advance of its start [s], noise.
 TORQUE_HZ, TRIGGER_S, NOISE_NM = 4e3, 5e-4, 0.5
-HEADER_BYTES = 512  # that MATLAB puts before the HDF5 of a v7.3 file
+HEADER_BYTES = 512  # MATLAB header before the HDF5 data of a v7.3 file
 
 
 def by_quantity(series: TimeSeries) -> dict[str, Columns]:
-    """``{"F": {"sp1_L": (n,), ...}, ...}`` of a run, in the units of the files."""
+    """Channels (n,) by quantity and place, as ``["F"]["sp1_L"]``, in the units of the files."""
     found: dict[str, Columns] = {}
     for name in series.names:
         quantity, _, place = name.partition("_")
@@ -52,7 +52,7 @@ def by_quantity(series: TimeSeries) -> dict[str, Columns]:
 
 
 def flat(series: TimeSeries, form: str) -> Columns:
-    """Columns named by a form, as ``{q} {place}``, the phase [deg] among them."""
+    """Columns named by the template ``form``, as ``{q} {place}``, and the phase [deg]."""
     columns = {"phase": DEGREES * series["phase"]}
     for q, places in by_quantity(series).items():
         columns |= {form.format(q=q, place=place): one for place, one in places.items()}
@@ -60,7 +60,7 @@ def flat(series: TimeSeries, form: str) -> Columns:
 
 
 def channels(series: TimeSeries, form: str, phase: str = "phase") -> dict[str, Any]:
-    """The part of a spec that names the columns of such a form."""
+    """Section ``channels`` of an import spec, for columns named by the template ``form``."""
     found: dict[str, Any] = {"phase": {"column": phase, "unit": "deg"}}
     for q, (unit, _) in UNITS.items():
         names = {name for name in series.names if name.startswith(f"{q}_")}
@@ -71,7 +71,7 @@ def channels(series: TimeSeries, form: str, phase: str = "phase") -> dict[str, A
 
 
 def write_csv(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """A table with semicolons, decimal commas and a line of units, and a torque meter's beside."""
+    """Write CSV with semicolons, decimal commas and a line of units; torque in a second file."""
     columns = {"time": 1e3 * series.times, **flat(series, "{q} {place}")}
     _table(path, columns, ["ms", "deg", *(UNITS[n.split()[0]][0] for n in list(columns)[2:])])
     meter = path.with_name(f"{path.stem}_torque.csv")
@@ -98,13 +98,14 @@ def write_csv(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def _table(path: Path, columns: Columns, units: Sequence[str]) -> None:
+    """Write columns with names and units as semicolon-separated text with decimal commas."""
     lines = [";".join(columns), ";".join(units)]
     lines += [";".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist()]
     path.write_text("\n".join(lines).replace(".", ",") + "\n", encoding="utf-8")
 
 
 def write_parquet(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """A table whose times are dates."""
+    """Write Parquet with timestamps as dates."""
     arrow = package("pyarrow", "pyarrow", "Parquet files")
     parquet = package("pyarrow.parquet", "pyarrow", "Parquet files")
     first = np.datetime64("2026-03-02T09:30:00", "ns")
@@ -115,7 +116,7 @@ def write_parquet(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_mat(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """A MATLAB file (v5) with a structure for each quantity, sampled at a rate."""
+    """Write a MATLAB file (v5) with a structure per quantity and a sampling rate."""
     content = {"phase": DEGREES * series["phase"], **by_quantity(series)}
     package("scipy.io", "scipy", "MAT files").savemat(path, content, oned_as="column")
     clock = {"rate": f"{(len(series) - 1) / float(np.ptp(series.times))!r} Hz"}
@@ -123,7 +124,7 @@ def write_mat(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_mat_7(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """The same as v7.3, which is HDF5 with rows for columns."""
+    """Write a MATLAB v7.3 file: HDF5 with transposed arrays."""
     h5py = package("h5py", "h5py", "HDF5 and MAT v7.3 files")
     with h5py.File(path, "w", userblock_size=HEADER_BYTES) as file:
         file["t"], file["phase"] = series.times[None], DEGREES * series["phase"][None]
@@ -137,7 +138,7 @@ def write_mat_7(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_tdms(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """Waveforms with a clock of their own."""
+    """Write TDMS waveforms, each with its start and increment."""
     tdms = package("nptdms", "npTDMS", "TDMS files")
     clock = {"wf_start_offset": 0.0, "wf_increment": float(series.times[-1]) / (len(series) - 1)}
     waves = [
@@ -150,7 +151,7 @@ def write_tdms(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_hdf5(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """A group for each quantity."""
+    """Write HDF5 with a group per quantity."""
     with package("h5py", "h5py", "HDF5 files").File(path, "w") as file:
         file["t"] = 1e6 * series.times
         for name, one in flat(series, "{q}/{place}").items():
@@ -160,7 +161,7 @@ def write_hdf5(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_bag(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """A rosbag2 with a message of all phases, displacements, rates and forces at every sample."""
+    """Write a rosbag2 with one array message per sample."""
     bags = package("rosbags.rosbag2", "rosbags", "rosbag2 files")
     types = package("rosbags.typesys", "rosbags", "rosbag2 files")
     store = types.get_typestore(types.Stores.ROS2_JAZZY)
@@ -182,6 +183,7 @@ def write_bag(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     return [{"path": path.name, "time": clock, "channels": found}]
 
 
+# By file name; a writer returns the entries ``files`` of its run in the import spec.
 WRITERS: Mapping[str, Callable[[Path, TimeSeries], list[dict[str, Any]]]] = {
     "bench.csv": write_csv,
     "bench.parquet": write_parquet,
@@ -200,16 +202,19 @@ def write_example(
     actives: tuple[Active, ...] = (),
     recorded: tuple[str, ...] = (),
 ) -> Path:
-    """Simulate a rig and write its files, the data sheet and the spec; returns the spec.
+    """Simulate a rig and write one run per file format, the data sheet and the import spec.
 
-    The campaign as it was simulated lies in ``out/simulated``.
+    The simulated campaign itself is written to ``out/simulated``.
 
     Args:
         out: new folder.
-        cycles: mesh cycles of a run.
+        cycles: mesh cycles per run.
         seed: of the rig.
-        actives: effects that it has.
-        recorded: channels such as ``u_s_L``; empty for all.
+        actives: effects of the rig.
+        recorded: channels such as ``u_s_L``; empty: all.
+
+    Returns:
+        Path of the spec.
 
     Raises:
         RecordingError: ``out`` is there already, or a channel that a rig does not have.

@@ -8,8 +8,8 @@ from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.parts import to_leave_out
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.observations.copied_channels import drop_copies
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensors.late import put_right
 from herringbone_sim.gap.sensors.noise import quieter
@@ -38,7 +38,7 @@ def allowed(campaign: PreparedCampaign) -> Allowed:
         return Allowed((), (), findings)
     if not campaign.noise_known:
         fit = tuple(quieter(run) for run in fit)
-    fit = tuple(independent(run) for run in put_right(fit))
+    fit = tuple(drop_copies(run) for run in put_right(fit))
     names = tuple(run.name for run in fit)
     gear = Gear(to_leave_out(fit), gain_tolerance=campaign.gain_tolerance)
-    return Allowed(GearMachine(gear).formed, names, findings)
+    return Allowed(GearMachine(gear).observation_names, names, findings)

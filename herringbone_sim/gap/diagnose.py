@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.evidence import Evidence, evidence_of
-from herringbone_sim.diagnosis.examine import Examined, Found, examine
+from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
 from herringbone_sim.diagnosis.judge import Chance, chances
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.hypothesis import case
@@ -22,11 +22,11 @@ from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.measured import gap_of, metric_of
 from herringbone_sim.gap.named import named
 from herringbone_sim.gap.observations import trajectory
-from herringbone_sim.gap.observations.common_delay import undelayed
+from herringbone_sim.gap.observations.common_delay import remove_common_delay
+from herringbone_sim.gap.observations.copied_channels import drop_copies
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.shown import noise_shown
+from herringbone_sim.gap.observations.recorded_noise import recorded_noise
 from herringbone_sim.gap.report import report
 from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
 from herringbone_sim.gap.sensors.noise import quieter
@@ -92,7 +92,7 @@ def diagnose(
         say(finding.text)
     campaign = calibrated_sensors(campaign)
     machine = machine_of(campaign, findings)
-    if mismatched(findings) or not machine.formed:
+    if mismatched(findings) or not machine.observation_names:
         return _nothing(campaign, findings, machine, senses)
     found = examine(machine, say, campaign.noise_known)
     evidence = evidence_of(found, campaign.noise_known)
@@ -124,8 +124,8 @@ def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
     """A campaign with noise as recorded, copies counted once, a common delay undone."""
     if not campaign.noise_known:
         campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
-    runs = tuple(independent(run) for run in campaign.runs)
-    return replace(campaign, runs=undelayed(runs, _gauges(campaign)))
+    runs = tuple(drop_copies(run) for run in campaign.runs)
+    return replace(campaign, runs=remove_common_delay(runs, _gauges(campaign)))
 
 
 def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearMachine:
@@ -154,7 +154,7 @@ def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[
     return fit
 
 
-def _found(found: Examined, evidence: Evidence, chance: Chance) -> Found:
+def _found(found: Examination, evidence: Evidence, chance: Chance) -> FittedExplanation:
     """The fit of an explanation."""
     every = (found.none, *found.singles, *found.pairs)
     at = next(i for i, c in enumerate(evidence.candidates) if c is chance.candidate)
@@ -162,17 +162,17 @@ def _found(found: Examined, evidence: Evidence, chance: Chance) -> Found:
 
 
 def _taken(
-    found: Examined,
+    found: Examination,
     evidence: Evidence,
     told: Sequence[Chance],
     options: dict[int, Option],
     option: Option | None,
-) -> Found | None:
+) -> FittedExplanation | None:
     at = next((i for i, o in options.items() if o is option), None)
     return None if at is None or option is None else _found(found, evidence, told[at])
 
 
-def augmented(found: Found, option: Option | None) -> Augmented:
+def augmented(found: FittedExplanation, option: Option | None) -> Augmented:
     """The nominal model with the tolerances of a fit, and the effects of an explanation."""
     values = {c.name: v for c, v in zip(found.score.coefficients, found.score.mean, strict=True)}
     factors = np.array(
@@ -183,9 +183,9 @@ def augmented(found: Found, option: Option | None) -> Augmented:
     return Augmented(factors, inverse, actives)
 
 
-def _calibrated(machine: GearMachine, found: Examined) -> Calibrated:
+def _calibrated(machine: GearMachine, found: Examination) -> Calibrated:
     cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
-    rows = found.none.score.rows.get("force_law")
+    rows = found.none.score.energy_by_row.get("force_law")
     count = found.counts.get("force_law", 0.0)
     per_mesh = None
     if rows is not None and count > 0.0:
@@ -234,7 +234,7 @@ def _reported(
         senses,
         campaign.nominal.layout.channels,
         structure(campaign, made.calibrated) if full else None,
-        noise_shown(machine.gear.runs, campaign.noise_known),
-        machine.formed,
+        recorded_noise(machine.gear.runs, campaign.noise_known),
+        machine.observation_names,
     )
     return replace(made, report=written, senses=senses)

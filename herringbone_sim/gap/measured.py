@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.examine import Found
+from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -20,7 +20,9 @@ from herringbone_sim.gap.verification.verify import Gap, RunGap
 Array = NDArray[np.float64]
 
 
-def metric_of(none: Found, best: Found | None, counts: Mapping[str, float]) -> str:
+def metric_of(
+    none: FittedExplanation, best: FittedExplanation | None, counts: Mapping[str, float]
+) -> str:
     """The observation whose squares the best explanation lowers most.
 
     Where it lowers none, the one with most squares above what noise leaves.
@@ -28,10 +30,10 @@ def metric_of(none: Found, best: Found | None, counts: Mapping[str, float]) -> s
     Args:
         counts: whitened values, by observation.
     """
-    before = {o: float(rows.sum()) for o, rows in none.score.rows.items()}
+    before = {o: float(rows.sum()) for o, rows in none.score.energy_by_row.items()}
     falls: dict[str, float] = {}
     if best is not None:
-        falls = {o: before[o] - float(best.score.rows[o].sum()) for o in before}
+        falls = {o: before[o] - float(best.score.energy_by_row[o].sum()) for o in before}
     if max(falls.values(), default=0.0) <= 0.0:
         falls = {o: before[o] - counts[o] for o in before}
     return max(falls, key=lambda o: falls[o])
@@ -41,9 +43,9 @@ def gap_of(
     machine: GearMachine,
     runs: Sequence[PreparedRun],
     metric: str,
-    none: Found,
-    best: Found | None,
-    other: Found | None = None,
+    none: FittedExplanation,
+    best: FittedExplanation | None,
+    other: FittedExplanation | None = None,
     noise: Array | float = 1.0,
 ) -> Gap:
     """The gap of all runs in an observation.
@@ -55,7 +57,7 @@ def gap_of(
         none, best, other: calibrated machine, the verdict's and the runner-up's explanation.
         noise: (fit runs, R) of the observation, over what it was taken for.
     """
-    whole = machine.of_runs(runs)
+    whole = machine.for_runs(runs)
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
     rows = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
     left = {name: _left(whole, metric, f, rows) for name, f in after.items() if f is not None}
@@ -78,10 +80,10 @@ def gap_of(
 
 
 def _left(
-    machine: GearMachine, metric: str, found: Found | None, noise: Array
+    machine: GearMachine, metric: str, found: FittedExplanation | None, noise: Array
 ) -> list[tuple[float, float]]:
     """RMS of what an explanation leaves of each run, and of the noise, rows of it as given."""
-    there, same = machine.same(() if found is None else found.hypotheses)
+    there, same = machine.transferred(() if found is None else found.hypotheses)
     made: Mapping[str, Mapping[str, Array]] = {}
     if found is not None:
         coefficients = (*there.base, *(c for h in same for c in h.coefficients))

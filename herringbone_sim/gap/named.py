@@ -79,7 +79,7 @@ def named(hypotheses: tuple[Hypothesis, ...], score: Score, model: Model) -> tup
     """Every effect of an explanation."""
     own = sum(len(h.coefficients) for h in hypotheses)
     first = len(score.coefficients) - own
-    spread = score.spread()
+    spread = score.covariance_with_jackknife()
     found = []
     for h in hypotheses:
         at = slice(first, first + len(h.coefficients))
@@ -117,7 +117,7 @@ def _harmonics(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...]
     if h.effect not in WAVES or own is None:
         return ()
     of: dict[int, Array] = {}
-    for c, value in zip(h.coefficients[h.mains :], mean[h.mains :], strict=True):
+    for c, value in zip(h.coefficients[h.n_own :], mean[h.n_own :], strict=True):
         order, _, trig = c.name.partition(" ")
         at = int(order) * (int(own) if h.effect == "torque_ripple" else 1)
         of.setdefault(at, np.zeros(2))[int(trig == "sin")] = value
@@ -154,8 +154,8 @@ def _theta(h: Hypothesis, c: Array, model: Model) -> Told:
     if h.effect in ("tooth_crack", "tooth_spall"):
         return _event(h, c), kept
     options = dict(h.options)
-    if isinstance(h.maker, Seat):
-        seat = h.maker.at(c[1:])
+    if isinstance(h.source, Seat):
+        seat = h.source.with_log_offsets(c[1:])
         own = dict(zip(seat.names, seat.theta, strict=True))
         return np.array([own[p.name] for p in known_effects()[h.effect].parameters]), ()
     if h.effect == "damping_law":
@@ -175,12 +175,12 @@ def moderate_size(h: Hypothesis, model: Model) -> tuple[float, str]:
 
 def _event(h: Hypothesis, c: Array) -> Array:
     """Height or depth, position and width of the window: its own peak and its half width."""
-    assert isinstance(h.maker, Event)
+    assert isinstance(h.source, Event)
     curve = _window(c)
     top = int(np.argmax(np.abs(curve)))
     above = np.abs(curve) > 0.5 * abs(curve[top])
     width = 2.0 * float(above.sum()) * float(KNOTS[1] - KNOTS[0])
-    position = (h.maker.middle + KNOTS[top]) % 77.0
+    position = (h.source.middle + KNOTS[top]) % 77.0
     return np.array([curve[top], position, np.clip(width, 0.2, 4.0)])
 
 

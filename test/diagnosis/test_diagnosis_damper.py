@@ -11,12 +11,12 @@ import pytest
 
 from herringbone_sim.diagnosis import examine as examining
 from herringbone_sim.diagnosis.evidence import evidence_of
-from herringbone_sim.diagnosis.examine import Examined, examine
+from herringbone_sim.diagnosis.examine import Examination, examine
 from herringbone_sim.diagnosis.search import Search, amplitudes
-from herringbone_sim.examples.damper.__main__ import kept_weights, main, probabilities
-from herringbone_sim.examples.damper.effects import IMPULSE, LAW, slip
+from herringbone_sim.examples.damper.__main__ import load_weights, main, probabilities
+from herringbone_sim.examples.damper.effects import IMPULSE, LAW, dahl_state
 from herringbone_sim.examples.damper.machine import Damper, presliding
-from herringbone_sim.examples.damper.simulate import STEP, drawn, simulate
+from herringbone_sim.examples.damper.simulate import STEP, draw_rig, simulate
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFECTS = ("coulomb", "presliding", "stribeck", "cubic", "play", "gain")
@@ -24,12 +24,12 @@ SEED = 21
 
 
 @cache
-def examined(effect: str) -> Examined:
+def examined(effect: str) -> Examination:
     return examine(Damper(simulate(effect, SEED)))
 
 
-def most_probable(found: Examined) -> tuple[tuple[str, ...], float]:
-    return next(iter(probabilities(evidence_of(found), kept_weights()).items()))
+def most_probable(found: Examination) -> tuple[tuple[str, ...], float]:
+    return next(iter(probabilities(evidence_of(found), load_weights()).items()))
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -64,11 +64,11 @@ def test_a_cause_outside_the_catalogue_is_unknown(cause: str) -> None:
     assert (name, p > 0.5) == (("unknown",), True)
 
 
-def fitted(found: Examined, name: str) -> tuple[float, float]:
+def fitted(found: Examination, name: str) -> tuple[float, float]:
     """Value and standard deviation of a coefficient of the best effect."""
     score = found.singles[0].score
     i = [c.name for c in score.coefficients].index(name)
-    return float(score.mean[i]), float(np.sqrt(score.spread()[i, i]))
+    return float(score.mean[i]), float(np.sqrt(score.covariance_with_jackknife()[i, i]))
 
 
 def test_sizes_are_recovered() -> None:
@@ -78,17 +78,17 @@ def test_sizes_are_recovered() -> None:
         ("play", "play", 2),
         ("coulomb", "coulomb", 3),
     ):
-        _, _, p = drawn(effect, np.random.default_rng(SEED))
+        _, _, p = draw_rig(effect, np.random.default_rng(SEED))
         true = p[at] - 5e-4 if effect == "play" else p[at]
         value, sd = fitted(examined(effect), name)
         assert value == pytest.approx(true, abs=4.0 * sd + 0.02 * abs(true))
-    _, gain, _ = drawn("gain", np.random.default_rng(SEED))
+    _, gain, _ = draw_rig("gain", np.random.default_rng(SEED))
     value, sd = fitted(examined("gain"), "gain")
     assert value == pytest.approx(1.0 - 1.0 / gain, abs=4.0 * sd)
 
 
 def test_the_travel_of_presliding_is_learned() -> None:
-    _, _, p = drawn("presliding", np.random.default_rng(SEED))
+    _, _, p = draw_rig("presliding", np.random.default_rng(SEED))
     best = examined("presliding").singles[0]
     travel = dict(best.hypotheses[0].options)["travel"]
     force, longer = (fitted(examined("presliding"), q)[0] for q in ("presliding", "longer"))
@@ -100,7 +100,7 @@ def test_a_state_of_presliding_is_dahls() -> None:
     """Pulled one way it rises as 1 - exp(-s / travel); after that it forgets where it began."""
     v = np.full(1001, 2e-3)
     way = v[0] * STEP * np.arange(1001)
-    np.testing.assert_allclose(slip(v, 3e-4), 1.0 - np.exp(-way / 3e-4), atol=1e-12)
+    np.testing.assert_allclose(dahl_state(v, 3e-4), 1.0 - np.exp(-way / 3e-4), atol=1e-12)
 
 
 def test_slopes_of_presliding_are_those_of_its_force() -> None:
@@ -137,7 +137,7 @@ def test_columns_are_the_slopes_of_the_residual(search: Search) -> None:
 
 def test_the_quick_score_is_what_the_regression_takes_off(search: Search) -> None:
     for one in search.machine.hypotheses()[:4]:
-        A, b = search.campaign.normal(one.coefficients)
+        A, b = search.campaign.normal_equations(one.coefficients)
         every = (*search.base, *one.coefficients)
         whole = A.sum(0) + np.diag([c.sd**-2.0 for c in every])
         b, n = b.sum(0), len(search.base)
@@ -166,9 +166,11 @@ def test_runs_left_out_are_predicted_by_the_others(search: Search) -> None:
     one = next(h for h in search.machine.hypotheses() if h.effect == "cubic")
     found = search.refined(one.coefficients, np.append(search.null.mean, 0.0))
     for r in range(search.runs):
-        made = amplitudes(found.coefficients, found.left_out[r], search.runs, search.rows)
+        made = amplitudes(
+            found.coefficients, found.leave_one_out_means[r], search.runs, search.rows
+        )
         exact = search.about(one.coefficients, found.mean, None)
-        moved = search.about(one.coefficients, found.left_out[r], None)
+        moved = search.about(one.coefficients, found.leave_one_out_means[r], None)
         assert set(made) == {LAW, IMPULSE}
         assert moved.energy[r] == pytest.approx(found.energy[r], rel=1e-6)
         assert exact.energy[r] < moved.energy[r]
@@ -205,7 +207,7 @@ def test_the_script_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None
 
 def test_what_needs_no_first_effect_is_tried_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the wrong effect alone is fitted, the right one beside it explains all by itself."""
-    rank = examining._ranked
+    rank = examining._rank
 
     def wrong_first(search, catalogue, taken):
         found, ranked = rank(search, catalogue, taken)
@@ -213,7 +215,7 @@ def test_what_needs_no_first_effect_is_tried_alone(monkeypatch: pytest.MonkeyPat
             ranked = [r for r in ranked if r[1].effect == "coulomb"]
         return found, ranked
 
-    monkeypatch.setattr(examining, "_ranked", wrong_first)
+    monkeypatch.setattr(examining, "_rank", wrong_first)
     found = examine(Damper(simulate("play", SEED)))
     assert [f.hypotheses[0].effect for f in found.singles] == ["play", "coulomb"]
     assert found.singles[0].energy == pytest.approx(examined("play").singles[0].energy, rel=1e-3)

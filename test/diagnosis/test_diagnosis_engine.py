@@ -11,20 +11,20 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.diagnosis.examine import _noise
-from herringbone_sim.diagnosis.flexible import Predictable, Surroundings, predictable
+from herringbone_sim.diagnosis.examine import _noise_factors
+from herringbone_sim.diagnosis.flexible import Predictable, RegressionInputs, predict_residuals
 from herringbone_sim.diagnosis.judge import NAMES, are_true, chances, fit, numbers
 from herringbone_sim.diagnosis.products import (
     Block,
-    Campaign,
+    CampaignProducts,
     Coefficient,
-    Part,
-    cleared,
-    moved,
+    Placement,
     products,
+    recentred,
+    residual_without_nuisance,
 )
 from herringbone_sim.diagnosis.regression import Normal, leave_one_out, solve
-from herringbone_sim.diagnosis.search import FARTHEST, Hypothesis, scored
+from herringbone_sim.diagnosis.search import MAX_DEPARTURE_SD, Hypothesis, compute_score
 
 
 def density(y, Phi, sd, mean=0.0):
@@ -117,14 +117,14 @@ def a_block(seed, name="law", run="a", n=25, rows=2, functions=("f", "g", "h"), 
         rng.uniform(0.1, 1.0, (rows, S)),
         rng.normal(size=(T, rows, Q)),
         rng.uniform(0.1, 1.0, T),
-        independent=0.4,
+        independent_share=0.4,
     )
 
 
 def dense(block):
     """Covariance of the residual with all nuisances, rows one after the other, and its samples."""
     n, rows, _ = block.columns.shape
-    spread = np.diag((block.sigma.T.ravel()) ** 2 / block.independent)
+    spread = np.diag((block.sigma.T.ravel()) ** 2 / block.independent_share)
     for row in range(rows):
         at, N = slice(row * n, (row + 1) * n), block.nuisance[:, row]
         spread[at, at] += N @ np.diag(block.nuisance_sd[row] ** 2) @ N.T
@@ -135,7 +135,7 @@ def dense(block):
 def column(block, coefficient, r):
     """(rows * n,) what a unit of a coefficient adds to the residual of run r."""
     found = np.zeros(block.residual.shape[::-1])
-    part = coefficient.parts.get(block.observation)
+    part = coefficient.placements.get(block.observation)
     if part is not None:
         for row, f, weight in part.entries:
             found[row] += weight[r] * block.columns[:, row, block.functions.index(f)]
@@ -147,7 +147,7 @@ def coefficients(rng, runs):
 
     def one(name, **parts):
         made = {
-            o: Part(rows, functions, rng.normal(size=(runs, len(rows))))
+            o: Placement(rows, functions, rng.normal(size=(runs, len(rows))))
             for o, (rows, functions) in parts.items()
         }
         return Coefficient(name, 1.0, np.inf, made)
@@ -171,8 +171,8 @@ def test_normal_equations_are_those_of_the_marginal_likelihood():
     ]
     base, own = coefficients(rng, len(blocks))
     made = [{o: products(b) for o, b in of_run.items()} for of_run in blocks]
-    campaign = Campaign(made, base)
-    A, b = campaign.normal(own)
+    campaign = CampaignProducts(made, base)
+    A, b = campaign.normal_equations(own)
     for r, of_run in enumerate(blocks):
         expected_A, expected_b, energy = 0.0, 0.0, 0.0
         for block in of_run.values():
@@ -189,14 +189,14 @@ def test_normal_equations_are_those_of_the_marginal_likelihood():
 def test_what_nuisances_explain_is_cleared():
     block = a_block(3)
     white = np.linalg.inv(dense(block)) @ block.residual.T.ravel()
-    expected = white.reshape(2, -1).T * block.sigma / block.independent
-    np.testing.assert_allclose(cleared(block), expected, atol=1e-10)
+    expected = white.reshape(2, -1).T * block.sigma / block.independent_share
+    np.testing.assert_allclose(residual_without_nuisance(block), expected, atol=1e-10)
 
 
 def test_moved_products_are_those_of_the_block_about_the_amplitudes():
     block, a = a_block(4), np.random.default_rng(0).normal(size=(2, 3))
     there = replace(block, residual=block.residual - np.einsum("nrq,rq->nr", block.columns, a))
-    found, expected = moved(products(block), a), products(there)
+    found, expected = recentred(products(block), a), products(there)
     for name in ("G", "c", "energy", "count", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-10)
 
@@ -206,7 +206,7 @@ def measured():
     """Three runs of four measured values, an angle and a spring's force, and six blocks each."""
     rng = np.random.default_rng(2)
     around = [
-        Surroundings(
+        RegressionInputs(
             rng.normal(size=(1500, 1, 4)),
             np.linspace(0.0, 200.0, 1500)[:, None],
             np.stack([np.ones((1500, 1)), rng.normal(size=(1500, 1))], axis=2),
@@ -218,7 +218,7 @@ def measured():
 
 def test_noise_is_not_predictable(measured):
     rng, around, blocks = measured
-    found = predictable([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
+    found = predict_residuals([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
     assert np.all(found.left > 0.99 * found.energy)
     assert found.count.sum() == 4500
 
@@ -235,15 +235,15 @@ def test_noise_is_not_predictable(measured):
 def test_most_of_a_smooth_factor_of_what_is_measured_is_predictable(measured, law):
     rng, around, blocks = measured
     noisy = [3.0 * law(s) + rng.normal(size=(1500, 1)) for s in around]
-    found = predictable(noisy, around, blocks)
+    found = predict_residuals(noisy, around, blocks)
     noise = found.count.sum()
     assert found.left.sum() - noise < 0.25 * (found.energy.sum() - noise)
 
 
 def test_larger_noise_makes_less_of_the_same_squares(measured):
     rng, around, blocks = measured
-    found = predictable([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
-    beside = found.for_noise(np.full((3, 1), 2.0))
+    found = predict_residuals([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
+    beside = found.with_noise_scaled(np.full((3, 1), 2.0))
     np.testing.assert_allclose(beside.left, 0.25 * found.left)
     np.testing.assert_allclose(beside.count, found.count)
 
@@ -253,7 +253,7 @@ def test_noise_is_what_is_not_predictable_of_most_rows():
     count, energy = np.full((1, 8), 100.0), np.array([[4.0] * 6 + [100.0, 4.0]]) * 100.0
     left = energy.copy()
     left[0, 7] = 0.5 * energy[0, 7]
-    found = _noise(Predictable(energy, left, count))
+    found = _noise_factors(Predictable(energy, left, count))
     np.testing.assert_allclose(found[0, :6], 2.0)
     assert found[0, 6] == pytest.approx(2.0)  # no more than rows of its kind
     assert found[0, 7] == 1.0
@@ -280,17 +280,17 @@ def test_a_departure_stays_near_the_curve_it_departs_from():
         )
         for r in range(3)
     ]
-    campaign = Campaign([{"law": products(b)} for b in blocks], ())
-    part = {name: {"law": Part((0,), (name,), np.ones((3, 1)))} for name in ("own", "other")}
+    campaign = CampaignProducts([{"law": products(b)} for b in blocks], ())
+    part = {name: {"law": Placement((0,), (name,), np.ones((3, 1)))} for name in ("own", "other")}
     hypothesis = Hypothesis(
         "rival", (), "mass",
         (Coefficient("own", 1.0, np.inf, part["own"]),
          Coefficient("other", 0.25, np.inf, part["other"])), 1,
     )  # fmt: skip
-    found = scored(campaign, hypothesis.coefficients)
+    found = compute_score(campaign, hypothesis.coefficients)
     size = abs(found.mean[0])
     # Rounds in which both settle: within a third.
-    assert abs(found.mean[1]) <= 1.33 * FARTHEST * 0.25 * size
+    assert abs(found.mean[1]) <= 1.33 * MAX_DEPARTURE_SD * 0.25 * size
     assert found.in_sample > 0.9 * campaign.energy.sum()
 
 
@@ -402,7 +402,7 @@ def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() ->
         np.ones(2),
         0.7,
     )
-    plain, shared = products(block), products(replace(block, alike=alike))
+    plain, shared = products(block), products(replace(block, common_columns=alike))
     for name in ("G", "c", "energy", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(shared, name), getattr(plain, name), rtol=1e-9)
 

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from herringbone_sim.diagnosis.products import products
 from herringbone_sim.diagnosis.search import Hypothesis, Search, amplitudes
 from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose, machine_of
-from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, motion
+from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motion
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.trial import Setting, plan_of
@@ -21,12 +21,12 @@ OMEGA = 6000.0  # [rad/s] of the motion that drives
 @pytest.mark.parametrize(
     "spring",
     [
-        Spring(20.0, np.inf, 1e10, 2e4, growth=4e9, drag=3.0, farthest=1e-5, fastest=0.1),
-        Spring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6),
+        SeatSpring(20.0, np.inf, 1e10, 2e4, growth=4e9, drag=3.0, farthest=1e-5, fastest=0.1),
+        SeatSpring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6),
     ],
     ids=["ring", "pin"],
 )
-def test_a_part_moves_as_its_equation_says(spring: Spring) -> None:
+def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
     """DOP853 on the same equation, meshes that lose contact: equal to a part in a hundred."""
     n, step = 1500, 2.0 * np.pi / OMEGA / 128.0
     t = np.arange(n) * step
@@ -34,7 +34,7 @@ def test_a_part_moves_as_its_equation_says(spring: Spring) -> None:
     x = 6e-5 + 4e-5 * np.cos(OMEGA * t)[:, None] * np.array([1.0, 0.8])
     v = -4e-5 * OMEGA * np.sin(OMEGA * t)[:, None] * np.array([1.0, 0.8])
     one = np.ones((n, 2))
-    meshes = Meshes(
+    meshes = MeshLoads(
         x,
         v,
         k * one,
@@ -110,7 +110,9 @@ def test_a_tooth_is_found_by_folding_the_balance_where_no_forces_are_recorded() 
 def test_a_ring_on_its_spring_removes_most_where_no_forces_are_recorded() -> None:
     """The grid has four stiffnesses a decade: the best is within a step or so of the true one."""
     true, found = proposed_without_forces("ring_flexibility")
-    best = max((h for h in found if h.removes is not None), key=lambda h: h.removes or 0.0)
+    best = max(
+        (h for h in found if h.measured_gain is not None), key=lambda h: h.measured_gain or 0.0
+    )
     assert best.effect == "ring_flexibility"
     ratio = dict(best.options)["stiffness"] / true["parameters"]["stiffness"]["value"]
     assert 0.4 < ratio < 2.5
@@ -122,13 +124,17 @@ def test_a_part_is_scored_at_what_the_other_runs_say_of_it(ring_campaign) -> Non
     null = Search(machine)
     about = amplitudes(null.base, null.null.mean, null.runs, null.rows)
     more, proposed = machine.proposals(about, null.null)
-    ring = max((h for h in proposed if h.removes is not None), key=lambda h: h.removes or 0.0)
+    ring = max(
+        (h for h in proposed if h.measured_gain is not None), key=lambda h: h.measured_gain or 0.0
+    )
     search = null.onwards(more)
-    start = np.array([*ring.known_mean, *(c.center for c in ring.coefficients)])
+    start = np.array([*ring.base_mean, *(c.center for c in ring.coefficients)])
     score = search.refined(ring.coefficients, start, 3)
-    assert not np.allclose(score.left_out[0], score.mean, rtol=1e-6, atol=0.0)
+    assert not np.allclose(score.leave_one_out_means[0], score.mean, rtol=1e-6, atol=0.0)
     for r in range(2):
-        made = amplitudes(score.coefficients, score.left_out[r], search.runs, search.rows)
+        made = amplitudes(
+            score.coefficients, score.leave_one_out_means[r], search.runs, search.rows
+        )
         blocks = search.blocks(made, {}, tuple(search.machine.functions))[r]
-        squares = sum(float(products(b).cleared_energy.sum()) for b in blocks.values())
+        squares = sum(float(products(b).energy_without_nuisance.sum()) for b in blocks.values())
         assert squares == pytest.approx(score.energy[r], rel=1e-6)

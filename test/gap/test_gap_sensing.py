@@ -9,15 +9,15 @@ import pytest
 from gap_support import rig
 from scipy.interpolate import CubicSpline
 
-from herringbone_sim.diagnosis.products import cleared
+from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.observations import balance, consistency
-from herringbone_sim.gap.observations.common_delay import undelayed
+from herringbone_sim.gap.observations.common_delay import remove_common_delay
+from herringbone_sim.gap.observations.copied_channels import drop_copies
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.runs import slopes
+from herringbone_sim.gap.observations.runs import polynomial_rates
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import drop, undone
 from herringbone_sim.gap.sensors.late import longest_delay
@@ -38,7 +38,7 @@ def test_a_slope_is_fast_where_there_is_little_noise_and_smooth_where_there_is_m
     rng = np.random.default_rng(1)
     for sigma, weight, bias in ((1e-5, 1.167, 4e-5), (1.0, 0.512, 0.03)):
         noise = sigma * rng.normal(size=(2000, 1))
-        found, size = slopes(wave[:, None] + noise, np.array([sigma]), 1.0)
+        found, size = polynomial_rates(wave[:, None] + noise, np.array([sigma]), 1.0)
         off = (found[:, 0] - exact)[10:-10]
         assert size[0] == pytest.approx(weight, rel=0.01)
         most = 1.1 * size[0] * sigma + bias * np.sqrt(np.mean(exact**2))
@@ -50,14 +50,14 @@ def test_rates_of_a_spline_through_rotations_are_no_second_measurement() -> None
     run = rig({}, cycles=20).runs[0]
     names = run.model.layout.bodies
     run = drop(run, tuple(f"u_{name}" for name in names))
-    assert independent(run).v.there.all()
+    assert drop_copies(run).v.there.all()
     times = np.arange(len(run)) * run.step_s
     rate = CubicSpline(times, run.x.values).derivative()(times)
     copied = replace(run, v=replace(run.v, values=rate))
-    assert not independent(copied).v.there.any()
+    assert not drop_copies(copied).v.there.any()
     wrong = rate * np.where(np.arange(rate.shape[1]) == 4, 1.2, 1.0)
     off = replace(run, v=replace(run.v, values=wrong))
-    assert np.flatnonzero(independent(off).v.there).tolist() == [4]
+    assert np.flatnonzero(drop_copies(off).v.there).tolist() == [4]
 
 
 def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements() -> None:
@@ -80,14 +80,17 @@ def test_gratings_off_centre_are_no_finding_where_forces_come_from_the_law() -> 
     """
     setting = Setting(noise=("encoders_two",), channels=("no_force",), truth="none")
     runs = [r for r in as_prepared(make_campaign(plan_of(setting, 4))).runs if r.role == "fit"]
-    search = Search(GearMachine(Gear([independent(run) for run in runs[:3]])))
+    search = Search(GearMachine(Gear([drop_copies(run) for run in runs[:3]])))
     made = amplitudes(search.base, search.null.mean, search.runs, search.rows)
     blocks = [b[balance.NAME] for b in search.machine.blocks(made, {}, (balance.NAME,))]
     bare = [
         replace(b, shared=np.zeros((0, *b.shared.shape[1:])), shared_sd=np.zeros(0))
         for b in blocks
     ]
-    left, more = (np.array([np.mean(cleared(b) ** 2) for b in some]) for some in (blocks, bare))
+    left, more = (
+        np.array([np.mean(residual_without_nuisance(b) ** 2) for b in some])
+        for some in (blocks, bare)
+    )
     assert (left < 2.0).all()
     assert np.max(more / left) > 2.0
 
@@ -107,7 +110,7 @@ def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
     """A filter delays all channels, beside a large effect too; a stagger only some."""
     plan = draw_plan(3, truth, d=10.0, channels=channels, noise=noise, law="catalogue")
     runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
-    found = undelayed([independent(run) for run in runs], ())
+    found = remove_common_delay([drop_copies(run) for run in runs], ())
     late = [
         (b.late_rad - a.late_rad) / a.omega_rad_per_s for a, b in zip(runs, found, strict=True)
     ]
@@ -125,7 +128,7 @@ def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     part = dict(plan.noise.parts["filter"], order=1, corner=10.5)
     plan = replace(plan, noise=replace(plan.noise, parts={"filter": part}))
     runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
-    found = undelayed([independent(quieter(run)) for run in runs[:3]], ())
+    found = remove_common_delay([drop_copies(quieter(run)) for run in runs[:3]], ())
     for run in found:
         over = run.omega_rad_per_s / (10.5 * run.model.scales.omega_n)
         assert run.e_share == pytest.approx((1.0 + over**2) ** -0.5, abs=5e-4)
@@ -134,7 +137,7 @@ def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     assert by_name["filter 1"] == pytest.approx((10.0 / 10.5) ** 2, abs=0.15)
     without = Search(_without_filters(GearMachine(Gear(found)))).null
     o = "force_law"
-    assert null.rows[o].sum() < 0.7 * without.rows[o].sum()
+    assert null.energy_by_row[o].sum() < 0.7 * without.energy_by_row[o].sum()
     assert null.in_sample < 1.2 * null.count
 
 

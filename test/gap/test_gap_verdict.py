@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.diagnosis.examine import Found
+from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.judge import Chance
 from herringbone_sim.diagnosis.search import Score
 from herringbone_sim.effects.effect import Locus, active
@@ -128,10 +128,10 @@ def test_a_clock_is_told_with_the_channel_that_it_is() -> None:
     assert told[0]["parameters"]["ppm"]["ci90"] == [190.0, 210.0]
 
 
-def left(**rows: float) -> Found:
+def left(**rows: float) -> FittedExplanation:
     """An explanation that leaves so many squares of each observation."""
-    score = SimpleNamespace(rows={o: np.array([[value]]) for o, value in rows.items()})
-    return Found((), cast("Score", score))
+    score = SimpleNamespace(energy_by_row={o: np.array([[value]]) for o, value in rows.items()})
+    return FittedExplanation((), cast("Score", score))
 
 
 def test_the_residual_that_counts_is_one_that_the_explanation_lowers() -> None:

@@ -15,26 +15,26 @@ from herringbone_sim.diagnosis.search import Score, Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.observations import shooting, window_events
+from herringbone_sim.gap.observations.body_motion import with_rigid_swing
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import Change, law
+from herringbone_sim.gap.observations.law import LawChange, law
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.rollout import STATES, Drive
+from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.shooting import (
-    JUMP,
-    Shot,
-    _normal,
+    JUMP_SD,
+    WindowSolution,
+    _normal_bands,
+    evaluated,
     jacobian,
-    residual,
-    shoot,
-    symmetric,
-    with_swing,
+    stacked_residual,
+    symmetric_starts,
 )
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.trajectory import trajectory as trajectory_of
-from herringbone_sim.gap.observations.window_channels import channels, shown
-from herringbone_sim.gap.observations.window_columns import body_pushes
-from herringbone_sim.gap.observations.window_sensors import put_right
+from herringbone_sim.gap.observations.window_channels import channel_outputs, window_channels
+from herringbone_sim.gap.observations.window_columns import body_forces
+from herringbone_sim.gap.observations.window_sensors import without_sensor_errors
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -51,54 +51,56 @@ def gear() -> Gear:
 
 
 @pytest.fixture(scope="module")
-def one(gear: Gear) -> tuple[Trajectory, Shot]:
+def one(gear: Gear) -> tuple[Trajectory, WindowSolution]:
     """A run whose planets move in step, at the states that fit it."""
     trajectory = gear.trajectories[1]
     return trajectory, trajectory.nominal
 
 
-def rows(shot: Shot) -> np.ndarray:
-    return residual(shot)
+def rows(shot: WindowSolution) -> np.ndarray:
+    return stacked_residual(shot)
 
 
 def test_windows_are_formed_where_nothing_else_is(gear: Gear) -> None:
-    assert GearMachine(gear).formed == ("trajectory",)
+    assert GearMachine(gear).observation_names == ("trajectory",)
 
 
 def test_rotations_without_a_mean_are_not_followed(gear: Gear) -> None:
     """Raw angles lack the wind-up under the load: a healthy rig would look like another one."""
     run = gear.runs[0].run
     u = replace(run.u, values=run.u.values - run.u.values.mean(axis=0))
-    assert not Gear([replace(run, u=u)]).by_windows
+    assert not Gear([replace(run, u=u)]).uses_windows
 
 
-def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, Shot]) -> None:
+def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, WindowSolution]) -> None:
     """72 numbers of a window for 18 states: a fourth of the noise is taken up by the states."""
     _, shot = one
-    assert 0.6 < np.mean(shot.off**2) < 1.1
-    assert np.sqrt(np.mean(shot.jumps**2)) < JUMP
+    assert 0.6 < np.mean(shot.residuals**2) < 1.1
+    assert np.sqrt(np.mean(shot.jumps**2)) < JUMP_SD
 
 
 def test_steps_miss_no_more_than_is_counted_as_noise(
-    one: tuple[Trajectory, Shot], monkeypatch: pytest.MonkeyPatch
+    one: tuple[Trajectory, WindowSolution], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Against steps of an eighth; noise of less than that would make a healthy rig look sick."""
     trajectory, shot = one
     s = trajectory.recorded
-    monkeypatch.setattr(shooting, "STEP", shooting.STEP / 8.0)
+    monkeypatch.setattr(shooting, "STEP_RAD", shooting.STEP_RAD / 8.0)
     finely = Trajectory(trajectory.run)
-    drive = finely.drive(Change(), np.ones(9), ())
-    off = shoot(finely.recorded, shot.starts, drive).off - shot.off
+    drive = finely.forcing(LawChange(), np.ones(9), ())
+    off = evaluated(finely.recorded, shot.starts, drive).residuals - shot.residuals
     size = np.sqrt(np.nanmean(s.channels.values**2, axis=0))
     missed = np.sqrt(np.mean((off / s.weight) ** 2, axis=(0, 1))) / size
-    assert 1e-5 < missed.max() < shooting.MISSED
+    assert 1e-5 < missed.max() < shooting.INTEGRATION_ERROR
 
 
-def test_bands_are_the_normal_matrix_of_the_jacobian(one: tuple[Trajectory, Shot]) -> None:
-    s = one[0].stretch
-    shot = shoot(s, symmetric(s), one[0].drive(Change(), np.ones(9), ()))
+def test_bands_are_the_normal_matrix_of_the_jacobian(
+    one: tuple[Trajectory, WindowSolution],
+) -> None:
+    s = one[0].windows
+    shot = evaluated(s, symmetric_starts(s), one[0].forcing(LawChange(), np.ones(9), ()))
     J = jacobian(s, shot)
-    band, right = _normal(s, shot)
+    band, right = _normal_bands(s, shot)
     np.testing.assert_allclose(right, J.T @ rows(shot), rtol=1e-9, atol=1e-9 * abs(right).max())
     H = J.T @ J
     for below in range(2 * STATES):
@@ -118,13 +120,13 @@ def test_bands_are_the_normal_matrix_of_the_jacobian(one: tuple[Trajectory, Shot
     ],
 )
 def test_columns_of_the_law_are_differences(
-    gear: Gear, one: tuple[Trajectory, Shot], name: str, step: float, within: float
+    gear: Gear, one: tuple[Trajectory, WindowSolution], name: str, step: float, within: float
 ) -> None:
     trajectory, shot = one
     amplitudes = np.zeros(12)
     amplitudes[7] = step
-    change = gear.change_of(trajectory._half_steps(shot), {name: amplitudes})
-    drive = trajectory.drive(change, np.ones(9), ())
+    change = gear.change_of(trajectory._motion_at_half_steps(shot), {name: amplitudes})
+    drive = trajectory.forcing(change, np.ones(9), ())
     check(trajectory, gear, shot, f"{name} of 7", step, within, drive)
 
 
@@ -134,12 +136,12 @@ def test_columns_of_the_law_are_differences(
     + [(f"M_{body}", 1e-4) for body in "spc"],
 )
 def test_columns_of_bodies_are_differences(
-    gear: Gear, one: tuple[Trajectory, Shot], name: str, step: float
+    gear: Gear, one: tuple[Trajectory, WindowSolution], name: str, step: float
 ) -> None:
     trajectory, shot = one
-    m = trajectory._half_steps(shot)
-    pushes = [(push, step) for push in body_pushes(trajectory.model, m, law(m), [name])]
-    drive = trajectory.drive(Change(), trajectory._masses({name: step}), pushes)
+    m = trajectory._motion_at_half_steps(shot)
+    pushes = [(push, step) for push in body_forces(trajectory.model, m, law(m), [name])]
+    drive = trajectory.forcing(LawChange(), trajectory._masses({name: step}), pushes)
     check(trajectory, gear, shot, name, step, 0.01, drive)
 
 
@@ -150,14 +152,14 @@ def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
         warnings.simplefilter("ignore", ParameterWarning)
         made = as_prepared(make_campaign(draw_plan(600001, "none", channels=channels)))
     run = made.of_role("fit")[1]
-    assert Gear([run]).by_windows
+    assert Gear([run]).uses_windows
     one = Trajectory(run)
     shot = one.nominal
-    s = one.stretch
+    s = one.windows
     kinds = np.array([name[0] for name in s.channels.names])
     for kind in set(kinds):
         read = s.weight[:, :, kinds == kind] > 0.0
-        assert 0.5 < np.mean(shot.off[:, :, kinds == kind][read] ** 2) < 2.0
+        assert 0.5 < np.mean(shot.residuals[:, :, kinds == kind][read] ** 2) < 2.0
     if channels == "shafts_rings":
         assert 0.05 < np.mean(s.weight[:, :, kinds == "F"] > 0.0) < 0.6
 
@@ -167,15 +169,15 @@ def test_what_channels_show_changes_with_the_state_as_told(gear: Gear) -> None:
         warnings.simplefilter("ignore", ParameterWarning)
         made = as_prepared(make_campaign(draw_plan(600001, "none", channels="shafts_pins")))
     run = made.of_role("fit")[0]
-    c = channels(replace(run, a=replace(run.u)))  # accelerations where rotations are
+    c = window_channels(replace(run, a=replace(run.u)))  # accelerations where rotations are
     trajectory = gear.trajectories[0]
-    drive = trajectory.drive(Change(), np.ones(9), ())
+    drive = trajectory.forcing(LawChange(), np.ones(9), ())
     at = np.zeros((1, 1), dtype=np.int64)
     rng = np.random.default_rng(0)
     state = 3e-5 * np.repeat([1.0, 1e4], 9) * rng.normal(size=18)
-    value, slope = shown(c, state[None, None], drive, at)
+    value, slope = channel_outputs(c, state[None, None], drive, at)
     step = 1e-9 * np.repeat([1.0, 1e4], 9) * rng.normal(size=18)
-    after, _ = shown(c, (state + step)[None, None], drive, at)
+    after, _ = channel_outputs(c, (state + step)[None, None], drive, at)
     np.testing.assert_allclose((after - value)[0, 0], slope[0, 0] @ step, rtol=1e-6)
     assert [name[0] for name in c.names] == ["u"] * 3 + ["F"] * 3 + ["a"] * 3
 
@@ -186,7 +188,7 @@ def test_a_recording_without_the_swing_of_the_gear_is_known() -> None:
         warnings.simplefilter("ignore", ParameterWarning)
         made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
     run = next(r for r in made.of_role("fit") if r.point["K"] > 0.1)
-    back = with_swing(run)
+    back = with_rigid_swing(run)
     without = replace(run, u=replace(run.u, values=2.0 * run.u.values - back.u.values))
     whole = trajectory_of(run).nominal
     again = trajectory_of(without).nominal
@@ -197,18 +199,18 @@ def test_a_recording_without_the_swing_of_the_gear_is_known() -> None:
 def check(
     trajectory: Trajectory,
     gear: Gear,
-    shot: Shot,
+    shot: WindowSolution,
     name: str,
     step: float,
     within: float,
-    drive: Drive,
+    forcing: Forcing,
 ) -> None:
     """A column against the motion from the same states under a small change."""
-    s = trajectory.stretch
-    base = shoot(s, shot.starts, trajectory.drive(Change(), np.ones(9), ()))
-    moved = shoot(s, shot.starts, drive)
+    s = trajectory.windows
+    base = evaluated(s, shot.starts, trajectory.forcing(LawChange(), np.ones(9), ()))
+    moved = evaluated(s, shot.starts, forcing)
     difference = (rows(base) - rows(moved)) / step
-    block = trajectory.block(base, lambda m: Change(), gear.law_functions, (name,))
+    block = trajectory.block(base, lambda m: LawChange(), gear.law_functions, (name,))
     off = np.linalg.norm(difference - block.columns[:, 0, 0])
     assert off < within * np.linalg.norm(difference)
 
@@ -218,16 +220,16 @@ def check(
     [("gain", 1e-4, 1e-3), ("bias", 1e-9, 1e-6), ("delay", 1e-8, 0.2)],
 )
 def test_columns_of_sensors_are_what_their_errors_add(
-    gear: Gear, one: tuple[Trajectory, Shot], error: str, step: float, within: float
+    gear: Gear, one: tuple[Trajectory, WindowSolution], error: str, step: float, within: float
 ) -> None:
     """What is measured, less what is measured with the error taken off: the column."""
     trajectory, shot = one
     s = trajectory.recorded
     name = f"{error} of u_s_R"
-    drive = trajectory.drive(Change(), np.ones(9), ())
-    right = put_right(s, {name: step})
-    change = rows(shoot(s, shot.starts, drive)) - rows(shoot(right, shot.starts, drive))
-    block = trajectory.block(shot, lambda m: Change(), gear.law_functions, (name,))
+    drive = trajectory.forcing(LawChange(), np.ones(9), ())
+    right = without_sensor_errors(s, {name: step})
+    change = rows(evaluated(s, shot.starts, drive)) - rows(evaluated(right, shot.starts, drive))
+    block = trajectory.block(shot, lambda m: LawChange(), gear.law_functions, (name,))
     column = block.columns[:, 0, 0]
     inner = np.flatnonzero(column)[10:-10]
     off = np.linalg.norm((change / step - column)[inner])
@@ -269,7 +271,7 @@ def test_exchanged_encoders_are_put_back() -> None:
     machine = practised(372312, "channel_swap")
     null = no_effect(machine)
     ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
-    ((squares, best, _),) = machine.tried(ranked, null)
+    ((squares, best, _),) = machine.nonlinear_trials(ranked, null)
     assert best.options == (("channels", ("u_s_R", "u_c")),)
     assert squares < 0.01 * null.in_sample
 
@@ -297,7 +299,7 @@ def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:
         for h in machine.hypotheses()
         if h.effect in kinds and h.locus.side == "all"
     ]
-    (_, best, start), *_ = machine.tried(ranked, null)
+    (_, best, start), *_ = machine.nonlinear_trials(ranked, null)
     assert best.effect == "pin_position"
     assert start[len(null.mean)] > 1e-5
 
@@ -313,7 +315,7 @@ def test_a_soft_ring_is_tried_at_a_third_of_its_proposed_stiffness() -> None:
     null = no_effect(machine)
     ranked = [(h, np.append(null.mean, [c.sd for c in h.coefficients])) for h in stiffness]
     ranked.append((parts[0], np.append(null.mean, np.zeros(len(parts[0].coefficients)))))
-    (_, best, start), *_ = machine.tried(ranked, null)
+    (_, best, start), *_ = machine.nonlinear_trials(ranked, null)
     assert best is parts[0]
     assert start[len(null.mean) + 1] == pytest.approx(-np.log(3.0))
 
@@ -321,9 +323,11 @@ def test_a_soft_ring_is_tried_at_a_third_of_its_proposed_stiffness() -> None:
 def test_windows_are_made_once_for_all_copies_of_a_gear(gear: Gear) -> None:
     """A second making costs a second a run and throws away the states that were found."""
     made = gear.trajectories
-    whole = gear.of_runs([gear.runs[1].run, gear.runs[0].run])
-    assert whole.windows_of(0) is made[1]
-    assert gear.with_functions([]).windows_of(0) is gear.windows_of(0) is whole.windows_of(1)
+    whole = gear.for_runs([gear.runs[1].run, gear.runs[0].run])
+    assert whole.trajectory_of(0) is made[1]
+    assert (
+        gear.with_functions([]).trajectory_of(0) is gear.trajectory_of(0) is whole.trajectory_of(1)
+    )
 
 
 @pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -350,9 +354,9 @@ def test_a_loose_pin_is_proposed_at_its_planet_from_gauges_in_the_pins() -> None
     calibrated = Search(machine).null
     _, proposed = machine.proposals({}, calibrated)
     pins = [h for h in proposed if h.effect == "bearing_clearance"]
-    best = max(pins, key=lambda h: h.removes or 0.0)
+    best = max(pins, key=lambda h: h.measured_gain or 0.0)
     assert isinstance(best.locus, Locus)
     assert best.locus.planet == campaign.label["effects"][0]["locus"]["planet"]
     excess = float(calibrated.energy.sum()) - calibrated.count
-    assert best.removes is not None
-    assert best.removes > 0.5 * excess > 0.0
+    assert best.measured_gain is not None
+    assert best.measured_gain > 0.5 * excess > 0.0

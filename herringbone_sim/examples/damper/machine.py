@@ -1,7 +1,7 @@
-"""A damper as the engine of the diagnosis takes it: two observations of every run.
+"""The damper as a machine of the diagnosis engine: two observations of every run.
 
-The force law: measured F minus what x and v make of it. The impulse: that of the drive less that
-of the measured F, minus the momentum gained; it knows no law, so a wrong F alone shows there.
+Force law: measured F minus K g(x) + C v. Impulse: impulse of the drive minus that of measured F,
+minus the gain of momentum; free of any force law, so only errors of F appear there.
 """
 
 from __future__ import annotations
@@ -12,21 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from herringbone_sim.diagnosis.flexible import Surroundings
+from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Amplitudes, Hypothesis, Score
 from herringbone_sim.examples.damper import effects
-from herringbone_sim.examples.damper.effects import BENT, FIXED, FUNCTIONS, IMPULSE, LAW, TRAVEL
+from herringbone_sim.examples.damper.effects import (
+    FUNCTIONS,
+    IMPULSE,
+    LAW,
+    LINEAR,
+    NONLINEAR,
+    TRAVELS,
+)
 from herringbone_sim.examples.damper.simulate import OFFSET, PLAY, SIGMA, STEP, C, K, M, Run
 
 Array = NDArray[np.float64]
-SIMPSON = STEP / 3.0 * np.array([1.0, 4.0, 2.0, 4.0, 2.0, 4.0, 2.0, 4.0, 1.0])  # 8 steps
+SIMPSON_WEIGHTS = STEP / 3.0 * np.array([1.0, 4.0, 2.0, 4.0, 2.0, 4.0, 2.0, 4.0, 1.0])  # [s]
 
 
-def beyond(x: Array, play: float) -> tuple[Array, Array, Array]:
-    """Spring's displacement beyond the play, slope by the play, odds of contact.
+def smoothed_play(x: Array, play: float) -> tuple[Array, Array, Array]:
+    """Expected displacement beyond the play, its slope by the play, probability of contact.
 
-    Expected values, for x is known but for its noise.
+    Arrays (n,), expectations over the noise of x [m].
     """
     sigma = SIGMA["x"]
     found, odds = [], []
@@ -38,60 +45,67 @@ def beyond(x: Array, play: float) -> tuple[Array, Array, Array]:
 
 
 def presliding(v: Array, force: float, longer: float, travel: float) -> dict[str, Array]:
-    """Force of friction that gives way over ``travel`` times exp(longer / force); slopes by both.
+    """Dahl friction with travel ``travel`` exp(longer / force), and its slopes by both arguments.
 
-    Beyond e times longer or shorter, and with no force of its own, ``longer`` acts linearly.
+    ``longer`` acts linearly beyond a factor e of the travel, and where ``force`` is zero.
+
+    Args:
+        v: (n,) velocity [m/s].
+        force, longer: friction force [N]; lengthening of the travel times the force [N].
+        travel: [m].
     """
     share = float(np.clip(longer / force, -1.0, 1.0)) if force else 0.0
     at = travel * np.exp(share)
-    h = effects.slip(v, at)
-    bend = (effects.slip(v, 1.01 * at) - effects.slip(v, at / 1.01)) / (2.0 * np.log(1.01))
+    h = effects.dahl_state(v, at)
+    bend = (effects.dahl_state(v, 1.01 * at) - effects.dahl_state(v, at / 1.01)) / (
+        2.0 * np.log(1.01)
+    )
     slip = h - share * bend
     return {"force": force * slip + longer * bend, "slip": slip, "longer": bend}
 
 
 class Damper:
-    """Runs of a damper with all that may be wrong; see ``diagnosis.search.Machine``."""
+    """Runs of a damper with tolerances and hypotheses; see ``diagnosis.search.Machine``."""
 
     def __init__(self, recorded: Sequence[Run]) -> None:
         self.recorded, self.runs = tuple(recorded), len(recorded)
         self.base = effects.tolerances(self.runs)
         self.functions: Mapping[str, tuple[str, ...]] = FUNCTIONS
         self.rows: Mapping[str, int] = dict.fromkeys(FUNCTIONS, 1)
-        self._fixed = [{name: f(r) for name, f in FIXED.items()} for r in self.recorded]
+        self._linear_columns = [{name: f(r) for name, f in LINEAR.items()} for r in self.recorded]
 
     def hypotheses(self) -> list[Hypothesis]:
         return effects.hypotheses(self.runs)
 
     def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Damper, list[Hypothesis]]:
-        """None: the catalogue has it all."""
+        """No proposals: the catalogue is complete."""
         return self, []
 
-    def tried(
+    def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:
-        """None: it is near enough to linear."""
+        """No trials: the damper is nearly linear."""
         return []
 
-    def finely(self) -> Damper:
-        """Itself: what it calls linear is so exactly."""
+    def without_linearisation(self) -> Damper:
+        """Itself: its linear observations are linear exactly."""
         return self
 
-    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
+    def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
         run = self.recorded[r]
         values = np.stack([run.x, run.v, np.full(len(run.x), run.P / 50.0)], axis=1)[:, None, :]
-        at = slice(None) if block.at is None else block.at
+        at = slice(None) if block.sample_index is None else block.sample_index
         factors = np.ones((len(block.residual), 1, 1))
-        return Surroundings(values[at], run.phase[at, None], factors)
+        return RegressionInputs(values[at], run.phase[at, None], factors)
 
     def cycles(self, observation: str, r: int) -> Array:
         phase = self.recorded[r].phase
         return np.asarray((phase - phase[0]) / (2.0 * np.pi))
 
-    def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        """The force law bends with the play and the travel of presliding."""
+    def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
+        """The force law is nonlinear in the play and the travel of presliding."""
         law = amplitudes.get(LAW, {})
-        bent = any(np.any(law[f]) for f in BENT if f in law)
+        bent = any(np.any(law[f]) for f in NONLINEAR if f in law)
         return (IMPULSE,) if bent else (LAW, IMPULSE)
 
     def blocks(
@@ -112,12 +126,12 @@ class Damper:
         return found
 
     def _law(self, r: int, a: Mapping[str, float], names: tuple[str, ...]) -> Block:
-        run, fixed = self.recorded[r], self._fixed[r]
+        run, fixed = self.recorded[r], self._linear_columns[r]
         k = K * (1.0 + a.get("k", 0.0))
-        out, slope, contact = beyond(run.x, PLAY + a.get("play", 0.0))
+        out, slope, contact = smoothed_play(run.x, PLAY + a.get("play", 0.0))
         columns = {**fixed, "k": K * out, "play": k * slope}
         force = k * out + C * run.v + sum(a[f] * fixed[f] for f in a if f in fixed)
-        for t in TRAVEL:
+        for t in TRAVELS:
             both = f"slip {t}", f"longer {t}"
             if {*both} & {*names, *a}:
                 own = presliding(run.v, a.get(both[0], 0.0), a.get(both[1], 0.0), t)
@@ -127,19 +141,23 @@ class Damper:
         return _block(LAW, run, run.F - force, sigma, {f: columns[f] for f in names}, 1.0)
 
     def _impulse(self, r: int, a: Mapping[str, float], names: tuple[str, ...]) -> Block:
-        run, n = self.recorded[r], len(SIMPSON)
+        run, n = self.recorded[r], len(SIMPSON_WEIGHTS)
         at = np.arange(0, len(run.F) - n + 1, n)
         F, P = (
-            np.lib.stride_tricks.sliding_window_view(q, n)[at] @ SIMPSON
+            np.lib.stride_tricks.sliding_window_view(q, n)[at] @ SIMPSON_WEIGHTS
             for q in (run.F, run.P * np.cos(run.phase))
         )
         gained = M * (run.v[at + n - 1] - run.v[at])
         columns = {"mass": gained, "gain": -F}
         residual = P - F - gained - sum(a[f] * columns[f] for f in a)
-        noise = 2.0 * (M * SIGMA["v"]) ** 2 + SIGMA["F"] ** 2 * float(SIMPSON @ SIMPSON)
+        noise = 2.0 * (M * SIGMA["v"]) ** 2 + SIGMA["F"] ** 2 * float(
+            SIMPSON_WEIGHTS @ SIMPSON_WEIGHTS
+        )
         sigma = np.full(len(at), np.sqrt(noise))
         columns = {f: columns[f] for f in names}
-        return _block(IMPULSE, run, residual, sigma, columns, float(SIMPSON.sum()), at + n // 2)
+        return _block(
+            IMPULSE, run, residual, sigma, columns, float(SIMPSON_WEIGHTS.sum()), at + n // 2
+        )
 
 
 def _block(
@@ -151,7 +169,7 @@ def _block(
     offset: float,
     at: NDArray[np.int64] | None = None,
 ) -> Block:
-    """A block of one row with the offset of F as its nuisance, ``offset`` per newton."""
+    """Block of one row; nuisance: offset of F, ``offset`` times it in the residual."""
     n, q = len(residual), len(columns)
     return Block(
         observation,
@@ -165,5 +183,5 @@ def _block(
         np.array([[OFFSET]]),
         np.zeros((0, 1, q)),
         np.zeros(0),
-        at=at,
+        sample_index=at,
     )

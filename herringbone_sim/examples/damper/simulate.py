@@ -14,24 +14,25 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 M, K, C, PLAY = 2.0, 2e4, 60.0, 5e-4  # [kg], [N/m], [N s/m], half play [m]
-M_SHARE, K_SHARE, C_SHARE = 0.01, 0.02, 0.04  # tolerances, as in a data sheet
-SIGMA = {"x": 2e-6, "v": 2e-4, "F": 0.1}  # noise [m], [m/s], [N]
-OFFSET = 0.1  # of F, another one in every run [N]
-STEP, SECONDS, SETTLING = 5e-4, 1.8, 1.2  # of the recording, and what passes before it [s]
-FINE = 10  # steps of the integration in one of the recording
-POINTS = ((7, 30), (9, 60), (11, 40), (14, 40), (17, 60))  # [Hz], [N]
-SHARP = 3e-4  # [m/s] over which friction turns round, as little as the noise lets be seen
-# Moderate sizes [N], [N/m^3], [m], of F; the last two causes are in no catalogue.
-MODERATE = {"coulomb": 0.5, "presliding": 0.5, "stribeck": 0.5, "cubic": 5e6, "play": 3e-5}
-MODERATE |= {"gain": 0.01, "maxwell": 0.3, "smooth": 0.5}
+M_SHARE, K_SHARE, C_SHARE = 0.01, 0.02, 0.04  # tolerances, chosen as in a data sheet
+SIGMA = {"x": 2e-6, "v": 2e-4, "F": 0.1}  # noise [m], [m/s], [N], chosen
+OFFSET = 0.1  # standard deviation of the offset of F, drawn for every run [N]
+STEP, RUN_S, SETTLING_S = 5e-4, 1.8, 1.2  # of sampling, recording and transient before it [s]
+SUBSTEPS = 10  # integration steps per sample
+OPERATING_POINTS = ((7, 30), (9, 60), (11, 40), (14, 40), (17, 60))  # [Hz], [N]
+SLIDING_SPEED = 3e-4  # [m/s] over which friction changes sign, about the noise of v
+# Moderate sizes, chosen: [N], [N/m^3], [m], share of F. ``maxwell`` and ``smooth`` are not in the
+# catalogue.
+MODERATE_SIZES = {"coulomb": 0.5, "presliding": 0.5, "stribeck": 0.5, "cubic": 5e6, "play": 3e-5}
+MODERATE_SIZES |= {"gain": 0.01, "maxwell": 0.3, "smooth": 0.5}
 
 
 @dataclass(frozen=True)
 class Run:
-    """What the sensors say: arrays (n,).
+    """Recording of one run: arrays (n,).
 
     Attributes:
-        phase: of the drive [rad].
+        phase: phase of the drive [rad].
         P: amplitude of the drive [N].
         x, v, F: displacement [m], velocity [m/s], force on the ground [N].
     """
@@ -43,7 +44,7 @@ class Run:
     F: Array
 
 
-SOFT, RELAXING = 5e-4, 60.0  # of the Maxwell branch: [m] for its size, [1/s]
+MAXWELL_TRAVEL, MAXWELL_RATE = 5e-4, 60.0  # Maxwell branch: deflection for force 1 [m], rate [1/s]
 
 
 @njit(cache=True)
@@ -51,29 +52,29 @@ def law(x, v, s, p):  # type: ignore[no-untyped-def]
     """Force [N] and rate of the state s of presliding (p[5] > 0) or of a Maxwell branch."""
     k, c, play, friction, ratio, presliding, cubic, maxwell, smooth, a, b = p
     out = x - min(max(x, -play), play)
-    slide = np.tanh(v / SHARP) * (1.0 + ratio * np.exp(-((v / b) ** 2)))
+    slide = np.tanh(v / SLIDING_SPEED) * (1.0 + ratio * np.exp(-((v / b) ** 2)))
     force = k * out + c * v + friction * slide + cubic * x**3 + (presliding + maxwell) * s
     force += smooth * np.cos(0.1 * x / a + 3.0 * v + 50.0 * b)
-    return force, (v - abs(v) * s) / a if presliding else v / SOFT - RELAXING * s
+    return force, (v - abs(v) * s) / a if presliding else v / MAXWELL_TRAVEL - MAXWELL_RATE * s
 
 
 @njit(cache=True)
-def shaken(n, mass, P, omega, p):  # type: ignore[no-untyped-def]
+def response(n, mass, P, omega, p):  # type: ignore[no-untyped-def]
     """Response of the rig from x = 2 mm, v = 0 to P cos(omega t), by 4th-order Runge-Kutta.
 
     Args:
         n: number of samples, ``STEP`` apart.
         mass, P, omega: [kg], [N], [rad/s].
-        p: (11,) numbers of the force law, in the order ``law`` unpacks them.
+        p: (11,) parameters of the force law, in the order in which ``law`` unpacks them.
 
     Returns:
         (n, 3) x [m], v [m/s] and force F [N], without noise, gain error or offset.
     """
-    found, h = np.empty((n, 3)), STEP / FINE
+    found, h = np.empty((n, 3)), STEP / SUBSTEPS
     x, v, s = 2e-3, 0.0, 0.0
-    for i in range(n * FINE):
-        if i % FINE == 0:
-            found[i // FINE] = x, v, law(x, v, s, p)[0]
+    for i in range(n * SUBSTEPS):
+        if i % SUBSTEPS == 0:
+            found[i // SUBSTEPS] = x, v, law(x, v, s, p)[0]
         dx, dv, ds, to_x, to_v, to_s = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for at, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             now = v + at * h * dv
@@ -85,20 +86,25 @@ def shaken(n, mass, P, omega, p):  # type: ignore[no-untyped-def]
 
 
 def simulate(effect: str, seed: int) -> list[Run]:
-    """Runs of a rig with an effect (or ``none``), half to twice moderate; the rest by a seed."""
+    """Five runs of a rig with an effect (or ``none``) of half to twice moderate size.
+
+    Tolerances, size and noise are drawn with ``seed``.
+    """
     rng = np.random.default_rng(seed)
-    mass, gain, p = drawn(effect, rng)
-    return [recorded(2.0 * np.pi * hertz, float(P), mass, gain, p, rng) for hertz, P in POINTS]
+    mass, gain, p = draw_rig(effect, rng)
+    return [
+        record(2.0 * np.pi * hertz, float(P), mass, gain, p, rng) for hertz, P in OPERATING_POINTS
+    ]
 
 
-def drawn(effect: str, rng: np.random.Generator) -> tuple[float, float, Array]:
-    """Mass [kg], gain of F and the numbers of the law, in its order."""
+def draw_rig(effect: str, rng: np.random.Generator) -> tuple[float, float, Array]:
+    """Draw mass [kg], gain of F and the (11,) parameters of ``law`` of a rig with an effect."""
     shares = rng.uniform(-1.0, 1.0, 3) * [M_SHARE, K_SHARE, C_SHARE]
     mass, k, c = (1.0 + shares) * [M, K, C]
-    size = dict.fromkeys(MODERATE, 0.0)
+    size = dict.fromkeys(MODERATE_SIZES, 0.0)
     if effect != "none":
         sign = rng.choice([-1.0, 1.0]) if effect in ("cubic", "play", "gain") else 1.0
-        size[effect] = sign * MODERATE[effect] * 2.0 ** rng.uniform(-1.0, 1.0)
+        size[effect] = sign * MODERATE_SIZES[effect] * 2.0 ** rng.uniform(-1.0, 1.0)
     friction = size["coulomb"] + size["stribeck"]
     ratio = 10.0 ** rng.uniform(-0.1, 0.3) if effect == "stribeck" else 0.0
     travel, falling = 10.0 ** rng.uniform(-4.0, -3.2), 10.0 ** rng.uniform(-1.7, -1.0)
@@ -107,12 +113,12 @@ def drawn(effect: str, rng: np.random.Generator) -> tuple[float, float, Array]:
     return float(mass), 1.0 + size["gain"], law_numbers
 
 
-def recorded(
+def record(
     omega: float, P: float, mass: float, gain: float, p: Array, rng: np.random.Generator
 ) -> Run:
-    """One run as its sensors say."""
-    passed, n = round(SETTLING / STEP), round(SECONDS / STEP)
-    x, v, F = shaken(passed + n, mass, P, omega, p)[passed:].T
+    """Record one run with sensor errors and noise; ``omega`` in rad/s, P in N, mass in kg."""
+    passed, n = round(SETTLING_S / STEP), round(RUN_S / STEP)
+    x, v, F = response(passed + n, mass, P, omega, p)[passed:].T
     noise = rng.normal(size=(3, n)) * np.array([list(SIGMA.values())]).T
     F = gain * F + OFFSET * rng.normal()
     phase = omega * STEP * np.arange(passed, passed + n, dtype=np.float64)

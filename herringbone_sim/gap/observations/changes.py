@@ -1,4 +1,4 @@
-"""Changes of the force law: functions at amplitudes, and parts that move by themselves."""
+"""Change of the force law by basis functions at given amplitudes, moving parts included."""
 
 from __future__ import annotations
 
@@ -10,48 +10,55 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.law import Change, Displacements, Law, Motion, law
+from herringbone_sim.gap.observations.law import Displacements, Law, LawChange, MeshMotion, law
 
 Array = NDArray[np.float64]
 
+# Order in which slots are filled: later ones depend on the law that earlier ones leave.
 STAGES: tuple[Callable[[Function], bool], ...] = (
     lambda f: f.slot in ("d", "b_plus", "b_minus"),
     lambda f: f.slot in ("kappa", "mean_kappa", "gamma"),
-    lambda f: f.slot == "more",
+    lambda f: f.slot == "extra_force",
 )
 
 
-class Part(Protocol):
-    """A part that moves by itself, driven by the meshes."""
+class MovingPart(Protocol):
+    """A part with its own equation of motion, driven by mesh forces, as a ring on its spring."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its parameters."""
+        """Names of its parameters."""
 
     def displacements(
-        self, model: Model, m: Motion, change: Change, label: str, offsets: Array, slopes: bool
+        self,
+        model: Model,
+        m: MeshMotion,
+        change: LawChange,
+        label: str,
+        offsets: Array,
+        slopes: bool,
     ) -> Displacements:
-        """What each of its functions stands for, by name.
+        """Displacements of the meshes by the part, and their derivatives, by function name.
 
         Args:
-            m: between samples, at equal steps.
-            change: of the law by all else.
-            label: that the names of its functions begin with.
-            offsets: of its parameters.
-            slopes: whether those by its parameters are wanted.
+            m: motion at equal, fine steps.
+            change: change of the law by everything else.
+            label: prefix of the names of its functions.
+            offsets: offsets of the logarithms of its parameters.
+            slopes: whether to compute derivatives by the parameters.
         """
 
 
-class Changes:
-    """Functions of a gear's force law, and the parts among them.
+class LawChanges:
+    """Evaluates the change of a gear's force law for amplitudes of its functions.
 
     Args:
-        functions: all of them.
-        parts: by the label that the names of their functions begin with.
+        functions: all functions of the law.
+        parts: moving parts, by the label that prefixes the names of their functions.
     """
 
     def __init__(
-        self, model: Model, functions: Sequence[Function], parts: Mapping[str, Part]
+        self, model: Model, functions: Sequence[Function], parts: Mapping[str, MovingPart]
     ) -> None:
         self._model = model
         self.functions = tuple(functions)
@@ -60,30 +67,31 @@ class Changes:
         self._others = [f for f in functions if not f"{f.name} ".startswith(heads)]
         self._last: dict[str, tuple[object, set[str], Displacements]] = {}
 
-    def of(
+    def evaluated(
         self,
-        m: Motion,
-        between: Motion | None,
+        m: MeshMotion,
+        between: MeshMotion | None,
         amplitudes: Mapping[str, Array],
         wanted: Sequence[str] | None = (),
-    ) -> Change:
-        """What functions at amplitudes (n_mesh,) do to the law of a run.
+    ) -> LawChange:
+        """Change of the law of a run by functions at amplitudes (n_mesh,).
 
         Args:
-            between: the same run between samples, where parts are integrated; None: they rest;
-                ``m`` itself where its steps are fine enough.
-            wanted: functions whose columns will be formed (None: all).
+            m: motion of the run.
+            between: the same motion at finer steps, on which parts are integrated; None: parts
+                are at rest; ``m`` itself where its steps are fine enough.
+            amplitudes: by function name.
+            wanted: functions whose columns will be formed; None: all.
         """
-        change = Change(displacements=self._displacements(m, between, amplitudes, wanted))
+        change = LawChange(displacements=self._displacements(m, between, amplitudes, wanted))
         for label in self.parts:
             _displace(change, change.displacements, label, amplitudes)
         self._add(change, m, amplitudes)
         return change
 
-    def _add(self, change: Change, m: Motion, amplitudes: Mapping[str, Array]) -> None:
-        """Add all functions but those of parts."""
+    def _add(self, change: LawChange, m: MeshMotion, amplitudes: Mapping[str, Array]) -> None:
+        """Add all functions but those of moving parts to ``change``."""
         on = [f for f in self._others if np.any(amplitudes.get(f.name, 0.0))]
-        # Displacements first: what depends on the load looks at the law that they leave.
         for stage in STAGES:
             chosen = [f for f in on if stage(f)]
             if chosen:
@@ -93,14 +101,14 @@ class Changes:
 
     def _displacements(
         self,
-        m: Motion,
-        between: Motion | None,
+        m: MeshMotion,
+        between: MeshMotion | None,
         amplitudes: Mapping[str, Array],
         wanted: Sequence[str] | None,
     ) -> Displacements:
-        """Those of parts that are there or wanted, at the samples of a motion."""
-        asked = set(self.parts) if wanted is None else set(wanted) & set(self.parts)
-        on = [x for x in self.parts if x in asked or np.any(amplitudes.get(x, 0.0))]
+        """Displacements of parts with an amplitude or wanted, at the samples of ``m``."""
+        needed = set(self.parts) if wanted is None else set(wanted) & set(self.parts)
+        on = [x for x in self.parts if x in needed or np.any(amplitudes.get(x, 0.0))]
         if not on:
             return {}
         if between is None:
@@ -108,24 +116,28 @@ class Changes:
             names = [n for x in on for n in (x, *(f"{x} {p}" for p in self.parts[x].names))]
             return dict.fromkeys(names, (rest, rest))
         if between is m:
-            return self._integrated(m, amplitudes, on, asked)
+            return self._integrated(m, amplitudes, on, needed)
         there = sorted((name, a.tobytes()) for name, a in amplitudes.items() if np.any(a))
         key = tuple(on), tuple(there)
         last = self._last.get(m.name)
-        # The force law and the balance of a run are formed about the same amplitudes.
-        if last is None or last[0] != key or not asked <= last[1]:
-            last = key, asked, self._integrated(between, amplitudes, on, asked)
+        # Cached: force law and balance of a run are formed at the same amplitudes.
+        if last is None or last[0] != key or not needed <= last[1]:
+            last = key, needed, self._integrated(between, amplitudes, on, needed)
             self._last[m.name] = last
         step = between.times[1] - between.times[0]
         at = np.rint((m.times - between.times[0]) / step).astype(int)
         return {name: (d[at], rate[at]) for name, (d, rate) in last[2].items()}
 
     def _integrated(
-        self, m: Motion, amplitudes: Mapping[str, Array], on: Sequence[str], slopes: set[str]
+        self,
+        m: MeshMotion,
+        amplitudes: Mapping[str, Array],
+        on: Sequence[str],
+        slopes: set[str],
     ) -> Displacements:
-        """Displacements of some parts one after the other, each with those before it."""
+        """Integrate parts one after the other, each driven by the law that earlier ones change."""
         found: dict[str, tuple[Array, Array]] = {}
-        change = Change()
+        change = LawChange()
         self._add(change, m, amplitudes)
         for label in on:
             part = self.parts[label]
@@ -137,18 +149,19 @@ class Changes:
 
 
 def _displace(
-    change: Change, displacements: Displacements, label: str, amplitudes: Mapping[str, Array]
+    change: LawChange, displacements: Displacements, label: str, amplitudes: Mapping[str, Array]
 ) -> None:
-    """Add the displacement of a part at its amplitude."""
+    """Add the displacement of a part at its amplitude to ``change``."""
     a = amplitudes.get(label)
     if a is not None and np.any(a):
         d, rate = displacements[label]
         change.d, change.d_rate = change.d + d * a, change.d_rate + rate * a
 
 
-def _add(change: Change, f: Function, m: Motion, now: Law, a: Array) -> None:
-    if f.bent is not None:
-        value, rate = f.bent(m, a)
+def _add(change: LawChange, f: Function, m: MeshMotion, now: Law, a: Array) -> None:
+    """Add a function at amplitudes ``a`` (n_mesh,) to ``change``; ``now``: the law before it."""
+    if f.nonlinear is not None:
+        value, rate = f.nonlinear(m, a)
         setattr(change, f.slot, getattr(change, f.slot) + value)
         if f.slot == "d":
             change.d_rate = change.d_rate + rate

@@ -1,7 +1,7 @@
-"""The common delay of all channels where rotations don't tell it: by what the gear's laws say.
+"""Estimate the delay common to all channels where rotations don't determine it.
 
-The delay of e(t) and k(t) that lets the calibrated gear leave least of short stretches of the runs
-is taken, unless a shift in time of some meshes or sensors alone leaves less.
+The delay of e(t) and k(t) that minimises the residual of the calibrated gear on short stretches of
+the runs is removed, unless a time shift of single meshes or sensors explains more.
 """
 
 from __future__ import annotations
@@ -18,24 +18,29 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensors.late import later, longest_delay, put_right
 
-CYCLES = 20  # of a stretch: a hundred times what the balance averages over
-STRETCHES = 2  # of the fastest runs, where a delay shows most
-TENTH_S = 1e-7  # precision of a delay: a fiftieth of the longest of the data sheet
-ENOUGH = 2.0  # squares a value: where the gear leaves no more than its noise again, no delay shows
-SHIFTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")  # in time, of some alone
+STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the balance
+N_STRETCHES = 2  # runs used, the fastest ones, where a delay is largest in phase
+DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
+MAX_NULL_CHI2 = 2.0  # energy per value; below it no delay is visible; chosen
+# Effects that shift single meshes or sensors in time.
+TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 
 
-def undelayed(
+def remove_common_delay(
     runs: Sequence[PreparedRun], gain_tolerance: Sequence[float]
 ) -> tuple[PreparedRun, ...]:
-    """The runs with k(t) and e(t) late as all channels are; as they were where none is found."""
+    """Runs with k(t) and e(t) delayed like the channels; unchanged where no delay is found.
+
+    Args:
+        gain_tolerance: (n_mesh,) of force sensors; empty: none.
+    """
     if all(run.u.complete and run.x.there.any() for run in runs):
         return put_right(runs)
-    fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:STRETCHES]
+    fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:N_STRETCHES]
     some = [_stretch(run) for run in fastest]
 
     gear = Gear(some)
-    if gear.by_windows or not GearMachine(gear).formed:
+    if gear.uses_windows or not GearMachine(gear).observation_names:
         return tuple(runs)
 
     def null(delay: float) -> Search:
@@ -43,16 +48,18 @@ def undelayed(
         return Search(GearMachine(gear))
 
     def left(delay: float) -> float:
-        """Whitened squares a value."""
+        """Energy per value of the calibrated gear at a delay [s]."""
         score = null(delay).null
         return score.in_sample / score.count
 
     search = null(0.0)
-    if search.null.in_sample < ENOUGH * search.null.count:
+    if search.null.in_sample < MAX_NULL_CHI2 * search.null.count:
         return tuple(runs)
-    found = minimize_scalar(left, bounds=(0.0, longest_delay(runs[0])), options={"xatol": TENTH_S})
+    found = minimize_scalar(
+        left, bounds=(0.0, longest_delay(runs[0])), options={"xatol": DELAY_TOLERANCE_S}
+    )
     search = search.onwards(search.machine)
-    shifts = [h for h in search.machine.hypotheses() if h.effect in SHIFTS]
+    shifts = [h for h in search.machine.hypotheses() if h.effect in TIME_SHIFT_EFFECTS]
     most = min((search.quick(h.coefficients) for h in shifts), default=0.0)
     if found.fun * search.null.count < search.null.in_sample + min(most, 0.0):
         return tuple(later(run, float(found.x)) for run in runs)
@@ -60,5 +67,6 @@ def undelayed(
 
 
 def _stretch(run: PreparedRun) -> PreparedRun:
-    samples = CYCLES * 2.0 * np.pi / (run.omega_rad_per_s * run.step_s)
+    """First ``STRETCH_CYCLES`` mesh cycles of a run."""
+    samples = STRETCH_CYCLES * 2.0 * np.pi / (run.omega_rad_per_s * run.step_s)
     return part_of(run, slice(0, int(samples)), run.name)

@@ -1,7 +1,7 @@
-"""What the motion sensors say of each other: x = G u - e and dx/dt = v, free of any law.
+"""Consistency of motion sensors as an observation: x = G u - e and dx/dt = v, free of force laws.
 
-Twelve x, twelve v and nine u see eight coordinates and their rates. What geometry leaves of them,
-and of increments against the integral of rates, is noise unless a sensor errs.
+Twelve x, twelve v and nine u measure eight coordinates and their rates. The residuals of these
+relations, and of increments against integrated rates, are noise unless a sensor is wrong.
 """
 
 from __future__ import annotations
@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.force_law import GRATING_RAD, shafts, slow_waves
+from herringbone_sim.gap.observations.force_law import (
+    ENCODER_ERROR_RAD,
+    cycles_per_shaft_turn,
+    slow_waves,
+)
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.sensors.consistency import Relation, channel_signals, relations
 from herringbone_sim.gap.sensors.corrected import undone
@@ -21,37 +25,37 @@ from herringbone_sim.gap.sensors.groups import sensor_names
 Array = NDArray[np.float64]
 
 NAME = "consistency"
-KINDS = ("gain", "bias", "delay", "clock")
+ERROR_KINDS = ("gain", "bias", "delay", "clock")
 
 
 def function_names(layout: Layout, swap: tuple[str, str] | None) -> tuple[str, ...]:
-    """Errors of each channel, kinds fastest, channels x, v, u in order; an exchange of two."""
-    errors = tuple(f"{kind} of {name}" for name in sensor_names(layout) for kind in KINDS)
+    """Columns: each error of each channel (x, v, u in order), and the swap of two channels."""
+    errors = tuple(f"{kind} of {name}" for name in sensor_names(layout) for kind in ERROR_KINDS)
     return errors if swap is None else (*errors, "swap")
 
 
 def block(
     run: PreparedRun, fused: Fused, drift: float, swap: tuple[str, str] | None
 ) -> Block | None:
-    """Consistency of a run; None where nothing can be compared.
+    """Consistency residuals of a run; None where no channels are redundant.
 
     Args:
         drift: RMS of drift and hum over that of the noise.
-        swap: channels that may have been exchanged.
+        swap: channels that may have been swapped; None: no such column.
     """
     J = len(sensor_names(run.model.layout))
-    signals = channel_signals(run, np.ones((J, len(KINDS))), fused)
-    parts = [_rows(one, len(run)) for one in relations(run, signals)]
+    signals = channel_signals(run, np.ones((J, len(ERROR_KINDS))), fused)
+    parts = [_relation_rows(one, len(run)) for one in relations(run, signals)]
     if not parts:
         return None
     residual, columns, weights = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
     names = function_names(run.model.layout, swap)
     if swap is not None:
         right = relations(undone(run, "swap", swap, 1.0), signals)
-        left = np.concatenate([_rows(one, len(run))[0] for one in right], axis=1)
+        left = np.concatenate([_relation_rows(one, len(run))[0] for one in right], axis=1)
         columns = np.concatenate([columns, (residual - left)[:, :, None]], axis=2)
     slow = slow_waves(run.times - run.times[0])
-    turns, size = _turns(run)
+    turns, size = _shaft_waves(run)
     R = residual.shape[1]
     nuisance = np.concatenate([slow, turns], axis=1)
     grating = np.sqrt(weights[0] ** 2 @ size**2)
@@ -77,8 +81,8 @@ def block(
     )
 
 
-def shown(block: Block) -> tuple[Array, Array]:
-    """(n, R) what the channel that enters each row most shows, and its rate."""
+def dominant_channels(block: Block) -> tuple[Array, Array]:
+    """(n, R) signal of the channel with the largest weight in each row, and its rate."""
     of_gain, of_delay = (
         np.array([i for i, f in enumerate(block.functions) if f.startswith(f"{kind} of")])
         for kind in ("gain", "delay")
@@ -88,8 +92,8 @@ def shown(block: Block) -> tuple[Array, Array]:
     return block.columns[:, rows, of_gain[most]], block.columns[:, rows, of_delay[most]]
 
 
-def _rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
-    """Residual (n, d), columns (n, d, Q) and how each channel enters (d, J); zeros at the end."""
+def _relation_rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
+    """Residual (n, d), columns (n, d, Q), weights of channels (d, J); padded with 0 to n."""
     pad = n - len(one.left)
     left = np.pad(one.left, ((0, pad), (0, 0)))
     signals = np.pad(one.signals, ((0, pad), (0, 0), (0, 0)))
@@ -97,19 +101,19 @@ def _rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
     return left, columns.reshape(n, left.shape[1], -1), one.columns.T[None].transpose(0, 2, 1)
 
 
-def _turns(run: PreparedRun) -> tuple[Array, Array]:
-    """Waves (n, 6) once a turn of each shaft, and the error of an encoder by channel (J,) [m]."""
+def _shaft_waves(run: PreparedRun) -> tuple[Array, Array]:
+    """cos and sin of the shaft angles (n, 6), and encoder error of each channel (J,) [m]."""
     waves = [
         trig(run.phase / cycles)
-        for cycles in shafts(run.model).values()
+        for cycles in cycles_per_shaft_turn(run.model).values()
         for trig in (np.cos, np.sin)
     ]
     s = run.model.scales
     radius = {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}
     sizes = [
-        GRATING_RAD * radius[name[2]]
+        ENCODER_ERROR_RAD * radius[name[2]]
         if name[0] == "u"
-        else GRATING_RAD * s.r_bs * (name[0] == "x")
+        else ENCODER_ERROR_RAD * s.r_bs * (name[0] == "x")
         for name in sensor_names(run.model.layout)
     ]
     return np.stack(waves, axis=1), np.array(sizes)

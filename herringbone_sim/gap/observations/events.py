@@ -1,8 +1,8 @@
-"""Teeth: events once a revolution, found by folding the residual over the turn of a member.
+"""Damaged teeth: once-per-revolution events, found by synchronous averaging of the residual.
 
-A cracked tooth takes stiffness, a spalled one displaces; its window over the path of contact is a
-curve of its own. Where the same tooth meets the other meshes is a place that assembly leaves open
-to half a mesh cycle.
+A cracked tooth reduces stiffness, a spalled one adds a displacement, each over a window of the
+path of contact with a free curve. The phase at which the same tooth meets the other meshes depends
+on the assembly, to half a mesh cycle.
 """
 
 from __future__ import annotations
@@ -13,40 +13,48 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block, cleared
+from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
 from herringbone_sim.gap.observations import balance, force_law
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.curves import SHAPE
+from herringbone_sim.gap.observations.coefficients import (
+    DEPARTURE_SHARE,
+    CoefficientBuilder,
+    Weights,
+)
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
-from herringbone_sim.gap.observations.law import Law, Motion
-from herringbone_sim.gap.observations.places import Places, Weights
+from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
 Array = NDArray[np.float64]
 
-BINS = 6  # to a mesh cycle, which has ten samples or more
-SPAN = 1.5  # mesh cycles that a pair of teeth is in contact (contact ratio), data sheet's geometry
-WIDE = 0.5 * SPAN  # from the middle of a contact to its end
-APART = 0.125  # mesh cycles between knots of a window's curve: three samples of 24 a cycle
-KNOTS = np.arange(-9, 10, dtype=np.float64) * APART  # from the window's middle
+BINS_PER_CYCLE = 6  # of the average; runs have ten samples a mesh cycle or more
+CONTACT_CYCLES = 1.5  # mesh cycles of contact of a tooth pair (contact ratio), by data sheet
+HALF_CONTACT = 0.5 * CONTACT_CYCLES  # mesh cycles from the middle of a contact to its end
+KNOT_SPACING = 0.125  # mesh cycles between knots of the window; three samples at 24 a cycle
+# Mesh cycles from the middle of the window.
+KNOTS = np.arange(-9, 10, dtype=np.float64) * KNOT_SPACING
 
 
 @dataclass(frozen=True)
 class Fold:
-    """Sums over the turn of a member: (n_mesh, bins) squares of a column and products with r."""
+    """Synchronous sums over the revolution of a member, by mesh and bin.
+
+    Attributes:
+        A, b: (n_mesh, bins) column squared, and column times residual.
+    """
 
     A: Array
     b: Array
 
 
-def lags(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
-    """When in mesh cycles (n_mesh,) a tooth of a member meets each mesh, by ways of assembly."""
-    cycles = force_law.members(gear.model)[member]
+def mesh_delays(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
+    """Name and delay (n_mesh,) [mesh cycles] of a tooth at each mesh, by variant of assembly."""
+    cycles = force_law.cycles_per_member_turn(gear.model)[member]
     if member == "planet":
         for half in (0.5 * cycles, np.floor(0.5 * cycles), np.ceil(0.5 * cycles)):
             yield f"{half:g}", half * is_ring(gear.model.layout)
@@ -58,8 +66,8 @@ def lags(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
             yield f"{name} in step", np.rint(late)
 
 
-def meets(member: str, locus: Locus) -> bool:
-    """Whether a tooth of a member meets just these meshes."""
+def tooth_meets(member: str, locus: Locus) -> bool:
+    """Whether a place is one that a tooth of the member can have."""
     if member == "planet":
         return locus.planet != "all"
     return locus.mesh == {"sun": "sp", "ring": "rp"}[member]
@@ -67,13 +75,13 @@ def meets(member: str, locus: Locus) -> bool:
 
 @dataclass(frozen=True)
 class _Row:
-    """What one row of an observation says of one mesh: arrays (n,).
+    """One row of an observation as far as it concerns one mesh: arrays (n,).
 
     Attributes:
-        mesh: its number.
-        phase: [rad].
+        mesh: number of the mesh.
+        phase: mesh phase [rad].
         residual: over its noise.
-        columns: by kind of event, per unit of it, over the noise.
+        columns: by kind of event: change by a unit event at all times, over the noise.
     """
 
     mesh: int
@@ -82,17 +90,17 @@ class _Row:
     columns: Mapping[str, Array]
 
 
-def rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
-    """All rows about a change of the law: force law, or the balance of meshes without force."""
+def mesh_rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
+    """All rows about a change of the law: force law, and balance for meshes without force."""
     found: list[_Row] = []
-    through = gear.balanced and bool(gear.modelled.any())
+    through = gear.has_balance and bool(gear.modelled.any())
     balances = gear.blocks(amplitudes, {}, (balance.NAME,)) if through else []
     for r, g in enumerate(gear.runs):
-        m = g.some
+        m = g.strided
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         now = gear.law_of(m, of_law, ())
         residual = (m.F - now.force) / now.sigma
-        columns = {kind: c / now.sigma for kind, c in columns_of(m, now).items()}
+        columns = {kind: c / now.sigma for kind, c in event_columns(m, now).items()}
         found += [
             _Row(j, m.phase, residual[:, j], {kind: c[:, j] for kind, c in columns.items()})
             for j in np.flatnonzero(np.isfinite(residual).all(axis=0)).tolist()
@@ -103,22 +111,22 @@ def rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
     return found
 
 
-def columns_of(m: Motion, now: Law) -> dict[str, Array]:
-    """(n, n_mesh) force [N] that a unit of each kind of event adds."""
+def event_columns(m: MeshMotion, now: Law) -> dict[str, Array]:
+    """(n, n_mesh) force [N] of a unit event of each kind, as if always in contact."""
     return {
         "tooth_crack": -m.k * now.f,
-        "tooth_spall": now.k * (now.drive + now.back),
+        "tooth_spall": now.k * (now.contact_drive + now.contact_back),
     }
 
 
 def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
-    """Rows of the balance, one for each mesh whose force comes from the law."""
-    look = window_of(g.run, gear.width)
+    """Rows of the balance for each mesh whose force comes from the law."""
+    look = window_of(g.run, gear.window_cycles)
     stride = max(1, round(look.deviation))
-    root = np.sqrt(block.independent)
-    residual, phase = root * cleared(block), g.motion.phase[block.at]
+    root = np.sqrt(block.independent_share)
+    residual, phase = root * residual_without_nuisance(block), g.motion.phase[block.sample_index]
     reach = inertia_parts(gear.model).sum(0)
-    pushed = {k: look.average(c)[::stride] for k, c in columns_of(g.motion, now).items()}
+    pushed = {k: look.average(c)[::stride] for k, c in event_columns(g.motion, now).items()}
     return [
         _Row(
             j,
@@ -131,31 +139,35 @@ def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
     ]
 
 
-def fold(gear: Gear, every: Sequence[_Row], member: str) -> dict[str, Fold]:
-    """Folds of both kinds of event over the turn of a member."""
-    cycles = force_law.members(gear.model)[member]
-    bins = round(BINS * cycles)
+def fold_over_turn(gear: Gear, every: Sequence[_Row], member: str) -> dict[str, Fold]:
+    """Average rows synchronously with a member's revolution, for both kinds of event."""
+    cycles = force_law.cycles_per_member_turn(gear.model)[member]
+    bins = round(BINS_PER_CYCLE * cycles)
     n = gear.model.layout.n_mesh
-    found = {kind: Fold(np.zeros((n, bins)), np.zeros((n, bins))) for kind in KINDS}
+    found = {kind: Fold(np.zeros((n, bins)), np.zeros((n, bins))) for kind in EVENT_KINDS}
     for row in every:
         turned = np.mod(row.phase / (2.0 * np.pi), cycles)
-        at = np.floor(turned * BINS).astype(int) % bins
+        at = np.floor(turned * BINS_PER_CYCLE).astype(int) % bins
         for kind, c in row.columns.items():
             found[kind].A[row.mesh] += np.bincount(at, c * c, bins)
             found[kind].b[row.mesh] += np.bincount(at, c * row.residual, bins)
     return found
 
 
-KINDS = ("tooth_crack", "tooth_spall")
+EVENT_KINDS = ("tooth_crack", "tooth_spall")
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
-    """The most promising events of both kinds."""
+    """The events that remove most energy, ``per_kind`` of each kind.
+
+    Args:
+        amplitudes: of the current fit; its residual is searched.
+    """
     found: list[tuple[float, Event]] = []
-    every = rows(gear, amplitudes)
+    every = mesh_rows(gear, amplitudes)
     for member in ("sun", "planet", "ring"):
-        for kind, one in fold(gear, every, member).items():
-            found += _ranked(gear, member, kind, one)
+        for kind, one in fold_over_turn(gear, every, member).items():
+            found += _best_events(gear, member, kind, one)
     found.sort(key=lambda c: -c[0])
     chosen: list[Event] = []
     for _, event in found:
@@ -164,27 +176,33 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
     return chosen
 
 
-def _ranked(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[float, Event]]:
+def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[float, Event]]:
+    """Energy removed and event, for the best six places and assemblies of a member."""
     layout = gear.model.layout
-    cycles = force_law.members(gear.model)[member]
+    cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = one.A.shape[1]
-    wide = round(SPAN * BINS)
+    wide = round(CONTACT_CYCLES * BINS_PER_CYCLE)
     kernel = np.zeros(bins)
     kernel[:wide] = 1.0
     spectrum = np.fft.rfft(kernel)
 
     def summed(values: Array) -> Array:
+        """Circular sum over the length of a contact, for every start bin."""
         return np.asarray(np.fft.irfft(np.fft.rfft(values, axis=1) * spectrum, bins, axis=1))
 
     A, b = summed(one.A), summed(one.b)
     ranked = []
     for locus in known_effects()[kind].candidates(layout):
-        if not meets(member, locus):
+        if not tooth_meets(member, locus):
             continue
         mask = locus.mask(layout) > 0.0
-        ways = list(lags(gear, member)) if mask.sum() > 1 else [("alone", np.zeros(layout.n_mesh))]
+        ways = (
+            list(mesh_delays(gear, member))
+            if mask.sum() > 1
+            else [("alone", np.zeros(layout.n_mesh))]
+        )
         for _, late in ways:
-            shift = np.rint(late * BINS).astype(int)
+            shift = np.rint(late * BINS_PER_CYCLE).astype(int)
             total_A = sum(np.roll(A[j], -shift[j]) for j in np.flatnonzero(mask))
             total_b = sum(np.roll(b[j], -shift[j]) for j in np.flatnonzero(mask))
             fall = (
@@ -193,31 +211,38 @@ def _ranked(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[float, 
                 * (total_b > 0.0 if kind == "tooth_crack" else 1.0)
             )
             top = int(np.argmax(fall))
-            middle = (top - wide + 1 + 0.5 * wide) / BINS % cycles
+            middle = (top - wide + 1 + 0.5 * wide) / BINS_PER_CYCLE % cycles
             event = Event(kind, locus, member, float(middle), tuple(late.tolist()))
             ranked.append((float(fall[top]), event))
     ranked.sort(key=lambda c: -c[0])
     return ranked[:6]
 
 
-def window(
+def window_functions(
     gear: Gear, label: str, kind: str, member: str, middle: float, late: Array
 ) -> list[Function]:
-    """Hats over the mesh cycles from the middle of an event, each mesh at its own time."""
-    cycles = force_law.members(gear.model)[member]
+    """Hat functions over mesh cycles from an event, named ``LABEL i``, one a knot.
 
-    def from_event(m: Motion) -> Array:
+    Args:
+        middle: of the event [mesh cycles].
+        late: (n_mesh,) delay at each mesh [mesh cycles].
+    """
+    cycles = force_law.cycles_per_member_turn(gear.model)[member]
+
+    def from_event(m: MeshMotion) -> Array:
         s = m.phase[:, None] / (2.0 * np.pi) - middle - late
         return s - cycles * np.floor(s / cycles + 0.5)
 
     def made(i: int) -> Function:
-        def values(m: Motion, _: Law) -> Array:
-            return np.asarray(np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / APART))
+        def values(m: MeshMotion, _: Law) -> Array:
+            return np.asarray(
+                np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / KNOT_SPACING)
+            )
 
-        def rate(m: Motion, _: Law) -> Array:
+        def rate(m: MeshMotion, _: Law) -> Array:
             s = from_event(m) - KNOTS[i]
-            inside = np.abs(s) < APART
-            return np.where(inside, -np.sign(s), 0.0) / APART * m.omega / (2.0 * np.pi)
+            inside = np.abs(s) < KNOT_SPACING
+            return np.where(inside, -np.sign(s), 0.0) / KNOT_SPACING * m.omega / (2.0 * np.pi)
 
         if kind == "tooth_crack":
             return Function(f"{label} {i}", "kappa", values)
@@ -228,13 +253,13 @@ def window(
 
 @dataclass(frozen=True)
 class Event:
-    """An event once a revolution.
+    """A damaged tooth.
 
     Attributes:
         effect, locus: as in the catalogue.
-        member: that carries the tooth.
-        middle: of its window [mesh cycles].
-        late: (n_mesh,) when it meets each mesh [mesh cycles].
+        member: member with the tooth: sun, planet or ring.
+        middle: phase of the middle of its contact [mesh cycles].
+        late: (n_mesh,) delay of the contact at each mesh [mesh cycles].
     """
 
     effect: str
@@ -244,24 +269,28 @@ class Event:
     late: tuple[float, ...]
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
+        """Basis functions of its window, on its meshes alone."""
         late = np.array(self.late)
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
-        every = window(gear, label, self.effect, self.member, self.middle, late)
+        every = window_functions(gear, label, self.effect, self.member, self.middle, late)
         return tuple(replace(f, meshes=at) for f in every)
 
-    def place(self, places: Places, label: str) -> Hypothesis:
-        """With its coefficients: a raised cosine and departures from it."""
-        mask = self.locus.mask(places.gear.model.layout)
+    def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
+        """Hypothesis: a raised cosine over the window, and departures from it."""
+        mask = self.locus.mask(builder.gear.model.layout)
         sign, unit = (-1.0, 0.3) if self.effect == "tooth_crack" else (1.0, 5e-6)
         main: Weights = {f"{label} {i}": sign * w * mask for i, w in enumerate(BUMP) if w}
-        terms = [places.coefficient(_NAMES[self.effect], main, unit)]
+        terms = [builder.coefficient(_PARAMETER_NAMES[self.effect], main, unit)]
         for i in range(len(KNOTS)):
             bend: Weights = {f"{label} {i}": sign * mask}
-            terms.append(places.coefficient(f"window {i}", bend, unit * 2 * SHAPE))
+            terms.append(builder.coefficient(f"window {i}", bend, unit * 2 * DEPARTURE_SHARE))
         options = (("member", self.member),)
-        # A window of its own time and place is no rival's way out: its form is free.
+        # All coefficients count as own: a free shape at one tooth imitates no other effect.
         return Hypothesis(self.effect, options, self.locus, tuple(terms), len(terms), self)
 
 
-BUMP = np.where(np.abs(KNOTS) < WIDE, 0.5 + 0.5 * np.cos(np.pi * KNOTS / WIDE), 0.0)
-_NAMES = {"tooth_crack": "depth", "tooth_spall": "height"}
+# Raised cosine over the contact, at the knots.
+BUMP = np.where(
+    np.abs(KNOTS) < HALF_CONTACT, 0.5 + 0.5 * np.cos(np.pi * KNOTS / HALF_CONTACT), 0.0
+)
+_PARAMETER_NAMES = {"tooth_crack": "depth", "tooth_spall": "height"}

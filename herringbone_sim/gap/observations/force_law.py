@@ -1,7 +1,7 @@
 """The force law as an observation: measured minus modelled force, mesh by mesh.
 
-Local and algebraic, so chaos does not matter. Formed on every mesh that has F, and x and v by any
-way.
+Algebraic in the measured motion, so chaos does not matter. Needs F of a mesh, and its x and v,
+measured or inferred.
 """
 
 from __future__ import annotations
@@ -20,37 +20,44 @@ from herringbone_sim.gap.observations.basis import (
     TURNS,
     Function,
     Values,
-    column,
-    constant,
-    load_hats,
-    waves,
+    constant_function,
+    force_column,
+    harmonic_functions,
+    load_hat_functions,
 )
 from herringbone_sim.gap.observations.common_filter import FILTERS
-from herringbone_sim.gap.observations.law import Law, Motion
+from herringbone_sim.gap.observations.law import Law, MeshMotion
 
 Array = NDArray[np.float64]
 
 NAME = "force_law"
-SLOWEST = 150.0  # [Hz] third harmonic of the mains: hum and drift lie below
-GRATING_RAD = 1.45e-5  # three seconds of arc, data sheet
-DRIFT_SHARE = 0.5  # of the noise: drift and hum, data sheet
+SLOW_HZ = 150.0  # [Hz] hum and drift lie below: third harmonic of the mains
+# Amplitude of the encoder error once a revolution: 3 arcsec, data sheet.
+ENCODER_ERROR_RAD = 1.45e-5
+DRIFT_SHARE = 0.5  # RMS of drift and hum over that of the noise, data sheet
 
 
-def shift_k(m: Motion, _: Law) -> Array:
-    """Slope of k(phase) over k_m."""
+def shift_k(m: MeshMotion, _: Law) -> Array:
+    """(n, n_mesh) derivative of k by the phase, over k_m."""
     return np.gradient(m.k, m.phase, axis=0, edge_order=2) / m.k_m
 
 
-def shift_e(m: Motion, _: Law) -> Array:
+def shift_e(m: MeshMotion, _: Law) -> Array:
+    """(n, n_mesh) derivative of -e by the phase [m]."""
     return -m.e_rate / m.omega
 
 
-def shift_e_rate(m: Motion, _: Law) -> Array:
+def shift_e_rate(m: MeshMotion, _: Law) -> Array:
+    """(n, n_mesh) time derivative of ``shift_e`` [m/s]."""
     return -np.gradient(m.e_rate, m.times, axis=0, edge_order=2) / m.omega
 
 
-def ahead(m: Motion, a: Array, what: str) -> tuple[Array, Array]:
-    """k or -e, ahead by an angle a (n_mesh,), less what they are; and the rate of -e."""
+def phase_advance(m: MeshMotion, a: Array, what: str) -> tuple[Array, Array]:
+    """Change of k over k_m, or of -e and its rate, by a phase advance ``a`` (n_mesh,) [rad].
+
+    Args:
+        what: ``k`` or ``e``.
+    """
     value, rate = np.zeros_like(m.x), np.zeros_like(m.x)
     for angle in np.unique(a[a != 0.0]):
         w, at = m.waves_at(m.phase + angle), a == angle
@@ -61,14 +68,14 @@ def ahead(m: Motion, a: Array, what: str) -> tuple[Array, Array]:
     return value, rate
 
 
-def members(model: Model) -> dict[str, float]:
-    """Mesh cycles a revolution against the carrier."""
+def cycles_per_member_turn(model: Model) -> dict[str, float]:
+    """Mesh cycles per revolution of each member relative to the carrier."""
     p = model.parameters
     return {"sun": float(p.z_s), "planet": float(p.z_p), "ring": float(p.z_r)}
 
 
-def shafts(model: Model) -> dict[str, float]:
-    """Mesh cycles a revolution to ground of suns, carrier and planets; the ring is fixed."""
+def cycles_per_shaft_turn(model: Model) -> dict[str, float]:
+    """Mesh cycles per absolute revolution of suns, carrier and planets; the ring is fixed."""
     p = model.parameters
     return {
         "s": p.z_s * p.z_r / (p.z_s + p.z_r),
@@ -77,83 +84,96 @@ def shafts(model: Model) -> dict[str, float]:
     }
 
 
-def functions(model: Model) -> list[Function]:
-    """All functions of the force law."""
+def law_functions(model: Model) -> list[Function]:
+    """All basis functions of the force law."""
     found = [
-        constant("kappa", "kappa"),
-        constant("gamma", "gamma"),
+        constant_function("kappa", "kappa"),
+        constant_function("gamma", "gamma"),
         Function("error", "d", lambda m, _: -m.e, lambda m, _: -m.e_rate),
-        constant("b_plus", "b_plus"),
-        constant("b_minus", "b_minus"),
+        constant_function("b_plus", "b_plus"),
+        constant_function("b_minus", "b_minus"),
         Function("shift k", "mean_kappa", shift_k),
         Function("shift e", "d", shift_e, shift_e_rate),
-        Function("ahead k", "mean_kappa", shift_k, None, partial(ahead, what="k")),
-        Function("ahead e", "d", shift_e, shift_e_rate, partial(ahead, what="e")),
+        Function("advance k", "mean_kappa", shift_k, None, partial(phase_advance, what="k")),
+        Function("advance e", "d", shift_e, shift_e_rate, partial(phase_advance, what="e")),
     ]
-    found += waves("mean_kappa", "k", {str(q): q for q in ORDERS})
-    found += waves("d", "e", {str(q): q for q in ORDERS})
-    for member, cycles in members(model).items():
-        found += waves("d", member, {str(h): h / cycles for h in TURNS})
-    for shaft, cycles in shafts(model).items():
-        found += waves("d", f"shaft {shaft}", {"1": 1.0 / cycles})
-    found += load_hats("kappa", "kappa load")
+    found += harmonic_functions("mean_kappa", "k", {str(q): q for q in ORDERS})
+    found += harmonic_functions("d", "e", {str(q): q for q in ORDERS})
+    for member, cycles in cycles_per_member_turn(model).items():
+        found += harmonic_functions("d", member, {str(h): h / cycles for h in TURNS})
+    for shaft, cycles in cycles_per_shaft_turn(model).items():
+        found += harmonic_functions("d", f"shaft {shaft}", {"1": 1.0 / cycles})
+    found += load_hat_functions("kappa", "kappa load")
     found += [
-        Function("gamma out", "gamma", lambda _, law: 1.0 - law.drive - law.back),
-        *(Function(f.name, f.slot, _in_contact(f)) for f in load_hats("gamma", "gamma load")),
-        constant("F bias", "more"),
-        Function("F gain", "more", lambda _, law: law.force),
-        Function("F delay", "more", lambda m, law: -np.gradient(law.force, m.times, axis=0)),
+        Function("gamma free", "gamma", lambda _, law: 1.0 - law.contact_drive - law.contact_back),
+        *(
+            Function(f.name, f.slot, _in_contact(f))
+            for f in load_hat_functions("gamma", "gamma load")
+        ),
+        constant_function("F bias", "extra_force"),
+        Function("F gain", "extra_force", lambda _, law: law.force),
+        Function(
+            "F delay", "extra_force", lambda m, law: -np.gradient(law.force, m.times, axis=0)
+        ),
         Function(
             "F clock",
-            "more",
+            "extra_force",
             lambda m, law: -m.times[:, None] * np.gradient(law.force, m.times, axis=0),
         ),
-        *(Function(f"filter {i + 1}", "more", _filtered(i)) for i in range(len(FILTERS))),
+        *(Function(f"filter {i + 1}", "extra_force", _filtered(i)) for i in range(len(FILTERS))),
     ]
     for i in range(model.layout.n_mesh):
-        found.append(Function(f"F of {i}", "more", _of_mesh(i)))
+        found.append(Function(f"F of {i}", "extra_force", _of_mesh(i)))
     return found
 
 
 def _in_contact(f: Function) -> Values:
-    return lambda m, law: f.values(m, law) * (law.drive + law.back)
+    """Values of a function times the probability of contact."""
+    return lambda m, law: f.values(m, law) * (law.contact_drive + law.contact_back)
 
 
 def _of_mesh(i: int) -> Values:
+    """Force of mesh i, in all meshes: the column of swapped force channels."""
     return lambda m, law: np.repeat(law.force[:, i : i + 1], m.x.shape[1], axis=1)
 
 
 def _filtered(i: int) -> Values:
-    """What a common filter does to the force."""
+    """Change of the force by common filter i, 0 where unknown."""
     return lambda m, _: np.zeros_like(m.x) if m.filtered is None else m.filtered[i]
 
 
 def slow_waves(times: Array) -> Array:
-    """Cosines (n, S) over the run up to the third harmonic of the mains, the mean left out."""
+    """(n, S) cosines over the run with frequencies up to ``SLOW_HZ``, without the constant."""
     span = times[-1] - times[0]
-    count = max(1, int(np.ceil(2.0 * span * SLOWEST)))
+    count = max(1, int(np.ceil(2.0 * span * SLOW_HZ)))
     at = (np.arange(len(times)) + 0.5) / len(times)
     return np.cos(np.pi * np.outer(at, np.arange(1, count + 1)))
 
 
 def block(
-    m: Motion,
+    m: MeshMotion,
     law: Law,
     model: Model,
     chosen: Sequence[Function],
     drift: float = DRIFT_SHARE,
 ) -> Block:
-    """The force law of a run; meshes without force have no weight."""
+    """Force-law residual of a run; rows of meshes without recorded force are zero.
+
+    Args:
+        law: at the point of linearisation.
+        chosen: functions whose columns are formed.
+        drift: RMS of drift and hum over that of the noise.
+    """
     known = np.asarray(np.all(np.isfinite(m.F) & np.isfinite(law.force), axis=0))
     residual = np.where(known, m.F - law.force, 0.0)
     sigma = np.where(known, law.sigma, 1.0)
     names = tuple(f.name for f in chosen)
-    # One function after the other in memory: written in one piece each.
-    flat = np.stack([column(f, m, law) for f in chosen])
+    # Functions along the first axis: each is written contiguously.
+    flat = np.stack([force_column(f, m, law) for f in chosen])
     flat[:, :, ~known] = 0.0
     columns = np.moveaxis(np.nan_to_num(flat, copy=False), 0, 2)
     slow = slow_waves(m.times)
-    stiff = np.nan_to_num(law.k * (law.drive + law.back))
+    stiff = np.nan_to_num(law.k * (law.contact_drive + law.contact_back))
     nuisance = np.concatenate(
         [
             np.repeat(slow[:, None, :], len(known), axis=1),
@@ -162,7 +182,7 @@ def block(
         axis=2,
     )
     S = slow.shape[1]
-    # Drift shares its power among the cosines; each has a mean square of one half.
+    # Power of drift is spread evenly over the cosines, whose mean square is one half.
     spread = drift * np.sqrt(2.0 / S)
     sd = np.concatenate(
         [
@@ -171,7 +191,7 @@ def block(
         ],
         axis=1,
     )
-    shared, shared_sd = gratings(model, names)
+    shared, shared_sd = encoder_nuisances(model, names)
     return Block(
         NAME,
         m.name,
@@ -187,10 +207,13 @@ def block(
     )
 
 
-def gratings(model: Model, names: Sequence[str]) -> tuple[Array, Array]:
-    """Encoders off centre, each once a turn of its own body: (T, n_mesh, Q) and their prior [m].
+def encoder_nuisances(model: Model, names: Sequence[str]) -> tuple[Array, Array]:
+    """Encoder errors once per revolution of each body, as shared nuisances.
 
-    A reading that is late by w shows as force with less displacement: d = -(D B)[:, body] w.
+    A reading too large by w acts on the law as the displacement d = -(D B)[:, body] w.
+
+    Returns:
+        Weights (T, n_mesh, Q) of the functions ``names``, and prior standard deviations (T,) [m].
     """
     D, B = coordinates_to_meshes(model.layout), bodies_to_coordinates(model)
     through = -D @ B
@@ -202,5 +225,5 @@ def gratings(model: Model, names: Sequence[str]) -> tuple[Array, Array]:
             one = np.zeros((model.layout.n_mesh, len(names)))
             one[:, names.index(f"shaft {body[0]} 1 {trig}")] = through[:, j]
             weights.append(one)
-            sds.append(GRATING_RAD * radius[body[0]])
+            sds.append(ENCODER_ERROR_RAD * radius[body[0]])
     return np.array(weights), np.array(sds)

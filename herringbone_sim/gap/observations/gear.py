@@ -1,4 +1,7 @@
-"""The gear as a machine that the engine can diagnose: its observations, tolerances and places."""
+"""All observations of a gear's runs, about any change of the force law.
+
+Longer than 300 lines: the observations share runs, caches and copies of one object.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +14,21 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.flexible import Surroundings
+from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.threads import each
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.changes import Changes, Part
-from herringbone_sim.gap.observations.law import Change, Law, Motion, law
+from herringbone_sim.gap.observations.changes import LawChanges, MovingPart
+from herringbone_sim.gap.observations.law import Law, LawChange, MeshMotion, law
+from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
-from herringbone_sim.gap.observations.shooting import Shot
-from herringbone_sim.gap.observations.surroundings import about_meshes, about_rows
+from herringbone_sim.gap.observations.shooting import WindowSolution
 from herringbone_sim.gap.observations.trajectory import Trajectory
-from herringbone_sim.gap.observations.window_channels import Channels as Followed
-from herringbone_sim.gap.observations.window_channels import channels
-from herringbone_sim.gap.observations.window_sensors import SWAP
+from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
+from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.corrected import undone
@@ -34,18 +36,25 @@ from herringbone_sim.gap.sensors.swaps import find_swap
 
 Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
-WIDTH = 0.12  # of the balance's window, mesh cycles: order 1 passes with 0.75, order 3 with 0.08
+# Width of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3.
+WINDOW_CYCLES = 0.12
 
 
 class Gear:
-    """Observations of a gear's runs, linear about any change of the law.
+    """Observations of a gear's runs, linearised about any change of the law.
 
     Args:
         runs: of one rig.
         drift: RMS of drift and hum over that of the noise.
-        stride: samples from one comparison of the force law to the next.
-        swap: motion channels that may have been exchanged; None: sought.
-        gain_tolerance: (n_mesh,) of force sensors, as the campaign tells.
+        stride: samples between comparisons of the force law.
+        swap: motion channels that may have been swapped; None: searched for.
+        gain_tolerance: (n_mesh,) of force sensors as given by the campaign; empty: none.
+
+    Attributes:
+        modelled: (n_mesh,) meshes whose force is not recorded in all runs and comes from the law.
+        exact_forces: whether the balance integrates forces between samples with all changes.
+        body_functions: further functions, forces on the carrier.
+        part_numbers: counter that labels moving parts, shared by all copies.
     """
 
     def __init__(
@@ -56,7 +65,7 @@ class Gear:
         swap: tuple[str, str] | None = None,
         gain_tolerance: Sequence[float] = (),
     ) -> None:
-        self.width = WIDTH
+        self.window_cycles = WINDOW_CYCLES
         self.model = runs[0].model
         self.drift, self.stride = drift, stride
         self.gain_tolerance = tuple(gain_tolerance) or (0.0,) * self.model.layout.n_mesh
@@ -65,23 +74,23 @@ class Gear:
         self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
         group = find_swap(runs)[0] if swap is None else None
         self.swap = swap if group is None else (group.names[0], group.names[1])
-        self.fine = False
+        self.exact_forces = False
         self.body_functions: tuple[Function, ...] = ()
-        self._changes = Changes(self.model, force_law.functions(self.model), {})
-        self._parts_about: Amplitudes = {}
-        self._plain_balances: list[Block] = []  # made once for all copies
-        self._trajectories: dict[int, Trajectory] = {}  # and these
-        self._exchanged: dict[tuple[int, str], Trajectory] = {}
-        self.part_numbers = count()  # one label for each part among all copies
+        self._changes = LawChanges(self.model, force_law.law_functions(self.model), {})
+        self._part_amplitudes: Amplitudes = {}
+        self._measured_balances: list[Block] = []  # shared by all copies
+        self._trajectories: dict[int, Trajectory] = {}  # likewise
+        self._swapped_trajectories: dict[tuple[int, str], Trajectory] = {}
+        self.part_numbers = count()
 
     @property
     def law_functions(self) -> tuple[Function, ...]:
-        """Those of the force law."""
+        """Functions of the force law."""
         return self._changes.functions
 
     @cached_property
     def functions(self) -> dict[str, tuple[str, ...]]:
-        """Names of all functions by observation."""
+        """Names of all functions, by observation."""
         laws = tuple(f.name for f in self.law_functions)
         return {
             force_law.NAME: laws,
@@ -93,46 +102,49 @@ class Gear:
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
             trajectory.NAME: trajectory.function_names(
-                self.model, (*self.law_functions, *self.body_functions), self.followed.names
+                self.model,
+                (*self.law_functions, *self.body_functions),
+                self.followed_channels.names,
             )
-            if self.by_windows
+            if self.uses_windows
             else (),
         }
 
     @cached_property
     def has_force_law(self) -> bool:
-        """Whether force and displacement are recorded of one mesh at least."""
+        """Whether force and displacement are known of at least one mesh."""
         known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
         return bool((~self.modelled & np.logical_and.reduce(known)).any())
 
     @cached_property
-    def by_windows(self) -> bool:
-        """Whether states are estimated over windows: where neither law nor balance is formed."""
-        few = not self.has_force_law and not self.balanced
+    def uses_windows(self) -> bool:
+        """Whether trajectories are fitted: where neither force law nor balance is formed."""
+        few = not self.has_force_law and not self.has_balance
         return few and all(g.run.shafts_known for g in self.runs)
 
     @cached_property
-    def followed(self) -> Followed:
-        """Channels of the first run that windows follow."""
-        return channels(self.runs[0].run)
+    def followed_channels(self) -> WindowChannels:
+        """Channels of the first run to which windows are fitted."""
+        return window_channels(self.runs[0].run)
 
     @property
     def gauges(self) -> tuple[str, ...]:
-        """Force channels that windows follow."""
-        return self.followed.gauges if self.by_windows else ()
+        """Names of force channels to which windows are fitted."""
+        return self.followed_channels.gauges if self.uses_windows else ()
 
-    def windows_of(self, r: int) -> Trajectory:
-        """Windows of a run, made once for all copies."""
+    def trajectory_of(self, r: int) -> Trajectory:
+        """Windows of run r, shared by all copies."""
         if r not in self._trajectories:
             self._trajectories[r] = trajectory.trajectory(self.runs[r].run)
         return self._trajectories[r]
 
     @property
     def trajectories(self) -> tuple[Trajectory, ...]:
-        return tuple(each(self.windows_of, range(len(self.runs))))
+        """Windows of all runs."""
+        return tuple(parallel_map(self.trajectory_of, range(len(self.runs))))
 
-    def of_runs(self, runs: Sequence[PreparedRun]) -> Gear:
-        """The same rig in other runs, at every sample; windows of runs known here are kept."""
+    def for_runs(self, runs: Sequence[PreparedRun]) -> Gear:
+        """Gear of other runs of the rig, at every sample; windows of shared runs are reused."""
         found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
         kept = {r: known.get(id(run)) for r, run in enumerate(runs)}
@@ -142,11 +154,12 @@ class Gear:
 
     @cached_property
     def omegas(self) -> Array:
+        """(runs,) mesh frequencies [rad/s]."""
         return np.array([g.motion.omega for g in self.runs])
 
     @cached_property
-    def sizes(self) -> dict[str, float]:
-        """RMS of each quantity over all runs; those without any channel are left out."""
+    def rms_by_quantity(self) -> dict[str, float]:
+        """RMS of all channels over all runs, by quantity of x, v and u that is recorded."""
         return {
             q: float(
                 np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
@@ -156,63 +169,70 @@ class Gear:
         }
 
     @cached_property
-    def relations(self) -> int:
-        """Rows of the consistency of motion sensors."""
+    def n_relations(self) -> int:
+        """Number of rows of the consistency observation."""
         few = part_of(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
         found = consistency.block(few, fuse(few), self.drift, self.swap)
         return 0 if found is None else len(found.rows)
 
     @cached_property
     def _consistency(self) -> list[Block | None]:
+        """Consistency of every run as recorded."""
         return [consistency.block(g.run, g.fused, self.drift, self.swap) for g in self.runs]
 
     @cached_property
     def delta_T(self) -> Array:
+        """(runs,) temperature rises [K]."""
         return np.array([g.motion.point["delta_T"] for g in self.runs])
 
     @cached_property
     def T_1(self) -> Array:
+        """(runs,) input torques [N m]."""
         return np.array([g.motion.point["T_1"] for g in self.runs])
 
     @cached_property
     def _quadrature(self) -> list[Array | None]:
-        """Integral minus sum of the nominal forces over the balance's window."""
-        return [self._between(r, {}) for r in range(len(self.runs))]
+        """``_quadrature_error`` of every run for the nominal law."""
+        return [self._quadrature_error(r, {}) for r in range(len(self.runs))]
 
-    def _between(self, r: int, of_law: Mapping[str, Array]) -> Array | None:
-        """Integral minus sum of the forces of a law over the balance's window (k, n_mesh) [N]."""
+    def _quadrature_error(self, r: int, of_law: Mapping[str, Array]) -> Array | None:
+        """Window integral of the forces minus its sum over samples (k, n_mesh) [N].
+
+        Args:
+            of_law: amplitudes (n_mesh,) by function of the law.
+        """
         g = self.runs[r]
         dense = g.dense
         if dense is None:
             return None
         force = self.law_of(dense, of_law, ()).force
-        look = window_of(g.run, self.width)
+        look = window_of(g.run, self.window_cycles)
         fine = look.finer(FINE)
         reach = len(look.mean) // 2
         first = reach * FINE - len(fine.mean) // 2
         whole = fine.average(force)[first::FINE][: len(g.run) - 2 * reach]
         return np.asarray(whole - look.average(force[::FINE]))
 
-    def finely(self) -> Gear:
-        """The same, its balance with forces between samples by the law with all changes."""
+    def without_linearisation(self) -> Gear:
+        """Copy whose balance integrates forces between samples with all changes of the law."""
         found = copy.copy(self)
-        found.fine = True
+        found.exact_forces = True
         return found
 
     @cached_property
     def _balances(self) -> list[Block]:
-        """Balances of the runs as measured, which no law enters but for parts that move."""
-        if not self._plain_balances:
-            self._plain_balances += [
+        """Balances with recorded forces; independent of the law except for moving parts."""
+        if not self._measured_balances:
+            self._measured_balances += [
                 self._balance(r, g, law(g.motion), self.law_functions)
                 for r, g in enumerate(self.runs)
             ]
         if not self.body_functions:
-            return self._plain_balances
+            return self._measured_balances
         names = [f.name for f in self.body_functions]
         found = []
-        for r, (g, plain) in enumerate(zip(self.runs, self._plain_balances, strict=True)):
-            of_law = {f: a[r] for f, a in self._parts_about.get(force_law.NAME, {}).items()}
+        for r, (g, plain) in enumerate(zip(self.runs, self._measured_balances, strict=True)):
+            of_law = {f: a[r] for f, a in self._part_amplitudes.get(force_law.NAME, {}).items()}
             now = self.law_of(g.motion, of_law)
             more = self._balance(r, g, now, self.law_functions, names)
             found.append(
@@ -221,7 +241,7 @@ class Gear:
                     functions=(*plain.functions, *more.functions),
                     columns=np.concatenate([plain.columns, more.columns], axis=2),
                     shared=np.concatenate([plain.shared, more.shared], axis=2),
-                    alike=np.concatenate([_alike(plain), _alike(more)]),
+                    common_columns=np.concatenate([_common_columns(plain), _common_columns(more)]),
                 )
             )
         return found
@@ -234,22 +254,14 @@ class Gear:
         chosen: Sequence[Function],
         wanted: Sequence[str] | None = None,
     ) -> Block:
-        return balance.block(
-            g.run,
-            g.fused,
-            g.motion,
-            now,
-            self.modelled,
-            chosen,
-            self._quadrature[r],
-            self.width,
-            self.body_functions,
-            wanted,
-            self.drift,
+        """Torque balance of run ``g``, number r, about the law ``now``; see ``balance.block``."""
+        setup = balance.BalanceSetup(
+            self.modelled, self.window_cycles, self.body_functions, self.drift
         )
+        return balance.block(g, now, setup, chosen, self._quadrature[r], wanted)
 
-    def _put_right(self, r: int, errors: Mapping[str, Array]) -> GearRun:
-        """A run without errors of its motion sensors."""
+    def _corrected_run(self, r: int, errors: Mapping[str, Array]) -> GearRun:
+        """Run r with errors of motion sensors removed; ``errors``: amplitudes by column."""
         g, run = self.runs[r], self.runs[r].run
         for name, a in errors.items():
             value = float(a[r][0])
@@ -263,38 +275,39 @@ class Gear:
         return gear_run(run, self.stride)
 
     def law_of(
-        self, m: Motion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = None
+        self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = None
     ) -> Law:
-        """The law of a run with functions at amplitudes (n_mesh,).
+        """Force law of a run with functions at amplitudes (n_mesh,).
 
         Args:
-            wanted: functions whose columns will be formed (None: all).
+            wanted: functions whose columns will be formed; None: all.
         """
         return law(m, self.change_of(m, amplitudes, wanted))
 
     def change_of(
-        self, m: Motion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = ()
-    ) -> Change:
-        """What functions at amplitudes (n_mesh,) do to the law of a run."""
+        self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = ()
+    ) -> LawChange:
+        """Change of the law of a run by functions at amplitudes (n_mesh,); see ``law_of``."""
         r = self._number.get(m.name)
         between = None if r is None or not self._changes.parts else self.runs[r].dense
-        return self._changes.of(m, m if self.by_windows else between, amplitudes, wanted)
+        return self._changes.evaluated(m, m if self.uses_windows else between, amplitudes, wanted)
 
     @cached_property
     def _number(self) -> dict[str, int]:
+        """Number of each run, by name."""
         return {g.motion.name: r for r, g in enumerate(self.runs)}
 
-    def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        """The consistency always; the balance unless its forces or its motion change."""
+    def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
+        """Consistency; balance, if all forces are recorded and no motion sensor is changed."""
         motion = any(np.any(a) for a in amplitudes.get(consistency.NAME, {}).values())
-        if motion or self.modelled.any() or self.fine:
-            return (consistency.NAME,) if self.relations else ()
-        known = (balance.NAME,) if self.balanced else ()
-        return (*known, consistency.NAME) if self.relations else known
+        if motion or self.modelled.any() or self.exact_forces:
+            return (consistency.NAME,) if self.n_relations else ()
+        known = (balance.NAME,) if self.has_balance else ()
+        return (*known, consistency.NAME) if self.n_relations else known
 
     @cached_property
-    def balanced(self) -> bool:
-        """Whether rates of all coordinates are known."""
+    def has_balance(self) -> bool:
+        """Whether rates of all coordinates are known in all runs."""
         return all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
 
     def blocks(
@@ -303,8 +316,8 @@ class Gear:
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> list[dict[str, Block]]:
-        """Some observations of all runs about a change, with the columns wanted (None: all)."""
-        return each(
+        """Blocks of all runs about amplitudes; see ``diagnosis.search.Machine.blocks``."""
+        return parallel_map(
             lambda r: self._blocks(r, amplitudes, wanted, observations), range(len(self.runs))
         )
 
@@ -315,28 +328,29 @@ class Gear:
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> dict[str, Block]:
+        """Blocks of run r."""
         found: dict[str, Block] = {}
         relations = self._consistency[r] if consistency.NAME in observations else None
         if relations is not None:
-            found[consistency.NAME] = _about(
+            found[consistency.NAME] = _linear_block_at(
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
-        if trajectory.NAME in observations and self.by_windows:
+        if trajectory.NAME in observations and self.uses_windows:
             found[trajectory.NAME] = self._windows(r, amplitudes, wanted)
         if not {force_law.NAME, balance.NAME} & set(observations):
             return found
-        g = self._put_right(r, amplitudes.get(consistency.NAME, {}))
+        g = self._corrected_run(r, amplitudes.get(consistency.NAME, {}))
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         chosen = self.law_functions
         if wanted is not None:
             used = {*wanted.get(force_law.NAME, ()), *SHAFT_NAMES}
             chosen = tuple(f for f in chosen if f.name in used)
-        asked = [f.name for f in chosen]
+        law_columns = [f.name for f in chosen]
         if force_law.NAME in observations and self.has_force_law:
-            now = self.law_of(g.some, of_law, asked)
-            found[force_law.NAME] = force_law.block(g.some, now, self.model, chosen, self.drift)
-        if balance.NAME in observations and self.balanced:
-            # Functions of laws stand in the forces already.
+            now = self.law_of(g.strided, of_law, law_columns)
+            found[force_law.NAME] = force_law.block(g.strided, now, self.model, chosen, self.drift)
+        if balance.NAME in observations and self.has_balance:
+            # Functions of the law are in the forces already.
             own = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
             own |= {f.name for f in self.body_functions}
             given = amplitudes.get(balance.NAME, {})
@@ -349,13 +363,13 @@ class Gear:
             full = (
                 self._balances[r]
                 if cached
-                else self._balance(r, g, self.law_of(g.motion, of_law, asked), chosen, names)
+                else self._balance(r, g, self.law_of(g.motion, of_law, law_columns), chosen, names)
             )
-            if self.fine and self._quadrature[r] is not None:
-                full = balance.corrected(
-                    full, self._between(r, of_law), self._quadrature[r], g.run
+            if self.exact_forces and self._quadrature[r] is not None:
+                full = balance.with_quadrature(
+                    full, self._quadrature_error(r, of_law), self._quadrature[r], g.run
                 )
-            found[balance.NAME] = _about(full, of_balance, r, wanted)
+            found[balance.NAME] = _linear_block_at(full, of_balance, r, wanted)
         return found
 
     def _windows(
@@ -364,7 +378,7 @@ class Gear:
         amplitudes: Amplitudes,
         wanted: Mapping[str, Sequence[str]] | None,
     ) -> Block:
-        """Windows of a run about a change, at the states that fit it."""
+        """Trajectory block of run r, states fitted under the change."""
         names_of = self.functions if wanted is None else wanted
         every = names_of.get(trajectory.NAME, ())
         functions = [f.name for f in self.law_functions]
@@ -372,41 +386,51 @@ class Gear:
             used = {name.rpartition(" of ")[0] for name in every}
             functions = [name for name in functions if name in used]
         change_of = self._windows_change(r, amplitudes, functions)[0]
-        shot = self.states(r, amplitudes)
-        one = self.windows_about(r, amplitudes)
+        solution = self.states(r, amplitudes)
+        one = self.trajectory_under(r, amplitudes)
         every_one = (*self.law_functions, *self.body_functions)
-        return one.block(shot, change_of, every_one, tuple(every))
+        return one.block(solution, change_of, every_one, tuple(every))
 
-    def states(self, r: int, amplitudes: Amplitudes) -> Shot:
-        """States of the windows of a run that fit a change."""
+    def states(self, r: int, amplitudes: Amplitudes) -> WindowSolution:
+        """Fit the states of the windows of run r under a change."""
         key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
-        one = self.windows_about(r, amplitudes)
-        return one.solved(tuple(key), *self._windows_change(r, amplitudes))
+        one = self.trajectory_under(r, amplitudes)
+        return one.fitted_states(tuple(key), *self._windows_change(r, amplitudes))
 
-    def windows_about(self, r: int, amplitudes: Amplitudes) -> Trajectory:
-        """Windows of a run; of the channels put back where a change says they are exchanged."""
+    def trajectory_under(self, r: int, amplitudes: Amplitudes) -> Trajectory:
+        """Windows of run r; with channels swapped back if the amplitudes contain a swap."""
         for f, a in amplitudes.get(trajectory.NAME, {}).items():
-            if f.startswith(SWAP) and a[r][0] != 0.0:
+            if f.startswith(SWAP_PREFIX) and a[r][0] != 0.0:
                 key = r, f
-                if key not in self._exchanged:
-                    names = f.removeprefix(SWAP).split(" and ")
+                if key not in self._swapped_trajectories:
+                    names = f.removeprefix(SWAP_PREFIX).split(" and ")
                     run = undone(self.runs[r].run, "swap", names, 1.0)
-                    self._exchanged[key] = trajectory.trajectory(run)
-                return self._exchanged[key]
-        return self.windows_of(r)
+                    self._swapped_trajectories[key] = trajectory.trajectory(run)
+                return self._swapped_trajectories[key]
+        return self.trajectory_of(r)
 
-    def squares_near(self, r: int, near: Shot, amplitudes: Amplitudes, rounds: int) -> float:
-        """Squares that some rounds leave of the windows of a run, from states near by."""
-        one = self.windows_about(r, amplitudes)
+    def energy_near(
+        self, r: int, near: WindowSolution, amplitudes: Amplitudes, rounds: int
+    ) -> float:
+        """Energy of the windows of run r after ``rounds`` steps under a change.
+
+        Args:
+            near: states to start from.
+        """
+        one = self.trajectory_under(r, amplitudes)
         return one.cost_near(near, *self._windows_change(r, amplitudes), rounds)
 
     def _windows_change(
         self, r: int, amplitudes: Amplitudes, wanted: Sequence[str] = ()
-    ) -> tuple[Callable[[Motion], Change], dict[str, float], tuple[Function, ...]]:
-        """What amplitudes do to the law of a run, those of bodies and sensors, their functions.
+    ) -> tuple[Callable[[MeshMotion], LawChange], dict[str, float], tuple[Function, ...]]:
+        """Arguments of ``Trajectory.fitted_states`` for run r.
 
         Args:
             wanted: functions of the law whose columns will be formed.
+
+        Returns:
+            Change of the law by motion, amplitudes of functions on bodies and sensors, and the
+            functions on the carrier.
         """
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         names = {f.name for f in self.law_functions}
@@ -421,51 +445,54 @@ class Gear:
         self,
         extra: Sequence[Function],
         on_bodies: Sequence[Function] = (),
-        parts: Mapping[str, Part] | None = None,
+        parts: Mapping[str, MovingPart] | None = None,
         about: Amplitudes | None = None,
     ) -> Gear:
-        """The same with further functions of the force law and of the balance.
+        """Copy with further functions.
 
         Args:
-            parts: that move by themselves, by the label that their functions begin with.
-            about: amplitudes of all else, by which parts move that push a body as well.
+            extra: functions of the force law.
+            on_bodies: forces on the carrier.
+            parts: moving parts, by the label that prefixes their functions.
+            about: amplitudes of everything else, about which parts on the carrier are computed;
+                None: as before.
         """
         found = copy.copy(self)
         every = {**self._changes.parts, **(parts or {})}
-        found._changes = Changes(self.model, (*self.law_functions, *extra), every)
+        found._changes = LawChanges(self.model, (*self.law_functions, *extra), every)
         found.body_functions = (*self.body_functions, *on_bodies)
-        found._parts_about = self._parts_about if about is None else about
+        found._part_amplitudes = self._part_amplitudes if about is None else about
         for name in ("functions", "_balances"):
             found.__dict__.pop(name, None)
         return found
 
-    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
-        """What is measured about the rows of a block of a run."""
+    def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
+        """Inputs of the flexible regression for the rows of a block of run r."""
         if observation == trajectory.NAME:
-            return self.windows_of(r).surroundings(block, self.law_functions)
+            return self.trajectory_of(r).regression_inputs(block, self.law_functions)
         g = self.runs[r]
-        cycles = (1.0, *force_law.members(self.model).values())
+        cycles = (1.0, *force_law.cycles_per_member_turn(self.model).values())
         if observation == force_law.NAME:
-            return about_meshes(g.some, cycles, block)
+            return about_meshes(g.strided, cycles, block)
         own: Sequence[Array] = (g.fused.z, g.fused.z_rate)
         relations = self._consistency[r]
         if observation == consistency.NAME and relations is not None:
-            own = consistency.shown(relations)
+            own = consistency.dominant_channels(relations)
         return about_rows(g.motion, own, cycles, block)
 
 
 SHAFT_NAMES = tuple(f"shaft {s} 1 {trig}" for s in "scp" for trig in ("cos", "sin"))
 
 
-def _about(
+def _linear_block_at(
     block: Block,
     amplitudes: Mapping[str, Array],
     r: int,
     wanted: Mapping[str, Sequence[str]] | None,
 ) -> Block:
-    """A linear block with its residual at some amplitudes, and the columns wanted.
+    """Linear block of run r with its residual moved to amplitudes, restricted to wanted columns.
 
-    Columns that shared nuisances are made of stay.
+    Columns used by shared nuisances are kept.
     """
     residual = block.residual
     for name, a in amplitudes.items():
@@ -481,9 +508,14 @@ def _about(
         functions=tuple(block.functions[i] for i in keep),
         columns=block.columns[:, :, keep],
         shared=block.shared[:, :, keep],
-        alike=None if block.alike is None else block.alike[keep],
+        common_columns=None if block.common_columns is None else block.common_columns[keep],
     )
 
 
-def _alike(block: Block) -> NDArray[np.bool_]:
-    return np.zeros(len(block.functions), bool) if block.alike is None else block.alike
+def _common_columns(block: Block) -> NDArray[np.bool_]:
+    """Mask (Q,) of common columns of a block, all false where it has none."""
+    return (
+        np.zeros(len(block.functions), bool)
+        if block.common_columns is None
+        else block.common_columns
+    )

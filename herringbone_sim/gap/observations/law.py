@@ -1,7 +1,8 @@
-"""The force law of a run with room for what effects do, and its derivatives.
+"""The mesh force law at measured motion, with terms that effects change.
 
-F = k(t) [1 + kappa] f(x + d; b' + b_plus, b' + b_minus) + c [1 + gamma] (v + d') + more, with f
-the backlash function smoothed over the noise of x, Eqs. (1) to (4), (12).
+F = [k(t) (1 + kappa) + k_m mean_kappa] f(x + d; b' + b_plus, b' + b_minus)
+    + c (1 + gamma) (v + d') + extra_force,
+with f the expectation of the backlash function over the noise of x, Eqs. (1) to (4), (12).
 """
 
 from __future__ import annotations
@@ -22,26 +23,25 @@ from herringbone_sim.gap.residuals.fusion import Fused
 
 Array = NDArray[np.float64]
 Displacements = Mapping[str, tuple[Array, Array]]  # [m] and rate [m/s], (n, n_mesh), by function
-SLOTS = ("kappa", "mean_kappa", "d", "b_plus", "b_minus", "gamma", "more")
 
 
 @dataclass(frozen=True)
-class Motion:
-    """A run as the force law needs it; arrays (n, n_mesh) where nothing else is said.
+class MeshMotion:
+    """Motion of all meshes of a run; arrays (n, n_mesh) unless stated otherwise.
 
     Attributes:
-        name: of the run.
-        phase, times: (n,) [rad], [s].
+        name: name of the run.
+        phase, times: (n,) mesh phase [rad], time [s].
         omega: mesh frequency [rad/s].
         point: delta_T [K], K, T_1 [N m], Omega.
         x, v: displacement [m] and rate [m/s] relative to the nominal e(t).
-        F: measured force [N], NaN where there is none.
-        sigma_x, sigma_v, sigma_F: (n_mesh,) noise.
+        F: measured force [N], NaN where not recorded.
+        sigma_x, sigma_v, sigma_F: (n_mesh,) noise of x, v, F.
         k, e, e_rate: nominal waves [N/m], [m], [m/s].
         waves_at: nominal waves at any phases (n,).
         k_m, c, b: (n_mesh,) mean stiffness [N/m], damping [N s/m], half-backlash [m].
-        filtered: (filters, n, n_mesh) force that common filters add [N]; None where it can't be
-            told, see ``common_filter``.
+        filtered: (filters, n, n_mesh) change of the force by common filters [N], see
+            ``common_filter``; None where unknown.
     """
 
     name: str
@@ -65,10 +65,10 @@ class Motion:
     filtered: Array | None = None
 
 
-def motion_of(run: PreparedRun, fused: Fused, stride: int = 1) -> Motion:
-    """A run with its best displacements, at every sample or at some of them."""
+def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
+    """Motion of a run from fused displacements, at every ``stride``-th sample."""
     at = slice(None, None, stride)
-    return Motion(
+    return MeshMotion(
         name=run.name,
         phase=run.phase[at],
         times=(run.times - run.times[0])[at],
@@ -93,19 +93,26 @@ def motion_of(run: PreparedRun, fused: Fused, stride: int = 1) -> Motion:
 def waves_of(
     model: Model, omega: float, late: float, e_share: float = 1.0
 ) -> Callable[[Array], Waves]:
-    """Nominal waves at any phases, late by an angle [rad], e(t) behind a filter."""
+    """Nominal waves as a function of phases (n,): ``late`` [rad] delay, e(t) times ``e_share``."""
     return partial(_waves, model, omega, late, e_share)
 
 
 def _waves(model: Model, omega: float, late: float, e_share: float, phase: Array) -> Waves:
+    """Nominal waves at phases (n,), ``late`` by an angle [rad]."""
     return waves(model, phase - late, omega, e_share)
 
 
 @dataclass
-class Change:
-    """What effects do to the law at every sample: arrays (n, n_mesh) or numbers.
+class LawChange:
+    """Change of the terms of the law: arrays (n, n_mesh) or numbers.
 
-    ``displacements`` are those of ``Law``; what of them acts is in ``d`` and ``d_rate`` already.
+    Attributes:
+        kappa, mean_kappa: relative change of k(t), and change over k_m.
+        d, d_rate: additional displacement [m] and its rate [m/s].
+        b_plus, b_minus: change of the half-backlash on drive and back flank [m].
+        gamma: relative change of c.
+        extra_force: [N].
+        displacements: of moving parts at unit amplitude, by function; ``d`` has those that act.
     """
 
     kappa: Array | float = 0.0
@@ -115,12 +122,14 @@ class Change:
     b_plus: Array | float = 0.0
     b_minus: Array | float = 0.0
     gamma: Array | float = 0.0
-    more: Array | float = 0.0
+    extra_force: Array | float = 0.0
     displacements: Displacements = field(default_factory=dict)
 
 
-def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion, Change]:
-    """A run and a change on some of its meshes alone."""
+def select_meshes(
+    m: MeshMotion, change: LawChange, at: NDArray[np.int64]
+) -> tuple[MeshMotion, LawChange]:
+    """Restrict a motion and a change to some meshes (indices)."""
     wide = ("x", "v", "F", "k", "e", "e_rate")
     narrow = ("sigma_x", "sigma_v", "sigma_F", "k_m", "c", "b")
     some = {name: getattr(m, name)[:, at] for name in wide}
@@ -131,7 +140,7 @@ def on_meshes(m: Motion, change: Change, at: NDArray[np.int64]) -> tuple[Motion,
         for name, value in vars(change).items()
         if name != "displacements"
     }
-    return replace(m, **some), Change(**parts)  # type: ignore[arg-type]
+    return replace(m, **some), LawChange(**parts)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -143,46 +152,47 @@ class Law:
         sigma: noise of measured minus modelled force [N].
         k: stiffness with all changes [N/m].
         f: expected backlash function [m].
-        drive, back: odds of contact on the two flanks.
-        damper: c (v + d') [N].
+        contact_drive, contact_back: probability of contact on drive and back flank.
+        damper: nominal c times (v + d') [N].
         c: damping with all changes [N s/m].
-        displacements: of parts that move by themselves, by function.
+        displacements: of moving parts, by function.
     """
 
     force: Array
     sigma: Array
     k: Array
     f: Array
-    drive: Array
-    back: Array
+    contact_drive: Array
+    contact_back: Array
     damper: Array
     c: Array = field(repr=False)
     displacements: Displacements = field(default_factory=dict, repr=False)
 
 
-def law(m: Motion, change: Change | None = None) -> Law:
-    """The force law of a run."""
-    ch = change or Change()
+def law(m: MeshMotion, change: LawChange | None = None) -> Law:
+    """Evaluate the force law at a motion; None: no change."""
+    ch = change or LawChange()
     s = np.maximum(np.nan_to_num(m.sigma_x), 1e-15)
     x = m.x + ch.d
     f, variance, on, off = np.empty((4, *x.shape))
     plus = np.broadcast_to(np.maximum(m.b + ch.b_plus, 0.0), x.shape)
     minus = np.broadcast_to(np.maximum(m.b + ch.b_minus, 0.0), x.shape)
-    _ramps(np.ascontiguousarray(x), plus, minus, s, f, variance, on, off)
+    _smoothed_backlash(np.ascontiguousarray(x), plus, minus, s, f, variance, on, off)
     f[np.isnan(x)] = np.nan
     k = m.k * (1.0 + ch.kappa) + m.k_m * ch.mean_kappa
     c = m.c * (1.0 + ch.gamma) * np.ones_like(m.x)
     damper = m.c * (m.v + ch.d_rate)
-    force = k * f + damper * (1.0 + ch.gamma) + ch.more
+    force = k * f + damper * (1.0 + ch.gamma) + ch.extra_force
     sigma = np.sqrt(np.nan_to_num(m.sigma_F) ** 2 + k**2 * variance + (c * m.sigma_v) ** 2)
     return Law(force, sigma, k, f, on, off, damper, c, ch.displacements)
 
 
 @njit(cache=True, nogil=True)
-def _ramps(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-untyped-def]
-    """Expectation and variance of the backlash function and odds of contact, entry by entry.
+def _smoothed_backlash(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-untyped-def]
+    """Write expectation ``f`` and variance of the backlash function and contact probabilities.
 
-    Of max(y, 0) with y ~ N(over, sigma^2); past ``FAR`` sigma the noise does not reach the edge.
+    From moments of max(y, 0), y ~ N(over, sigma^2), on each flank. All arrays (n, n_mesh) but
+    ``sigma`` (n_mesh,); the last four are outputs, hence more than seven arguments.
     """
     n, m = x.shape
     for i in range(n):
@@ -193,9 +203,9 @@ def _ramps(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-
             for flank in range(2):
                 over = x[i, j] - plus[i, j] if flank == 0 else -x[i, j] - minus[i, j]
                 z = over / s
-                if z > FAR:
+                if z > FAR_SIGMA:
                     odds, mean, square = 1.0, over, over * over + s * s
-                elif z < -FAR or np.isnan(z):
+                elif z < -FAR_SIGMA or np.isnan(z):
                     odds, mean, square = 0.0, 0.0, 0.0
                 else:
                     odds = 0.5 * math.erfc(-z / SQRT_2)
@@ -213,5 +223,5 @@ def _ramps(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-
             variance[i, j] = max(second - first * first, 0.0)
 
 
-FAR = 6.0  # sigma: a part in a thousand million of the noise reaches beyond
+FAR_SIGMA = 6.0  # sigma beyond which noise is neglected: probability 1e-9
 SQRT_2, SQRT_2_PI = math.sqrt(2.0), math.sqrt(2.0 * math.pi)

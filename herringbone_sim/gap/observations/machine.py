@@ -1,4 +1,4 @@
-"""The gear as the engine takes it: observations with places, tolerances and a catalogue."""
+"""The gear as a machine of the diagnosis engine: observations, tolerances and catalogue."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.flexible import Surroundings
+from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Hypothesis, Score
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -24,32 +24,33 @@ from herringbone_sim.gap.observations import (
     window_parts,
     window_trials,
 )
+from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
-from herringbone_sim.gap.observations.places import Places
 from herringbone_sim.gap.observations.seats import Seat
+from herringbone_sim.gap.observations.tolerances import tolerances
 
 Array = NDArray[np.float64]
 
 
 class GearMachine:
-    """A gear's runs with all that may be wrong with them; see ``diagnosis.search.Machine``."""
+    """Implements ``diagnosis.search.Machine`` for a gear."""
 
     def __init__(self, gear: Gear) -> None:
         self.gear = gear
-        self.places = Places(gear)
-        self.base = curves.tolerances(self.places)
-        self.rows: Mapping[str, int] = {o: self.places.rows(o) for o in gear.functions}
+        self.builder = CoefficientBuilder(gear)
+        self.base = tolerances(self.builder)
+        self.rows: Mapping[str, int] = {o: self.builder.rows(o) for o in gear.functions}
         self.runs = len(gear.runs)
 
     @property
-    def formed(self) -> tuple[str, ...]:
-        """Observations that can be formed."""
+    def observation_names(self) -> tuple[str, ...]:
+        """Names of the observations that the recorded channels allow."""
         there = {
             force_law.NAME: self.gear.has_force_law,
-            balance.NAME: self.gear.balanced,
-            consistency.NAME: self.gear.relations > 0,
-            trajectory.NAME: self.gear.by_windows,
+            balance.NAME: self.gear.has_balance,
+            consistency.NAME: self.gear.n_relations > 0,
+            trajectory.NAME: self.gear.uses_windows,
         }
         return tuple(name for name, known in there.items() if known)
 
@@ -58,34 +59,38 @@ class GearMachine:
         return self.gear.functions
 
     def hypotheses(self) -> list[Hypothesis]:
-        return list(curves.hypotheses(self.places))
+        return list(curves.hypotheses(self.builder))
 
     def proposals(
         self, amplitudes: Amplitudes, known: Score
     ) -> tuple[GearMachine, list[Hypothesis]]:
-        """Events of teeth, rings and pins."""
-        if self.gear.by_windows:
+        """Damaged teeth, flexible rings and loose pins suggested by the residual."""
+        if self.gear.uses_windows:
             found: list[Event | Seat] = [*window_events.proposals(self.gear, amplitudes)]
             found += window_parts.proposals(self.gear, amplitudes, known)
             return self.with_parts(found, amplitudes)
-        if not (self.gear.has_force_law or self.gear.balanced):
+        if not (self.gear.has_force_law or self.gear.has_balance):
             return self, []
         found = [*events.proposals(self.gear, amplitudes)]
         found += seat_grid.proposals(self.gear, amplitudes, known)
         return self.with_parts(found, amplitudes)
 
-    def tried(
+    def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:
-        """Hypotheses at their own size, of windows alone: all else is near enough to linear."""
-        if not self.gear.by_windows:
+        """Nonlinear trials of trajectories; other observations are nearly linear."""
+        if not self.gear.uses_windows:
             return []
-        return window_trials.tried(self.gear, self.rows, len(self.base), ranked, known)
+        return window_trials.nonlinear_trials(self.gear, self.rows, len(self.base), ranked, known)
 
     def with_parts(
         self, parts: Sequence[Event | Seat], about: Amplitudes | None = None
     ) -> tuple[GearMachine, list[Hypothesis]]:
-        """A machine with the functions of some events and parts, and their hypotheses."""
+        """Extended machine and hypotheses of some damaged teeth and moving parts.
+
+        Args:
+            about: see ``Gear.with_functions``.
+        """
         labels = [f"part {next(self.gear.part_numbers)}" for _ in parts]
         every = [
             f
@@ -100,35 +105,39 @@ class GearMachine:
                 about,
             )
         )
-        made = [p.place(machine.places, label) for p, label in zip(parts, labels, strict=True)]
+        made = [
+            p.hypothesis(machine.builder, label) for p, label in zip(parts, labels, strict=True)
+        ]
         return machine, made
 
-    def of_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
-        """The machine of other runs of the same rig, at every sample."""
-        return GearMachine(self.gear.of_runs(runs))
+    def for_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
+        """Machine of other runs of the same rig, at every sample."""
+        return GearMachine(self.gear.for_runs(runs))
 
-    def same(self, hypotheses: Sequence[Hypothesis]) -> tuple[GearMachine, list[Hypothesis]]:
-        """Hypotheses of another machine of the rig here."""
-        machine, made = self.with_parts([h.maker for h in hypotheses if h.maker is not None])
-        plain = [h for h in hypotheses if h.maker is None]
+    def transferred(
+        self, hypotheses: Sequence[Hypothesis]
+    ) -> tuple[GearMachine, list[Hypothesis]]:
+        """Hypotheses of another machine of the rig for these runs, and the machine for them."""
+        machine, made = self.with_parts([h.source for h in hypotheses if h.source is not None])
+        plain = [h for h in hypotheses if h.source is None]
         only = {h.effect for h in plain}
         known = {
             (h.effect, h.options, h.locus): h
-            for h in (curves.hypotheses(machine.places, only) if plain else ())
+            for h in (curves.hypotheses(machine.builder, only) if plain else ())
         }
         rest = iter(made)
         return machine, [
-            next(rest) if h.maker is not None else known[h.effect, h.options, h.locus]
+            next(rest) if h.source is not None else known[h.effect, h.options, h.locus]
             for h in hypotheses
         ]
 
-    def finely(self) -> GearMachine:
+    def without_linearisation(self) -> GearMachine:
         found = copy.copy(self)
-        found.gear = self.gear.finely()
+        found.gear = self.gear.without_linearisation()
         return found
 
-    def linear(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        return self.gear.linear(amplitudes)
+    def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
+        return self.gear.linear_observations(amplitudes)
 
     def blocks(
         self,
@@ -138,12 +147,12 @@ class GearMachine:
     ) -> list[dict[str, Block]]:
         return self.gear.blocks(amplitudes, wanted, observations)
 
-    def surroundings(self, observation: str, r: int, block: Block) -> Surroundings:
-        return self.gear.surroundings(observation, r, block)
+    def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
+        return self.gear.regression_inputs(observation, r, block)
 
     def cycles(self, observation: str, r: int) -> Array:
         if observation == trajectory.NAME:
-            return self.gear.windows_of(r).cycles()
+            return self.gear.trajectory_of(r).cycles()
         g = self.gear.runs[r]
-        phase = (g.some if observation == force_law.NAME else g.motion).phase
+        phase = (g.strided if observation == force_law.NAME else g.motion).phase
         return np.asarray((phase - phase[0]) / (2.0 * np.pi))

@@ -1,8 +1,8 @@
-"""The motion of all bodies over short windows, with its tangent: Runge-Kutta 4, compiled.
+"""Integrate all bodies over short windows, with tangents: Runge-Kutta 4, compiled.
 
-Nine body rotations u and their rates: d2u/dt2 = inv (tau - G' F), x = G u - e + d,
-F = k f(x) + c v + more, Eqs. (12) to (16) without the rigid rotation taken off. Contact is not
-located: what is missed is counted as noise, see ``shooting.MISSED``.
+Nine body rotations u and their rates: d2u/dt2 = M^-1 (tau - G' F), x = G u - e + d,
+F = k f(x) + c v + extra_force, Eqs. (12) to (16) with the rigid rotation included. Contact is not
+located; the error counts as noise, see ``shooting.INTEGRATION_ERROR``.
 """
 
 from __future__ import annotations
@@ -14,25 +14,26 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-STATES = 18
+STATES = 18  # nine rotations [m] and their rates [m/s]
 BODIES = STATES // 2
-MOST = 3  # bodies that a mesh moves with: two gears and the carrier
+BODIES_PER_MESH = 3  # bodies that a mesh depends on: two gears and the carrier
 
 
-class Drive(NamedTuple):
-    """What drives a motion, at every half step: arrays (n, n_mesh) where nothing else is said.
+class Forcing(NamedTuple):
+    """Coefficients of the equation of motion at every half step: (n, n_mesh) unless stated.
 
     Attributes:
         G: (n_mesh, 9) displacements of the meshes by rotations of the bodies.
-        inverse: (9,) 1/M.
+        inverse_masses: (9,) 1/M [1/kg].
         tau: (n, 9) forces on the bodies at their base radii [N].
-        k, c, offset, rate: stiffness, damping, -e + d [m] and its rate.
-        plus, minus: play to either side [m].
-        more: force that does not depend on the motion [N].
+        k, c: stiffness [N/m], damping [N s/m].
+        offset, rate: -e + d [m] and its rate [m/s].
+        plus, minus: half-backlash on drive and back flank [m].
+        extra_force: force independent of the motion [N].
     """
 
     G: Array
-    inverse: Array
+    inverse_masses: Array
     tau: Array
     k: Array
     c: Array
@@ -40,34 +41,35 @@ class Drive(NamedTuple):
     rate: Array
     plus: Array
     minus: Array
-    more: Array
+    extra_force: Array
 
 
-def roll(
-    starts: Array, first: NDArray[np.int64], steps: int, h: float, drive: Drive
+def integrate_windows(
+    starts: Array, first: NDArray[np.int64], steps: int, h: float, forcing: Forcing
 ) -> tuple[Array, Array]:
-    """States and tangents of windows.
+    """Integrate windows from their start states.
 
     Args:
         starts: (W, 18) rotations [m] and rates [m/s].
-        first: (W,) half step at which each window starts.
-        steps: of each window, of ``h`` seconds.
+        first: (W,) index of the half step at which each window starts.
+        steps: steps per window.
+        h: step [s].
 
     Returns:
-        (W, steps + 1, 18) states and (W, steps, 18, 18) tangents of each step.
+        States (W, steps + 1, 18) and tangents (W, steps, 18, 18) of each step.
     """
     W = len(starts)
     states, tangents = np.empty((W, steps + 1, STATES)), np.empty((W, steps, STATES, STATES))
-    whole = Drive(*(np.ascontiguousarray(one) for one in drive))
-    moved = np.argsort(whole.G == 0.0, axis=1, kind="stable")[:, :MOST]
-    _roll(np.ascontiguousarray(starts), first, h, whole, moved, states, tangents)
+    whole = Forcing(*(np.ascontiguousarray(one) for one in forcing))
+    moved = np.argsort(whole.G == 0.0, axis=1, kind="stable")[:, :BODIES_PER_MESH]
+    _integrate(np.ascontiguousarray(starts), first, h, whole, moved, states, tangents)
     return states, tangents
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def _roll(starts, first, h, drive, moved, states, tangents):  # type: ignore[no-untyped-def]
-    """Window by window, step by step; the tangent is that of the step itself."""
-    G, inverse, tau, k, c, offset, rate, plus, minus, more = drive
+def _integrate(starts, first, h, forcing, moved, states, tangents):  # type: ignore[no-untyped-def]
+    """Write states and tangents; the tangent is the exact derivative of the Runge-Kutta step."""
+    G, inverse, tau, k, c, offset, rate, plus, minus, more = forcing
     meshes = len(G)
     slopes, K = np.zeros((4, STATES)), np.zeros((4, STATES, STATES))
     y, z, T = np.empty(STATES), np.empty(STATES), np.zeros((STATES, STATES))
@@ -76,7 +78,7 @@ def _roll(starts, first, h, drive, moved, states, tangents):  # type: ignore[no-
     for w in range(len(starts)):
         y[:] = starts[w]
         states[w, 0] = y
-        slopes[0], K[0] = 0.0, 0.0  # what a window that diverged has left
+        slopes[0], K[0] = 0.0, 0.0  # remains of a diverged window
         for q in range(tangents.shape[1]):
             for s in range(4):
                 j = first[w] + 2 * q + (0 if s == 0 else (2 if s == 3 else 1))

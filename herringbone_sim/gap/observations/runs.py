@@ -1,4 +1,4 @@
-"""A run of a gear with its motion, as the observations need it."""
+"""A prepared run with the mesh motions that observations are formed of."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.common_filter import with_filters
-from herringbone_sim.gap.observations.law import Motion, motion_of
+from herringbone_sim.gap.observations.common_filter import with_filter_responses
+from herringbone_sim.gap.observations.law import MeshMotion, mesh_motion
 from herringbone_sim.gap.residuals.balance import FINE, between
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 
@@ -20,26 +20,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GearRun:
-    """A run with its motion.
+    """A run with its mesh motion.
 
     Attributes:
-        run, fused: measured, its best displacements.
-        motion, some: as the law needs it, at every sample; at those that the force law is
-            compared at.
-        dense: between samples; None where displacements and rates of all bodies aren't known.
+        run, fused: measured channels, and displacements fused from all of them.
+        motion: mesh motion at every sample.
+        strided: at the samples at which the force law is compared.
+        dense: interpolated at ``FINE`` points per sample; None unless displacements and rates of
+            all bodies are known.
     """
 
     run: PreparedRun
     fused: Fused
-    motion: Motion
-    some: Motion
-    dense: Motion | None
+    motion: MeshMotion
+    strided: MeshMotion
+    dense: MeshMotion | None
 
 
 def gear_run(run: PreparedRun, stride: int) -> GearRun:
-    """A run with its best displacements, rates from them where none are recorded."""
-    fused = with_rates(fuse(run), run)
-    motion, some = motion_of(run, fused), motion_of(run, fused, stride)
+    """Fuse the channels of a run, fill in missing rates, and form its motions."""
+    fused = with_missing_rates(fuse(run), run)
+    motion, some = mesh_motion(run, fused), mesh_motion(run, fused, stride)
     dense = _dense(run, fused, motion)
     if dense is not None and dense.filtered is not None:
         motion = replace(motion, filtered=dense.filtered[:, ::FINE])
@@ -47,8 +48,8 @@ def gear_run(run: PreparedRun, stride: int) -> GearRun:
     return GearRun(run, fused, motion, some, dense)
 
 
-def _dense(run: PreparedRun, fused: Fused, m: Motion) -> Motion | None:
-    """A motion at ``FINE`` points a sample, by cubics through values and rates; None without."""
+def _dense(run: PreparedRun, fused: Fused, m: MeshMotion) -> MeshMotion | None:
+    """Motion at ``FINE`` points per sample by cubic Hermite interpolation; None if unknown."""
     if not (np.isfinite(fused.z).all() and np.isfinite(fused.z_rate).all()):
         return None
     z, rate = between(fused.z, fused.z_rate, run.step_s, FINE)
@@ -70,26 +71,29 @@ def _dense(run: PreparedRun, fused: Fused, m: Motion) -> Motion | None:
         e=w.e,
         e_rate=w.e_rate,
     )
-    return with_filters(dense, run.model.scales.omega_n)
+    return with_filter_responses(dense, run.model.scales.omega_n)
 
 
-# Samples and order of the polynomials whose slopes may stand for a rate, the last least biased.
-SLOPES = ((7, 4), (9, 6), (11, 8), (9, 8))
+# Savitzky-Golay filters (samples, order) tried for rates, chosen; the last has least bias.
+SLOPE_FILTERS = ((7, 4), (9, 6), (11, 8), (9, 8))
 
 
-def slopes(values: Array, sigma: Array, step: float) -> tuple[Array, Array]:
-    """Rates (n, k) of values by local polynomials, and their noise over that of the values (k,).
+def polynomial_rates(values: Array, sigma: Array, step: float) -> tuple[Array, Array]:
+    """Differentiate values (n, k) by local polynomials, noise ``sigma`` (k,), ``step`` in s.
 
-    Of some polynomials each column takes the one with the least error: noise of its weights, and
-    by how much more than noise it differs from the one that follows the values best.
+    Each column takes the filter of least mean square error: noise variance plus squared bias,
+    estimated from the difference to the least biased filter.
+
+    Returns:
+        Rates (n, k) and their noise over that of the values (k,) [1/s].
     """
-    every = [savgol_coeffs(n, order, deriv=1, delta=step) for n, order in SLOPES]
-    middle = max(n for n, _ in SLOPES) // 2
+    every = [savgol_coeffs(n, order, deriv=1, delta=step) for n, order in SLOPE_FILTERS]
+    middle = max(n for n, _ in SLOPE_FILTERS) // 2
     weights = np.array([np.pad(w, middle - len(w) // 2) for w in every])
-    best = savgol_filter(values, *SLOPES[-1], deriv=1, delta=step, axis=0)
+    best = savgol_filter(values, *SLOPE_FILTERS[-1], deriv=1, delta=step, axis=0)
     found, least = best, np.sum(weights[-1] ** 2) * sigma**2
     noise = np.full(values.shape[1], np.sum(weights[-1] ** 2))
-    for (n, order), w in zip(SLOPES[:-1], weights[:-1], strict=True):
+    for (n, order), w in zip(SLOPE_FILTERS[:-1], weights[:-1], strict=True):
         other = savgol_filter(values, n, order, deriv=1, delta=step, axis=0)
         apart = np.mean((other - best) ** 2, axis=0) - np.sum((w - weights[-1]) ** 2) * sigma**2
         error = np.maximum(apart, 0.0) + np.sum(w**2) * sigma**2
@@ -99,16 +103,18 @@ def slopes(values: Array, sigma: Array, step: float) -> tuple[Array, Array]:
     return found, np.sqrt(noise)
 
 
-def with_rates(fused: Fused, run: PreparedRun) -> Fused:
-    """Rates as slopes of the displacements where they are missing."""
-    if len(run) < max(n for n, _ in SLOPES) or np.isfinite(fused.v).all():
+def with_missing_rates(fused: Fused, run: PreparedRun) -> Fused:
+    """Fill in missing rates by differentiating displacements."""
+    if len(run) < max(n for n, _ in SLOPE_FILTERS) or np.isfinite(fused.v).all():
         return fused
 
     def slope(values: Array, sigma: Array) -> tuple[Array, Array]:
         known = np.isfinite(values).all(axis=0)
         found, noise = np.full_like(values, np.nan), np.full(values.shape[1], np.nan)
         if known.any():
-            found[:, known], noise[known] = slopes(values[:, known], sigma[known], run.step_s)
+            found[:, known], noise[known] = polynomial_rates(
+                values[:, known], sigma[known], run.step_s
+            )
         return found, noise
 
     rate, noise = slope(fused.x, fused.sigma_x)

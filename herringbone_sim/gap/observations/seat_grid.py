@@ -1,4 +1,4 @@
-"""Rings and pins over a grid: how many squares each would remove, and the best of each kind."""
+"""Grid search for moving parts: energy that a flexible ring or loose pin would remove."""
 
 from __future__ import annotations
 
@@ -9,60 +9,69 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from herringbone_sim.diagnosis.products import Block, Campaign, products
+from herringbone_sim.diagnosis.products import Block, CampaignProducts, products
 from herringbone_sim.diagnosis.regression import solve
-from herringbone_sim.diagnosis.search import Score, wanted_of
-from herringbone_sim.diagnosis.threads import each
+from herringbone_sim.diagnosis.search import Score, functions_used
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, force_law
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
-from herringbone_sim.gap.observations.law import Change, Motion, law, on_meshes
-from herringbone_sim.gap.observations.seats import Drive, Seat
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, select_meshes
+from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
 Array = NDArray[np.float64]
 
-# Four stiffnesses a decade of a ring, one of a seat: parameters follow within one and a half.
+# Grids of stiffness and clearance, chosen; fits reach 1.5 decades beyond (``seats``).
 RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
 SEATS_N_PER_M = np.geomspace(1e10, 1e12, 3)
 CLEARANCES_M = np.geomspace(5e-7, 5e-5, 7)
-RING_RATIO, SEAT_RATIO = 0.05, 0.1  # as the catalogue starts
-SHARP, SOFT = 0.05, 0.5  # softness over the clearance; a soft seat is a spring at any clearance
-SLIGHT = 0.3  # growth and drag
-TRIES = 40  # of parameters near the best point of a grid
+RING_RATIO, SEAT_RATIO = 0.05, 0.1  # damping ratios, start values of the catalogue
+# Rounding of the ends over the clearance, chosen; a soft seat is nearly linear.
+HARD_END, SOFT_END = 0.05, 0.5
+START_GROWTH = 0.3  # start of growth and drag, chosen
+MAX_TRIALS = 40  # evaluations of the local search, chosen for run time
 
 Grid = list[tuple[float, ...]]
 GRIDS: tuple[tuple[str, Grid], ...] = (
-    ("ring_flexibility", [(k, RING_RATIO, SLIGHT, SLIGHT) for k in RING_N_PER_M.tolist()]),
+    (
+        "ring_flexibility",
+        [(k, RING_RATIO, START_GROWTH, START_GROWTH) for k in RING_N_PER_M.tolist()],
+    ),
     (
         "bearing_clearance",
         [
-            (b, k, SEAT_RATIO, SHARP, SLIGHT)
+            (b, k, SEAT_RATIO, HARD_END, START_GROWTH)
             for b in CLEARANCES_M.tolist()
             for k in SEATS_N_PER_M.tolist()
         ],
     ),
-    ("bearing_clearance", [(1e-5, k, SEAT_RATIO, SOFT, SLIGHT) for k in SEATS_N_PER_M.tolist()]),
+    (
+        "bearing_clearance",
+        [(1e-5, k, SEAT_RATIO, SOFT_END, START_GROWTH) for k in SEATS_N_PER_M.tolist()],
+    ),
 )
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
-    """The most promising part of each grid; none where motion between samples is unknown.
-
-    Both sides alike first, then each side of the best.
+    """Best moving part of each grid; none where motion between samples is unknown.
 
     Args:
-        amplitudes: of what is known.
-        known: fit that they come from.
+        amplitudes: of the current fit.
+        known: the current fit.
     """
     if any(g.dense is None for g in gear.runs):
         return []
-    return most_promising(Trial(gear, amplitudes, known))
+    return best_seats(PartTrial(gear, amplitudes, known))
 
 
-def most_promising(trial: Trial) -> list[Seat]:
-    """The part of each grid that removes most squares."""
+def best_seats(trial: PartTrial) -> list[Seat]:
+    """Part of each grid that removes most energy.
+
+    The grid is evaluated at the largest places (all sides), then the best point at each place
+    inside the best one. The best part of all is refined by local search.
+    """
     layout = trial.gear.model.layout
     found = []
     for effect, grid in GRIDS:
@@ -75,92 +84,92 @@ def most_promising(trial: Trial) -> list[Seat]:
         parts = [p for p in places if np.all(inside[p.mask(layout) > 0.0])]
         best = trial.best([replace(best, locus=p) for p in parts])
         found.append(trial.with_load(best))
-    first = max(found, key=lambda seat: seat.removes)
-    return [trial.nearer(seat) if seat is first else seat for seat in found]
+    first = max(found, key=lambda seat: seat.measured_gain)
+    return [trial.refined(seat) if seat is first else seat for seat in found]
 
 
-# Observation, row, residuals over their noise without and with a part, (n,) each, and the noise
-# that columns are over, over that of the residuals.
-Row = tuple[str, int, Array, Array, Array]
+# Observation, row, whitened residuals without and with a part, (n,) each, and (n,) factor that
+# rescales whitened columns to the noise of these residuals.
+RowChange = tuple[str, int, Array, Array, Array]
 
 
 @dataclass(frozen=True)
-class TriedRun:
-    """A run with what all but the part does to it.
+class TrialRun:
+    """A run under the current fit, without the part.
 
     Attributes:
         number: of the run.
-        some, dense: at the samples of the force law, between samples.
-        change, between: of the law at both.
-        at: where the former stand in the latter.
-        blocks: by observation, with the columns of all that is known.
+        strided, dense: motion at the samples of the force law, and between samples.
+        change, between: change of the law at both.
+        sample_index: indices of the samples of ``strided`` in ``dense``.
+        blocks: by observation, with the columns of the current fit.
     """
 
     number: int
-    some: Motion
-    change: Change
-    dense: Motion
-    between: Change
-    at: NDArray[np.int64]
+    strided: MeshMotion
+    change: LawChange
+    dense: MeshMotion
+    between: LawChange
+    sample_index: NDArray[np.int64]
     blocks: Mapping[str, Block]
 
 
-class Trial:
-    """Squares that a part removes, all that is known free to follow inside its bounds.
+class PartTrial:
+    """Evaluates the energy that a moving part removes when all other coefficients are refitted.
 
     Args:
         gear: with its runs.
-        amplitudes: of what is known.
-        known: fit that the amplitudes come from.
-        every: run that is looked at.
+        amplitudes: of the current fit.
+        known: the current fit.
+        every: use every so many-th run.
     """
 
     def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
         self.gear, self._amplitudes = gear, amplitudes
         looked = range(0, len(gear.runs), every)
         self._known = known.coefficients
-        blocks = gear.blocks(amplitudes, wanted_of(self._known), self._observations())
+        blocks = gear.blocks(amplitudes, functions_used(self._known), self._observations())
         every_one = [{o: products(b) for o, b in one.items()} for one in blocks]
-        campaign = Campaign(every_one, self._known)
+        campaign = CampaignProducts(every_one, self._known)
         self._A = campaign.base_A[list(looked)].sum(axis=0)
         self._b = campaign.base_b[list(looked)].sum(axis=0)
         self._sd = np.array([c.sd for c in self._known]) * np.sqrt(len(gear.runs) / len(looked))
         self._bound = np.array([c.bound for c in self._known])
         self._start = known.mean - np.array([c.center for c in self._known])
         self._runs = [self._run(r, blocks[r]) for r in looked]
-        self._drives: dict[tuple[Locus, int], Drive] = {}
+        self._drives: dict[tuple[Locus, int], PartDrive] = {}
         self._columns: dict[tuple[int, str, int], Array] = {}
 
     def _observations(self) -> list[str]:
-        """Names of those that are formed."""
+        """Names of the observations that are evaluated."""
         gear = self.gear
         formed = {
             force_law.NAME: gear.has_force_law,
-            balance.NAME: gear.balanced,
-            consistency.NAME: gear.relations > 0,
+            balance.NAME: gear.has_balance,
+            consistency.NAME: gear.n_relations > 0,
         }
         return [name for name, there in formed.items() if there]
 
-    def _run(self, r: int, blocks: Mapping[str, Block]) -> TriedRun:
-        """A run with the changes of its law, at the samples of the law and between them."""
-        some, dense = self.gear.runs[r].some, self.gear.runs[r].dense
+    def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
+        """Run r with the change of its law under the current fit."""
+        some, dense = self.gear.runs[r].strided, self.gear.runs[r].dense
         assert dense is not None
         of_law = {f: a[r] for f, a in self._amplitudes.get(force_law.NAME, {}).items()}
         at = np.rint((some.times - dense.times[0]) / (dense.times[1] - dense.times[0]))
         changes = self.gear.change_of(some, of_law), self.gear.change_of(dense, of_law)
-        return TriedRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)
+        return TrialRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)
 
-    def fall(self, seat: Seat) -> float:
-        """Squares that a part removes."""
-        return self._followed(seat)[0]
+    def gain(self, seat: Seat) -> float:
+        """Energy that a part removes from the runs used."""
+        return self._gain_and_refit(seat)[0]
 
-    def _followed(self, seat: Seat) -> tuple[float, Array]:
-        """Squares that a part removes, and all that is known where it does, over its centres."""
+    def _gain_and_refit(self, seat: Seat) -> tuple[float, Array]:
+        """Energy removed, and refitted coefficients (p,) of the current fit less centres."""
         fall, b = 0.0, np.zeros(len(self._known))
         for run in self._runs:
             for o, row, before, after, weight in self._rows(run, seat):
                 fall += float(before @ before - after @ after)
-                b += self._columns_of(run, o, row).T @ (weight * (after - before))
+                b += self._base_columns(run, o, row).T @ (weight * (after - before))
         b = self._b + b
         followed = solve(self._A, b + self._A @ self._start, self._sd, self._bound).mean
         step = followed - self._start
@@ -169,48 +178,49 @@ class Trial:
         return fall, followed
 
     def best(self, seats: Sequence[Seat]) -> Seat:
-        """That which removes most."""
-        return seats[int(np.argmax(each(self.fall, seats)))]
+        """The part that removes most."""
+        return seats[int(np.argmax(parallel_map(self.gain, seats)))]
 
     def with_load(self, seat: Seat) -> Seat:
-        """With the largest load of the runs that are looked at, and what it removes of all."""
+        """Copy with its largest load, and the energy that it removes scaled up to all runs."""
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
-        fall, followed = self._followed(seat)
+        fall, followed = self._gain_and_refit(seat)
         known = followed + np.array([c.center for c in self._known])
-        return replace(seat, removes=fall / looked_at, known_mean=tuple(known.tolist()))
+        return replace(seat, measured_gain=fall / looked_at, base_mean=tuple(known.tolist()))
 
-    def nearer(self, seat: Seat) -> Seat:
-        """The same where it removes most nearby, by Nelder and Mead: the grid is coarse."""
+    def refined(self, seat: Seat) -> Seat:
+        """Improve the parameters of a part by a Nelder-Mead search from the grid point."""
         n = len(seat.names)
         found = minimize(
-            lambda offsets: -self.fall(seat.at(offsets)),
+            lambda offsets: -self.gain(seat.with_log_offsets(offsets)),
             np.zeros(n),
             method="Nelder-Mead",
             options={
-                "maxfev": TRIES,
+                "maxfev": MAX_TRIALS,
                 "initial_simplex": np.vstack([np.zeros(n), 0.5 * np.eye(n)]),
             },
         )
-        return self.with_load(seat.at(found.x))
+        return self.with_load(seat.with_log_offsets(found.x))
 
-    def _drive(self, run: TriedRun, seat: Seat) -> Drive:
+    def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
+        """Drive of the place of a part in a run, computed once."""
         key = seat.locus, run.number
         if key not in self._drives:
-            self._drives[key] = Drive(
+            self._drives[key] = PartDrive(
                 self.gear.model, seat.locus, seat.effect, run.dense, run.between
             )
         return self._drives[key]
 
-    def _rows(self, run: TriedRun, seat: Seat) -> Iterator[Row]:
-        """Every row that a part changes."""
+    def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
+        """Rows of force law and balance that a part changes, without and with it."""
         gear = self.gear
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
-        m, change = on_meshes(run.some, run.change, at)
+        m, change = select_meshes(run.strided, run.change, at)
         before = law(m, change)
         drive = self._drive(run, seat)
         reach = -gear.model.scales.cos_beta * drive.share[:, at]
-        q = drive.motion(seat)[run.at]
+        q = drive.motion(seat)[run.sample_index]
         ch = replace(change)
         ch.d, ch.d_rate = ch.d + q[:, :, 0] @ reach, ch.d_rate + q[:, :, 1] @ reach
         now = law(m, ch)
@@ -224,37 +234,37 @@ class Trial:
         if block is None or not gear.modelled[at].any():
             return
         more = np.where(gear.modelled[at], now.force - before.force, 0.0)
-        yield from self._pushed(run, block, more, at)
+        yield from self._balance_rows(run, block, more, at)
 
-    def _pushed(
-        self, run: TriedRun, block: Block, more: Array, at: NDArray[np.int64]
-    ) -> Iterator[Row]:
-        """Rows of the balance without and with more force (n, k) on some meshes."""
+    def _balance_rows(
+        self, run: TrialRun, block: Block, more: Array, at: NDArray[np.int64]
+    ) -> Iterator[RowChange]:
+        """Rows of the balance with additional force ``more`` (n, k) [N] on meshes ``at``."""
         g = self.gear.runs[run.number]
-        look = window_of(g.run, self.gear.width)
+        look = window_of(g.run, self.gear.window_cycles)
         whole = np.arange(len(g.motion.times))
         steps = np.arange(len(more)) * self.gear.stride
-        each = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)
+        parallel_map = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)
         reach = inertia_parts(self.gear.model).sum(0)[:, at]
-        pushed = look.average(each)[:: max(1, round(look.deviation))] @ reach.T
-        weight = np.sqrt(block.independent) / block.sigma
+        pushed = look.average(parallel_map)[:: max(1, round(look.deviation))] @ reach.T
+        weight = np.sqrt(block.independent_share) / block.sigma
         for row in np.flatnonzero(np.any(reach != 0.0, axis=1)).tolist():
             without = block.residual[:, row] * weight[:, row]
             left = without - pushed[:, row] * weight[:, row]
             yield balance.NAME, row, without, left, np.ones(len(left))
 
-    def _columns_of(self, run: TriedRun, o: str, row: int) -> Array:
-        """(n, p) what each coefficient adds to a row, over the noise."""
+    def _base_columns(self, run: TrialRun, o: str, row: int) -> Array:
+        """(n, p) whitened columns of the coefficients of the current fit in a row."""
         key = run.number, o, row
         if key not in self._columns:
             block = run.blocks[o]
             at = {f: i for i, f in enumerate(block.functions)}
             found = np.zeros((len(block.residual), len(self._known)))
             for i, c in enumerate(self._known):
-                part = c.parts.get(o)
+                part = c.placements.get(o)
                 for own, f, w in part.entries if part is not None else ():
                     if own == row:
                         found[:, i] += w[run.number] * block.columns[:, row, at[f]]
-            weight = np.sqrt(block.independent) / block.sigma[:, row]
+            weight = np.sqrt(block.independent_share) / block.sigma[:, row]
             self._columns[key] = found * weight[:, None]
         return self._columns[key]

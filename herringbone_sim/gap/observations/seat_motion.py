@@ -1,7 +1,7 @@
-"""Motion of a part on its own seat, driven by the meshes that it carries; compiled.
+"""Integrate the motion of a part on a spring seat, driven by the meshes that it carries; compiled.
 
-The meshes' displacements are measured, the part's own is not: its equation of motion has the force
-law of its meshes in it, taken at the displacement that the part leaves them.
+Mesh displacements are measured as if the part were rigid; its own displacement q is not measured
+and reduces them, so the force law of the meshes is part of its equation of motion.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-TURN = 1.25  # radians of its fastest oscillation that a step may span: 2.8 would not be stable
-MOST_PARTS = 40  # of a step, whatever a trial asks for
-FARTHEST_M = 1e-2  # a hundred times the backlash
+MAX_STEP_RAD = 1.25  # phase of the fastest oscillation per step; stability limit 2.8; chosen
+MAX_SUBSTEPS = 40  # steps per sample, limit of run time
+DIVERGED_M = 1e-2  # displacement at which the integration is reset; 100 times b_c
 
 
-class Meshes(NamedTuple):
-    """What pushes a part: meshes of one run at equal steps; arrays (n, j).
+class MeshLoads(NamedTuple):
+    """Meshes that drive a part, of one run at equal steps; arrays (n, j).
 
     Attributes:
         x, v: displacement [m] and rate [m/s] as if the part were rigid.
         k, c: stiffness [N/m] and damping [N s/m].
         plus, minus: half-backlash on both flanks [m].
-        more: further force [N].
-        noise: (j,) of x [m].
-        rest: (n,) force [N] on what the part sits in, without the part's own.
+        extra_force: force independent of the motion [N].
+        noise: (j,) noise of x [m].
+        rest: (n,) force [N] on the body that carries the part, without that of the seat.
         step: [s].
     """
 
@@ -39,25 +39,25 @@ class Meshes(NamedTuple):
     c: Array
     plus: Array
     minus: Array
-    more: Array
+    extra_force: Array
     noise: Array
     rest: Array
     step: float
 
 
-class Spring(NamedTuple):
-    """A part and its seat.
+class SeatSpring(NamedTuple):
+    """Mass of a part and properties of its seat.
 
     Attributes:
         mass: [kg].
-        under: mass of what the part sits in [kg], infinite where that is fixed.
+        under: mass of the body that carries the part [kg]; inf: fixed.
         stiffness: [N/m].
         damping: [N s/m].
-        play: way to either side without force [m].
+        play: clearance to either side [m].
         width: rounding of the ends of the play [m].
-        growth: of the stiffness with the square of the deflection [1/m^2].
-        drag: of the damping with the rate [s/m].
-        farthest, fastest: deflection [m] and rate [m/s] up to which steps are fine enough.
+        growth: relative increase of the stiffness with the squared deflection [1/m^2].
+        drag: relative increase of the damping with the rate [s/m].
+        farthest, fastest: deflection [m] and rate [m/s] for which the step is chosen.
     """
 
     mass: float
@@ -72,23 +72,24 @@ class Spring(NamedTuple):
     fastest: float = 0.0
 
 
-def motion(meshes: Meshes, spring: Spring, cos_beta: float) -> Array:
-    """(n, 2) displacement [m] and rate [m/s] of a part, from rest in balance on.
+def motion(meshes: MeshLoads, spring: SeatSpring, cos_beta: float) -> Array:
+    """Displacement [m] and rate [m/s] (n, 2) of a part, starting at rest in equilibrium.
 
-    M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u, by Runge and Kutta.
+    M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u with seat force H, by
+    Runge-Kutta 4.
     """
     stiff = spring.stiffness * (1.0 + 3.0 * spring.growth * spring.farthest**2)
     stiff += cos_beta**2 * float(np.max(meshes.k.sum(axis=1)))
     damping = spring.damping * (1.0 + 2.0 * spring.drag * spring.fastest)
     quickest = max(math.sqrt(stiff / spring.mass), damping / spring.mass)
-    parts = min(MOST_PARTS, max(1, math.ceil(meshes.step * quickest / TURN)))
+    parts = min(MAX_SUBSTEPS, max(1, math.ceil(meshes.step * quickest / MAX_STEP_RAD)))
     own = [np.ascontiguousarray(a) for a in meshes[:-1]]
-    return np.asarray(_integrate(Meshes._make([*own, meshes.step]), spring, cos_beta, parts))
+    return np.asarray(_integrate(MeshLoads._make([*own, meshes.step]), spring, cos_beta, parts))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _over(y, s):  # type: ignore[no-untyped-def]
-    """Expectation of max(y, 0) with noise s on y."""
+def _expected_positive(y, s):  # type: ignore[no-untyped-def]
+    """Expectation of max(y, 0) for Gaussian noise s on y."""
     if y > 6.0 * s:
         return y
     if y < -6.0 * s:
@@ -99,16 +100,16 @@ def _over(y, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _rise(z):  # type: ignore[no-untyped-def]
-    """ln(1 + e^z), for any z."""
+def _softplus(z):  # type: ignore[no-untyped-def]
+    """ln(1 + e^z) without overflow."""
     return max(z, 0.0) + (math.log1p(math.exp(-abs(z))) if abs(z) < 36.0 else 0.0)
 
 
 @njit(cache=True, nogil=True)
-def _hold(p, q, rate):  # type: ignore[no-untyped-def]
-    """Force [N] of the seat."""
+def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
+    """Force of the seat [N] at displacement q [m] and rate [m/s]."""
     if p.width > 0.0:
-        g = p.width * (_rise((q - p.play) / p.width) - _rise((-q - p.play) / p.width))
+        g = p.width * (_softplus((q - p.play) / p.width) - _softplus((-q - p.play) / p.width))
     else:
         g = max(q - p.play, 0.0) - max(-q - p.play, 0.0)
     spring = p.stiffness * g * (1.0 + p.growth * g * g)
@@ -117,24 +118,27 @@ def _hold(p, q, rate):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _acceleration(m, p, cos_beta, at, s, q, rate):  # type: ignore[no-untyped-def]
-    """Acceleration [m/s^2], s of the way from a point to the next."""
+    """Acceleration [m/s^2] at the fraction s between samples ``at`` and ``at`` + 1."""
     load, to = 0.0, min(at + 1, len(m.x) - 1)
     for j in range(m.x.shape[1]):
         y = m.x[at, j] + s * (m.x[to, j] - m.x[at, j]) - cos_beta * q
         w = m.v[at, j] + s * (m.v[to, j] - m.v[at, j]) - cos_beta * rate
-        f = _over(y - m.plus[at, j], m.noise[j]) - _over(-y - m.minus[at, j], m.noise[j])
+        f = _expected_positive(y - m.plus[at, j], m.noise[j]) - _expected_positive(
+            -y - m.minus[at, j], m.noise[j]
+        )
         k = m.k[at, j] + s * (m.k[to, j] - m.k[at, j])
-        load += k * f + m.c[at, j] * w + m.more[at, j]
-    hold = _hold(p, q, rate)
+        load += k * f + m.c[at, j] * w + m.extra_force[at, j]
+    hold = _seat_force(p, q, rate)
     under = m.rest[at] + s * (m.rest[to] - m.rest[at]) + hold
     return (cos_beta * load - hold) / p.mass - under / p.under
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
+    """(n, 2) displacement and rate, ``parts`` steps per sample."""
     n = len(m.x)
     out = np.zeros((n, 2))
-    # Balance of the first point: the acceleration falls with q.
+    # Equilibrium at the first sample by bisection: acceleration decreases with q.
     low, high = -1e-3, 1e-3
     for _ in range(60):
         q = 0.5 * (low + high)
@@ -158,7 +162,7 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
             a4 = _acceleration(m, p, cos_beta, i, s2, q4, r4)
             q += h * (rate + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
             rate += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
-        # A trial far from anything real may run away: it rests then.
-        if not abs(q) < FARTHEST_M:
+        # Reset a diverged trial.
+        if not abs(q) < DIVERGED_M:
             q, rate = 0.0, 0.0
     return out

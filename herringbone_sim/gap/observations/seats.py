@@ -1,7 +1,7 @@
-"""Parts that move by themselves, driven by the meshes: a ring on its spring, a loose pin.
+"""Moving parts as hypotheses: a ring on a spring, a loose pin in its bore.
 
-Their displacement follows from the recorded motion by their own equation, see ``seat_motion``; its
-parameters are coefficients like any other, about those of the best point of a grid.
+Their displacement follows from the recorded motion by their own equation of motion, see
+``seat_motion``; the logarithms of its parameters are coefficients, relative to a point of a grid.
 """
 
 from __future__ import annotations
@@ -17,18 +17,26 @@ from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
+from herringbone_sim.gap.observations.coefficients import CoefficientBuilder, Weights
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import Change, Displacements, Law, Motion, law, on_meshes
-from herringbone_sim.gap.observations.places import Places, Weights
-from herringbone_sim.gap.observations.seat_motion import Meshes, Spring, motion
+from herringbone_sim.gap.observations.law import (
+    Displacements,
+    Law,
+    LawChange,
+    MeshMotion,
+    law,
+    select_meshes,
+)
+from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motion
 
 Array = NDArray[np.float64]
 
-REACH = np.log(30.0)  # a parameter is sought within one and a half decades of the grid
-FAR = 1.0  # prior of the logarithm of a parameter about that of the grid
-PRESENT = 1e-9  # prior of the amplitude of what is there or not: no data outweigh it
-STEP = 1e-3  # of a parameter, for derivatives
-PARAMETERS: Mapping[str, tuple[str, ...]] = {
+# Range of a parameter's logarithm about the grid, 1.5 decades; chosen.
+MAX_LOG_OFFSET = np.log(30.0)
+PRIOR_LOG_SD = 1.0  # prior of a parameter's logarithm about the grid; chosen
+PRESENCE_SD = 1e-9  # prior of the amplitude about 1: practically fixed
+DIFFERENCE_STEP = 1e-3  # of a logarithm, for difference quotients
+SEAT_PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "ring_flexibility": ("stiffness", "damping", "growth", "drag"),
     "bearing_clearance": ("clearance", "stiffness", "damping", "softness", "growth"),
 }
@@ -36,37 +44,39 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Seat:
-    """A part that moves by itself.
+    """A ring or pin on its seat.
 
     Attributes:
         effect, locus: as in the catalogue.
-        theta: parameters as in ``PARAMETERS``: stiffness [N/m], damping ratio, clearance [m],
-            growth of the stiffness at the deflection by the load, drag at its rate, softness over
-            the clearance.
-        load: largest force on it as if it were rigid [N].
-        removes: squares that it removes.
-        known_mean: values of all coefficients known before it, at which it removes them.
+        theta: parameters in the order of ``SEAT_PARAMETERS``: stiffness [N/m], damping ratio,
+            clearance [m], growth of the stiffness at the deflection by ``load``, drag at its rate,
+            softness over the clearance.
+        load: largest force on it if it were rigid [N].
+        measured_gain: energy that it removes.
+        base_mean: values of all other coefficients at ``measured_gain``.
     """
 
     effect: str
     locus: Locus
     theta: tuple[float, ...]
     load: float = 1e5
-    removes: float = 0.0
-    known_mean: tuple[float, ...] = ()
+    measured_gain: float = 0.0
+    base_mean: tuple[float, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its parameters."""
-        return PARAMETERS[self.effect]
+        """Names of its parameters."""
+        return SEAT_PARAMETERS[self.effect]
 
-    def at(self, offsets: Array) -> Seat:
-        """The same with parameters times e^offset, as far as they reach."""
-        factors = np.exp(np.clip(offsets, -REACH - STEP, REACH + STEP))
+    def with_log_offsets(self, offsets: Array) -> Seat:
+        """Copy with parameters times exp(offset), clipped to ``MAX_LOG_OFFSET``."""
+        factors = np.exp(
+            np.clip(offsets, -MAX_LOG_OFFSET - DIFFERENCE_STEP, MAX_LOG_OFFSET + DIFFERENCE_STEP)
+        )
         return replace(self, theta=tuple((np.array(self.theta) * factors).tolist()))
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
-        """What it does to its meshes, per unit of its amplitude and of each parameter."""
+        """Basis functions: displacement of its meshes, and derivatives by parameter logarithms."""
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
         names = (label, *(f"{label} {name}" for name in self.names))
         found = [replace(_displacement(name), meshes=at) for name in names]
@@ -74,9 +84,9 @@ class Seat:
             found.append(_on_carrier(gear.model, self, label))
         return tuple(found)
 
-    def place(self, places: Places, label: str) -> Hypothesis:
-        """With its coefficients."""
-        model = places.gear.model
+    def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
+        """Hypothesis with a fixed amplitude and the logarithms of its parameters."""
+        model = builder.gear.model
         mask = self.locus.mask(model.layout)
         weights: Weights = {label: mask}
         if self.effect == "bearing_clearance":
@@ -84,11 +94,14 @@ class Seat:
             push[2] = 1.0
             weights[balance.NAME, f"{label} carrier"] = balance.accelerations(model) @ push
             weights.update(
-                dict.fromkeys([(o, f"{label} carrier") for o in places.of_windows], 1.0)
+                dict.fromkeys([(o, f"{label} carrier") for o in builder.window_observation], 1.0)
             )
-        every = [places.coefficient("present", weights, PRESENT, center=1.0)]
-        every += [places.coefficient(n, {f"{label} {n}": mask}, FAR, REACH) for n in self.names]
-        every = [replace(c, sized=False) for c in every]
+        every = [builder.coefficient("present", weights, PRESENCE_SD, center=1.0)]
+        every += [
+            builder.coefficient(n, {f"{label} {n}": mask}, PRIOR_LOG_SD, MAX_LOG_OFFSET)
+            for n in self.names
+        ]
+        every = [replace(c, scales_with_effect=False) for c in every]
         options = tuple(zip(self.names, self.theta, strict=True))
         return Hypothesis(
             self.effect,
@@ -97,25 +110,34 @@ class Seat:
             tuple(every),
             len(every),
             self,
-            self.removes,
-            self.known_mean,
+            self.measured_gain,
+            self.base_mean,
         )
 
     def displacements(
-        self, model: Model, m: Motion, change: Change, label: str, offsets: Array, slopes: bool
+        self,
+        model: Model,
+        m: MeshMotion,
+        change: LawChange,
+        label: str,
+        offsets: Array,
+        slopes: bool,
     ) -> Displacements:
-        """What each of its functions stands for, by name; see ``changes.Part``."""
-        drive = Drive(model, self.locus, self.effect, m, change)
-        now = drive.motion(self.at(offsets))
+        """Displacements of the meshes by its functions; see ``changes.MovingPart``."""
+        drive = PartDrive(model, self.locus, self.effect, m, change)
+        now = drive.motion(self.with_log_offsets(offsets))
         found = {label: now}
         for i, name in enumerate(self.names if slopes else ()):
-            more = offsets + STEP * (np.arange(len(offsets)) == i)
-            found[f"{label} {name}"] = (drive.motion(self.at(more)) - now) / STEP
+            more = offsets + DIFFERENCE_STEP * (np.arange(len(offsets)) == i)
+            found[f"{label} {name}"] = (
+                drive.motion(self.with_log_offsets(more)) - now
+            ) / DIFFERENCE_STEP
         reach = -model.scales.cos_beta * drive.share
         return {name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach) for name, q in found.items()}
 
 
 def _displacement(name: str) -> Function:
+    """Function that returns a displacement already computed for the law."""
     return Function(
         name,
         "d",
@@ -125,10 +147,10 @@ def _displacement(name: str) -> Function:
 
 
 def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
-    """-m w'' on the carrier [N]."""
+    """Inertia force of a pin on the carrier, -m w'' [N]."""
     at, mass = pin_meshes(model, seat.locus)
 
-    def values(m: Motion, law: Law) -> Array:
+    def values(m: MeshMotion, law: Law) -> Array:
         rate = law.displacements[label][1][:, at[0]] / -model.scales.cos_beta
         return np.asarray(-mass * np.gradient(rate, m.times))
 
@@ -136,20 +158,22 @@ def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
 
 
 def pin_meshes(model: Model, locus: Locus) -> tuple[list[int], float]:
-    """Meshes of a pin, and its mass [kg]; half of it where one side is free alone."""
+    """Meshes of a pin, and its mass [kg]: half of the pin if only one side is loose."""
     at = np.flatnonzero(locus.mask(model.layout)).tolist()
     return at, model.parameters.m_p * len(at) / 4.0
 
 
-class Drive:
-    """What drives a part on one run.
+class PartDrive:
+    """Meshes and forces that drive a part in one run.
 
     Attributes:
-        share: (k, n_mesh) meshes of each of its k coordinates: sides of a ring, or one pin.
-        load: largest force on it as if it were rigid [N].
+        share: (k, n_mesh) 1 for the meshes of each of its k coordinates: ring sides, or one pin.
+        load: largest force on it if it were rigid [N].
     """
 
-    def __init__(self, model: Model, locus: Locus, effect: str, m: Motion, change: Change) -> None:
+    def __init__(
+        self, model: Model, locus: Locus, effect: str, m: MeshMotion, change: LawChange
+    ) -> None:
         self._model = model
         s, n = model.scales, model.layout.n_mesh
         mask = locus.mask(model.layout) > 0.0
@@ -168,15 +192,15 @@ class Drive:
             rest = s.cos_beta * force[:, ~mask].sum(axis=1) + s.M_c * control
             rest -= 2.0 * m.point["T_1"] / s.r_bs
         self.load = float(s.cos_beta * np.max(np.abs(force) @ self.share.T))
-        self._meshes = [_meshes(m, change, np.flatnonzero(one), rest) for one in self.share]
+        self._meshes = [_mesh_loads(m, change, np.flatnonzero(one), rest) for one in self.share]
 
     def motion(self, seat: Seat) -> Array:
-        """(n, k, 2) displacement [m] and rate [m/s] of its coordinates."""
+        """Displacement [m] and rate [m/s] (n, k, 2) of the coordinates of a part."""
         theta = dict(zip(seat.names, seat.theta, strict=True))
         stiffness, clearance = theta["stiffness"], theta.get("clearance", 0.0)
         s = self._model.scales
         deflection = seat.load / stiffness
-        spring = Spring(
+        spring = SeatSpring(
             self._mass,
             self._under,
             stiffness,
@@ -191,21 +215,21 @@ class Drive:
         return np.stack([motion(one, spring, s.cos_beta) for one in self._meshes], axis=1)
 
 
-def _meshes(m: Motion, change: Change, at: NDArray[np.int64], rest: Array) -> Meshes:
-    """Some meshes with all that changes them."""
-    own, ch = on_meshes(m, change, at)
+def _mesh_loads(m: MeshMotion, change: LawChange, at: NDArray[np.int64], rest: Array) -> MeshLoads:
+    """Meshes ``at`` under a change of the law, with force ``rest`` (n,) on the carrier."""
+    own, ch = select_meshes(m, change, at)
 
     def wide(value: Array | float) -> Array:
         return np.broadcast_to(value, own.x.shape)
 
-    return Meshes(
+    return MeshLoads(
         x=own.x + ch.d,
         v=own.v + ch.d_rate,
         k=own.k * (1.0 + wide(ch.kappa)) + own.k_m * wide(ch.mean_kappa),
         c=own.c * (1.0 + wide(ch.gamma)),
         plus=np.maximum(wide(own.b + ch.b_plus), 0.0),
         minus=np.maximum(wide(own.b + ch.b_minus), 0.0),
-        more=wide(ch.more),
+        extra_force=wide(ch.extra_force),
         noise=np.maximum(np.nan_to_num(own.sigma_x), 1e-15),
         rest=rest,
         step=float(m.times[1] - m.times[0]),

@@ -1,4 +1,4 @@
-"""Errors of sensors as hypotheses: of forces in the law and the balance, of motion by geometry."""
+"""Hypotheses: errors of force sensors, of motion sensors, and of channels fitted by windows."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, trajectory
-from herringbone_sim.gap.observations.places import Places, Weights
-from herringbone_sim.gap.observations.window_sensors import SWAP
+from herringbone_sim.gap.observations.coefficients import CoefficientBuilder, Weights
+from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
 from herringbone_sim.gap.residuals.balance import inertia_parts
 from herringbone_sim.gap.sensors.groups import groups_of
 
 
-def force_sensors(places: Places) -> Iterator[Hypothesis]:
-    """Errors of force sensors: in the force law, and with the other sign in the balance."""
-    gear = places.gear
+def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
+    """Gain, bias, delay, clock and swap of force channels; opposite signs in law and balance."""
+    gear = builder.gear
     layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
     measured = np.flatnonzero(~gear.modelled)
     for effect, function, of, sign, unit in (
         ("sensor_gain", "F gain", "F", -1.0, 0.05),
-        ("sensor_bias", "F bias", "one", -1.0, 50.0),
+        ("sensor_bias", "F bias", "constant", -1.0, 50.0),
         ("sensor_delay", "F delay", "slope", 1.0, 2e-6),
-        ("clock_drift", "F clock", "late", 1.0, 1e-3),
+        ("clock_drift", "F clock", "clock", 1.0, 1e-3),
     ):
         for locus in sensor_loci(layout):
             mask = locus.mask(layout) * ~gear.modelled
@@ -35,10 +35,10 @@ def force_sensors(places: Places) -> Iterator[Hypothesis]:
                 continue
             weights: Weights = {function: mask}
             for j in np.flatnonzero(mask):
-                name = of if of == "one" else f"{of} of {j}"
+                name = of if of == "constant" else f"{of} of {j}"
                 key = (balance.NAME, name)
                 weights[key] = np.asarray(weights.get(key, 0.0)) + sign * reach[:, j]
-            one = places.coefficient(PARAMETER[effect], weights, unit)
+            one = builder.coefficient(PARAMETER_NAMES[effect], weights, unit)
             yield Hypothesis(effect, (("channels", ("F",)),), locus, (one,), 1)
     for i, j in combinations(measured, 2):
         weights = {}
@@ -50,48 +50,48 @@ def force_sensors(places: Places) -> Iterator[Hypothesis]:
         weights[balance.NAME, f"F of {i}"] = apart
         weights[balance.NAME, f"F of {j}"] = -apart
         names = (f"F_{layout.meshes[i]}", f"F_{layout.meshes[j]}")
-        one = places.coefficient("swap", weights, 1e-3, center=1.0)
+        one = builder.coefficient("swap", weights, 1e-3, center=1.0)
         yield Hypothesis("channel_swap", (("channels", names),), Locus(), (one,), 1)
 
 
-def motion_sensors(places: Places) -> Iterator[Hypothesis]:
-    """Errors of x, v and u: by what the sensors say of each other."""
-    gear = places.gear
-    if not gear.relations:
+def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
+    """Gain, bias, delay, clock and swap of x, v and u, seen by their consistency."""
+    gear = builder.gear
+    if not gear.n_relations:
         return
     recorded = [np.concatenate([g.run.x.there, g.run.v.there, g.run.u.there]) for g in gear.runs]
     groups = groups_of(gear.model.layout, np.logical_and.reduce(recorded))
-    for kind, effect in zip(consistency.KINDS, MOTION_EFFECTS, strict=True):
+    for kind, effect in zip(consistency.ERROR_KINDS, MOTION_EFFECTS, strict=True):
         for group in groups:
-            if group.quantity == "xvu" or group.quantity not in gear.sizes:
+            if group.quantity == "xvu" or group.quantity not in gear.rms_by_quantity:
                 continue
             scale = {
                 "gain": 0.05,
-                "bias": gear.sizes[group.quantity] * 0.05,
+                "bias": gear.rms_by_quantity[group.quantity] * 0.05,
                 "delay": 2e-6,
                 "clock": 1e-3,
             }[kind]
             weights: Weights = {(consistency.NAME, f"{kind} of {n}"): 1.0 for n in group.names}
-            one = places.coefficient(PARAMETER[effect], weights, scale)
+            one = builder.coefficient(PARAMETER_NAMES[effect], weights, scale)
             locus = Locus(
                 group.mesh if group.mesh in ("sp", "rp") else "all", group.planet, group.side
             )
             yield Hypothesis(effect, (("channels", group.names),), locus, (one,), 1)
     if gear.swap is not None:
-        one = places.coefficient("swap", {(consistency.NAME, "swap"): 1.0}, 1e-3, center=1.0)
+        one = builder.coefficient("swap", {(consistency.NAME, "swap"): 1.0}, 1e-3, center=1.0)
         yield Hypothesis("channel_swap", (("channels", gear.swap),), Locus(), (one,), 1)
 
 
-def followed_sensors(places: Places) -> Iterator[Hypothesis]:
-    """Errors of the channels that windows follow.
+def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
+    """Gain, bias, delay and swap of the channels to which windows are fitted.
 
-    An accelerometer shows no constant; a gauge that sees a planet at times alone is not late by
-    itself, all gauges are read by one recorder.
+    No bias of accelerometers, which have no constant part; no delay of gauges that see a planet
+    only at times, as all gauges share one recorder.
     """
-    gear = places.gear
-    if not gear.by_windows:
+    gear = builder.gear
+    if not gear.uses_windows:
         return
-    layout, followed = gear.model.layout, gear.followed
+    layout, followed = gear.model.layout, gear.followed_channels
     whole = np.logical_and.reduce(np.isfinite(followed.values))
     for name, every in zip(followed.names, whole, strict=True):
         quantity, _, place = name.partition("_")
@@ -102,22 +102,23 @@ def followed_sensors(places: Places) -> Iterator[Hypothesis]:
         if quantity == "F":
             units["bias"] = 50.0
         elif quantity == "u":
-            units["bias"] = 0.05 * gear.sizes["u"]
+            units["bias"] = 0.05 * gear.rms_by_quantity["u"]
         for error, unit in units.items():
             if error == "delay" and not every:
                 continue
             weights: Weights = {(trajectory.NAME, f"{error} of {name}"): 1.0}
             effect = f"sensor_{error}"
-            one = places.coefficient(PARAMETER[effect], weights, unit)
+            one = builder.coefficient(PARAMETER_NAMES[effect], weights, unit)
             yield Hypothesis(effect, (("channels", (name,)),), locus, (one,), 1)
     for f in gear.functions[trajectory.NAME]:
-        if f.startswith(SWAP):
-            pair = tuple(f.removeprefix(SWAP).split(" and "))
-            one = places.coefficient("swap", {(trajectory.NAME, f): 1.0}, 1e-3, center=1.0)
+        if f.startswith(SWAP_PREFIX):
+            pair = tuple(f.removeprefix(SWAP_PREFIX).split(" and "))
+            one = builder.coefficient("swap", {(trajectory.NAME, f): 1.0}, 1e-3, center=1.0)
             yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (one,), 1)
 
 
-PARAMETER = {
+# Parameter of each effect in the catalogue.
+PARAMETER_NAMES = {
     "sensor_gain": "gain",
     "sensor_bias": "bias",
     "sensor_delay": "delay",
@@ -127,4 +128,5 @@ MOTION_EFFECTS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
 def sensor_loci(layout: Layout) -> tuple[Locus, ...]:
+    """Places at which force sensors may share an error."""
     return known_effects()["sensor_gain"].candidates(layout)

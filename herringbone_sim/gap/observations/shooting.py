@@ -1,13 +1,13 @@
-"""States of short windows of a run that fit what was measured: multiple shooting.
+"""Fit the states of short windows of a run to its channels: multiple shooting.
 
-Windows are short against the Lyapunov time and tied by a weak continuity (H. G. Bock,
-Springer Series in Chemical Physics 18, 102 (1981), with jumps that cost instead of none), so that
-chaos does no harm. Solved by Levenberg and Marquardt over the states of all windows.
+Windows are short against the Lyapunov time, so chaos does no harm, and joined by a weak
+continuity constraint: jumps cost energy (H. G. Bock, Springer Series in Chemical Physics 18, 102
+(1981), where they are zero). Solved by Levenberg-Marquardt over the start states of all windows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -15,134 +15,145 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.signal import savgol_filter
 
-from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
-from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
-from herringbone_sim.gap.observations.rollout import STATES, Drive, roll
-from herringbone_sim.gap.observations.window_channels import Channels, channels, shown
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.body_motion import (
+    inverse_masses,
+    rigid_momentum,
+    shaft_rotations,
+)
+from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
+from herringbone_sim.gap.observations.window_channels import (
+    WindowChannels,
+    channel_outputs,
+    window_channels,
+)
 
 Array = NDArray[np.float64]
 
-STEP = 0.08  # of 1 / omega_n
-MISSED = (
-    3e-4  # of a channel's RMS: what such steps through contact miss of it, by test_gap_windows
-)
-NATURAL = 6.0  # of 1 / omega_n, the length of a window: two periods of the fastest mode at least
-WINDOWS = 24
-JUMP = 0.03  # of the motion's RMS, from window to window
-ROUNDS = 25
-SETTLED = 1e-3  # share of the cost: less gained in a round ends the search
+# Chosen; times in units of 1 / omega_n:
+STEP_RAD = 0.08  # longest integration step
+# Integration error through contact at this step, as a share of a channel's RMS, counted as noise;
+# upper bound checked by test/gap/test_gap_windows.py.
+INTEGRATION_ERROR = 3e-4
+WINDOW_RAD = 6.0  # length of a window: two periods of the fastest mode at least
+N_WINDOWS = 24  # of a run
+JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
+MAX_ROUNDS = 25
+RELATIVE_TOLERANCE = 1e-3  # decrease of the energy, as a share of it, that ends the fit
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Windows of a run.
+class Windows:
+    """W windows of a run with k channels.
 
     Attributes:
-        run: as prepared.
-        G, inverse: see ``rollout.Drive``.
-        channels: what is measured.
-        measured: (W, samples, k); 0 where there is no reading.
+        run: the run.
+        G, inverse_masses: see ``rollout.Forcing``.
+        channels: channels to fit.
+        measured: (W, samples, k) readings; 0 where there are none.
         weight: (W, samples, k) 1 over the noise; 0 where there is no reading.
-        samples, steps: of a window; steps of a sample.
-        h: of a step [s].
-        phase: (n,) at every half step [rad].
-        first: (W,) half step at which each window starts.
-        scale: (18,) of a state: RMS of the motion.
+        samples, steps: samples and integration steps per window.
+        h: integration step [s].
+        phase: (n,) mesh phase at every half step [rad].
+        first_half_step: (W,) index of the half step at which each window starts.
+        scale: (18,) RMS of rotations [m] and rates [m/s], for scaling.
     """
 
     run: PreparedRun
     G: Array
-    inverse: Array
-    channels: Channels
+    inverse_masses: Array
+    channels: WindowChannels
     measured: Array
     weight: Array
     samples: int
     steps: int
     h: float
     phase: Array
-    first: NDArray[np.int64]
+    first_half_step: NDArray[np.int64]
     scale: Array
 
     @property
-    def windows(self) -> int:
-        return len(self.first)
+    def n_windows(self) -> int:
+        """Number of windows W."""
+        return len(self.first_half_step)
 
     @property
-    def each(self) -> int:
-        """Steps of a sample."""
+    def steps_per_sample(self) -> int:
+        """Integration steps per sample."""
         return self.steps // self.samples
 
     def in_windows(self, values: Array) -> Array:
-        """Channels (n, k) as (W, samples, k), 0 where there is no reading."""
+        """Reshape channels (n, k) to (W, samples, k), 0 for missing readings."""
         W, samples, k = self.measured.shape
         return np.nan_to_num(values[: W * samples].reshape(W, samples, k))
 
-    def seen(
-        self, states: Array, drive: Drive, first: NDArray[np.int64] | None = None
+    def channel_outputs(
+        self, states: Array, forcing: Forcing, first: NDArray[np.int64] | None = None
     ) -> tuple[Array, Array]:
-        """What channels show of states (W, steps + 1, 18), (W, samples, k), and its slope.
+        """Channels (W, samples, k) predicted from states, and derivatives (W, samples, k, 18).
 
         Args:
-            first: (W,) half step at which each window starts; None: those of the stretch.
+            states: (W, steps + 1, 18).
+            first: (W,) index of the half step at which each window starts; None: as stored.
         """
-        begin = self.first if first is None else first
-        at = begin[:, None] + 2 * self.each * np.arange(self.samples)
-        return shown(self.channels, states[:, : -1 : self.each], drive, at)
+        begin = self.first_half_step if first is None else first
+        at = begin[:, None] + 2 * self.steps_per_sample * np.arange(self.samples)
+        return channel_outputs(self.channels, states[:, : -1 : self.steps_per_sample], forcing, at)
 
 
 @dataclass(frozen=True)
-class Shot:
-    """Windows at some states, and how they change with them.
+class WindowSolution:
+    """Windows integrated from given start states.
 
     Attributes:
-        starts: (W, 18).
-        states: (W, steps + 1, 18) at every step.
-        tangents: (W, steps, 18, 18) of every step.
-        slope: (W, samples, k, 18) of what channels show by the state, over the noise.
-        off: (W, samples, k) measured less expected, over the noise.
-        jumps: (W - 1, 18) end of a window less the start of the next, over the motion's scale.
+        starts: (W, 18) start states.
+        states: (W, steps + 1, 18) states at every step.
+        tangents: (W, steps, 18, 18) tangents of every step.
+        slope: (W, samples, k, 18) derivative of the channels by the state, over the noise.
+        residuals: (W, samples, k) measured minus predicted, over the noise.
+        jumps: (W - 1, 18) end of a window minus start of the next, over ``Windows.scale``.
     """
 
     starts: Array
     states: Array
     tangents: Array
     slope: Array
-    off: Array
+    residuals: Array
     jumps: Array
 
     @property
     def cost(self) -> float:
-        """Sum of squares, jumps over ``JUMP``."""
-        return float(np.sum(self.off**2) + np.sum(self.jumps**2) / JUMP**2)
+        """Energy: sum of squared residuals and of jumps over ``JUMP_SD``."""
+        return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / JUMP_SD**2)
 
 
-def samples_of(run: PreparedRun) -> int:
-    """Samples of a window."""
-    return max(3, round(NATURAL / (run.model.scales.omega_n * run.step_s)))
+def window_samples(run: PreparedRun) -> int:
+    """Samples per window."""
+    return max(3, round(WINDOW_RAD / (run.model.scales.omega_n * run.step_s)))
 
 
-def stretch(run: PreparedRun, windows: int = WINDOWS) -> Stretch:
-    """The first windows of a run."""
+def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
+    """Cut a run into at most ``windows`` windows, with readings, weights and steps."""
     model, omega_n = run.model, run.model.scales.omega_n
-    samples = samples_of(run)
+    samples = window_samples(run)
     W = min(windows, (len(run) - 1) // samples)
-    each = max(1, int(np.ceil(run.step_s * omega_n / STEP)))
+    each = max(1, int(np.ceil(run.step_s * omega_n / STEP_RAD)))
     h = run.step_s / each
     n = W * samples
     at = np.arange(2 * each * n + 1) / (2 * each)
-    measured = channels(run)
+    measured = window_channels(run)
     values = measured.values[:n].reshape(W, samples, -1)
     size = np.sqrt(np.nanmean(measured.values**2, axis=0))
-    motion = float(np.sqrt(np.mean(shaft_motion(run)[:n] ** 2)))
+    motion = float(np.sqrt(np.mean(shaft_rotations(run)[:n] ** 2)))
     inverse = inverse_masses(model)
-    return Stretch(
+    return Windows(
         run,
         coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model),
         inverse,
         measured,
         np.nan_to_num(values),
-        np.isfinite(values) / np.hypot(measured.sigma, MISSED * size),
+        np.isfinite(values) / np.hypot(measured.sigma, INTEGRATION_ERROR * size),
         samples,
         samples * each,
         h,
@@ -152,124 +163,46 @@ def stretch(run: PreparedRun, windows: int = WINDOWS) -> Stretch:
     )
 
 
-def loads(model: Model, phase: Array) -> Array:
-    """(n, 9) forces on the bodies by both torques and the control at phases (n,) [N]."""
-    p, sc, packed = model.parameters, model.scales, model.packed
-    tau = np.zeros((len(phase), len(model.layout.bodies)))
-    tau[:, :2] = p.T_1 / (2.0 * sc.r_bs)
-    wave = np.cos(packed.control_order * phase + packed.control_phase)
-    control = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
-    tau[:, 2] = -sc.T_2 / sc.r_bc + control * wave
-    return tau
+def symmetric_starts(s: Windows) -> Array:
+    """Start states (W, 18) from measured rotations, with all unmeasured planets alike.
 
-
-def shaft_motion(run: PreparedRun) -> Array:
-    """Rotations (n, 3) of suns and carrier [m]: as measured, or from accelerations.
-
-    An acceleration has neither mean nor slow parts: what lies below half a turn of the mesh is
-    left out, and the mean is that of the gear at rest under its load.
+    Their mean follows from suns and carrier, as the rigid momentum is known (``rigid_momentum``).
     """
-    bodies, n = run.model.layout.bodies, len(run)
-    at = [bodies.index(name) for name in SHAFTS]
-    w = 2.0 * np.pi * np.fft.rfftfreq(n, run.step_s)
-    over = np.divide(-1.0, w**2, out=np.zeros_like(w), where=w > 0.5 * run.omega_rad_per_s)
-    rest = at_rest(run)
-    found = np.empty((n, len(at)))
-    for i, b in enumerate(at):
-        if run.u.there[b]:
-            found[:, i] = run.u.values[:, b]
-        else:
-            power = np.fft.rfft(run.a.values[:, b])
-            found[:, i] = np.fft.irfft(power * over, n) + rest[b]
-    return found
-
-
-def at_rest(run: PreparedRun) -> Array:
-    """Rotations (9,) under the torques, all planets alike and without mesh error, M u = 0."""
-    model = run.model
-    p, sc, layout = model.parameters, model.scales, model.layout
-    G = coordinates_to_meshes(layout) @ bodies_to_coordinates(model)
-    M = 1.0 / inverse_masses(model)
-    tau = np.zeros(len(M))
-    tau[:2] = p.T_1 / (2.0 * sc.r_bs)
-    tau[2] = -sc.T_2 / sc.r_bc
-    force = np.linalg.lstsq(G.T, tau, rcond=None)[0]
-    x = force / mean_stiffness(p) + np.sign(force) * model.half_backlash_m
-    rows = np.vstack([G, M / np.abs(M).max()])
-    found: Array = np.linalg.lstsq(rows, np.append(x, 0.0), rcond=None)[0]
-    return found
-
-
-def with_swing(run: PreparedRun) -> PreparedRun:
-    """A run with the swing of the whole gear by the control put back on its rotations.
-
-    A simulator of relative coordinates has no rigid rotation at all; a rig's recording lacks its
-    trend alone.
-    """
-    model = run.model
-    M = 1.0 / inverse_masses(model)
-    G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
-    rigid = np.linalg.svd(G)[2][-1]
-    rigid = rigid / rigid[2]
-    swing = momentum(run, run.phase) / (M @ rigid**2)
-    moved = run.u.values + swing[:, None] * rigid
-    return replace(run, u=replace(run.u, values=moved))
-
-
-def momentum(run: PreparedRun, phase: Array) -> Array:
-    """(n,) sum of M r u of the whole gear, r the rigid rotation with 1 at the carrier [kg m]."""
-    sc, packed = run.model.scales, run.model.packed
-    push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
-    turn = packed.control_order * run.omega_rad_per_s
-    wave = np.cos(packed.control_order * (phase - run.late_rad) + packed.control_phase)
-    return np.asarray(-push * wave / turn**2)
-
-
-def inverse_masses(model: Model) -> Array:
-    """(9,) 1/M of the bodies [1/kg]."""
-    packed = model.packed
-    return np.concatenate([packed.inv_M_s, [1.0 / model.scales.M_c], packed.inv_M_p.ravel()])
-
-
-def symmetric(s: Stretch) -> Array:
-    """Starts (W, 18) with all planets alike, by the momentum of the whole gear.
-
-    What is measured of suns and carrier leaves the mean planet: the sum of M r u, r the rigid
-    rotation, moves by the control alone.
-    """
-    M, run = 1.0 / s.inverse, s.run
-    n = s.windows * s.samples
+    M, run = 1.0 / s.inverse_masses, s.run
+    n = s.n_windows * s.samples
     u = np.zeros((n, len(M)))
-    u[:, :3] = shaft_motion(run)[:n]
-    phase = s.phase[:: 2 * s.each][:n]
-    mean = (momentum(run, phase) - 2.0 * u[:, :2] @ M[:2] - u[:, 2] * M[2]) / M[3:].sum()
+    u[:, :3] = shaft_rotations(run)[:n]
+    phase = s.phase[:: 2 * s.steps_per_sample][:n]
+    mean = (rigid_momentum(run, phase) - 2.0 * u[:, :2] @ M[:2] - u[:, 2] * M[2]) / M[3:].sum()
     planets = run.u.there[3:]
     u[:, 3:] = np.where(planets, np.nan_to_num(run.u.values[:n, 3:]), mean[:, None])
     width, order = 7, 4
     smooth = savgol_filter(u, width, order, axis=0)
     rate = savgol_filter(u, width, order, deriv=1, delta=run.step_s, axis=0)
-    return np.hstack([smooth, rate])[:: s.samples][: s.windows]
+    return np.hstack([smooth, rate])[:: s.samples][: s.n_windows]
 
 
-def shoot(s: Stretch, starts: Array, drive: Drive) -> Shot:
-    """Windows from some starts."""
-    states, tangents = roll(starts, s.first, s.steps, s.h, drive)
-    seen, slope = s.seen(states, drive)
+def evaluated(s: Windows, starts: Array, forcing: Forcing) -> WindowSolution:
+    """Integrate windows from start states (W, 18)."""
+    states, tangents = integrate_windows(starts, s.first_half_step, s.steps, s.h, forcing)
+    seen, slope = s.channel_outputs(states, forcing)
     off, slope = (s.measured - seen) * s.weight, slope * s.weight[..., None]
-    return Shot(starts, states, tangents, slope, off, (states[:-1, -1] - starts[1:]) / s.scale)
+    return WindowSolution(
+        starts, states, tangents, slope, off, (states[:-1, -1] - starts[1:]) / s.scale
+    )
 
 
-def propagators(s: Stretch, tangents: Array) -> Array:
-    """(W, samples + 1, 18, 18) from the start of windows to their samples, over the scale."""
+def propagators(s: Windows, tangents: Array) -> Array:
+    """Propagators (W, samples + 1, 18, 18) from scaled start states to samples; end scaled."""
     found = np.empty((len(tangents), s.samples + 1, STATES, STATES))
-    _propagate(tangents, np.diag(s.scale), s.each, found)
+    _propagate(tangents, np.diag(s.scale), s.steps_per_sample, found)
     found[:, -1] /= s.scale[:, None]
     return found
 
 
 @njit(cache=True, nogil=True)
 def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
-    """Products of the tangents (W, steps, n, n) of windows from a start (n, n), at samples."""
+    """Write products of tangents (W, steps, n, n) and ``start`` (n, n) at every sample."""
     for w in range(len(tangents)):
         now = start.copy()
         found[w, 0] = now
@@ -279,64 +212,66 @@ def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
                 found[w, (q + 1) // each] = now
 
 
-def jacobian(s: Stretch, shot: Shot) -> Array:
-    """(rows, 18 W) of what is measured, over its noise, and of the jumps, by all starts."""
-    W, k = s.windows, s.measured.shape[2]
-    T = propagators(s, shot.tangents)
+def jacobian(s: Windows, solution: WindowSolution) -> Array:
+    """Jacobian (rows, 18 W) of predictions and jumps by scaled start states, over the noise."""
+    W, k = s.n_windows, s.measured.shape[2]
+    T = propagators(s, solution.tangents)
     data = np.zeros((W, s.samples * k, W, STATES))
     ties = np.zeros((W - 1, STATES, W, STATES))
-    seen = shot.slope @ T[:, :-1]
+    seen = solution.slope @ T[:, :-1]
     at = np.arange(W)
     data[at, :, at] = seen.reshape(W, -1, STATES)
-    ties[at[:-1], :, at[:-1]] = T[:-1, -1] / JUMP
-    ties[at[:-1], :, at[1:]] = -np.eye(STATES) / JUMP
+    ties[at[:-1], :, at[:-1]] = T[:-1, -1] / JUMP_SD
+    ties[at[:-1], :, at[1:]] = -np.eye(STATES) / JUMP_SD
     columns = W * STATES
     return np.vstack([data.reshape(-1, columns), ties.reshape(-1, columns)])
 
 
-def residual(shot: Shot) -> Array:
-    """(rows,) measured less expected, and jumps that are expected to be none."""
-    return np.concatenate([shot.off.ravel(), -shot.jumps.ravel() / JUMP])
+def stacked_residual(solution: WindowSolution) -> Array:
+    """Residuals (rows,) of channels and jumps, over the noise."""
+    return np.concatenate([solution.residuals.ravel(), -solution.jumps.ravel() / JUMP_SD])
 
 
-def fitted(s: Stretch, starts: Array, drive: Drive, rounds: int = ROUNDS) -> Shot:
-    """States that fit best, by Levenberg and Marquardt; a window meets its neighbours alone."""
-    shot, damping = shoot(s, starts, drive), 1e-2
-    cost = shot.cost
-    for _ in range(rounds if np.isfinite(cost) else 0):  # a change may be one that no gear stands
-        band, right = _normal(s, shot)
+def fitted_windows(
+    s: Windows, starts: Array, forcing: Forcing, rounds: int = MAX_ROUNDS
+) -> WindowSolution:
+    """Fit start states by Levenberg-Marquardt with a banded normal matrix."""
+    solution, damping = evaluated(s, starts, forcing), 1e-2
+    cost = solution.cost
+    for _ in range(rounds if np.isfinite(cost) else 0):  # else the start diverged
+        band, right = _normal_bands(s, solution)
         while damping < 1e6:
             whole = band.copy()
             whole[0] += damping * (band[0] + 1e-6)
             try:
                 step = solveh_banded(whole, right, lower=True).reshape(starts.shape) * s.scale
             except np.linalg.LinAlgError:
-                return shot
-            tried = shoot(s, shot.starts + step, drive)
+                return solution
+            tried = evaluated(s, solution.starts + step, forcing)
             now = tried.cost
             if np.isfinite(now) and now < cost:
                 break
             damping *= 6.0
         else:
-            return shot
-        gained, cost, shot, damping = cost - now, now, tried, damping / 6.0
-        if gained < SETTLED * cost:
+            return solution
+        gained, cost, solution, damping = cost - now, now, tried, damping / 6.0
+        if gained < RELATIVE_TOLERANCE * cost:
             break
-    return shot
+    return solution
 
 
-def _normal(s: Stretch, shot: Shot) -> tuple[Array, Array]:
-    """Lower bands (36, 18 W) of the normal matrix of all starts, and its right side (18 W,)."""
-    T, W = propagators(s, shot.tangents), s.windows
-    seen = (shot.slope @ T[:, :-1]).reshape(W, -1, STATES)
-    right = np.einsum("wrs,wr->ws", seen, shot.off.reshape(W, -1))
+def _normal_bands(s: Windows, solution: WindowSolution) -> tuple[Array, Array]:
+    """Lower bands (36, 18 W) of the normal matrix of scaled start states; right side (18 W,)."""
+    T, W = propagators(s, solution.tangents), s.n_windows
+    seen = (solution.slope @ T[:, :-1]).reshape(W, -1, STATES)
+    right = np.einsum("wrs,wr->ws", seen, solution.residuals.reshape(W, -1))
     own = seen.transpose(0, 2, 1) @ seen
-    end = T[:-1, -1] / JUMP
+    end = T[:-1, -1] / JUMP_SD
     own[:-1] += end.transpose(0, 2, 1) @ end
-    own[1:] += np.eye(STATES) / JUMP**2
-    right[:-1] -= np.einsum("wrs,wr->ws", end, shot.jumps / JUMP)
-    right[1:] += shot.jumps / JUMP**2
-    below = -end / JUMP
+    own[1:] += np.eye(STATES) / JUMP_SD**2
+    right[:-1] -= np.einsum("wrs,wr->ws", end, solution.jumps / JUMP_SD)
+    right[1:] += solution.jumps / JUMP_SD**2
+    below = -end / JUMP_SD
     band = np.zeros((2 * STATES, W * STATES))
     columns = np.arange(W) * STATES
     for j in range(STATES):

@@ -1,9 +1,10 @@
-"""Trajectories of few channels as an observation: what windows of the motion leave of rotations.
+"""Trajectories as an observation, for few channels: residual of fitted windows of the motion.
 
-Where neither a force law nor a balance can be formed, the states of short windows are estimated
-from the rotations of some bodies (``shooting``); what is left of the measured rotations, and the
-jumps from window to window, is the residual. A function of the force law acts through the motion:
-its column is the linear response of the windows to the force that it adds to a mesh.
+Where neither force law nor balance can be formed, states of short windows are fitted to the
+recorded channels (``shooting``). Rows are the residuals of the channels and the jumps between
+windows. The column of a function is the linear response of the windows to its force.
+
+Longer than 300 lines: ``Trajectory`` holds the fitted states that all its methods share.
 """
 
 from __future__ import annotations
@@ -17,74 +18,90 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, mean_stiffness
-from herringbone_sim.diagnosis.flexible import Surroundings
-from herringbone_sim.diagnosis.products import Block, clearing
-from herringbone_sim.diagnosis.search import LIKELIER
+from herringbone_sim.diagnosis.flexible import RegressionInputs
+from herringbone_sim.diagnosis.products import Block, nuisance_remover
+from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.data.parts import part_of
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.law import Change, Motion, law, waves_of
-from herringbone_sim.gap.observations.rollout import STATES, Drive
+from herringbone_sim.gap.observations.body_motion import body_loads, with_rigid_swing
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, waves_of
+from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
-    WINDOWS,
-    Shot,
-    Stretch,
-    fitted,
+    N_WINDOWS,
+    Windows,
+    WindowSolution,
+    evaluated,
+    fitted_windows,
     jacobian,
-    loads,
-    residual,
-    samples_of,
-    shoot,
-    stretch,
-    symmetric,
-    with_swing,
+    stacked_residual,
+    symmetric_starts,
+    window_samples,
+    windows_of_run,
 )
 from herringbone_sim.gap.observations.window_columns import (
-    Push,
-    body_pushes,
-    columns,
-    gratings,
+    BodyForce,
+    body_forces,
+    encoder_columns,
+    window_columns,
 )
-from herringbone_sim.gap.observations.window_sensors import ERRORS, SWAP, put_right
-from herringbone_sim.gap.observations.window_starts import carried, first_states, started
+from herringbone_sim.gap.observations.window_sensors import (
+    ERRORS,
+    SWAP_PREFIX,
+    without_sensor_errors,
+)
+from herringbone_sim.gap.observations.window_starts import (
+    filter_and_fit,
+    filtered_starts,
+    initial_states,
+)
 from herringbone_sim.gap.residuals.balance import between
 
 Array = NDArray[np.float64]
 
 NAME = "trajectory"
-FIRST, LATER = 8, 2  # rounds of a fit under a change: new, and near one that was tried before
-# Shapes of forces that a cause of any kind may be made of, at the meshes.
-ANY = {"kappa", "gamma", "gamma out", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))}
-ANY |= {f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")}
-ANY |= {f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")}
-LEAD = 12  # windows; in nine the filter found the motion of all planets from any start tried
-SQUARES_OF_A_FIT = 1.5  # a value: states that leave no more need no other start
-ANOTHER = 0.75  # of the squares at the last start: a change that takes off so much moves otherwise
-LOOSE = 1e3  # prior of a state, in units of the motion: none
+# Levenberg-Marquardt rounds under a change for the first time, and later, from the last states;
+# chosen for run time.
+ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
+# Functions of the law whose responses at every mesh are inputs of the flexible regression; chosen.
+GENERIC_FUNCTIONS = {
+    *("kappa", "gamma", "gamma free", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))),
+    *(f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")),
+    *(f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")),
+}
+# Windows at the start of a run, used by the filter alone; in nine it converged from all initial
+# states tried.
+LEAD_WINDOWS = 12
+MAX_FIT_CHI2 = 1.5  # energy per reading above which states may be in a wrong minimum; chosen
+# Energy over that at the last restart below which states are restarted: the motion has changed;
+# chosen.
+RESTART_SHARE = 0.75
+STATE_PRIOR_SD = 1e3  # prior of scaled start states, practically none
 
 
 def trajectory(run: PreparedRun) -> Trajectory:
-    """The windows of a run, with or without the swing of the whole gear, whichever fits better."""
+    """Windows of a run, with or without ``with_rigid_swing``, whichever fits better."""
     if run.model.packed.K == 0.0 or not run.u.there.any():
         return Trajectory(run)
-    found = Trajectory(run), Trajectory(with_swing(run))
+    found = Trajectory(run), Trajectory(with_rigid_swing(run))
     return min(found, key=lambda one: one.nominal.cost)
 
 
 def function_names(
     model: Model, laws: Sequence[Function], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Columns: masses, channels' errors, friction by mesh, ripple, every law on its meshes.
+    """Columns: masses, channel errors and swaps, friction by mesh, ripple, the law by mesh.
 
     Args:
-        laws: functions of the force law, and those that push the carrier.
+        laws: functions of the force law, and those on the carrier.
+        channels: names of channels.
     """
     meshes = range(model.layout.n_mesh)
     names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
     turning = [c for c in channels if c.startswith("u_")]
-    names += [f"{SWAP}{one} and {other}" for one, other in combinations(turning, 2)]
+    names += [f"{SWAP_PREFIX}{one} and {other}" for one, other in combinations(turning, 2)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
     of_meshes = [f for f in laws if f.slot != "body"]
@@ -93,45 +110,61 @@ def function_names(
 
 
 class Trajectory:
-    """The windows of a run, their states under any change of the law.
+    """Windows of a run and their fitted states under changes of the law.
 
     Args:
         run: with rotations or accelerations of suns and carrier.
-        lead: windows that are left out at the start, for the filter alone.
+        lead: windows at the start that only the filter uses.
+        windows: number of windows that are fitted.
+
+    Attributes:
+        recorded: windows as recorded.
+        windows: windows without the sensor errors of the last change.
+        last_linearisation: states, law and motion of the block formed last.
     """
 
-    def __init__(self, run: PreparedRun, lead: int = LEAD, windows: int = WINDOWS) -> None:
-        samples = samples_of(run)
-        self.run, self.lead = run, max(0, min(lead, (len(run) - 1) // samples - windows))
-        part = part_of(run, slice(self.lead * samples, None), run.name)
-        self.recorded: Stretch = stretch(part, windows)
-        self.stretch = self.recorded  # without the errors of sensors last tried
+    def __init__(
+        self, run: PreparedRun, lead: int = LEAD_WINDOWS, windows: int = N_WINDOWS
+    ) -> None:
+        samples = window_samples(run)
+        self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - windows))
+        part = part_of(run, slice(self.lead_windows * samples, None), run.name)
+        self.recorded: Windows = windows_of_run(part, windows)
+        self.windows = self.recorded
         self.model = run.model
-        self._found: dict[tuple[str, ...], Shot] = {}
-        self._started: dict[tuple[str, ...], float] = {}
-        self._costs: dict[tuple[str, ...], float] = {}
-        self._rested: set[tuple[str, ...]] = set()  # changes whose settled fit was begun anew
+        self._solutions: dict[tuple[str, ...], WindowSolution] = {}
+        self._restart_energies: dict[tuple[str, ...], float] = {}
+        self._energies: dict[tuple[str, ...], float] = {}
+        self._restarted_when_settled: set[tuple[str, ...]] = set()
         self._share: float | None = None
 
     @cached_property
     def _nominal(self) -> tuple[Array, Array, Array]:
-        """k, e and its rate at every half step."""
-        s = self.stretch
+        """Nominal k, e and its rate at every half step."""
+        s = self.windows
         w = waves(s.run.model, s.phase - s.run.late_rad, s.run.omega_rad_per_s)
         return w.k, w.e, w.e_rate
 
-    def drive(self, change: Change, masses: Array, pushes: Sequence[tuple[Push, float]]) -> Drive:
-        """What drives the motion under a change (at every half step)."""
-        s = self.stretch
+    def forcing(
+        self, change: LawChange, masses: Array, pushes: Sequence[tuple[BodyForce, float]]
+    ) -> Forcing:
+        """Forcing of the windows under a change.
+
+        Args:
+            change: at every half step.
+            masses: (9,) factors on 1/M.
+            pushes: forces on bodies with their amplitudes.
+        """
+        s = self.windows
         k, e, rate = self._nominal
         m = self.model
         one = np.ones_like(k)
-        tau = loads(m, s.phase - s.run.late_rad)
+        tau = body_loads(m, s.phase - s.run.late_rad)
         for push, a in pushes:
             tau = tau + a * push.size[:, None] * push.direction
-        return Drive(
+        return Forcing(
             s.G,
-            s.inverse * masses,
+            s.inverse_masses * masses,
             tau,
             k * (1.0 + change.kappa) + mean_stiffness(m.parameters) * change.mean_kappa,
             m.damping_n_s_per_m * (1.0 + change.gamma) * one,
@@ -139,17 +172,17 @@ class Trajectory:
             change.d_rate - rate,
             np.maximum(m.half_backlash_m + change.b_plus, 0.0) * one,
             np.maximum(m.half_backlash_m + change.b_minus, 0.0) * one,
-            change.more * one,
+            change.extra_force * one,
         )
 
-    def motion(self, states: Array, phase: Array) -> Motion:
-        """Meshes of some states (n, 18) at phases (n,), as the force law needs them."""
-        s, m = self.stretch, self.model
+    def motion(self, states: Array, phase: Array) -> MeshMotion:
+        """Mesh motion at states (n, 18) and phases (n,), without noise."""
+        s, m = self.windows, self.model
         w = waves(m, phase - s.run.late_rad, s.run.omega_rad_per_s)
         half = STATES // 2
         n, meshes = len(states), m.layout.n_mesh
         nothing = np.zeros(meshes)
-        return Motion(
+        return MeshMotion(
             s.run.name,
             phase,
             (phase - s.run.phase[0]) / s.run.omega_rad_per_s,
@@ -170,142 +203,161 @@ class Trajectory:
             m.half_backlash_m,
         )
 
-    def _half_steps(self, shot: Shot) -> Motion:
-        """The motion at every half step, windows one after the other."""
-        half, steps = STATES // 2, _in_line(shot)
-        u, rate = between(steps[:, :half], steps[:, half:], self.stretch.h, 2)
-        return self.motion(np.hstack([u, rate]), self.stretch.phase)
+    def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
+        """Mesh motion at every half step, windows concatenated."""
+        half, steps = STATES // 2, _concatenated(solution)
+        u, rate = between(steps[:, :half], steps[:, half:], self.windows.h, 2)
+        return self.motion(np.hstack([u, rate]), self.windows.phase)
 
-    def solved(
+    def fitted_states(
         self,
         key: tuple[str, ...],
-        change_of: Callable[[Motion], Change],
+        change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function] = (),
-    ) -> Shot:
-        """States under a change.
+    ) -> WindowSolution:
+        """Fit states under a change, from those fitted last for the same ``key``.
+
+        States are restarted by the filter where they may be in a wrong minimum.
 
         Args:
-            key: names of what is changed; the states are kept by it.
-            change_of: what a motion makes of the law.
-            of_bodies: amplitudes of masses, errors of sensors, friction and ripple, and of what
-                pushes the carrier.
-            on_carrier: functions that push it.
+            key: names of the functions with an amplitude.
+            change_of: change of the law as a function of the motion.
+            of_bodies: amplitudes of masses, sensor errors, friction, ripple and ``on_carrier``.
+            on_carrier: functions on the carrier.
         """
-        drive_at = self._drive_at(change_of, of_bodies, on_carrier)
-        new = key not in self._found
-        shot = self._found.get(key, self.nominal)
-        shot = fitted(self.stretch, shot.starts, drive_at(shot), FIRST if new else LATER)
-        before = self._started.get(key, self.nominal.cost)
-        far_off = shot.cost > SQUARES_OF_A_FIT * np.count_nonzero(self.stretch.weight)
-        settled = abs(self._costs.get(key, np.inf) - shot.cost) < LIKELIER
-        at_rest = far_off and settled and key not in self._rested
+        forcing_at = self._forcing_under(change_of, of_bodies, on_carrier)
+        new = key not in self._solutions
+        solution = self._solutions.get(key, self.nominal)
+        solution = fitted_windows(
+            self.windows,
+            solution.starts,
+            forcing_at(solution),
+            ROUNDS_NEW if new else ROUNDS_AGAIN,
+        )
+        before = self._restart_energies.get(key, self.nominal.cost)
+        far_off = solution.cost > MAX_FIT_CHI2 * np.count_nonzero(self.windows.weight)
+        settled = abs(self._energies.get(key, np.inf) - solution.cost) < CHANCE_CHI2
+        at_rest = far_off and settled and key not in self._restarted_when_settled
         if at_rest:
-            self._rested.add(key)
-        another = at_rest or shot.cost < ANOTHER * before or (new and shot.cost > before)
+            self._restarted_when_settled.add(key)
+        another = (
+            at_rest or solution.cost < RESTART_SHARE * before or (new and solution.cost > before)
+        )
         if another and far_off:
-            near = shot
-            anew = self._anew(drive_at(near), self._whole.driven(change_of, of_bodies, on_carrier))
-            shot = anew if anew is not None and anew.cost < near.cost else near
-            self._started[key] = shot.cost
-        self._found[key], self._costs[key] = shot, shot.cost
-        return shot
+            near = solution
+            anew = self._restarted(
+                forcing_at(near), self._with_lead.in_step_forcing(change_of, of_bodies, on_carrier)
+            )
+            solution = anew if anew is not None and anew.cost < near.cost else near
+            self._restart_energies[key] = solution.cost
+        self._solutions[key], self._energies[key] = solution, solution.cost
+        return solution
 
     def cost_near(
         self,
-        near: Shot,
-        change_of: Callable[[Motion], Change],
+        near: WindowSolution,
+        change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
         rounds: int,
     ) -> float:
-        """Squares that a few rounds leave under a change, from states without it.
-
-        Several threads may ask at once.
-        """
+        """Energy under a change after ``rounds`` steps from the states ``near``; thread-safe."""
         own = copy.copy(self)
-        drive_at = own._drive_at(change_of, of_bodies, on_carrier)
-        return fitted(own.stretch, near.starts, drive_at(near), rounds).cost
+        forcing_at = own._forcing_under(change_of, of_bodies, on_carrier)
+        return fitted_windows(own.windows, near.starts, forcing_at(near), rounds).cost
 
-    def driven(
+    def in_step_forcing(
         self,
-        change_of: Callable[[Motion], Change],
+        change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
-    ) -> Drive:
-        """What drives the motion under a change, where none but a motion in step is known."""
-        drive_at = self._drive_at(change_of, of_bodies, on_carrier)
-        s = self.stretch
-        return drive_at(shoot(s, symmetric(s), self.drive(Change(), self._masses({}), ())))
+    ) -> Forcing:
+        """Forcing under a change, evaluated at the motion with planets in step."""
+        forcing_at = self._forcing_under(change_of, of_bodies, on_carrier)
+        s = self.windows
+        return forcing_at(
+            evaluated(s, symmetric_starts(s), self.forcing(LawChange(), self._masses({}), ()))
+        )
 
-    def _drive_at(
+    def _forcing_under(
         self,
-        change_of: Callable[[Motion], Change],
+        change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
-    ) -> Callable[[Shot], Drive]:
-        """What drives the motion under a change, which may follow from the motion."""
-        self.stretch = put_right(self.recorded, of_bodies)
+    ) -> Callable[[WindowSolution], Forcing]:
+        """Forcing under a change as a function of the states; sets ``windows``."""
+        self.windows = without_sensor_errors(self.recorded, of_bodies)
         masses = self._masses(of_bodies)
 
-        def drive_at(shot: Shot) -> Drive:
-            m = self._half_steps(shot)
+        def forcing_at(solution: WindowSolution) -> Forcing:
+            m = self._motion_at_half_steps(solution)
             change = change_of(m)
             pushes = [
                 (push, of_bodies[push.name])
-                for push in body_pushes(self.model, m, law(m, change), of_bodies, on_carrier)
+                for push in body_forces(self.model, m, law(m, change), of_bodies, on_carrier)
             ]
-            return self.drive(change, masses, pushes)
+            return self.forcing(change, masses, pushes)
 
-        return drive_at
-
-    @cached_property
-    def _whole(self) -> Trajectory:
-        """The same with the windows before those that count."""
-        return Trajectory(self.run, 0, self.lead + self.recorded.windows)
+        return forcing_at
 
     @cached_property
-    def nominal(self) -> Shot:
-        """States under no change, from planets in step or out of it."""
-        mine, of_whole = (one.drive(Change(), self._masses({}), ()) for one in (self, self._whole))
-        return started(self.recorded, mine, self._whole.recorded, of_whole)
+    def _with_lead(self) -> Trajectory:
+        """Windows of the run including those of the lead."""
+        return Trajectory(self.run, 0, self.lead_windows + self.recorded.n_windows)
 
-    def _anew(self, drive: Drive, of_whole: Drive) -> Shot | None:
-        """States found under a change itself: its pattern of contact may be another one.
+    @cached_property
+    def nominal(self) -> WindowSolution:
+        """States fitted with the nominal law, planets in step or out of step."""
+        mine, of_whole = (
+            one.forcing(LawChange(), self._masses({}), ()) for one in (self, self._with_lead)
+        )
+        return filter_and_fit(self.recorded, mine, self._with_lead.recorded, of_whole)
 
-        None where no motion of a gear follows what was measured under the change.
+    def _restarted(self, forcing: Forcing, of_whole: Forcing) -> WindowSolution | None:
+        """Fit states from a filter run under the change; None if that diverges.
+
+        Args:
+            forcing: of the windows.
+            of_whole: of the windows with the lead.
         """
-        whole = self._whole.stretch
+        whole = self._with_lead.windows
         try:
-            starts, cost = carried(whole, of_whole, first_states(whole))
+            starts, cost = filtered_starts(whole, of_whole, initial_states(whole))
         except np.linalg.LinAlgError:
             return None
-        best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead :]
-        return fitted(self.stretch, best, drive, FIRST)
+        best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead_windows :]
+        return fitted_windows(self.windows, best, forcing, ROUNDS_NEW)
 
     def _masses(self, of_bodies: Mapping[str, float]) -> Array:
-        """(9,) factors on 1/M."""
+        """(9,) factors on 1/M by the amplitudes of ``M_s``, ``M_c`` and ``M_p``."""
         s, c, p = (1.0 + of_bodies.get(f"M_{body}", 0.0) for body in "scp")
         return np.array([s, s, c, *[p] * (STATES // 2 - 3)])
 
     def block(
         self,
-        shot: Shot,
-        change_of: Callable[[Motion], Change],
+        solution: WindowSolution,
+        change_of: Callable[[MeshMotion], LawChange],
         functions: Sequence[Function],
         wanted: Sequence[str],
     ) -> Block:
-        """Residual of the windows at some states, with columns of the functions wanted."""
-        s = self.stretch
-        m = self.motion(_in_line(shot), s.phase[::2])
+        """Block of the windows about states; nuisances: start states and encoder errors.
+
+        Args:
+            change_of: change of the law as a function of the motion.
+            functions: of the force law and on the carrier.
+            wanted: names of the columns.
+        """
+        s = self.windows
+        m = self.motion(_concatenated(solution), s.phase[::2])
         now = law(m, change_of(m))
-        self.last = shot, now, m
-        added = columns(s, shot, m, now, functions, wanted)
-        waves_of_encoders, sizes = gratings(s)
-        J = np.hstack([jacobian(s, shot), waves_of_encoders])
-        left = residual(shot)
-        unknown = s.windows * STATES
-        share = self._independent(J[:, :unknown])
+        self.last_linearisation = solution, now, m
+        added = window_columns(s, solution, m, now, functions, wanted)
+        waves_of_encoders, sizes = encoder_columns(s)
+        J = np.hstack([jacobian(s, solution), waves_of_encoders])
+        left = stacked_residual(solution)
+        unknown = s.n_windows * STATES
+        share = self._independent_share(J[:, :unknown])
         return Block(
             NAME,
             s.run.name,
@@ -315,45 +367,44 @@ class Trajectory:
             tuple(wanted),
             added[:, None, :],
             J[:, None, :],
-            np.append(np.full(unknown, LOOSE), sizes)[None],
+            np.append(np.full(unknown, STATE_PRIOR_SD), sizes)[None],
             np.zeros((0, 1, len(wanted))),
             np.zeros(0),
-            independent=share,
+            independent_share=share,
         )
 
-    def _independent(self, J: Array) -> float:
-        """Share of the rows that noise is expected to leave squares in, one each.
+    def _independent_share(self, J: Array) -> float:
+        """Degrees of freedom over number of rows: readings minus their leverage by the states.
 
-        Ties have no noise of their own, they only hold the states; states take up what is left of
-        a row in proportion to its leverage.
+        Jumps do not count, as they have no noise of their own.
         """
         if self._share is None:
-            read = np.flatnonzero(self.stretch.weight.ravel() > 0.0)
-            normal = J.T @ J + np.eye(J.shape[1]) / LOOSE**2
+            read = np.flatnonzero(self.windows.weight.ravel() > 0.0)
+            normal = J.T @ J + np.eye(J.shape[1]) / STATE_PRIOR_SD**2
             leverage = np.sum(J[read] * np.linalg.solve(normal, J[read].T).T)
             self._share = max(len(read) - float(leverage), 1.0) / len(J)
         return self._share
 
-    def surroundings(self, block: Block, functions: Sequence[Function]) -> Surroundings:
-        """What forces of many shapes would add to the rows of the block made last."""
-        s = self.stretch
-        shot, now, m = self.last
-        some = [f for f in functions if f.name in ANY]
+    def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
+        """Responses to ``GENERIC_FUNCTIONS`` in the block formed last, states projected out."""
+        s = self.windows
+        solution, now, m = self.last_linearisation
+        some = [f for f in functions if f.name in GENERIC_FUNCTIONS]
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
-        made = columns(s, shot, m, now, some, wanted) / block.sigma
-        left = clearing(block, 0)(made)
+        made = window_columns(s, solution, m, now, some, wanted) / block.sigma
+        left = nuisance_remover(block, 0)(made)
         nothing = np.zeros((len(left), 1, 1))
-        return Surroundings(nothing, nothing[:, 0], nothing, left[:, None, :])
+        return RegressionInputs(nothing, nothing[:, 0], nothing, left[:, None, :])
 
     def cycles(self) -> Array:
-        """(rows,) mesh cycles since the start; jumps at that of their window."""
-        s = self.stretch
+        """(rows,) mesh cycles since the start; jumps at the start of their window."""
+        s = self.windows
         W, samples, k = s.measured.shape
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
-        data = np.repeat(phase[:: 2 * s.each][: W * samples], k)
-        return np.concatenate([data, np.repeat(phase[s.first[1:]], STATES)])
+        data = np.repeat(phase[:: 2 * s.steps_per_sample][: W * samples], k)
+        return np.concatenate([data, np.repeat(phase[s.first_half_step[1:]], STATES)])
 
 
-def _in_line(shot: Shot) -> Array:
-    """States (n, 18) at every step, of the window that begins where two meet."""
-    return np.vstack([shot.states[:, :-1].reshape(-1, STATES), shot.states[-1, -1:]])
+def _concatenated(solution: WindowSolution) -> Array:
+    """States (n, 18) at every step; where windows meet, that of the later one."""
+    return np.vstack([solution.states[:, :-1].reshape(-1, STATES), solution.states[-1, -1:]])

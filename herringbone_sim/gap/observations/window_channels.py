@@ -1,7 +1,7 @@
-"""What sensors show of a motion: rotations, accelerations, forces of meshes and of pins.
+"""Channels to which windows are fitted, as functions of the state.
 
-Each channel is a sum of rotations u, mesh forces F and accelerations d2u/dt2 = inv (tau - G' F) of
-the bodies, so its slope by the state follows from that of the force law.
+Each channel is a weighted sum of rotations u, mesh forces F and accelerations
+d2u/dt2 = M^-1 (tau - G' F).
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.observations.rollout import STATES, Drive
+from herringbone_sim.gap.observations.rollout import STATES, Forcing
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Channels:
-    """Channels as sums of what a motion is.
+class WindowChannels:
+    """k recorded channels as weighted sums of rotations, mesh forces and accelerations.
 
     Attributes:
-        names: (k,).
-        of_u, of_F, of_a: (k, 9), (k, n_mesh), (k, 9).
-        values: (n, k) as recorded, NaN where there is no reading.
+        names: (k,) channel names.
+        of_u, of_F, of_a: weights (k, 9), (k, n_mesh), (k, 9).
+        values: (n, k) recorded values, NaN where there is no reading.
         sigma: (k,) noise.
     """
 
@@ -38,18 +38,18 @@ class Channels:
 
     @property
     def gauges(self) -> tuple[str, ...]:
-        """Names of those that show forces."""
+        """Names of channels that measure forces."""
         return tuple(n for n, of in zip(self.names, self.of_F, strict=True) if np.any(of))
 
 
-def channels(run: PreparedRun) -> Channels:
-    """All channels of a run that windows can follow."""
+def window_channels(run: PreparedRun) -> WindowChannels:
+    """All recorded rotations, forces and accelerations of a run."""
     layout = run.model.layout
     bodies, meshes = np.eye(len(layout.bodies)), np.eye(layout.n_mesh)
     kinds: tuple[tuple[str, tuple[str, ...], Measured, Array], ...] = (
         ("u", layout.bodies, run.u, bodies),
         ("F", layout.meshes, run.F, meshes),
-        ("F", pins(layout), run.pin, on_pins(layout)),
+        ("F", pin_names(layout), run.pin, pin_weights(layout)),
         ("a", layout.bodies, run.a, bodies),
     )
     names: list[str] = []
@@ -64,7 +64,7 @@ def channels(run: PreparedRun) -> Channels:
                 )
             values.append(m.values[:, i])
             sigma.append(m.sigma[i])
-    return Channels(
+    return WindowChannels(
         tuple(names),
         np.array(parts["u"]),
         np.array(parts["F"]),
@@ -74,46 +74,53 @@ def channels(run: PreparedRun) -> Channels:
     )
 
 
-def pins(layout: Layout) -> tuple[str, ...]:
-    """Names of the pins' gauges, without their quantity."""
+def pin_names(layout: Layout) -> tuple[str, ...]:
+    """Names of pins in force channels, such as ``pin1``."""
     return tuple(f"pin{planet}" for planet in layout.planets)
 
 
-def on_pins(layout: Layout) -> Array:
-    """(pins, n_mesh): a pin carries the forces of all meshes of its planet."""
+def pin_weights(layout: Layout) -> Array:
+    """(pins, n_mesh) weights: the force on a pin is the sum over all meshes of its planet."""
     of = [mesh[2 : mesh.index("_")] for mesh in layout.meshes]
     return np.array([[float(p == str(planet)) for p in of] for planet in layout.planets])
 
 
 def mesh_forces(
-    G: Array, states: Array, drive: Drive, at: NDArray[np.int64]
+    G: Array, states: Array, forcing: Forcing, at: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Forces (..., n_mesh) at states (..., 18) of half steps (...), and contact stiffness."""
-    half = STATES // 2
-    x = states[..., :half] @ G.T + drive.offset[at]
-    v = states[..., half:] @ G.T + drive.rate[at]
-    over, under = x - drive.plus[at], -x - drive.minus[at]
-    f = np.maximum(over, 0.0) - np.maximum(under, 0.0)
-    stiff = drive.k[at] * ((over > 0.0) | (under > 0.0))
-    return drive.k[at] * f + drive.c[at] * v + drive.more[at], stiff
+    """Mesh forces (..., n_mesh) [N] and contact stiffness [N/m] at states (..., 18).
 
-
-def shown(c: Channels, states: Array, drive: Drive, at: NDArray[np.int64]) -> tuple[Array, Array]:
-    """What channels show of states (W, m, 18) at half steps (W, m), and its slope.
-
-    Returns:
-        (W, m, k) and (W, m, k, 18).
+    Args:
+        at: (...) indices of half steps.
     """
-    G = drive.G
+    half = STATES // 2
+    x = states[..., :half] @ G.T + forcing.offset[at]
+    v = states[..., half:] @ G.T + forcing.rate[at]
+    over, under = x - forcing.plus[at], -x - forcing.minus[at]
+    f = np.maximum(over, 0.0) - np.maximum(under, 0.0)
+    stiff = forcing.k[at] * ((over > 0.0) | (under > 0.0))
+    return forcing.k[at] * f + forcing.c[at] * v + forcing.extra_force[at], stiff
+
+
+def channel_outputs(
+    c: WindowChannels, states: Array, forcing: Forcing, at: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Channel values (W, m, k) and derivatives by the state (W, m, k, 18).
+
+    Args:
+        states: (W, m, 18).
+        at: (W, m) indices of half steps.
+    """
+    G = forcing.G
     of_u = np.hstack([c.of_u, np.zeros_like(c.of_u)])
     value = states @ of_u.T
     slope = np.broadcast_to(of_u, (*value.shape, STATES))
-    by_force = c.of_F - (c.of_a * drive.inverse) @ G.T
+    by_force = c.of_F - (c.of_a * forcing.inverse_masses) @ G.T
     if not np.any(by_force):
         return value, slope
-    force, stiff = mesh_forces(G, states, drive, at)
-    value = value + force @ by_force.T + drive.tau[at] @ (c.of_a * drive.inverse).T
+    force, stiff = mesh_forces(G, states, forcing, at)
+    value = value + force @ by_force.T + forcing.tau[at] @ (c.of_a * forcing.inverse_masses).T
     by_x = (by_force * stiff[..., None, :]) @ G
-    by_v = (by_force * drive.c[at][..., None, :]) @ G
+    by_v = (by_force * forcing.c[at][..., None, :]) @ G
     slope = slope + np.concatenate([by_x, by_v], axis=-1)
     return value, slope

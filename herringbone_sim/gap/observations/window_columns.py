@@ -1,7 +1,6 @@
-"""What forces, masses and sensors would add to windows of a motion: the columns of ``trajectory``.
+"""Columns of the trajectory observation: linear response of windows to functions.
 
-A force acts through the motion, so its column is the linear response of the windows; gauges and
-accelerometers see it at once as well.
+A force acts through the motion; gauges and accelerometers also measure it directly.
 """
 
 from __future__ import annotations
@@ -15,33 +14,40 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.gap.observations import balance
-from herringbone_sim.gap.observations.basis import Function, column
-from herringbone_sim.gap.observations.force_law import GRATING_RAD, shafts
-from herringbone_sim.gap.observations.law import Law, Motion
+from herringbone_sim.gap.observations.basis import Function, force_column
+from herringbone_sim.gap.observations.body_motion import body_loads
+from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, cycles_per_shaft_turn
+from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
-from herringbone_sim.gap.observations.shooting import JUMP, Shot, Stretch, loads
-from herringbone_sim.gap.observations.window_sensors import of_errors
+from herringbone_sim.gap.observations.shooting import JUMP_SD, Windows, WindowSolution
+from herringbone_sim.gap.observations.window_sensors import error_columns
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Push:
-    """A force on bodies: ``direction`` (9,) times ``size`` (n,) [N]."""
+class BodyForce:
+    """Force on the bodies: ``direction`` (9,) times ``size`` (n,) [N]."""
 
     name: str
     direction: Array
     size: Array
 
 
-def body_pushes(
+def body_forces(
     model: Model,
-    m: Motion,
+    m: MeshMotion,
     now: Law,
     wanted: Iterable[str],
     on_carrier: Sequence[Function] = (),
-) -> Iterator[Push]:
-    """Forces on bodies of those of the functions wanted that push bodies, at unit amplitude."""
+) -> Iterator[BodyForce]:
+    """Forces on bodies by unit amplitude of those wanted functions that act on bodies.
+
+    Args:
+        now: force law at ``m``.
+        wanted: names of functions.
+        on_carrier: further functions, forces on the carrier.
+    """
     of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}
     shapes = balance.friction_shapes(m.phase)
@@ -56,30 +62,30 @@ def body_pushes(
             if not arms:
                 arms["sign"], arms["lever"] = friction_arms(model, np.ones(m.x.shape[1]))
             of = arms["lever" if g == "lever" else "sign"]
-            yield Push(name, of[j], np.abs(now.force[:, j]) * shapes[g])
+            yield BodyForce(name, of[j], np.abs(now.force[:, j]) * shapes[g])
         elif kind == "ripple":
             trig = np.cos if rest[1] == "cos" else np.sin
-            yield Push(name, drive, trig(int(rest[0]) * m.phase / turn))
+            yield BodyForce(name, drive, trig(int(rest[0]) * m.phase / turn))
         elif name in of_carrier:
-            yield Push(name, np.eye(STATES // 2)[2], of_carrier[name].values(m, now))
+            yield BodyForce(name, np.eye(STATES // 2)[2], of_carrier[name].values(m, now))
 
 
-def columns(
-    s: Stretch,
-    shot: Shot,
-    m: Motion,
+def window_columns(
+    s: Windows,
+    solution: WindowSolution,
+    m: MeshMotion,
     now: Law,
     functions: Sequence[Function],
     wanted: Sequence[str],
 ) -> Array:
-    """(rows, Q) what one unit of each function wanted adds to channels and jumps, over noise.
+    """Response (rows, Q) of channels and jumps to unit amplitudes of functions, over the noise.
 
     Args:
-        m: the meshes at every step of the windows, ``now`` the law there.
-        functions: of the force law, that names ``FUNCTION of MESH`` stand for, and those that
-            push the carrier.
+        m, now: motion of the meshes at every step, and the force law there.
+        functions: of the force law, wanted as ``FUNCTION of MESH``, and those on the carrier.
+        wanted: names of the Q columns.
     """
-    inverse = s.inverse
+    inverse = s.inverse_masses
     directions: list[Array] = []
     on_meshes: list[Array] = []
     sizes: list[Array] = []
@@ -94,40 +100,44 @@ def columns(
 
     place = {name: i for i, name in enumerate(wanted)}
     on_carrier = [f for f in functions if f.slot == "body"]
-    for push in body_pushes(s.run.model, m, now, wanted, on_carrier):
+    for push in body_forces(s.run.model, m, now, wanted, on_carrier):
         add(place[push.name], inverse * push.direction, push.size)
     for f in functions:
         of = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]
         if of:
-            g = np.nan_to_num(column(f, m, now))
+            g = np.nan_to_num(force_column(f, m, now))
             for j in of:
                 i = place[f"{f.name} of {j}"]
                 add(i, -inverse * s.G[j], g[:, j], each_mesh[j])
-    total = loads(s.run.model, s.phase - s.run.late_rad)[::2] - now.force @ s.G
+    total = body_loads(s.run.model, s.phase - s.run.late_rad)[::2] - now.force @ s.G
     for mass, bodies in (("M_s", (0, 1)), ("M_c", (2,)), ("M_p", range(3, len(inverse)))):
         if mass in place:
             for b in bodies:
                 add(place[mass], np.eye(len(inverse))[b] * inverse[b], total[:, b])
     Q = len(wanted)
-    rows = shot.off.size + shot.jumps.size
+    rows = solution.residuals.size + solution.jumps.size
     found = np.zeros((rows, Q))
     if at:
-        size = np.stack(sizes)[:, s.first[:, None] // 2 + np.arange(s.steps + 1)]
-        response = responses(s, shot, np.stack(directions), size, np.stack(on_meshes))
+        size = np.stack(sizes)[:, s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)]
+        response = responses(s, solution, np.stack(directions), size, np.stack(on_meshes))
         np.add.at(found.T, np.array(at), response.T)
-    for name, value in of_errors(s, shot, place).items():
-        found[: shot.off.size, place[name]] = value
+    for name, value in error_columns(s, solution, place).items():
+        found[: solution.residuals.size, place[name]] = value
     return found
 
 
-def responses(s: Stretch, shot: Shot, direction: Array, size: Array, on_meshes: Array) -> Array:
-    """(rows, P) response to ``direction`` (P, 9) times ``size`` (P, W, steps + 1).
+def responses(
+    s: Windows, solution: WindowSolution, direction: Array, size: Array, on_meshes: Array
+) -> Array:
+    """Linear response (rows, P) to P accelerations, over the noise.
 
     Args:
-        on_meshes: (P, n_mesh) 1 where it is a mesh force, which gauges see at once.
+        direction: (P, 9) acceleration per unit of ``size``.
+        size: (P, W, steps + 1) time course.
+        on_meshes: (P, n_mesh) 1 for the mesh whose force it is, measured directly by gauges.
     """
-    each, half = s.each, STATES // 2
-    col = np.zeros((s.windows, STATES, len(direction)))
+    each, half = s.steps_per_sample, STATES // 2
+    col = np.zeros((s.n_windows, STATES, len(direction)))
     samples = size[:, :, :-1:each].transpose(1, 2, 0)[:, :, None, :]
     at_once = s.channels.of_a @ direction.T + s.channels.of_F @ on_meshes.T
     data = at_once * samples * s.weight[..., None]
@@ -135,17 +145,17 @@ def responses(s: Stretch, shot: Shot, direction: Array, size: Array, on_meshes: 
     pushed = size.transpose(2, 1, 0)[:, :, None, :]
     for q in range(s.steps):
         col[:, half:] += way * pushed[q]
-        col = shot.tangents[:, q] @ col
+        col = solution.tangents[:, q] @ col
         col[:, half:] += way * pushed[q + 1]
         if (q + 1) % each == 0 and (q + 1) // each < s.samples:
             i = (q + 1) // each
-            data[:, i] += shot.slope[:, i] @ col
-    ties = col[:-1] / (s.scale[:, None] * JUMP)
+            data[:, i] += solution.slope[:, i] @ col
+    ties = col[:-1] / (s.scale[:, None] * JUMP_SD)
     P = len(direction)
     return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
 
 
-def gratings(s: Stretch) -> tuple[Array, Array]:
+def encoder_columns(s: Windows) -> tuple[Array, Array]:
     """Regressors and prior SDs of the once-per-revolution eccentricity error of each encoder.
 
     Returns:
@@ -157,15 +167,17 @@ def gratings(s: Stretch) -> tuple[Array, Array]:
     sc = model.scales
     radius = {"s": sc.r_bs, "c": sc.r_bc, "p": sc.r_bp}
     W, samples, k = s.weight.shape
-    phase = s.phase[:: 2 * s.each][: W * samples].reshape(W, samples)
+    phase = s.phase[:: 2 * s.steps_per_sample][: W * samples].reshape(W, samples)
     found, sizes = [], []
     for i, name in enumerate(s.channels.names):
         if name[0] == "u":
             for trig in (np.cos, np.sin):
                 wave = np.zeros((W, samples, k))
-                wave[:, :, i] = s.weight[:, :, i] * trig(phase / shafts(model)[name[2]])
+                wave[:, :, i] = s.weight[:, :, i] * trig(
+                    phase / cycles_per_shaft_turn(model)[name[2]]
+                )
                 found.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
-                sizes.append(GRATING_RAD * radius[name[2]])
+                sizes.append(ENCODER_ERROR_RAD * radius[name[2]])
     if not found:
         return np.zeros((W * samples * k + (W - 1) * STATES, 0)), np.zeros(0)
     return np.stack(found, axis=1), np.array(sizes)

@@ -1,8 +1,8 @@
-"""Teeth in windows of the motion: which event once a revolution would take off most squares.
+"""Damaged teeth in windows of the motion: which event removes most energy.
 
-An event acts through the motion, so that its trace lasts longer than the contact and reaches all
-channels: the response of the windows to a contact of every mesh at every time is formed once,
-freed of what the states take up, and summed over the turn of each member.
+A tooth contact excites the motion, so its response outlasts it and reaches all channels. The
+response of the windows to a contact of every mesh at every time is computed once, states are
+projected out, and responses are summed over the revolutions of each member.
 """
 
 from __future__ import annotations
@@ -13,139 +13,156 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block, clearing
+from herringbone_sim.diagnosis.products import Block, nuisance_remover
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import force_law, trajectory
-from herringbone_sim.gap.observations.events import KINDS, WIDE, Event, columns_of, lags, meets
+from herringbone_sim.gap.observations.events import (
+    EVENT_KINDS,
+    HALF_CONTACT,
+    Event,
+    event_columns,
+    mesh_delays,
+    tooth_meets,
+)
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_columns import responses
 
 Array = NDArray[np.float64]
 
-EACH = 4  # middles of a contact to a mesh cycle, a sixth of its length apart
+MIDDLES_PER_CYCLE = 4  # trial positions of a contact per mesh cycle, a sixth of its length apart
 MEMBERS = ("sun", "planet", "ring")
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """What a contact of each mesh at each time would add to the windows of a run.
+    """Response of the windows of a run to a contact of each mesh at each time.
 
     Attributes:
-        first: time of the first one, in ``EACH`` of a mesh cycle.
-        response: by kind (n_mesh, times, rows), over the noise, freed of what states take up.
-        residual: (rows,) of the windows, over the noise.
+        first_time: time of the first contact in units of 1 / ``MIDDLES_PER_CYCLE`` mesh cycles.
+        response: by kind of event (n_mesh, times, rows), over the noise, states projected out.
+        residual: (rows,) residual of the windows, over the noise.
     """
 
-    first: int
+    first_time: int
     response: dict[str, Array]
     residual: Array
 
     def folded(self, kind: str, bins: int) -> Array:
-        """(n_mesh, bins, rows) of all turns of a member that has so many times to a turn."""
+        """Response (n_mesh, bins, rows) summed over revolutions of ``bins`` times."""
         of = self.response[kind]
         found = np.zeros((len(of), bins, of.shape[2]))
         for i in range(of.shape[1]):
-            found[:, (self.first + i) % bins] += of[:, i]
+            found[:, (self.first_time + i) % bins] += of[:, i]
         return found
 
 
-def contacts(one: Trajectory, block: Block) -> Contacts:
-    """Contacts about the states that a block was formed at."""
-    s = one.stretch
-    shot, now, m = one.last
-    at = s.first[:, None] // 2 + np.arange(s.steps + 1)
+def contact_responses(one: Trajectory, block: Block) -> Contacts:
+    """Response of the windows of a run to a tooth contact of each mesh at each time.
+
+    Args:
+        one: windows of the run.
+        block: formed last by ``one``; responses are linear about its states.
+    """
+    s = one.windows
+    solution, now, m = one.last_linearisation
+    at = s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)
     cycles = m.phase[at] / (2.0 * np.pi)
-    before = np.floor((cycles[:, 0] - WIDE) * EACH).astype(int)
-    last = np.ceil((cycles[:, -1] + WIDE) * EACH).astype(int)
+    before = np.floor((cycles[:, 0] - HALF_CONTACT) * MIDDLES_PER_CYCLE).astype(int)
+    last = np.ceil((cycles[:, -1] + HALF_CONTACT) * MIDDLES_PER_CYCLE).astype(int)
     near = np.arange(int((last - before).max()) + 1)
-    away = cycles[None] - (before[None, :, None] + near[:, None, None]) / EACH
-    shape = np.where(np.abs(away) < WIDE, 0.5 + 0.5 * np.cos(np.pi * away / WIDE), 0.0)
+    away = cycles[None] - (before[None, :, None] + near[:, None, None]) / MIDDLES_PER_CYCLE
+    shape = np.where(
+        np.abs(away) < HALF_CONTACT, 0.5 + 0.5 * np.cos(np.pi * away / HALF_CONTACT), 0.0
+    )
     M = len(s.G)
-    clear = clearing(block, 0)
+    clear = nuisance_remover(block, 0)
     times = int(before.max() - before.min()) + len(near)
     W, samples, k = s.measured.shape
     of_window = np.repeat(np.arange(W), samples * k)
     of_window = np.append(of_window, np.repeat(np.arange(W - 1), s.G.shape[1] * 2))
     found = {}
-    for kind, force in columns_of(m, now).items():
+    for kind, force in event_columns(m, now).items():
         size = shape[None] * force.T[:, at][:, None]
         made = responses(
             s,
-            shot,
-            np.repeat(-s.inverse * s.G, len(near), axis=0),
+            solution,
+            np.repeat(-s.inverse_masses * s.G, len(near), axis=0),
             size.reshape(-1, *size.shape[2:]),
             np.repeat(np.eye(M), len(near), axis=0),
         ).reshape(-1, M, len(near))
         every = np.zeros((M, times, len(made)))
-        rows = np.arange(len(made))
+        mesh_rows = np.arange(len(made))
         for i in near:
-            every[:, before[of_window] - before.min() + i, rows] += made[:, :, i].T
+            every[:, before[of_window] - before.min() + i, mesh_rows] += made[:, :, i].T
         flat = clear(every.reshape(-1, len(made)).T).T
         found[kind] = (flat / block.sigma[0, 0]).reshape(every.shape)
     return Contacts(int(before.min()), found, block.residual[:, 0] / block.sigma[0, 0])
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
-    """The most promising events of both kinds about a change."""
+    """The events that remove most energy, ``per_kind`` of each kind; see ``events.proposals``."""
     blocks = gear.blocks(amplitudes, {}, (trajectory.NAME,))
     found = [
-        contacts(gear.windows_about(r, amplitudes), of_run[trajectory.NAME])
+        contact_responses(gear.trajectory_under(r, amplitudes), of_run[trajectory.NAME])
         for r, of_run in enumerate(blocks)
     ]
     chosen = []
-    for kind in KINDS:
-        ranked = [e for member in MEMBERS for e in _ranked(gear, found, kind, member)]
+    for kind in EVENT_KINDS:
+        ranked = [e for member in MEMBERS for e in _best_events(gear, found, kind, member)]
         ranked.sort(key=lambda c: -c[0])
-        chosen += _apart(gear, ranked)[:per_kind]
+        chosen += _distinct_events(gear, ranked)[:per_kind]
     return chosen
 
 
-def _apart(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[Event]:
-    """Events best first, of those that windows show the same contacts of the one on most meshes.
+def _distinct_events(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[Event]:
+    """Events best first; of events that remove the same energy, that on most meshes.
 
-    Where the turn brings a tooth to its other meshes while no window is there, nothing tells it
-    from a tooth that leaves them out, which none does.
+    Such events differ only in contacts outside the windows, and a tooth meets all its meshes.
     """
     found: dict[tuple[str, str], Event] = {}
     for squares, event in ranked:
         key = event.member, f"{squares:.5e}"
         held = found.setdefault(key, event)
-        if _meshes(gear, event) > _meshes(gear, held):
+        if _mesh_count(gear, event) > _mesh_count(gear, held):
             found[key] = event
     return list(found.values())
 
 
-def _meshes(gear: Gear, event: Event) -> int:
+def _mesh_count(gear: Gear, event: Event) -> int:
+    """Number of meshes of an event."""
     return int(np.count_nonzero(event.locus.mask(gear.model.layout)))
 
 
-def _ranked(
+def _best_events(
     gear: Gear, runs: Sequence[Contacts], kind: str, member: str
 ) -> Iterator[tuple[float, Event]]:
-    """Squares that an event at each place takes off at the time when it does most."""
+    """Energy removed and event, for each place at the time that removes most."""
     layout = gear.model.layout
-    cycles = force_law.members(gear.model)[member]
-    bins = round(EACH * cycles)
+    cycles = force_law.cycles_per_member_turn(gear.model)[member]
+    bins = round(MIDDLES_PER_CYCLE * cycles)
     sought: list[tuple[Locus, Array]] = []
     for locus in known_effects()[kind].candidates(layout):
-        # What windows of less than a turn tell a planet's tooth from one of sun or ring by.
-        if meets(member, locus) and (member == "planet") == (locus.planet != "all"):
+        # Windows shorter than a revolution tell a planet's tooth only by the meshes involved.
+        if tooth_meets(member, locus) and (member == "planet") == (locus.planet != "all"):
             several = np.count_nonzero(locus.mask(layout)) > 1
-            ways = [late for _, late in lags(gear, member)] if several else [0.0]
+            ways = [late for _, late in mesh_delays(gear, member)] if several else [0.0]
             sought += [(locus, late * np.ones(layout.n_mesh)) for late in ways]
     A, b = np.zeros((2, len(sought), bins))
     for one in runs:
         folded = one.folded(kind, bins)
         for i, (locus, late) in enumerate(sought):
-            column = sum(
-                np.roll(folded[j], -round(late[j] * EACH), axis=0)
+            force_column = sum(
+                np.roll(folded[j], -round(late[j] * MIDDLES_PER_CYCLE), axis=0)
                 for j in np.flatnonzero(locus.mask(layout))
             )
-            A[i] += np.einsum("br,br->b", column, column)
-            b[i] += column @ one.residual
+            A[i] += np.einsum("br,br->b", force_column, force_column)
+            b[i] += force_column @ one.residual
     fall = np.where((b > 0.0) | (kind != "tooth_crack"), b**2 / np.maximum(A, 1e-300), 0.0)
     for i, (locus, late) in enumerate(sought):
         top = int(np.argmax(fall[i]))
-        yield float(fall[i, top]), Event(kind, locus, member, top / EACH, tuple(late.tolist()))
+        yield (
+            float(fall[i, top]),
+            Event(kind, locus, member, top / MIDDLES_PER_CYCLE, tuple(late.tolist())),
+        )

@@ -1,7 +1,7 @@
-"""Rings and pins in windows of the motion: how many squares each would remove.
+"""Grid search for moving parts in windows of the motion.
 
-The displacement of a part follows from the motion of the windows by its own equation; the force
-that it takes off its meshes acts through the motion, as any other.
+The displacement of a part follows from the motion by its own equation; the change of the mesh
+forces by it acts through the linear response of the windows.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block, clearing
+from herringbone_sim.diagnosis.products import Block, nuisance_remover
 from herringbone_sim.diagnosis.search import Score
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.law import law
-from herringbone_sim.gap.observations.seat_grid import Row, Trial, TriedRun, most_promising
+from herringbone_sim.gap.observations.seat_grid import PartTrial, RowChange, TrialRun, best_seats
 from herringbone_sim.gap.observations.seats import Seat, pin_meshes
 from herringbone_sim.gap.observations.window_columns import responses
 
@@ -26,31 +26,31 @@ Array = NDArray[np.float64]
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
-    """The most promising ring and pin about a change."""
-    return most_promising(WindowTrial(gear, amplitudes, known))
+    """Best flexible ring and loose pins; see ``seat_grid.proposals``."""
+    return best_seats(WindowPartTrial(gear, amplitudes, known))
 
 
-class WindowTrial(Trial):
-    """Squares that a part removes of the windows, at the states that were found without it."""
+class WindowPartTrial(PartTrial):
+    """Energy that a part removes from windows, linear about the states fitted without it."""
 
     def _observations(self) -> list[str]:
         return [trajectory.NAME]
 
     @cached_property
-    def _clearings(self) -> dict[int, Callable[[Array], Array]]:
-        """By run: what subtracts the fit of states and gratings."""
-        return {run.number: clearing(run.blocks[trajectory.NAME], 0) for run in self._runs}
+    def _nuisance_removers(self) -> dict[int, Callable[[Array], Array]]:
+        """Functions that project out states and encoder errors, by number of the run."""
+        return {run.number: nuisance_remover(run.blocks[trajectory.NAME], 0) for run in self._runs}
 
-    def _run(self, r: int, blocks: Mapping[str, Block]) -> TriedRun:
-        _, _, m = self.gear.windows_about(r, self._amplitudes).last
+    def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
+        _, _, m = self.gear.trajectory_under(r, self._amplitudes).last_linearisation
         of_law = {f: a[r] for f, a in self._amplitudes.get(force_law.NAME, {}).items()}
         change = self.gear.change_of(m, of_law)
-        return TriedRun(r, m, change, m, change, np.arange(len(m.times)), blocks)
+        return TrialRun(r, m, change, m, change, np.arange(len(m.times)), blocks)
 
-    def _rows(self, run: TriedRun, seat: Seat) -> Iterator[Row]:
-        """The one row of the windows, less the fit of their states."""
-        model, one = self.gear.model, self.gear.windows_about(run.number, self._amplitudes)
-        s, shot = one.stretch, one.last[0]
+    def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
+        """The row of the windows, with states and encoder errors projected out."""
+        model, one = self.gear.model, self.gear.trajectory_under(run.number, self._amplitudes)
+        s, solution = one.windows, one.last_linearisation[0]
         drive = self._drive(run, seat)
         at = np.flatnonzero(drive.share.any(axis=0))
         q = drive.motion(seat)
@@ -60,19 +60,21 @@ class WindowTrial(Trial):
             d=run.change.d + q[:, :, 0] @ reach,
             d_rate=run.change.d_rate + q[:, :, 1] @ reach,
         )
-        more = (law(run.some, change).force - law(run.some, run.change).force)[:, at]
-        directions, on_meshes = -s.inverse * s.G[at], np.eye(len(s.G))[at]
+        more = (law(run.strided, change).force - law(run.strided, run.change).force)[:, at]
+        directions, on_meshes = -s.inverse_masses * s.G[at], np.eye(len(s.G))[at]
         if seat.effect == "bearing_clearance":
             _, mass = pin_meshes(model, seat.locus)
-            push = -mass * np.gradient(q[:, 0, 1], run.some.times)
+            push = -mass * np.gradient(q[:, 0, 1], run.strided.times)
             more = np.column_stack([more, push])
-            directions = np.vstack([directions, s.inverse * np.eye(len(s.inverse))[2]])
+            directions = np.vstack(
+                [directions, s.inverse_masses * np.eye(len(s.inverse_masses))[2]]
+            )
             on_meshes = np.vstack([on_meshes, np.zeros(len(s.G))])
-        size = more.T[:, s.first[:, None] // 2 + np.arange(s.steps + 1)]
-        pushed = responses(s, shot, directions, size, on_meshes).sum(axis=1)
+        size = more.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)]
+        pushed = responses(s, solution, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
-        weight = np.sqrt(block.independent) / block.sigma[:, 0]
-        clear = self._clearings[run.number]
+        weight = np.sqrt(block.independent_share) / block.sigma[:, 0]
+        clear = self._nuisance_removers[run.number]
         before = clear(block.residual[:, 0] * weight)
         after = before - clear(pushed * weight)
         yield trajectory.NAME, 0, before, after, np.ones(len(before))

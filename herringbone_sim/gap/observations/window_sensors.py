@@ -1,4 +1,4 @@
-"""Errors of the sensors that windows follow: gain, bias, delay; taken off what was recorded."""
+"""Gain, bias and delay of the channels to which windows are fitted: columns and correction."""
 
 from __future__ import annotations
 
@@ -10,17 +10,22 @@ from numpy.typing import NDArray
 
 from herringbone_sim.effects.channels import between
 from herringbone_sim.gap.observations.rollout import STATES
-from herringbone_sim.gap.observations.shooting import Shot, Stretch
+from herringbone_sim.gap.observations.shooting import Windows, WindowSolution
 
 Array = NDArray[np.float64]
 
-TINY = 1e-300  # no weight, where nothing was read
-SWAP = "swap of "  # one and another; it is there or not, so that its column says nothing
+TINY = 1e-300  # avoids division by zero where there is no reading
+SWAP_PREFIX = "swap of "  # prefix of ``A and B``; present or absent, its column is zero
 ERRORS = ("gain", "bias", "delay")
 
 
-def put_right(s: Stretch, amplitudes: Mapping[str, float]) -> Stretch:
-    """What was recorded without errors ``ERROR of CHANNEL``: share, unit of the channel, [s]."""
+def without_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
+    """Windows with sensor errors removed from their readings.
+
+    Args:
+        amplitudes: by ``ERROR of CHANNEL``: gain as a share, bias in the unit of the channel,
+            delay [s].
+    """
     names = s.channels.names
     gain, bias, delay = (
         np.array([amplitudes.get(f"{error} of {name}", 0.0) for name in names]) for error in ERRORS
@@ -35,26 +40,28 @@ def put_right(s: Stretch, amplitudes: Mapping[str, float]) -> Stretch:
     return replace(s, measured=s.in_windows((values - bias) / share), weight=s.weight * share)
 
 
-def of_errors(s: Stretch, shot: Shot, wanted: Container[str]) -> dict[str, Array]:
-    """(W samples k,) what a unit of each error that is wanted adds to the channels, over noise."""
+def error_columns(
+    s: Windows, solution: WindowSolution, wanted: Container[str]
+) -> dict[str, Array]:
+    """Change (W samples k,) of all channels by a unit of each wanted error, over the noise."""
     found = {}
     for i, name in enumerate(s.channels.names):
         for error in ERRORS:
             if f"{error} of {name}" in wanted:
                 alone = np.zeros_like(s.weight)
-                alone[:, :, i] = s.weight[:, :, i] * _shown(s, shot, i, error)
+                alone[:, :, i] = s.weight[:, :, i] * _error_signal(s, solution, i, error)
                 found[f"{error} of {name}"] = alone.ravel()
     return found
 
 
-def _shown(s: Stretch, shot: Shot, i: int, error: str) -> Array | float:
-    """(W, samples) what a channel would show of an error."""
+def _error_signal(s: Windows, solution: WindowSolution, i: int, error: str) -> Array | float:
+    """Change (W, samples) of channel i by a unit of an error."""
     if error == "bias":
         return 1.0
-    seen = s.measured[:, :, i] - shot.off[:, :, i] / np.maximum(s.weight[:, :, i], TINY)
+    seen = s.measured[:, :, i] - solution.residuals[:, :, i] / np.maximum(s.weight[:, :, i], TINY)
     if error == "gain":
         return seen
     if s.channels.names[i][0] == "u":
-        rates = shot.states[:, : -1 : s.each, STATES // 2 :]
+        rates = solution.states[:, : -1 : s.steps_per_sample, STATES // 2 :]
         return -np.asarray(rates @ s.channels.of_u[i])
     return -np.gradient(seen.ravel(), s.run.step_s).reshape(seen.shape)

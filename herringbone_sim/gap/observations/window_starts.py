@@ -1,8 +1,8 @@
-"""States to start windows from: an iterated Kalman filter from window to window.
+"""Start states for windows by an iterated Kalman filter from window to window.
 
-The mean planet follows from suns and carrier at once, the differences between planets only as they
-act on the suns. Several first states are carried through all windows side by side, one with all
-planets in step and others out of it; the one that the windows believe most is taken.
+The mean motion of planets follows from suns and carrier directly, differences between planets only
+by their action on the suns. Several initial states, planets in step and out of step, are filtered
+through all windows; the best ones are fitted.
 B. M. Bell and F. W. Cathey, IEEE Trans. Autom. Control 38, 294 (1993).
 """
 
@@ -11,41 +11,44 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.gap.observations.rollout import STATES, Drive, roll
+from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
 from herringbone_sim.gap.observations.shooting import (
-    JUMP,
-    Shot,
-    Stretch,
-    fitted,
+    JUMP_SD,
+    Windows,
+    WindowSolution,
+    fitted_windows,
     propagators,
-    symmetric,
+    symmetric_starts,
 )
 
 Array = NDArray[np.float64]
 
-OUT_OF_STEP = (0.1, 0.3, 0.6)  # of the motion's RMS, a first state each
-BEST = 2  # of the first states are fitted to the end
-ROUNDS = 8
-SETTLED = 1e-2  # share of the cost of a window
+OUT_OF_STEP = (0.1, 0.3, 0.6)  # initial differences between planets over the motion's RMS, chosen
+N_FITTED = 2  # initial states fitted to convergence
+MAX_ROUNDS = 8
+RELATIVE_TOLERANCE = 1e-2  # decrease of a window's energy, as a share, that ends its fit
 
 
-def started(s: Stretch, drive: Drive, whole: Stretch, of_whole: Drive) -> Shot:
-    """The states that fit best, with planets in step or not.
+def filter_and_fit(
+    s: Windows, forcing: Forcing, whole: Windows, of_whole: Forcing
+) -> WindowSolution:
+    """Filter several initial states, fit the best, and return the best fit.
 
     Args:
-        whole: the same windows with some before them, in which the filter finds the motion;
-            ``of_whole`` drives it.
+        forcing: of the windows ``s``.
+        whole: windows that begin earlier, in which the filter converges.
+        of_whole: their forcing.
     """
-    starts, cost = carried(whole, of_whole, first_states(whole))
-    starts = starts[:, whole.windows - s.windows :]
-    found = [fitted(s, starts[i], drive) for i in np.argsort(cost)[:BEST]]
-    return min(found, key=lambda shot: shot.cost)
+    starts, cost = filtered_starts(whole, of_whole, initial_states(whole))
+    starts = starts[:, whole.n_windows - s.n_windows :]
+    found = [fitted_windows(s, starts[i], forcing) for i in np.argsort(cost)[:N_FITTED]]
+    return min(found, key=lambda solution: solution.cost)
 
 
-def first_states(s: Stretch) -> Array:
-    """(K, 18) of the first window: all planets in step, then out of it at random."""
+def initial_states(s: Windows) -> Array:
+    """Initial states (K, 18): planets in step, then with random differences, fixed seed."""
     rng = np.random.default_rng(0)
-    in_step = symmetric(s)[0]
+    in_step = symmetric_starts(s)[0]
     hidden = 3 + np.flatnonzero(~s.run.u.there[3:])
     found = [in_step]
     for share in OUT_OF_STEP if len(hidden) > 1 else ():
@@ -56,59 +59,67 @@ def first_states(s: Stretch) -> Array:
     return np.array(found)
 
 
-def carried(s: Stretch, drive: Drive, first: Array) -> tuple[Array, Array]:
-    """Starts (K, W, 18) of all windows from first states (K, 18), and what each costs (K,).
+def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, Array]:
+    """Filter initial states (K, 18) through all windows.
 
-    Nothing is known of a first state; a window starts where the one before ends, within ``JUMP``.
+    The prior of the first window is broad (the RMS of the motion); later ones are predicted with
+    process noise ``JUMP_SD``.
+
+    Returns:
+        Start states (K, W, 18) and total energies (K,).
     """
     K, eye = len(first), np.eye(STATES)
-    found, cost = np.empty((K, s.windows, STATES)), np.zeros(K)
+    found, cost = np.empty((K, s.n_windows, STATES)), np.zeros(K)
     expected = first / s.scale
     spread = np.asarray(np.broadcast_to(eye, (K, STATES, STATES)), dtype=np.float64)
-    for w in range(s.windows):
+    for w in range(s.n_windows):
         precision = np.asarray(np.linalg.inv(spread), dtype=np.float64)
-        z, now, normal, passed, end = _window(s, drive, w, expected, precision)
+        z, now, normal, passed, end = _window(s, forcing, w, expected, precision)
         found[:, w] = z * s.scale
         cost += now
         expected = end
-        spread = passed @ np.linalg.inv(normal) @ passed.transpose(0, 2, 1) + JUMP**2 * eye
+        spread = passed @ np.linalg.inv(normal) @ passed.transpose(0, 2, 1) + JUMP_SD**2 * eye
         spread = np.asarray(0.5 * (spread + spread.transpose(0, 2, 1)), dtype=np.float64)
     return found, cost
 
 
 def _window(
-    s: Stretch, drive: Drive, w: int, expected: Array, precision: Array
+    s: Windows, forcing: Forcing, w: int, expected: Array, precision: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """States (K, 18) of a window, over the scale, with a prior: Levenberg and Marquardt.
+    """Fit scaled start states (K, 18) of window w with a Gaussian prior by Levenberg-Marquardt.
+
+    Args:
+        expected, precision: mean (K, 18) and inverse covariance (K, 18, 18) of the prior.
 
     Returns:
-        them, their costs (K,), normal matrices and propagators to the end (K, 18, 18), and the
-        states at the end (K, 18).
+        States (K, 18), energies (K,), normal matrices (K, 18, 18), propagators to the end
+        (K, 18, 18) and states at the end (K, 18).
     """
     K = len(expected)
-    first = np.full(K, s.first[w])
+    first = np.full(K, s.first_half_step[w])
 
-    def at(z: Array) -> tuple[Array, ...]:
-        states, tangents = roll(z * s.scale, first, s.steps, s.h, drive)
-        seen, slope = s.seen(states, drive, first)
+    def evaluate(z: Array) -> tuple[Array, ...]:
+        """States, tangents, channel derivatives, residuals and energy at scaled starts z."""
+        states, tangents = integrate_windows(z * s.scale, first, s.steps, s.h, forcing)
+        seen, slope = s.channel_outputs(states, forcing, first)
         off = (s.measured[w] - seen) * s.weight[w]
         away = z - expected
         cost = (off**2).sum(axis=(1, 2)) + np.einsum("ki,kij,kj->k", away, precision, away)
         return states, tangents, slope * s.weight[w][..., None], off, cost
 
     z, damping = expected.copy(), np.full(K, 1e-2)
-    states, tangents, slope, off, cost = at(z)
-    for number in range(ROUNDS + 1):
+    states, tangents, slope, off, cost = evaluate(z)
+    for number in range(MAX_ROUNDS + 1):
         T = propagators(s, tangents)
         J = (slope @ T[:, :-1]).reshape(K, -1, STATES)
         normal = J.transpose(0, 2, 1) @ J + precision
-        if number == ROUNDS:
+        if number == MAX_ROUNDS:
             break
         right = np.einsum("kri,kr->ki", J, off.reshape(K, -1))
         right -= np.einsum("kij,kj->ki", precision, z - expected)
         more = np.einsum("k,kii->ki", damping, normal)[:, :, None] * np.eye(STATES)
         step = np.linalg.solve(normal + more, right[:, :, None])[:, :, 0]
-        *new, now = at(z + step)
+        *new, now = evaluate(z + step)
         better = now < cost
         gained = np.where(better, cost - now, 0.0)
         z, cost = np.where(better[:, None], z + step, z), np.minimum(now, cost)
@@ -117,6 +128,6 @@ def _window(
             for a, b in zip(new, (states, tangents, slope, off), strict=True)
         )
         damping *= np.where(better, 1.0 / 6.0, 6.0)
-        if np.all(gained < SETTLED * cost) and better.any():
+        if np.all(gained < RELATIVE_TOLERANCE * cost) and better.any():
             break
     return z, cost, normal, T[:, -1], states[:, -1] / s.scale

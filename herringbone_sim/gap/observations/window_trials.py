@@ -1,8 +1,8 @@
-"""Effects tried at their own size, where windows are too far from the nominal motion to be linear.
+"""Nonlinear trials: fit windows under each effect at several finite sizes.
 
-Once another pattern of contact is met, the response about the nominal motion says neither how
-large an effect is nor which one it is. So the windows are fitted under each effect at some sizes,
-a few rounds each, on the runs whose motion is nearest to the nominal one.
+Needed where the contact pattern differs from the nominal one, so that the linear response gives
+neither size nor kind of an effect. Trials run a few rounds on the runs nearest to the nominal
+motion.
 """
 
 from __future__ import annotations
@@ -14,89 +14,93 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.search import Hypothesis, Score, amplitudes
-from herringbone_sim.diagnosis.threads import each
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
-from herringbone_sim.gap.observations.trajectory import SQUARES_OF_A_FIT
+from herringbone_sim.gap.observations.trajectory import MAX_FIT_CHI2
 
 Array = NDArray[np.float64]
 
-TIMES = (-3.0, -1.0, 1.0, 3.0)  # a moderate size, along what the linear screen says
-FACTORS = (-np.log(3.0), 0.0, np.log(3.0))  # on the stiffness or clearance of a part
-ROUNDS = (3, 8)  # on the nearest run, and on the next one
-SECOND = 24  # trials that are done on the next run as well
-KEPT, PLACES = 4, 2  # trials that are fitted, and of them with the same effect
+# Sizes over the moderate one, in the direction of the linear fit; chosen.
+SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
+# Offsets of the logarithm of a part's stiffness or clearance; chosen.
+PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
+ROUNDS_BY_RUN = (3, 8)  # rounds on the nearest run and on the next one, for run time
+MAX_ON_SECOND_RUN = 24  # trials continued on the second run
+MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # trials returned, in all and with the same effect
 
 
-def tried(
+def nonlinear_trials(
     gear: Gear,
     rows: Mapping[str, int],
     tolerances: int,
     ranked: Sequence[tuple[Hypothesis, Array]],
     known: Score,
 ) -> list[tuple[float, Hypothesis, Array]]:
-    """The best trials: squares left of all runs, hypothesis, where its fit starts.
+    """Best trials: energy left of all runs, hypothesis, start of its fit.
 
     Args:
-        rows: of each observation.
-        tolerances: how many of the known coefficients are; trials leave them at their centre, as
-            they are bent by what is not explained.
-        ranked: hypotheses with their linear fit (p,), known coefficients first.
+        rows: number of rows of each observation.
+        tolerances: number of tolerances among the known coefficients; trials keep them at zero,
+            as their fit is biased by the unexplained gap.
+        ranked: hypotheses with the mean (p,) of their linear fit, known coefficients first.
         known: fit without them.
     """
     count, n = len(gear.runs), len(known.coefficients)
     about = known.mean.copy()
     about[:tolerances] = 0.0
     made = amplitudes(known.coefficients, about, count, rows)
-    near = each(lambda r: gear.states(r, made), range(count))
+    near = parallel_map(lambda r: gear.states(r, made), range(count))
     left = [
-        shot.cost / np.count_nonzero(t.recorded.weight)
-        for shot, t in zip(near, gear.trajectories, strict=True)
+        solution.cost / np.count_nonzero(t.recorded.weight)
+        for solution, t in zip(near, gear.trajectories, strict=True)
     ]
-    far = [r for r in np.argsort(left).tolist() if left[r] > SQUARES_OF_A_FIT]
+    far = [r for r in np.argsort(left).tolist() if left[r] > MAX_FIT_CHI2]
     trials: list[tuple[Hypothesis, Array]] = []
     for one, linear in ranked:
-        own = linear[n : n + one.mains]
-        if _exchange(one):
+        own = linear[n : n + one.n_own]
+        if _is_swap(one):
             trials.append((one, np.append(about, 1.0)))
-        elif isinstance(one.maker, Seat):
+        elif isinstance(one.source, Seat):
             center = np.array([c.center for c in one.coefficients])
             leading = np.arange(len(center)) == 1  # its stiffness or clearance, as a logarithm
-            trials += [(one, np.concatenate([about, center + leading * k])) for k in FACTORS]
-        elif np.any(own) and all(c.sized and not c.center for c in one.coefficients):
-            unit = np.array([c.sd for c in one.coefficients[: one.mains]])
+            trials += [
+                (one, np.concatenate([about, center + leading * k])) for k in PART_LOG_FACTORS
+            ]
+        elif np.any(own) and all(c.scales_with_effect and not c.center for c in one.coefficients):
+            unit = np.array([c.sd for c in one.coefficients[: one.n_own]])
             moderate = own / np.linalg.norm(own / unit)
-            rest = np.zeros(len(one.coefficients) - one.mains)
-            trials += [(one, np.concatenate([about, moderate * k, rest])) for k in TIMES]
+            rest = np.zeros(len(one.coefficients) - one.n_own)
+            trials += [(one, np.concatenate([about, moderate * k, rest])) for k in SIZE_FACTORS]
 
     def share_left(r: int, i: int, rounds: int) -> float:
-        """A trial that leaves more has not settled, and says nothing."""
+        """Energy left of run r by trial i over that without it, at most 1 (not converged)."""
         one, start = trials[i]
         of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
-        if _exchange(one):
+        if _is_swap(one):
             return float(np.fmin(gear.states(r, of_trial).cost / near[r].cost, 1.0))
-        return float(np.fmin(gear.squares_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0))
+        return float(np.fmin(gear.energy_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0))
 
-    used = list(zip(far, ROUNDS, strict=False))
+    used = list(zip(far, ROUNDS_BY_RUN, strict=False))
     for i, (one, _) in enumerate(trials if used else ()):
-        found = share_left(far[0], i, 0) if _exchange(one) else 1.0
-        if found * left[far[0]] < SQUARES_OF_A_FIT:
+        found = share_left(far[0], i, 0) if _is_swap(one) else 1.0
+        if found * left[far[0]] < MAX_FIT_CHI2:
             return [(float(known.in_sample * found), *trials[i])]
     share = np.ones(len(trials))
-    chosen = [i for i, (one, _) in enumerate(trials) if not _exchange(one)]
+    chosen = [i for i, (one, _) in enumerate(trials) if not _is_swap(one)]
     for r, rounds in used:
-        left_of_run = each(partial(share_left, r, rounds=rounds), chosen)
+        left_of_run = parallel_map(partial(share_left, r, rounds=rounds), chosen)
         share[chosen] *= np.array(left_of_run) ** (1.0 / len(used))
-        chosen = sorted(chosen, key=lambda i: float(share[i]))[:SECOND]
+        chosen = sorted(chosen, key=lambda i: float(share[i]))[:MAX_ON_SECOND_RUN]
     best: list[tuple[float, Hypothesis, Array]] = []
     for i in chosen if used else ():
         same = [other for _, other, _ in best if other.effect == trials[i][0].effect]
         known_already = any(trials[i][0] is other for other in same)
-        if len(best) < KEPT and len(same) < PLACES and not known_already:
+        if len(best) < MAX_KEPT and len(same) < MAX_KEPT_PER_EFFECT and not known_already:
             best.append((float(known.in_sample * share[i]), *trials[i]))
     return best
 
 
-def _exchange(one: Hypothesis) -> bool:
-    """Whether it is there or not: an exchange of channels."""
+def _is_swap(one: Hypothesis) -> bool:
+    """Whether a hypothesis swaps channels: present or absent, without a size."""
     return one.effect == "channel_swap"

@@ -25,10 +25,10 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.diagnose import STRIDE
 from herringbone_sim.gap.named import moderate_size
-from herringbone_sim.gap.observations.events import KINDS, Event, lags
+from herringbone_sim.gap.observations.events import EVENT_KINDS, Event, mesh_delays
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.seats import PARAMETERS
+from herringbone_sim.gap.observations.seats import SEAT_PARAMETERS
 from herringbone_sim.gap.planning.sensed import Noise, sensed
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ def plan(
     say("recording")
     campaign = sensed(nominal, points, sensors, noise, cycles)
     machine = GearMachine(Gear(campaign.runs, stride=STRIDE))
-    if not machine.formed:
+    if not machine.observation_names:
         raise AnalysisError(
             "sensors must allow a diagnosis one observation at least, got none: measure rotations "
             f"or accelerations of both suns and the carrier, got {', '.join(sensors)}"
@@ -129,9 +129,9 @@ def plan(
     say("calibration")
     search = Search(machine)
     hypotheses = machine.hypotheses()
-    by_windows = machine.gear.by_windows
+    by_windows = machine.gear.uses_windows
     machine, events = machine.with_parts(_teeth(machine.gear))
-    hypotheses += [replace(h, mains=1) for h in events]
+    hypotheses += [replace(h, n_own=1) for h in events]
     search = search.onwards(machine)
     say(f"{len(hypotheses)} hypotheses")
     # What is there or not, such as exchanged channels, has no size.
@@ -141,11 +141,11 @@ def plan(
     outlooks = tuple(_outlook(i, hypotheses, found, machine.gear.model) for i in seen)
     sought = {one.effect for one in outlooks}
     others = [name for name in known_effects() if name not in sought]
-    known = ("channel_swap",) if by_windows else (*PARAMETERS, "channel_swap")
+    known = ("channel_swap",) if by_windows else (*SEAT_PARAMETERS, "channel_swap")
     parts = tuple(n for n in others if n in known)
     return Plan(
         tuple(sensors),
-        machine.formed,
+        machine.observation_names,
         found.count,
         outlooks,
         tuple(name for name in others if name not in parts),
@@ -157,17 +157,17 @@ def _teeth(gear: Gear) -> list[Event]:
     """A tooth of each member, cracked and spalled, at the first mesh that it meets."""
     layout = gear.model.layout
     found, middle = [], MIDDLE
-    if gear.by_windows:
+    if gear.uses_windows:
         s = gear.trajectories[0].recorded
-        middle = float(s.phase[s.first[s.windows // 2]] / (2.0 * np.pi))
-    for kind in KINDS:
+        middle = float(s.phase[s.first_half_step[s.n_windows // 2]] / (2.0 * np.pi))
+    for kind in EVENT_KINDS:
         for member, mesh in TOOTH.items():
             places = [
                 p
                 for p in known_effects()[kind].candidates(layout)
                 if p.mesh == mesh and p.planet != "all" and p.side != "all"
             ]
-            _, late = next(iter(lags(gear, member)))
+            _, late = next(iter(mesh_delays(gear, member)))
             found += [Event(kind, p, member, middle, tuple(late.tolist())) for p in places[:1]]
     return found
 
@@ -232,10 +232,10 @@ def _judged(
     """
     h, count = hypotheses[i], found.count
     none = _candidate((), Locus(), count + found.seen(i, size), 0, count)
-    own = _candidate((h.effect,), h.locus, count + h.mains, h.mains, count)
+    own = _candidate((h.effect,), h.locus, count + h.n_own, h.n_own, count)
     others = [
         _candidate(
-            (r.effect,), r.locus, count + found.left_at(i, j, size) + r.mains, r.mains, count
+            (r.effect,), r.locus, count + found.left_at(i, j, size) + r.n_own, r.n_own, count
         )
         for j, r in ((j, hypotheses[j]) for j in rivals)
     ]

@@ -17,8 +17,8 @@ from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.observations.shooting import inverse_masses, loads
-from herringbone_sim.gap.observations.window_channels import on_pins, pins
+from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
+from herringbone_sim.gap.observations.window_channels import pin_names, pin_weights
 
 Array = NDArray[np.float64]
 LEAST_CYCLES = round(BLOCK_CYCLES)  # of a run: longer than what a mesh remembers
@@ -51,7 +51,7 @@ def known_sensors(layout: Layout) -> tuple[str, ...]:
     """Names of all channels that sensors may have."""
     found = [f"{q}_{mesh}" for q in "xvF" for mesh in layout.meshes]
     found += [f"{q}_{body}" for q in "ua" for body in layout.bodies]
-    return (*found, *(f"F_{pin}" for pin in pins(layout)))
+    return (*found, *(f"F_{pin}" for pin in pin_names(layout)))
 
 
 def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
@@ -62,7 +62,7 @@ def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
         raise ParameterError(
             f"sensors are some of u_s_L, a_c, x_sp1_L, v_rp2_R, F_sp1_L, F_pin1 and the like, got "
             f"{listed(foreign) or 'none'}: name bodies {', '.join(layout.bodies)}, meshes "
-            f"{', '.join(layout.meshes)} or pins {', '.join(pins(layout))}"
+            f"{', '.join(layout.meshes)} or pins {', '.join(pin_names(layout))}"
         )
 
 
@@ -118,7 +118,7 @@ def _run(
     clean = {q: series.columns(tuple(f"{q}_{m}" for m in layout.meshes)) for q in "xvF"}
     clean["u"] = series.columns(tuple(f"u_{b}" for b in layout.bodies))
     clean["a"] = accelerations(model, phase, clean["F"])
-    clean["pin"] = clean["F"] @ on_pins(layout).T
+    clean["pin"] = clean["F"] @ pin_weights(layout).T
 
     def seen(q: str, names: Sequence[str]) -> Measured:
         there = np.array([n in sensors for n in names])
@@ -138,7 +138,7 @@ def _run(
         F=seen("F", [f"F_{mesh}" for mesh in layout.meshes]),
         u=seen("u", [f"u_{body}" for body in layout.bodies]),
         a=seen("a", [f"a_{body}" for body in layout.bodies]),
-        pin=seen("pin", [f"F_{p}" for p in pins(layout)]),
+        pin=seen("pin", [f"F_{p}" for p in pin_names(layout)]),
         model=model,
         waves=waves(model, phase, omega),
         recorded_point={},
@@ -149,4 +149,4 @@ def _run(
 def accelerations(model: Model, phase: Array, force: Array) -> Array:
     """(n, 9) of the bodies [m/s^2] of the nominal gear by its mesh forces (n, n_mesh) [N]."""
     G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
-    return np.asarray(inverse_masses(model) * (loads(model, phase) - force @ G))
+    return np.asarray(inverse_masses(model) * (body_loads(model, phase) - force @ G))

@@ -1,21 +1,26 @@
-"""Where coefficients act: weights of functions on the rows of a gear's observations."""
+"""Coefficients with their weights on the rows of a gear's observations."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Coefficient, Part
+from herringbone_sim.diagnosis.products import Coefficient, Placement
 from herringbone_sim.gap.observations import balance, force_law, trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.residuals.balance import inertia_parts
 
 Array = NDArray[np.float64]
+DEPARTURE_SHARE = 0.25  # prior departure of a curve, as a share of the effect; chosen
 Weights = dict[str | tuple[str, str], float | Array]
 
 
-class Places:
-    """Turns terms into coefficients on the rows of a gear's observations."""
+class CoefficientBuilder:
+    """Builds coefficients for the observations of a gear.
+
+    A function of the force law also acts through the balance of meshes without recorded force, and
+    through windows of the motion; these weights are added here.
+    """
 
     def __init__(self, gear: Gear) -> None:
         self.gear = gear
@@ -23,20 +28,26 @@ class Places:
         self._reach = inertia_parts(gear.model).sum(0)
 
     @property
-    def of_windows(self) -> tuple[str, ...]:
-        """The observation of trajectories, where it is formed."""
-        return (trajectory.NAME,) if self.gear.by_windows else ()
+    def window_observation(self) -> tuple[str, ...]:
+        """Name of the trajectory observation, if it is formed."""
+        return (trajectory.NAME,) if self.gear.uses_windows else ()
 
     def coefficient(
         self, name: str, weights: Weights, sd: float, bound: float = np.inf, center: float = 0.0
     ) -> Coefficient:
-        """A coefficient that adds its functions to the rows with these weights."""
+        """Coefficient with given weights and those that follow from them.
+
+        Args:
+            weights: by function of the force law, or by (observation, function): a number, (rows,)
+                or (runs, rows).
+            sd, bound, center: see ``Coefficient``.
+        """
         placed: dict[str, list[tuple[int, str, Array]]] = {}
         for key, weight in weights.items():
             o, function = (force_law.NAME, key) if isinstance(key, str) else key
-            self._place(placed, o, function, np.asarray(weight, dtype=float))
+            self._append(placed, o, function, np.asarray(weight, dtype=float))
         parts = {
-            o: Part(
+            o: Placement(
                 tuple(row for row, _, _ in all_),
                 tuple(f for _, f, _ in all_),
                 np.array([w for _, _, w in all_]).T.reshape(self.runs, -1),
@@ -45,14 +56,15 @@ class Places:
         }
         return Coefficient(name, sd, bound, parts, center)
 
-    def _place(
+    def _append(
         self, placed: dict[str, list[tuple[int, str, Array]]], o: str, function: str, weight: Array
     ) -> None:
+        """Append (row, function, weights (runs,)) of one function to ``placed``."""
         rows = self.rows(o)
         w = np.broadcast_to(weight, (self.runs, rows))
         for row in np.flatnonzero(np.any(w != 0.0, axis=0)):
             placed.setdefault(o, []).append((int(row), function, w[:, row]))
-            if o == force_law.NAME and self.gear.by_windows:
+            if o == force_law.NAME and self.gear.uses_windows:
                 at = f"{function} of {row}"
                 placed.setdefault(trajectory.NAME, []).append((0, at, w[:, row]))
             if o == force_law.NAME and self.gear.modelled[row]:
@@ -62,9 +74,9 @@ class Places:
                     placed.setdefault(balance.NAME, []).append(one)
 
     def rows(self, o: str) -> int:
-        """Number of rows of an observation; those of consistency share their columns' weights."""
+        """Number of rows of an observation."""
         if o == force_law.NAME:
             return self.gear.model.layout.n_mesh
         if o == trajectory.NAME:
             return 1
-        return self.gear.model.layout.n_coordinate if o == balance.NAME else self.gear.relations
+        return self.gear.model.layout.n_coordinate if o == balance.NAME else self.gear.n_relations

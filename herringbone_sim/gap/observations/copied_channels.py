@@ -1,7 +1,7 @@
-"""Channels that are worked out of one another count once.
+"""Drop channels that were computed from other channels, so that each measurement counts once.
 
-Where displacements follow from rotations to less than the noise that both carry, they are the same
-measurement; where rates are slopes of displacements, likewise. The copy is left out.
+Displacements that agree with rotations to less than the noise of both are copies; so are rates
+that agree with the derivative of displacements.
 """
 
 from __future__ import annotations
@@ -16,42 +16,49 @@ from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, incre
 from herringbone_sim.gap.sensors.consistency import geometry
 from herringbone_sim.gap.sensors.corrected import drop
 
-HALF = 0.5  # of the disagreement that independent noise would give
-# Of a spline through white noise, a sample apart: squares of its slope over those of the noise.
-OF_SPLINE = float(
+# RMS disagreement over that of independent noise below which a channel is a copy; chosen.
+COPY_SHARE = 0.5
+# Variance of the slope of a cubic spline through white noise of variance 1 at unit spacing.
+SPLINE_SLOPE_NOISE = float(
     np.sum(CubicSpline(np.arange(33.0), np.eye(33)[16]).derivative()(np.arange(33.0)) ** 2)
 )
 
 
-def independent(run: PreparedRun) -> PreparedRun:
-    """The run without copies."""
+def drop_copies(run: PreparedRun) -> PreparedRun:
+    """Drop copied displacement and rate channels of a run."""
     layout = run.model.layout
     by_mesh, by_body = (
         tuple(f"{q}_{name}" for name in names)
         for q, names in (("x", layout.meshes), ("u", layout.bodies))
     )
     left = geometry(run)[0][0]
-    if run.u.complete and left.size and _rms(left) < HALF:
+    if run.u.complete and left.size and _rms(left) < COPY_SHARE:
         run = drop(run, by_mesh)
-    # Rates may be worked out of displacements, mesh by mesh or all, of rotations, or of both.
+    # Rates may come from displacements, of one mesh or fused, from rotations, or from both.
     D = coordinates_to_meshes(layout)
     every = [displacement(one) for one in (run, drop(run, by_mesh), drop(run, by_body))]
-    found = [_apart(run, run.x.values + run.waves.e, run.x.sigma**2)]
-    found += [_apart(run, z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
+    found = [_disagreement(run, run.x.values + run.waves.e, run.x.sigma**2)]
+    found += [_disagreement(run, z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
     share = min(found, key=lambda one: float(np.median(one)))
-    if np.median(share) < HALF:
-        # One that is off all the same has an error of its own.
+    if np.median(share) < COPY_SHARE:
+        # A rate that disagrees although the others are copies has its own error: keep it.
         own = zip(layout.meshes, share, strict=True)
-        run = drop(run, tuple(f"v_{mesh}" for mesh, off in own if off < HALF))
+        run = drop(run, tuple(f"v_{mesh}" for mesh, off in own if off < COPY_SHARE))
     return run
 
 
-def _apart(
+def _disagreement(
     run: PreparedRun, x: NDArray[np.float64], of_x: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n_mesh,) disagreement of rates with those of displacements x (n, n_mesh) [m] of variance
-    of_x, by their integral, central differences or a spline, over that of independent noise;
-    infinite where there is nothing to compare."""
+    """(n_mesh,) RMS disagreement of rates with displacements, over that of independent noise.
+
+    The least of three comparisons: integral of rates, central differences, spline. Infinite where
+    there is nothing to compare.
+
+    Args:
+        x: (n, n_mesh) displacements [m].
+        of_x: (n_mesh,) their variance.
+    """
     h = run.step_s
     known = run.v.there & np.isfinite(x).all(axis=0)
     found = np.full(len(known), np.inf)
@@ -68,7 +75,7 @@ def _apart(
         for off, expected in (
             (integral, 2.0 * of_x + h**2 * float(np.sum(QUADRATURE**2)) * of_v),
             (slope, 0.5 * of_x / h**2 + of_v),
-            (spline, OF_SPLINE * of_x / h**2 + of_v),
+            (spline, SPLINE_SLOPE_NOISE * of_x / h**2 + of_v),
         )
     ]
     found[known] = np.sqrt(np.min(shares, axis=0))
@@ -76,4 +83,5 @@ def _apart(
 
 
 def _rms(values: NDArray[np.float64]) -> float:
+    """RMS of all values."""
     return float(np.sqrt(np.mean(values**2)))

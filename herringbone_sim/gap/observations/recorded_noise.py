@@ -1,7 +1,7 @@
-"""Noise of every channel, as the recording shows it beside what is told.
+"""Noise of every channel for the report: RMS, colour, mains lines, resolution, delay.
 
-What geometry leaves of a displacement or a rotation, and the force law of a force, is noise but
-for what is wrong; its spectrum tells colour and lines.
+Estimated from the residual of fusion (x, v) and of the force law (F), which is noise unless
+something is wrong.
 """
 
 from __future__ import annotations
@@ -20,12 +20,19 @@ from herringbone_sim.gap.observations.runs import GearRun
 Array = NDArray[np.float64]
 
 MAINS_HZ = (50.0, 100.0, 150.0)
-BELOW_HZ = 150.0  # drift and hum lie below the third harmonic of the mains
-RISEN = 4.0  # times the mean of the spectrum: one in fifty of single values of white noise
+SLOW_HZ = 150.0  # drift and hum lie below: third harmonic of the mains
+EXCESS = 4.0  # power over the mean of the spectrum; white noise exceeds it at 1 of 50 lines
 
 
-def noise_shown(runs: Sequence[GearRun], told: bool) -> dict[str, dict[str, Any]]:
-    """By channel: rms, unit, colour, lines_hz, step, delay_s, told; see the report's contract."""
+def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, dict[str, Any]]:
+    """Noise by channel, in the form of the report.
+
+    Args:
+        noise_known: whether the campaign gives the noise.
+
+    Returns:
+        By channel: rms, unit, colour, lines_hz, step, delay_s, told.
+    """
     found: dict[str, dict[str, Any]] = {}
     first = runs[0].run
     layout = first.model.layout
@@ -39,24 +46,28 @@ def noise_shown(runs: Sequence[GearRun], told: bool) -> dict[str, dict[str, Any]
         for j, name in enumerate(names):
             there = [g for g in runs if getattr(g.run, quantity).there[j]]
             if there:
-                found[f"{quantity}_{name}"] = _channel(there, quantity, j, told)
+                found[f"{quantity}_{name}"] = _channel_noise(there, quantity, j, noise_known)
     for j, planet in enumerate(layout.planets):
         there = [g for g in runs if g.run.pin.there[j]]
         if there:
-            found[f"F_pin{planet}"] = _channel(there, "pin", j, told)
+            found[f"F_pin{planet}"] = _channel_noise(there, "pin", j, noise_known)
     return found
 
 
-def _channel(runs: Sequence[GearRun], quantity: str, j: int, told: bool) -> dict[str, Any]:
+def _channel_noise(
+    runs: Sequence[GearRun], quantity: str, j: int, noise_known: bool
+) -> dict[str, Any]:
     measured = [getattr(g.run, quantity) for g in runs]
     sigma = float(np.sqrt(np.mean([m.sigma[j] ** 2 for m in measured])))
-    left = [_left(g, quantity, j) for g in runs]
+    left = [_residual(g, quantity, j) for g in runs]
     colour, lines = "white", []
     if all(values is not None for values in left):
-        spectra = [_risen(v, g.run) for v, g in zip(left, runs, strict=True) if v is not None]
-        colour = "1/f" if float(np.median([s[0] for s in spectra])) > RISEN else "white"
+        spectra = [
+            _spectral_excess(v, g.run) for v, g in zip(left, runs, strict=True) if v is not None
+        ]
+        colour = "1/f" if float(np.median([s[0] for s in spectra])) > EXCESS else "white"
         lines = [
-            f for i, f in enumerate(MAINS_HZ) if np.median([s[1][i] for s in spectra]) > RISEN
+            f for i, f in enumerate(MAINS_HZ) if np.median([s[1][i] for s in spectra]) > EXCESS
         ]
     step = float(np.median([resolution(m.values[:, [j]])[0] for m in measured]))
     return {
@@ -66,12 +77,12 @@ def _channel(runs: Sequence[GearRun], quantity: str, j: int, told: bool) -> dict
         "lines_hz": lines,
         "step": step,
         "delay_s": float(np.mean([g.run.late_rad / g.run.omega_rad_per_s for g in runs])),
-        "told": sigma if told else None,
+        "told": sigma if noise_known else None,
     }
 
 
-def _left(g: GearRun, quantity: str, j: int) -> Array | None:
-    """What other channels leave of a channel (n,); None where none of them tells."""
+def _residual(g: GearRun, quantity: str, j: int) -> Array | None:
+    """Residual (n,) of a channel against the others; None where they don't determine it."""
     run = g.run
     if quantity == "x":
         values = run.x.values[:, j] - g.fused.x[:, j]
@@ -84,13 +95,13 @@ def _left(g: GearRun, quantity: str, j: int) -> Array | None:
     return values if np.isfinite(values).all() and np.any(values) else None
 
 
-def _risen(values: Array, run: PreparedRun) -> tuple[float, list[float]]:
-    """Power of drift, and at the mains, over the mean of the spectrum."""
+def _spectral_excess(values: Array, run: PreparedRun) -> tuple[float, list[float]]:
+    """Power of drift, and at each mains line, over the mean of the spectrum."""
     centred = (values - values.mean()) * np.hanning(len(values))
     power = np.abs(np.fft.rfft(centred)) ** 2
     hz = np.fft.rfftfreq(len(values), run.step_s)
     mean = float(np.median(power[1:]) / np.log(2.0))
-    slow = float(power[(hz > 0.0) & (hz < BELOW_HZ)].mean()) / mean if hz[1] < BELOW_HZ else 1.0
+    slow = float(power[(hz > 0.0) & (hz < SLOW_HZ)].mean()) / mean if hz[1] < SLOW_HZ else 1.0
     lines = []
     for f in MAINS_HZ:
         near = int(np.argmin(np.abs(hz - f)))

@@ -1,0 +1,67 @@
+"""Hypotheses: effects of the catalogue that act on bodies rather than in meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.gap.observations import balance
+from herringbone_sim.gap.observations.coefficients import (
+    DEPARTURE_SHARE,
+    CoefficientBuilder,
+    Weights,
+)
+
+
+def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
+    """Tooth friction at every place: forces mu |F| along the flanks, free over the mesh cycle."""
+    gear = builder.gear
+    effect = known_effects()["tooth_friction"]
+    layout = gear.model.layout
+    to_rows = balance.accelerations(gear.model)
+    for locus in effect.candidates(layout):
+        constant, lever = friction_arms(gear.model, locus.mask(layout))
+        of = {"sign": constant @ to_rows.T, "lever": lever @ to_rows.T}
+        weights: Weights = {
+            (balance.NAME, f"friction {g} of {j}"): of[g][j]
+            for j in range(layout.n_mesh)
+            for g in ("sign", "lever")
+            if np.any(of[g][j])
+        }
+        at = np.flatnonzero(locus.mask(layout))
+        for o in builder.window_observation:
+            weights |= {(o, f"friction {g} of {j}"): 1.0 for j in at for g in ("sign", "lever")}
+        terms = [builder.coefficient("mu", weights, 0.05)]
+        for g in balance.FRICTION[2:]:
+            bend: Weights = {
+                (balance.NAME, f"friction {g} of {j}"): of["sign"][j]
+                for j in range(layout.n_mesh)
+                if np.any(of["sign"][j])
+            }
+            for o in builder.window_observation:
+                bend |= {(o, f"friction {g} of {j}"): 1.0 for j in at}
+            terms.append(builder.coefficient(g, bend, 0.05 * DEPARTURE_SHARE))
+        yield Hypothesis("tooth_friction", (), locus, tuple(terms), 1)
+
+
+def ripple(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
+    """Torque ripple of every order of the input shaft, with its second and third harmonic."""
+    gear = builder.gear
+    push = np.zeros(len(gear.model.layout.bodies))
+    push[:2] = 0.5 / gear.model.scales.r_bs
+    rows = gear.T_1[:, None] * (balance.accelerations(gear.model) @ push)
+    for order in balance.RIPPLES:
+        terms = []
+        for times, sd in ((1, 1.0), (2, DEPARTURE_SHARE), (3, DEPARTURE_SHARE / 2)):
+            if times * order in balance.RIPPLES:
+                for trig in ("cos", "sin"):
+                    of: Weights = {(balance.NAME, f"ripple {times * order} {trig}"): rows}
+                    for o in builder.window_observation:
+                        of[o, f"ripple {times * order} {trig}"] = gear.T_1[:, None]
+                    terms.append(builder.coefficient(f"{times} {trig}", of, 0.2 * sd))
+        yield Hypothesis("torque_ripple", (("order", order),), Locus(), tuple(terms), 2)

@@ -1,0 +1,92 @@
+"""Rotations of all bodies, rigid rotation included: loads, masses, momentum, motion of shafts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.model import Model, mean_stiffness
+from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
+
+Array = NDArray[np.float64]
+
+
+def body_loads(model: Model, phase: Array) -> Array:
+    """(n, 9) forces on the bodies by both torques and the control at mesh phases (n,) [N]."""
+    p, sc, packed = model.parameters, model.scales, model.packed
+    tau = np.zeros((len(phase), len(model.layout.bodies)))
+    tau[:, :2] = p.T_1 / (2.0 * sc.r_bs)
+    wave = np.cos(packed.control_order * phase + packed.control_phase)
+    control = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
+    tau[:, 2] = -sc.T_2 / sc.r_bc + control * wave
+    return tau
+
+
+def inverse_masses(model: Model) -> Array:
+    """(9,) 1/M of the bodies [1/kg]."""
+    packed = model.packed
+    return np.concatenate([packed.inv_M_s, [1.0 / model.scales.M_c], packed.inv_M_p.ravel()])
+
+
+def rigid_momentum(run: PreparedRun, phase: Array) -> Array:
+    """(n,) sum of M r u [kg m] by the control, r the rigid rotation with 1 at the carrier."""
+    sc, packed = run.model.scales, run.model.packed
+    push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
+    turn = packed.control_order * run.omega_rad_per_s
+    wave = np.cos(packed.control_order * (phase - run.late_rad) + packed.control_phase)
+    return np.asarray(-push * wave / turn**2)
+
+
+def with_rigid_swing(run: PreparedRun) -> PreparedRun:
+    """Run with the rigid oscillation excited by the control added to its rotations.
+
+    Recordings of a simulator in relative coordinates lack all rigid rotation; those of a rig lack
+    only its trend.
+    """
+    model = run.model
+    M = 1.0 / inverse_masses(model)
+    G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
+    rigid = np.linalg.svd(G)[2][-1]
+    rigid = rigid / rigid[2]
+    swing = rigid_momentum(run, run.phase) / (M @ rigid**2)
+    moved = run.u.values + swing[:, None] * rigid
+    return replace(run, u=replace(run.u, values=moved))
+
+
+def static_rotations(run: PreparedRun) -> Array:
+    """Static rotations (9,) [m] under the torques: equal planets, e = 0, no rigid rotation."""
+    model = run.model
+    p, sc, layout = model.parameters, model.scales, model.layout
+    G = coordinates_to_meshes(layout) @ bodies_to_coordinates(model)
+    M = 1.0 / inverse_masses(model)
+    tau = np.zeros(len(M))
+    tau[:2] = p.T_1 / (2.0 * sc.r_bs)
+    tau[2] = -sc.T_2 / sc.r_bc
+    force = np.linalg.lstsq(G.T, tau, rcond=None)[0]
+    x = force / mean_stiffness(p) + np.sign(force) * model.half_backlash_m
+    rows = np.vstack([G, M / np.abs(M).max()])
+    found: Array = np.linalg.lstsq(rows, np.append(x, 0.0), rcond=None)[0]
+    return found
+
+
+def shaft_rotations(run: PreparedRun) -> Array:
+    """Rotations (n, 3) of suns and carrier [m], measured or integrated from accelerations.
+
+    Integration leaves out frequencies below half the mesh frequency; the mean is the static one.
+    """
+    bodies, n = run.model.layout.bodies, len(run)
+    at = [bodies.index(name) for name in SHAFTS]
+    w = 2.0 * np.pi * np.fft.rfftfreq(n, run.step_s)
+    over = np.divide(-1.0, w**2, out=np.zeros_like(w), where=w > 0.5 * run.omega_rad_per_s)
+    rest = static_rotations(run)
+    found = np.empty((n, len(at)))
+    for i, b in enumerate(at):
+        if run.u.there[b]:
+            found[:, i] = run.u.values[:, b]
+        else:
+            power = np.fft.rfft(run.a.values[:, b])
+            found[:, i] = np.fft.irfft(power * over, n) + rest[b]
+    return found

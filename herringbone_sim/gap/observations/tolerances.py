@@ -1,0 +1,68 @@
+"""Tolerances of gear and sensors: coefficients contained in every hypothesis."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.products import Coefficient
+from herringbone_sim.effects.site import is_ring
+from herringbone_sim.gap.observations import balance
+from herringbone_sim.gap.observations.coefficients import CoefficientBuilder, Weights
+from herringbone_sim.gap.observations.common_filter import MAX_FILTER_COEFFICIENTS
+from herringbone_sim.gap.residuals.balance import inertia_parts
+
+Array = NDArray[np.float64]
+GAUGE_GAIN_TOLERANCE = 0.05  # gain of a strain gauge, by data sheet
+
+
+def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
+    """Coefficients of every hypothesis: what a healthy rig and its sensors may differ by.
+
+    k, c and e of sun and ring meshes, delays, common filter, force between samples, masses, gains
+    of gauges. Bounds are those of the data sheet.
+    """
+    gear = builder.gear
+    ring = is_ring(gear.model.layout)
+    found = []
+    for kind, on in (("sp", 1.0 - ring), ("rp", ring)):
+        for what, function, bound in (
+            ("k", "kappa", 0.02),
+            ("c", "gamma", 0.04),
+            ("e", "error", 0.02),
+        ):
+            found.append(
+                builder.coefficient(f"{what}_{kind}", {function: on}, bound / 3**0.5, bound)
+            )
+    late = -gear.omegas[:, None]
+    for name, function in (("delay of k", "shift k"), ("delay of e", "shift e")):
+        found.append(builder.coefficient(name, {function: late}, 2.5e-6, 5e-6))
+    for i, most in enumerate(MAX_FILTER_COEFFICIENTS):
+        name = f"filter {i + 1}"
+        found.append(builder.coefficient(name, {name: 1.0}, 0.5 * most, most))
+    of_quadrature: Weights = {(balance.NAME, "quadrature"): 1.0}
+    found.append(builder.coefficient("quadrature", of_quadrature, 0.3, 1.0))
+    for mass in balance.MASSES:
+        of_mass: Weights = {(o, mass): 1.0 for o in (balance.NAME, *builder.window_observation)}
+        found.append(builder.coefficient(mass, of_mass, 0.02 / 3**0.5, 0.0205))
+    for gauge in gear.gauges:
+        name = f"gain of {gauge}"
+        of_gauge: Weights = {(o, name): 1.0 for o in builder.window_observation}
+        found.append(
+            builder.coefficient(
+                name, of_gauge, GAUGE_GAIN_TOLERANCE / 3**0.5, GAUGE_GAIN_TOLERANCE
+            )
+        )
+    for j, tolerance in enumerate(gear.gain_tolerance):
+        if tolerance > 0.0 and not gear.modelled[j] and not gear.uses_windows:
+            weights = _force_gain(builder, j)
+            found.append(builder.coefficient(f"gain {j}", weights, tolerance / 3**0.5, tolerance))
+    return tuple(found)
+
+
+def _force_gain(builder: CoefficientBuilder, j: int) -> Weights:
+    """Weights of a gain error of force sensor j: force law, and balance with opposite sign."""
+    on = np.zeros(builder.gear.model.layout.n_mesh)
+    on[j] = 1.0
+    reach = inertia_parts(builder.gear.model).sum(0)
+    return {"F gain": on, (balance.NAME, f"F of {j}"): -reach[:, j]}
