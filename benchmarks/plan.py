@@ -22,7 +22,7 @@ from typing import Any
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.effects.effect import Active, active
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.planning.plan import Outlook, plan
 from herringbone_sim.gap.planning.sensed import Noise

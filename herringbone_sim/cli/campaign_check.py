@@ -11,7 +11,8 @@ from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
 from herringbone_sim.gap.allowed import Allowed, allowed
-from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, prepare
+from herringbone_sim.gap.data.prepare import prepare
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import NOMINAL
 from herringbone_sim.recording.load import iter_sample_blocks

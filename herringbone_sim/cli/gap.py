@@ -18,7 +18,7 @@ from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
 from herringbone_sim.gap.report import write_report
 from herringbone_sim.gap.residuals.residual import ForceResidual, force_residual

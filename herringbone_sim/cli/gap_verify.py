@@ -10,7 +10,7 @@ from typing import Any
 
 from herringbone_sim.cli.gap import progress
 from herringbone_sim.cli.verbs import add_verb
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.repeat import read_report, repeat
 from herringbone_sim.gap.verification.written import SENSES
 from herringbone_sim.recording.parameter_file import load_gear, load_parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.parts import to_leave_out
+from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.observations.gear import Gear
@@ -40,5 +40,5 @@ def allowed(campaign: PreparedCampaign) -> Allowed:
         fit = tuple(quieter(run) for run in fit)
     fit = tuple(independent(run) for run in put_right(fit))
     names = tuple(run.name for run in fit)
-    gear = Gear(to_leave_out(fit), gain_tolerance=campaign.gain_tolerance)
+    gear = Gear(leave_out_folds(fit), gain_tolerance=campaign.gain_tolerance)
     return Allowed(GearMachine(gear).formed, names, findings)

@@ -16,7 +16,7 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.parts import to_leave_out
+from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.measured import gap_of, metric_of
@@ -134,7 +134,7 @@ def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearM
     Raises:
         AnalysisError: no run of role ``fit``.
     """
-    fit = to_leave_out(_fit_runs(campaign, findings))
+    fit = leave_out_folds(_fit_runs(campaign, findings))
     return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=_gauges(campaign)))
 
 

@@ -16,7 +16,7 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters

@@ -17,14 +17,9 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.parts import to_leave_out
-from herringbone_sim.gap.data.prepared import (
-    PreparedCampaign,
-    PreparedRun,
-    mesh_table,
-    prepare,
-    prepare_run,
-)
+from herringbone_sim.gap.data.folds import leave_out_folds
+from herringbone_sim.gap.data.prepare import prepare, prepare_run
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.misfit import other_laws
@@ -270,8 +265,8 @@ def test_the_same_recording_twice(others: tuple[PreparedRun, ...]) -> None:
 
 
 def test_one_run_is_taken_in_parts(others: tuple[PreparedRun, ...]) -> None:
-    assert to_leave_out(others) == others
-    parts = to_leave_out(others[:1])
+    assert leave_out_folds(others) == others
+    parts = leave_out_folds(others[:1])
     assert len(parts) == 3
     np.testing.assert_array_equal(np.concatenate([p.F.values for p in parts]), others[0].F.values)
     np.testing.assert_array_equal(np.concatenate([p.waves.k for p in parts]), others[0].waves.k)

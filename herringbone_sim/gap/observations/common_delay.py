@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.gap.data.parts import part_of
+from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -61,4 +61,4 @@ def undelayed(
 
 def _stretch(run: PreparedRun) -> PreparedRun:
     samples = CYCLES * 2.0 * np.pi / (run.omega_rad_per_s * run.step_s)
-    return part_of(run, slice(0, int(samples)), run.name)
+    return slice_run(run, slice(0, int(samples)), run.name)

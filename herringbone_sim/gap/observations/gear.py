@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import each
-from herringbone_sim.gap.data.parts import part_of
+from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
@@ -158,7 +158,7 @@ class Gear:
     @cached_property
     def relations(self) -> int:
         """Rows of the consistency of motion sensors."""
-        few = part_of(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
+        few = slice_run(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
         found = consistency.block(few, fuse(few), self.drift, self.swap)
         return 0 if found is None else len(found.rows)
 

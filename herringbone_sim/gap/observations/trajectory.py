@@ -20,7 +20,7 @@ from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.diagnosis.flexible import Surroundings
 from herringbone_sim.diagnosis.products import Block, clearing
 from herringbone_sim.diagnosis.search import LIKELIER
-from herringbone_sim.gap.data.parts import part_of
+from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations import balance
@@ -103,7 +103,7 @@ class Trajectory:
     def __init__(self, run: PreparedRun, lead: int = LEAD, windows: int = WINDOWS) -> None:
         samples = samples_of(run)
         self.run, self.lead = run, max(0, min(lead, (len(run) - 1) // samples - windows))
-        part = part_of(run, slice(self.lead * samples, None), run.name)
+        part = slice_run(run, slice(self.lead * samples, None), run.name)
         self.recorded: Stretch = stretch(part, windows)
         self.stretch = self.recorded  # without the errors of sensors last tried
         self.model = run.model

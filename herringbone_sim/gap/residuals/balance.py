@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.data.window import Window, window
+from herringbone_sim.gap.data.window import Window, gaussian_window
 from herringbone_sim.gap.residuals.fusion import Fused
 
 Array = NDArray[np.float64]
@@ -87,7 +87,7 @@ class Force:
 def window_of(run: PreparedRun, width: float = WIDTH) -> Window:
     """Window of a width [mesh cycles] on the samples of a run."""
     cycle_s = 2.0 * np.pi / run.omega_rad_per_s
-    return window(width * cycle_s / run.step_s, run.step_s)
+    return gaussian_window(width * cycle_s / run.step_s, run.step_s)
 
 
 def torque_balance(

@@ -21,7 +21,8 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.hypothesis import case
-from herringbone_sim.gap.data.prepared import Measured, PreparedRun, prepare_run
+from herringbone_sim.gap.data.prepare import prepare_run
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance, recalibrate_motion
 from herringbone_sim.gap.residuals.recalibrate import force_law, recalibrate
