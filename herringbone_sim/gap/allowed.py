@@ -11,8 +11,8 @@ from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.sensors.late import put_right
-from herringbone_sim.gap.sensors.noise import quieter
+from herringbone_sim.gap.sensors.filter_delay import compensate_filter
+from herringbone_sim.gap.sensors.noise import with_estimated_noise
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ def allowed(campaign: PreparedCampaign) -> Allowed:
     if not fit:
         return Allowed((), (), findings)
     if not campaign.noise_known:
-        fit = tuple(quieter(run) for run in fit)
-    fit = tuple(independent(run) for run in put_right(fit))
+        fit = tuple(with_estimated_noise(run) for run in fit)
+    fit = tuple(independent(run) for run in compensate_filter(fit))
     names = tuple(run.name for run in fit)
     gear = Gear(leave_out_folds(fit), gain_tolerance=campaign.gain_tolerance)
     return Allowed(GearMachine(gear).formed, names, findings)

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.data.units import clock_unit, without, wrong_units
+from herringbone_sim.gap.data.units import clock_unit, mark_not_recorded, wrong_units
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.misfit import (
-    common_ratio,
-    missed_shares,
-    other_geometry,
-    other_laws,
-    other_nominal,
-    other_speed,
+    mesh_speed_mismatch,
+    most_common_ratio,
+    nominal_mismatch,
+    runs_with_other_force_law,
+    runs_with_other_geometry,
     speed_ratio,
+    unexplained_force_shares,
 )
 
 Array = NDArray[np.float64]
@@ -47,12 +47,14 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
         run, units = wrong_units(run)
         findings += [*units, *_torque(run)]
         sound.append(run)
-    runs = _kept(sound, other_geometry(sound), findings)
+    runs = _kept(sound, runs_with_other_geometry(sound), findings)
     fused = {run.name: fuse(run) for run in runs}
     shares = {r.name: _known_shares(r, fused[r.name]) for r in runs if r.F.there.any()}
     shares = {name: share for name, share in shares.items() if share.size}
-    runs = _kept(runs, other_laws([r for r in runs if r.name in shares], shares), findings)
-    nominal = other_nominal(common, [shares[r.name] for r in runs if r.name in shares])
+    runs = _kept(
+        runs, runs_with_other_force_law([r for r in runs if r.name in shares], shares), findings
+    )
+    nominal = nominal_mismatch(common, [shares[r.name] for r in runs if r.name in shares])
     findings += [nominal] if nominal else []
     runs = _alike(runs, fused, findings)
     campaign = replace(campaign, runs=tuple(runs))
@@ -84,8 +86,8 @@ def _same_clock(
     runs = _kept(runs, [unit for unit in units if unit], findings)
     if not runs:
         return [], 1.0
-    common = common_ratio([ratios[run.name] for run in runs])
-    others = [other_speed(run, ratios[run.name], common) for run in runs]
+    common = most_common_ratio([ratios[run.name] for run in runs])
+    others = [mesh_speed_mismatch(run, ratios[run.name], common) for run in runs]
     return _kept(runs, [other for other in others if other], findings), common
 
 
@@ -159,7 +161,7 @@ def _torque(run: PreparedRun) -> list[Finding]:
 
 
 def _known_shares(run: PreparedRun, fused: Fused) -> Array:
-    share = missed_shares(run, fused)
+    share = unexplained_force_shares(run, fused)
     return share[np.isfinite(share)]
 
 
@@ -186,7 +188,7 @@ def _alike(
             names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
             text = f"most runs lack forces: those of {run.name} are not used"
             found.append(Finding("channels", run.name, names, None, text))
-            run = without(run, "F", np.ones_like(run.F.there))
+            run = mark_not_recorded(run, "F", np.ones_like(run.F.there))
         kept.append(run)
     return _kept(kept, found, findings)
 

@@ -28,8 +28,8 @@ from herringbone_sim.gap.observations.independent import independent
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.shown import noise_shown
 from herringbone_sim.gap.report import report
-from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
-from herringbone_sim.gap.sensors.noise import quieter
+from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
+from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import Option, Verdict, decide, option_of
 from herringbone_sim.gap.verdict.design import design
@@ -70,8 +70,8 @@ class Diagnosis:
 
     def mend(self, run: PreparedRun) -> PreparedRun:
         """A run without what its sensors were found to add."""
-        wrong = [a for a in self.augmented.actives if motion_sensor(a)]
-        return corrected(run, wrong) if wrong else run
+        wrong = [a for a in self.augmented.actives if is_motion_sensor_effect(a)]
+        return correct_sensors(run, wrong) if wrong else run
 
 
 def diagnose(
@@ -123,7 +123,9 @@ def diagnose(
 def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
     """A campaign with noise as recorded, copies counted once, a common delay undone."""
     if not campaign.noise_known:
-        campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
+        campaign = replace(
+            campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
+        )
     runs = tuple(independent(run) for run in campaign.runs)
     return replace(campaign, runs=undelayed(runs, _gauges(campaign)))
 

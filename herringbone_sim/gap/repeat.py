@@ -15,8 +15,8 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.report import METRICS, plain_numbers
-from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
-from herringbone_sim.gap.sensors.noise import quieter
+from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
+from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import from_parameters
 from herringbone_sim.gap.verification.senses import measure_senses
 from herringbone_sim.gap.verification.verify import measure
@@ -84,13 +84,15 @@ def repeat(
         raise AnalysisError(f"no run of {campaign.rig} can be used: {findings[0].text}")
     findings = tuple(f for f in findings if f.what not in OF_ROLES)
     if not campaign.noise_known:
-        campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
+        campaign = replace(
+            campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
+        )
     forces = all(np.isfinite(run.F.values).all(axis=0).any() for run in campaign.runs)
     model = from_parameters(campaign.nominal, own, actives, motion=not forces)
-    wrong = [one for one in actives if motion_sensor(one)]
+    wrong = [one for one in actives if is_motion_sensor_effect(one)]
 
     def mend(run: PreparedRun) -> PreparedRun:
-        return corrected(run, wrong) if wrong else run
+        return correct_sensors(run, wrong) if wrong else run
 
     say("residual")
     gap = measure(campaign.runs, mend, made["gap"]["metric"], model)

@@ -15,7 +15,7 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verification.horizon import LYAPUNOV_TIMES, horizon_of, largest_exponent
 from herringbone_sim.gap.verification.machine import machine_of
@@ -89,7 +89,7 @@ def test_the_exponent_agrees_with_the_tangent_flow(point: dict[str, float]) -> N
 
 def test_without_rates_neither_prediction_nor_attractor_is_claimed() -> None:
     names = tuple(f"v_{m}" for m in NOMINAL.layout.meshes)
-    runs = [drop(run, names) for run in campaign().runs[:1]]
+    runs = [without_channels(run, names) for run in campaign().runs[:1]]
     residual = measure(runs, lambda run: run, "consistency", TRUTH)
     told = measure_senses(runs, lambda run: run, residual, TRUTH)
     assert not np.isfinite(told.prediction.over("nominal", None))

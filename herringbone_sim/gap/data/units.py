@@ -1,8 +1,8 @@
 """Channels in another unit than SI, detected by their size.
 
-x, v / omega and D B u (``data.geometry``) are displacements of similar size, near that of the
-nominal mesh error; the forces balance the input torque and follow the displacements. A channel that
-is off by a power of a thousand is in another unit; it is left out, not rescaled.
+x, v / omega and D B u (``data.geometry``) are displacements near the size of the nominal mesh
+error; the forces balance the input torque and follow the displacements. A channel that is off
+by a power of a thousand is in another unit; it is left out, not rescaled.
 """
 
 from __future__ import annotations
@@ -62,11 +62,11 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
             "than SI, throughout; left out of this run, not rescaled"
         )
         found.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
-        run = without(run, q, np.ones_like(run.u.there) if q == "u" else off)
+        run = mark_not_recorded(run, q, np.ones_like(run.u.there) if q == "u" else off)
     return run, found
 
 
-def without(run: PreparedRun, q: str, off: Mask) -> PreparedRun:
+def mark_not_recorded(run: PreparedRun, q: str, off: Mask) -> PreparedRun:
     """Mark channels (k,) of the quantity x, v, F or u as not recorded."""
     old: Measured = getattr(run, q)
     values = np.where(off, np.nan, old.values)

@@ -23,7 +23,7 @@ from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, column
 from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, gratings, slow_waves
 from herringbone_sim.gap.observations.law import Law, Motion
-from herringbone_sim.gap.residuals.balance import _loads, inertia_parts, window_of
+from herringbone_sim.gap.residuals.balance import inertia_parts, load_accelerations, window_of
 from herringbone_sim.gap.residuals.fusion import Fused
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def block(
     if quadrature_n is not None:
         average = average + quadrature_n
         more = quadrature_n @ whole.T
-    load = _loads(run)
+    load = load_accelerations(run)
     parts = np.stack([average @ A[i].T + look.average(load[i]) for i in range(3)])
     measured = look.derivative(fused.z_rate)
     noise_f = np.where(modelled, np.sqrt(np.mean(law.sigma**2, axis=0)), m.sigma_F)

@@ -16,7 +16,11 @@ from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.sensors.late import later, longest_delay, put_right
+from herringbone_sim.gap.sensors.filter_delay import (
+    compensate_filter,
+    longest_delay,
+    with_delayed_waves,
+)
 
 CYCLES = 20  # of a stretch: a hundred times what the balance averages over
 STRETCHES = 2  # of the fastest runs, where a delay shows most
@@ -30,7 +34,7 @@ def undelayed(
 ) -> tuple[PreparedRun, ...]:
     """The runs with k(t) and e(t) late as all channels are; as they were where none is found."""
     if all(run.u.complete and run.x.there.any() for run in runs):
-        return put_right(runs)
+        return compensate_filter(runs)
     fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:STRETCHES]
     some = [_stretch(run) for run in fastest]
 
@@ -39,7 +43,9 @@ def undelayed(
         return tuple(runs)
 
     def null(delay: float) -> Search:
-        gear = Gear([later(run, delay) for run in some], gain_tolerance=gain_tolerance)
+        gear = Gear(
+            [with_delayed_waves(run, delay) for run in some], gain_tolerance=gain_tolerance
+        )
         return Search(GearMachine(gear))
 
     def left(delay: float) -> float:
@@ -55,7 +61,7 @@ def undelayed(
     shifts = [h for h in search.machine.hypotheses() if h.effect in SHIFTS]
     most = min((search.quick(h.coefficients) for h in shifts), default=0.0)
     if found.fun * search.null.count < search.null.in_sample + min(most, 0.0):
-        return tuple(later(run, float(found.x)) for run in runs)
+        return tuple(with_delayed_waves(run, float(found.x)) for run in runs)
     return tuple(runs)
 
 

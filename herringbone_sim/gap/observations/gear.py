@@ -29,7 +29,7 @@ from herringbone_sim.gap.observations.window_channels import channels
 from herringbone_sim.gap.observations.window_sensors import SWAP
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.corrected import undone
+from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.swaps import find_swap
 
 Array = NDArray[np.float64]
@@ -63,8 +63,7 @@ class Gear:
         self.runs = tuple(gear_run(run, stride) for run in runs)
         known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
         self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
-        group = find_swap(runs)[0] if swap is None else None
-        self.swap = swap if group is None else (group.names[0], group.names[1])
+        self.swap = find_swap(runs) if swap is None else swap
         self.fine = False
         self.body_functions: tuple[Function, ...] = ()
         self._changes = Changes(self.model, force_law.functions(self.model), {})
@@ -257,7 +256,7 @@ class Gear:
                 continue
             kind, _, channel = name.partition(" of ")
             names = self.swap or () if name == "swap" else (channel,)
-            run = undone(run, kind, names, value)
+            run = without_sensor_error(run, kind, names, value)
         if run is g.run:
             return g
         return gear_run(run, self.stride)
@@ -390,7 +389,7 @@ class Gear:
                 key = r, f
                 if key not in self._exchanged:
                     names = f.removeprefix(SWAP).split(" and ")
-                    run = undone(self.runs[r].run, "swap", names, 1.0)
+                    run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
                     self._exchanged[key] = trajectory.trajectory(run)
                 return self._exchanged[key]
         return self.windows_of(r)

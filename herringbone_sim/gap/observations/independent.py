@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, increments
-from herringbone_sim.gap.sensors.consistency import geometry
-from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.sensors.consistency import geometric_residuals
+from herringbone_sim.gap.sensors.correction import without_channels
 
 HALF = 0.5  # of the disagreement that independent noise would give
 # Of a spline through white noise, a sample apart: squares of its slope over those of the noise.
@@ -30,19 +30,22 @@ def independent(run: PreparedRun) -> PreparedRun:
         tuple(f"{q}_{name}" for name in names)
         for q, names in (("x", layout.meshes), ("u", layout.bodies))
     )
-    left = geometry(run)[0][0]
+    left = geometric_residuals(run)[0][0]
     if run.u.complete and left.size and _rms(left) < HALF:
-        run = drop(run, by_mesh)
+        run = without_channels(run, by_mesh)
     # Rates may be worked out of displacements, mesh by mesh or all, of rotations, or of both.
     D = coordinates_to_meshes(layout)
-    every = [displacement(one) for one in (run, drop(run, by_mesh), drop(run, by_body))]
+    every = [
+        displacement(one)
+        for one in (run, without_channels(run, by_mesh), without_channels(run, by_body))
+    ]
     found = [_apart(run, run.x.values + run.waves.e, run.x.sigma**2)]
     found += [_apart(run, z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
     share = min(found, key=lambda one: float(np.median(one)))
     if np.median(share) < HALF:
         # One that is off all the same has an error of its own.
         own = zip(layout.meshes, share, strict=True)
-        run = drop(run, tuple(f"v_{mesh}" for mesh, off in own if off < HALF))
+        run = without_channels(run, tuple(f"v_{mesh}" for mesh, off in own if off < HALF))
     return run
 
 

@@ -49,7 +49,7 @@ from herringbone_sim.gap.observations.window_columns import (
 )
 from herringbone_sim.gap.observations.window_sensors import ERRORS, SWAP, put_right
 from herringbone_sim.gap.observations.window_starts import carried, first_states, started
-from herringbone_sim.gap.residuals.balance import between
+from herringbone_sim.gap.residuals.balance import hermite_interpolation
 
 Array = NDArray[np.float64]
 
@@ -173,7 +173,7 @@ class Trajectory:
     def _half_steps(self, shot: Shot) -> Motion:
         """The motion at every half step, windows one after the other."""
         half, steps = STATES // 2, _in_line(shot)
-        u, rate = between(steps[:, :half], steps[:, half:], self.stretch.h, 2)
+        u, rate = hermite_interpolation(steps[:, :half], steps[:, half:], self.stretch.h, 2)
         return self.motion(np.hstack([u, rate]), self.stretch.phase)
 
     def solved(

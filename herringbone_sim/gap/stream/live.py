@@ -173,7 +173,7 @@ def _of_motion(run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, .
     noise = fused_noise(run, rng)
     before = motion_balance(run, fused, noise, np.ones(6), np.ones(3))
     balance = motion_balance(run, fused, noise, calibration.factors, inertias.inverse)
-    n = len(balance.at)
+    n = len(balance.measured)
     unknown = "no forces: by accelerations a mesh can't be told from others on the same body"
     return Residual(
         metric="torque_balance",

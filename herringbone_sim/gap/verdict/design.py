@@ -16,7 +16,7 @@ from itertools import permutations
 import numpy as np
 
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.gap.attribution.bodies import balances_known
+from herringbone_sim.gap.attribution.bodies import balance_measured
 from herringbone_sim.gap.attribution.hypothesis import Case
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
@@ -77,7 +77,7 @@ def design(
     except ParameterError:
         return None
     rivals = [Rival(o.actives, model.factors, model.inverse) for o in options]
-    cases = [c for c in found.cases if where != BALANCE or balances_known((c,))]
+    cases = [c for c in found.cases if where != BALANCE or balance_measured((c,))]
     points = candidates([run.point for run in campaign.of_role("fit")])
     tried = (trial(cases, campaign.nominal, gear, model.factors, point) for point in points)
     most = max(_largest(c) for c in cases)
@@ -104,7 +104,7 @@ def _where(found: Calibrated, verdict: Verdict, options: Sequence[Option]) -> st
     if verdict.metric == "force_law":
         told = [n for a in actives for n in dict(a.options).get("channels", ())]
         return FORCES if all(n.startswith("F") for n in told) else None
-    whole = any(balances_known((c,)) for c in found.cases)
+    whole = any(balance_measured((c,)) for c in found.cases)
     return BALANCE if machine and whole and verdict.metric == "torque_balance" else None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Locus
-from herringbone_sim.gap.attribution.channel_sets import planets_alike
+from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.locate import Periodicity, Share, locate
@@ -32,7 +32,7 @@ def where(
     above = found.per_mesh
     if above is None:
         above = _probable(campaign, verdict)
-        if above is not None and planets_alike(found.cases):
+        if above is not None and planets_indistinguishable(found.cases):
             planets = campaign.nominal.layout.n_classes
             above = np.repeat(above.reshape(-1, planets).mean(axis=1), planets)
     else:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.gap.attribution.channel_sets import cannot_tell
+from herringbone_sim.gap.attribution.channel_sets import undecidable_by_channels
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
@@ -39,7 +39,7 @@ def undecidable(
     """What these data can't tell, in sentences."""
     if mismatched(findings):
         return []
-    said = cannot_tell(found.cases)
+    said = undecidable_by_channels(found.cases)
     points = [run.point for run in campaign.of_role("fit")]
     for name, least in LEAST.items():
         different = len({round(float(p[name]), 6) for p in points if name in p})

@@ -18,9 +18,9 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.attribution.bodies import masses
 from herringbone_sim.gap.attribution.hypothesis import (
     Case,
-    added,
     calibration_columns,
-    expected,
+    effect_contributions,
+    expected_forces,
     step_of,
     with_law_forces,
 )
@@ -29,7 +29,7 @@ from herringbone_sim.gap.residuals.balance import WIDTH as BALANCE_WIDTH
 from herringbone_sim.gap.residuals.balance import Balance, inertia_parts, torque_balance, window_of
 from herringbone_sim.gap.residuals.motion import WIDTH as MOTION_WIDTH
 from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance
-from herringbone_sim.gap.residuals.recalibrate import BOUNDS, HEAVIEST, Law, force_law
+from herringbone_sim.gap.residuals.recalibrate import BOUNDS, HEAVIEST, ForceLaw, force_law
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class Shown:
     """What a rival shows in a run, over the floor.
 
     Attributes:
-        values: (k,) expected.
+        values: (k,) expected_forces.
         columns: (q, k) change of it by tolerances and parameters.
         gram: (q, q) their products.
         low, high: (q,) what is left of their bounds.
@@ -173,10 +173,10 @@ def _moved(active: Active, k: int) -> tuple[Active, float]:
 class _Forces:
     case: Case
 
-    def of(self, rival: Rival, law: Law, actives: Sequence[Active]) -> Array:
-        return self._white(expected(self.case, rival.factors, actives, law))
+    def of(self, rival: Rival, law: ForceLaw, actives: Sequence[Active]) -> Array:
+        return self._white(expected_forces(self.case, rival.factors, actives, law))
 
-    def tolerances(self, rival: Rival, law: Law) -> list[Array]:
+    def tolerances(self, rival: Rival, law: ForceLaw) -> list[Array]:
         columns = calibration_columns(self.case, law, rival.factors)
         return [self._white(part) for column in columns for part in _of_kinds(column)]
 
@@ -200,14 +200,14 @@ class _Bodies:
     width: float
     motion: bool
 
-    def of(self, rival: Rival, law: Law, actives: Sequence[Active]) -> Array:
-        force, torque = added(self.case, rival.factors, law, actives)
+    def of(self, rival: Rival, law: ForceLaw, actives: Sequence[Active]) -> Array:
+        force, torque = effect_contributions(self.case, rival.factors, law, actives)
         made = torque @ self.through.T
         if self.motion:
             made = made + (law.modelled_n + force) @ self.of_force.T
         return self._white(self._average(made))
 
-    def tolerances(self, rival: Rival, law: Law) -> list[Array]:
+    def tolerances(self, rival: Rival, law: ForceLaw) -> list[Array]:
         columns = [self._white(part) for part in self.balance.parts]
         if self.motion:
             for column in calibration_columns(self.case, law, rival.factors):

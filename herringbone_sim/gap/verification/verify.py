@@ -8,15 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.gap.attribution.bodies import balance_of, response
-from herringbone_sim.gap.attribution.hypothesis import Case, added, case, expected, with_law_forces
+from herringbone_sim.gap.attribution.bodies import balance_with_effects, effect_accelerations
+from herringbone_sim.gap.attribution.hypothesis import (
+    Case,
+    case,
+    effect_contributions,
+    expected_forces,
+    with_law_forces,
+)
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.motion import SEED, WIDTH, fused_noise, motion_balance
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.sensors.consistency import consistency
-from herringbone_sim.gap.sensors.corrected import motion_sensor
+from herringbone_sim.gap.sensors.consistency import consistency_chi2
+from herringbone_sim.gap.sensors.correction import is_motion_sensor_effect
 from herringbone_sim.gap.verdict.augmented import Augmented
 
 Array = NDArray[np.float64]
@@ -113,7 +119,9 @@ def measure(runs: Sequence[PreparedRun], mend: Mend, metric: str, model: Augment
     """
     if metric == "consistency":
         return Gap(metric, tuple(_consistent(run, mend) for run in runs))
-    model = replace(model, actives=tuple(a for a in model.actives if not motion_sensor(a)))
+    model = replace(
+        model, actives=tuple(a for a in model.actives if not is_motion_sensor_effect(a))
+    )
     cases = [(run, case(m, fuse(m))) for run in runs for m in (mend(run),)]
     if model.motion:
         return Gap(metric, tuple(_moved(run, c, model) for run, c in cases))
@@ -123,7 +131,7 @@ def measure(runs: Sequence[PreparedRun], mend: Mend, metric: str, model: Augment
 
 def _law(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     law = force_law(c.run, c.fused, np.ones(6))
-    after = expected(c, model.factors, model.actives)
+    after = expected_forces(c, model.factors, model.actives)
     on = c.usable
     return RunGap(
         run.name,
@@ -136,9 +144,9 @@ def _law(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
 
 def _balance(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     sensors = tuple(a for a in model.actives if a.effect.level == "sensor")
-    error = expected(c, model.factors, sensors) - expected(c, model.factors, ())
-    before = balance_of(c, model.factors)
-    balance = balance_of(c, model.factors, c.run.F.values - error, model.actives)
+    error = expected_forces(c, model.factors, sensors) - expected_forces(c, model.factors, ())
+    before = balance_with_effects(c, model.factors)
+    balance = balance_with_effects(c, model.factors, c.run.F.values - error, model.actives)
     after = balance.measured - np.tensordot(model.inverse, balance.parts, axes=1)
     return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(before.sigma))
 
@@ -156,16 +164,16 @@ def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     through = np.tensordot(model.inverse, inertia_parts(c.run.model), axes=1)
     for one in model.actives:
         if one.effect.level == "body":
-            after = after - response(c, model.factors, law, one, WIDTH)
+            after = after - effect_accelerations(c, model.factors, law, one, WIDTH)
         elif one.effect.level == "mesh":
-            more = added(c, model.factors, law, (one,))[0]
+            more = effect_contributions(c, model.factors, law, (one,))[0]
             after = after - window_of(c.run, WIDTH).average(more) @ through.T
     return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(balance.sigma))
 
 
 def _consistent(run: PreparedRun, mend: Mend) -> RunGap:
     better = mend(run)
-    before, after = (consistency([r]).chi2 for r in (run, better))
+    before, after = (consistency_chi2([r]) for r in (run, better))
     return RunGap(run.name, run.role, float(np.sqrt(before)), float(np.sqrt(after)), 1.0)
 
 
