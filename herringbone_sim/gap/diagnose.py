@@ -31,10 +31,10 @@ from herringbone_sim.gap.report import report
 from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
-from herringbone_sim.gap.verdict.decide import Option, Verdict, decide, option_of
+from herringbone_sim.gap.verdict.decide import Explanation, Verdict, decide, explanation_of
 from herringbone_sim.gap.verdict.design import design
-from herringbone_sim.gap.verdict.place import structure, where
-from herringbone_sim.gap.verdict.questions import mismatched, next_experiment, undecidable
+from herringbone_sim.gap.verdict.location import residual_by_mesh, residual_structure
+from herringbone_sim.gap.verdict.questions import next_experiment, nominal_mismatched, undecidable
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
@@ -92,13 +92,13 @@ def diagnose(
         say(finding.text)
     campaign = calibrated_sensors(campaign)
     machine = machine_of(campaign, findings)
-    if mismatched(findings) or not machine.formed:
+    if nominal_mismatched(findings) or not machine.formed:
         return _nothing(campaign, findings, machine, senses)
     found = examine(machine, say, campaign.noise_known)
     evidence = evidence_of(found, campaign.noise_known)
     told = chances(evidence)
     options = {
-        i: option_of(named(f.hypotheses, f.score, machine.gear.model))
+        i: explanation_of(named(f.hypotheses, f.score, machine.gear.model))
         for i, c in enumerate(told)
         if c.candidate is not None and c.effects
         for f in (_found(found, evidence, c),)
@@ -167,14 +167,14 @@ def _taken(
     found: Examined,
     evidence: Evidence,
     told: Sequence[Chance],
-    options: dict[int, Option],
-    option: Option | None,
+    options: dict[int, Explanation],
+    option: Explanation | None,
 ) -> Found | None:
     at = next((i for i, o in options.items() if o is option), None)
     return None if at is None or option is None else _found(found, evidence, told[at])
 
 
-def augmented(found: Found, option: Option | None) -> Augmented:
+def augmented(found: Found, option: Explanation | None) -> Augmented:
     """The nominal model with the tolerances of a fit, and the effects of an explanation."""
     values = {c.name: v for c, v in zip(found.score.coefficients, found.score.mean, strict=True)}
     factors = np.array(
@@ -204,7 +204,7 @@ def _nothing(
 ) -> Diagnosis:
     """A campaign that no observation can be formed of, or of another rig: nothing is decided."""
     told = [Chance(("unknown",), None, 0.5), Chance((), None, 0.5)]
-    if mismatched(findings):
+    if nominal_mismatched(findings):
         told = [Chance(("unknown",), None, 1.0)]
     verdict = decide(told, {}, "force_law")
     nan = float("nan")
@@ -228,14 +228,14 @@ def _reported(
     written = report(
         campaign.rig,
         verdict,
-        where(campaign, made.calibrated, verdict),
+        residual_by_mesh(campaign, made.calibrated, verdict),
         made.gap,
         [*open_, *(senses.unknown if senses else ())],
         next_experiment(campaign, verdict, point),
         [f for f in findings if not f.limit],
         senses,
         campaign.nominal.layout.channels,
-        structure(campaign, made.calibrated) if full else None,
+        residual_structure(campaign, made.calibrated) if full else None,
         noise_shown(machine.gear.runs, campaign.noise_known),
         machine.formed,
     )

@@ -19,8 +19,12 @@ from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_se
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import from_parameters
 from herringbone_sim.gap.verification.senses import measure_senses
+from herringbone_sim.gap.verification.serialise import (
+    attractor_to_dict,
+    gap_to_dict,
+    senses_to_dict,
+)
 from herringbone_sim.gap.verification.verify import measure
-from herringbone_sim.gap.verification.written import written_attractor, written_gap, written_senses
 from herringbone_sim.recording.safe_json import JsonError, read_json
 
 Say = Callable[[str], None]
@@ -105,11 +109,11 @@ def repeat(
             "diagnosed": made["campaign"],
             "verdict": made["verdict"],
             "effects": made["effects"],
-            "gap": written_gap(gap, None) | {"senses": written_senses(found, None)},
+            "gap": gap_to_dict(gap, None) | {"senses": senses_to_dict(found, None)},
             "reported": {
                 name: {key: sense.get(key) for key in REPEATED} for name, sense in before.items()
             },
-            "attractor": written_attractor(found),
+            "attractor": attractor_to_dict(found),
             "undecidable": [*(f.text for f in findings), *found.unknown],
         }
     )

@@ -14,15 +14,15 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.verdict.decide import Option, Verdict
+from herringbone_sim.gap.verdict.decide import Explanation, Verdict
 from herringbone_sim.gap.verification.senses import Senses
-from herringbone_sim.gap.verification.verify import Gap
-from herringbone_sim.gap.verification.written import (
-    written_attractor,
-    written_gap,
-    written_senses,
-    wrong_senses,
+from herringbone_sim.gap.verification.serialise import (
+    attractor_to_dict,
+    gap_to_dict,
+    senses_errors,
+    senses_to_dict,
 )
+from herringbone_sim.gap.verification.verify import Gap
 
 SCHEMA = "herringbone_sim/gap-report/1"
 OWN_UNIT = "unit of the channel"
@@ -76,10 +76,10 @@ def report(
         "where": [{"locus": _locus(locus), "share": share} for locus, share in where],
         "causes": causes,
         "ambiguous_with": list(verdict.ambiguous_with),
-        "gap": written_gap(gap)
+        "gap": gap_to_dict(gap)
         | {"runner_up_effects": _effects(verdict.runner_up)}
-        | ({"senses": written_senses(senses)} if senses else {}),
-        "attractor": written_attractor(senses),
+        | ({"senses": senses_to_dict(senses)} if senses else {}),
+        "attractor": attractor_to_dict(senses),
         "undecidable": list(undecidable),
         "next_experiment": dict(next_experiment),
         "findings": [_finding(one) for one in findings],
@@ -135,11 +135,11 @@ def check_report(made: Mapping[str, Any]) -> list[str]:
         }
         <= set(made["gap"]),
     }
-    return [rule for rule, holds in rules.items() if not holds] + wrong_senses(made["gap"])
+    return [rule for rule, holds in rules.items() if not holds] + senses_errors(made["gap"])
 
 
 def _cause(
-    name: str, chance: float, best: tuple[Option, int] | None, channels: Sequence[str]
+    name: str, chance: float, best: tuple[Explanation, int] | None, channels: Sequence[str]
 ) -> dict[str, Any]:
     if best is None:
         return {"effect": name, "locus": _locus(Locus()), "probability": chance, "parameters": {}}
@@ -179,7 +179,7 @@ def _hypotheses(verdict: Verdict) -> list[dict[str, Any]]:
     ]
 
 
-def _effects(option: Option | None) -> list[str]:
+def _effects(option: Explanation | None) -> list[str]:
     return [] if option is None else [one.effect.id for one in option.actives]
 
 

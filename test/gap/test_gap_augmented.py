@@ -30,7 +30,7 @@ from herringbone_sim.gap.verdict.augmented import (
     parameters_of,
     save_augmented,
 )
-from herringbone_sim.gap.verification.machine import Machine
+from herringbone_sim.gap.verification.simulator import GearSimulator
 from herringbone_sim.recording.parameter_file import load_gear
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -66,7 +66,7 @@ def test_the_loaded_gear_has_the_force_law_with_the_factors(
     rng = np.random.default_rng(3)
     z, rate = 2e-4 * rng.normal(size=(40, 8)), 2.0 * rng.normal(size=(40, 8))
     phase = rng.uniform(0.0, 50.0, 40)
-    force = Machine(own).run(z, rate, phase, 0.1, 1).force_n[:, 0]
+    force = GearSimulator(own).run(z, rate, phase, 0.1, 1).force_n[:, 0]
     k, c, e = (np.repeat(FOUND.factors[i : i + 2], 6) for i in (0, 2, 4))
     w = waves(nominal, phase, point["Omega"] * nominal.scales.omega_n)
     D = coordinates_to_meshes(nominal.layout)
@@ -107,7 +107,9 @@ def test_runs_from_any_phase_are_those_of_the_simulation() -> None:
     z, rate = (x + w.e) @ pull, (v + w.e_rate) @ pull
     start, ahead = np.array([5, 20, 37]), 24
     turn = TWO_PI / 24
-    found = Machine(model).run(z[start], rate[start], series["phase"][start], turn, ahead + 1)
+    found = GearSimulator(model).run(
+        z[start], rate[start], series["phase"][start], turn, ahead + 1
+    )
     np.testing.assert_allclose(found.z[:, -1], z[start + ahead], atol=2e-8)
     forces = series.columns(tuple(f"F_{m}" for m in model.layout.meshes))
     np.testing.assert_allclose(found.force_n[:, 0], forces[start], rtol=1e-6, atol=1e-3)

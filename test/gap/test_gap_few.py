@@ -24,8 +24,8 @@ from herringbone_sim.gap.attribution.channel_sets import (
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.verdict.decide import Option, decide
-from herringbone_sim.gap.verdict.place import where
+from herringbone_sim.gap.verdict.decide import Explanation, decide
+from herringbone_sim.gap.verdict.location import residual_by_mesh
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -52,8 +52,10 @@ def test_a_share_is_spread_over_planets_that_are_alike() -> None:
     campaign = rig({}, cycles=10)
     cases = tuple(case(run, fuse(run)) for run in map(of_shafts, campaign.runs))
     pin = Active(effects()["pin_position"], (1e-5,), Locus(planet="2"))
-    verdict = decide([Chance(("pin_position",), None, 1.0)], {0: Option((pin,))}, "trajectory")
-    shares = where(campaign, Calibrated(cases, np.ones(6), None), verdict)
+    verdict = decide(
+        [Chance(("pin_position",), None, 1.0)], {0: Explanation((pin,))}, "trajectory"
+    )
+    shares = residual_by_mesh(campaign, Calibrated(cases, np.ones(6), None), verdict)
     assert [share for _, share in shares] == pytest.approx([1.0 / 12.0] * 12)
 
 

@@ -18,10 +18,10 @@ from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verification.horizon import LYAPUNOV_TIMES, horizon_of, largest_exponent
-from herringbone_sim.gap.verification.machine import machine_of
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
+from herringbone_sim.gap.verification.serialise import gap_to_dict, senses_errors, senses_to_dict
+from herringbone_sim.gap.verification.simulator import simulator_of
 from herringbone_sim.gap.verification.verify import measure
-from herringbone_sim.gap.verification.written import written_gap, written_senses, wrong_senses
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -80,7 +80,7 @@ def test_no_prediction_reaches_beyond_half_a_lyapunov_time() -> None:
 )
 def test_the_exponent_agrees_with_the_tangent_flow(point: dict[str, float]) -> None:
     run = prepared(sampled({}, point, 200), point, share=1e-4)
-    machine = machine_of(run, nominal_model())
+    machine = simulator_of(run, nominal_model())
     value, error = largest_exponent(run, fuse(run), machine, np.random.default_rng(0))
     model = build(NOMINAL.changed({**point, "omega_n": OMEGA_N}))
     expected, its_error = (one * 2 * np.pi / point["Omega"] for one in by_tangent_flow(model, 400))
@@ -97,12 +97,12 @@ def test_without_rates_neither_prediction_nor_attractor_is_claimed() -> None:
 
 
 def test_a_report_of_senses_is_held_to_its_form() -> None:
-    made = written_gap(found().residual) | {"senses": written_senses(found())}
-    assert wrong_senses(made) == []
+    made = gap_to_dict(found().residual) | {"senses": senses_to_dict(found())}
+    assert senses_errors(made) == []
     assert made["senses"]["prediction"]["unit"] == "m"
     first = made["senses"]["prediction"]["runs"][0]
     assert first["horizon_cycles"] <= 1.0 + 1e-9
     assert np.isfinite(first["runner_up"])
     made["senses"]["prediction"]["runs"].pop()
     del made["senses"]["attractor"]["noise_floor"]
-    assert len(wrong_senses(made)) == 2
+    assert len(senses_errors(made)) == 2

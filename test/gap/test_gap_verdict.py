@@ -19,8 +19,8 @@ from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.measured import metric_of
 from herringbone_sim.gap.report import check_report, report
-from herringbone_sim.gap.verdict.decide import Option, Verdict, decide
-from herringbone_sim.gap.verdict.questions import undecidable
+from herringbone_sim.gap.verdict.decide import Explanation, Verdict, decide
+from herringbone_sim.gap.verdict.undecidable import undecidable
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 GAP = Gap("force_law", (RunGap("run_00", "held_out", 3.0, 1.2, 1.0),))
@@ -30,14 +30,14 @@ def verdict_of(*told: tuple[tuple[str, ...], float]) -> Verdict:
     """The verdict of explanations by their effects; none and unknown have no option."""
     chances = sorted((Chance(e, None, p) for e, p in told), key=lambda c: -c.probability)
     options = {
-        i: Option(tuple(active(effect(name)) for name in c.effects))
+        i: Explanation(tuple(active(effect(name)) for name in c.effects))
         for i, c in enumerate(chances)
         if c.effects and c.effects != ("unknown",)
     }
     return decide(chances, options, "force_law")
 
 
-def ids(option: Option | None) -> tuple[str, ...]:
+def ids(option: Explanation | None) -> tuple[str, ...]:
     return () if option is None else tuple(a.effect.id for a in option.actives)
 
 
@@ -96,7 +96,7 @@ def test_report_follows_the_contract(name: str) -> None:
 
 def test_a_clock_is_told_with_the_channel_that_it_is() -> None:
     drift = active(effect("clock_drift"), values={"ppm": 200.0})
-    option = Option((drift,), (((190.0, 210.0),),))
+    option = Explanation((drift,), (((190.0, 210.0),),))
     verdict = decide([Chance(("clock_drift",), None, 1.0)], {0: option}, "consistency")
     told = report("rig", verdict, [], GAP, [], {"delta_T": 20.0})["causes"]
     assert told[0]["effect"] == "clock_drift"

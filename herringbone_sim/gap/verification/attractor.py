@@ -22,7 +22,7 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
-from herringbone_sim.gap.verification.machine import Machine, turn_of
+from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ UNITS = {"contact": "share of time", "load_sharing": "-", "spectrum": "dB", "sec
 
 
 @dataclass(frozen=True)
-class Path:
+class SampledMotion:
     """A motion at the samples of a recording, as its sensors would show it.
 
     Attributes:
@@ -45,11 +45,11 @@ class Path:
     z_rate: Array
     force_n: Array
 
-    def half(self, number: int) -> Path:
+    def half(self, number: int) -> SampledMotion:
         """The first (0) or second (1) half."""
         middle = len(self.z) // 2
         rows = slice(number * middle, (number + 1) * middle)
-        return Path(self.z[rows], self.z_rate[rows], self.force_n[rows])
+        return SampledMotion(self.z[rows], self.z_rate[rows], self.force_n[rows])
 
 
 @dataclass(frozen=True)
@@ -71,21 +71,21 @@ class Statistics:
     points: Array
 
 
-def measured_path(run: PreparedRun, fused: Fused) -> Path:
+def measured_motion(run: PreparedRun, fused: Fused) -> SampledMotion:
     """The rig's own motion."""
-    return Path(fused.z, fused.z_rate, run.F.values)
+    return SampledMotion(fused.z, fused.z_rate, run.F.values)
 
 
-def model_path(
-    run: PreparedRun, fused: Fused, noise: Fused, machine: Machine, actives: Sequence[Active]
-) -> Path:
+def model_motion(
+    run: PreparedRun, fused: Fused, noise: Fused, machine: GearSimulator, actives: Sequence[Active]
+) -> SampledMotion:
     """The motion of a model, from the first measured state on, noise and sensor errors added.
 
     Args:
         noise: a realisation of the noise of ``fused``, see ``motion.fused_noise``.
         actives: those of sensors change the forces that are shown.
     """
-    turn = turn_of(run)
+    turn = phase_step(run)
     before = SETTLE * round(2.0 * np.pi / turn)
     start = run.phase[:1] - before * turn
     found = machine.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
@@ -94,14 +94,14 @@ def model_path(
     sensors = on_channels(names, actives)
     if sensors:
         force = distort(TimeSeries(run.times, force, names), sensors).columns(names)
-    return Path(
+    return SampledMotion(
         found.z[0, before:] + noise.z,
         found.z_rate[0, before:] + noise.z_rate,
         np.where(np.isfinite(run.F.values), force, np.nan),
     )
 
 
-def statistics(run: PreparedRun, path: Path, first: int, scale: Array) -> Statistics:
+def statistics(run: PreparedRun, path: SampledMotion, first: int, scale: Array) -> Statistics:
     """Statistics of a motion.
 
     Args:
@@ -116,7 +116,7 @@ def statistics(run: PreparedRun, path: Path, first: int, scale: Array) -> Statis
     return Statistics(
         contact=np.stack([drive, 1.0 - drive - back, back], axis=1),
         sharing=(mean / mean.sum(axis=1, keepdims=True)).ravel(),
-        bands=_bands(x, turn_of(run)),
+        bands=_bands(x, phase_step(run)),
         points=_sections(np.hstack([path.z, path.z_rate]) / scale, run.phase[rows]),
     )
 
@@ -132,13 +132,15 @@ def distances(one: Statistics, other: Statistics) -> dict[str, float]:
     }
 
 
-def halves(run: PreparedRun, path: Path, scale: Array) -> tuple[Statistics, Statistics]:
+def half_statistics(
+    run: PreparedRun, path: SampledMotion, scale: Array
+) -> tuple[Statistics, Statistics]:
     """Statistics of both halves of a motion."""
     first, second = (statistics(run, path.half(i), i * (len(path.z) // 2), scale) for i in (0, 1))
     return first, second
 
 
-def apart(
+def mean_distances(
     one: tuple[Statistics, Statistics], other: tuple[Statistics, Statistics]
 ) -> dict[str, float]:
     """Distances of two motions: mean over the halves of one against those of the other."""
@@ -152,7 +154,7 @@ def scale_of(fused: Fused) -> Array:
     return np.where(spread > 0.0, spread, 1.0)
 
 
-def plain(found: Statistics, meshes: Sequence[str]) -> dict[str, object]:
+def statistics_to_dict(found: Statistics, meshes: Sequence[str]) -> dict[str, object]:
     """Contact and load sharing by mesh, for a report."""
     names = ("driving_flank", "apart", "back_flank")
     return {

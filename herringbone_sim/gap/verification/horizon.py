@@ -19,7 +19,7 @@ from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.verification.machine import Machine, turn_of
+from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -49,7 +49,7 @@ class Horizon:
 
 def horizon_of(run: PreparedRun, exponent: float) -> Horizon:
     """Starts spread over a run, and a horizon by its largest exponent [1 / mesh cycle]."""
-    turn = turn_of(run)
+    turn = phase_step(run)
     longest = min(LONGEST, LYAPUNOV_TIMES / exponent) if exponent > 0.0 else LONGEST
     samples = max(int(longest * 2.0 * np.pi / turn + 1e-6), 1)
     first = int(SETTLED * 2.0 * np.pi / turn)
@@ -60,7 +60,9 @@ def horizon_of(run: PreparedRun, exponent: float) -> Horizon:
     return Horizon(starts, samples, samples * turn / (2.0 * np.pi))
 
 
-def prediction_error(run: PreparedRun, fused: Fused, machine: Machine, ahead: Horizon) -> float:
+def prediction_error(
+    run: PreparedRun, fused: Fused, machine: GearSimulator, ahead: Horizon
+) -> float:
     """RMS error of the predicted mesh displacements [m], over starts, samples and meshes."""
     found = _run_on(
         run, fused.z, fused.z_rate, machine, ahead, own_states(run, fused, machine, ahead.starts)
@@ -69,7 +71,7 @@ def prediction_error(run: PreparedRun, fused: Fused, machine: Machine, ahead: Ho
 
 
 def prediction_floor(
-    run: PreparedRun, fused: Fused, noise: Fused, machine: Machine, ahead: Horizon
+    run: PreparedRun, fused: Fused, noise: Fused, machine: GearSimulator, ahead: Horizon
 ) -> float:
     """What the noise of start and end would give if the model were right [m].
 
@@ -83,7 +85,7 @@ def prediction_floor(
 
 
 def largest_exponent(
-    run: PreparedRun, fused: Fused, machine: Machine, rng: np.random.Generator
+    run: PreparedRun, fused: Fused, machine: GearSimulator, rng: np.random.Generator
 ) -> tuple[float, float]:
     """Largest Lyapunov exponent of the model at a run's operating point, and its error.
 
@@ -119,7 +121,7 @@ def largest_exponent(
     return float(kept.mean()), float(batches.std(ddof=1) / np.sqrt(len(batches)))
 
 
-def own_states(run: PreparedRun, fused: Fused, machine: Machine, starts: Index) -> Array:
+def own_states(run: PreparedRun, fused: Fused, machine: GearSimulator, starts: Index) -> Array:
     """Effects' own states (s, n_own) at some samples, driven by the forces of the run until there.
 
     Measured forces, or those of the nominal law where they are not measured.
@@ -160,10 +162,10 @@ def own_states(run: PreparedRun, fused: Fused, machine: Machine, starts: Index) 
 
 
 def _run_on(
-    run: PreparedRun, z: Array, z_rate: Array, machine: Machine, ahead: Horizon, own: Array
+    run: PreparedRun, z: Array, z_rate: Array, machine: GearSimulator, ahead: Horizon, own: Array
 ) -> Array:
     at = ahead.starts
-    found = machine.run(z[at], z_rate[at], run.phase[at], turn_of(run), ahead.samples + 1, own)
+    found = machine.run(z[at], z_rate[at], run.phase[at], phase_step(run), ahead.samples + 1, own)
     return found.z[:, 1:]
 
 

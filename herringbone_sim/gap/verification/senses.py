@@ -20,14 +20,14 @@ from herringbone_sim.gap.residuals.motion import SEED, fused_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verification.attractor import (
     Statistics,
-    apart,
     distances,
-    halves,
-    measured_path,
-    model_path,
-    plain,
+    half_statistics,
+    mean_distances,
+    measured_motion,
+    model_motion,
     scale_of,
     statistics,
+    statistics_to_dict,
 )
 from herringbone_sim.gap.verification.horizon import (
     horizon_of,
@@ -35,7 +35,7 @@ from herringbone_sim.gap.verification.horizon import (
     prediction_error,
     prediction_floor,
 )
-from herringbone_sim.gap.verification.machine import Machine, machine_of
+from herringbone_sim.gap.verification.simulator import GearSimulator, simulator_of
 from herringbone_sim.gap.verification.verify import Gap, Mend, RunGap
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Senses:
 
 
 @dataclass(frozen=True)
-class _Told:
+class _RunSenses:
     """Of one run: prediction, attractor, and what is told beside."""
 
     prediction: RunGap
@@ -139,10 +139,10 @@ def _seen(fused: Fused) -> bool:
     return bool(np.isfinite(fused.z).all() and np.isfinite(fused.z_rate).all())
 
 
-def _nothing(run: PreparedRun) -> _Told:
+def _nothing(run: PreparedRun) -> _RunSenses:
     nan = float("nan")
     none = RunGap(run.name, run.role, nan, nan, nan)
-    return _Told(none, none, nan, (nan, nan), {})
+    return _RunSenses(none, none, nan, (nan, nan), {})
 
 
 def _of_run(
@@ -152,12 +152,12 @@ def _of_run(
     fused: Fused,
     model: Augmented,
     other: Augmented | None,
-) -> _Told:
+) -> _RunSenses:
     noise = fused_noise(right, np.random.default_rng(SEED))
     sides = {"nominal": (run, raw, nominal_model()), "augmented": (right, fused, model)}
     if other is not None:
         sides["runner_up"] = (right, fused, other)
-    machines = {name: machine_of(r, m) for name, (r, _, m) in sides.items()}
+    machines = {name: simulator_of(r, m) for name, (r, _, m) in sides.items()}
     exponent = largest_exponent(right, fused, machines["augmented"], np.random.default_rng(SEED))
     ahead = horizon_of(right, exponent[0])
     predicted = {
@@ -167,7 +167,7 @@ def _of_run(
     numbers = _attractors(sides, machines, noise)
     numbers["augmented"] |= {"exponent": {"value": exponent[0], "sigma": exponent[1]}}
     section = {name: numbers[name]["distance"]["section"] for name in ("floor", *sides)}
-    return _Told(
+    return _RunSenses(
         _gap(run, predicted, floor),
         _gap(run, section, section["floor"]),
         ahead.cycles,
@@ -184,27 +184,32 @@ def _gap(run: PreparedRun, found: Mapping[str, float], floor: float) -> RunGap:
 
 def _attractors(
     sides: Mapping[str, tuple[PreparedRun, Fused, Augmented]],
-    machines: Mapping[str, Machine],
+    machines: Mapping[str, GearSimulator],
     noise: Fused,
 ) -> dict[str, Any]:
     """Statistics and distances by model; ``measured`` and ``floor`` beside."""
     run, fused, _ = sides["augmented"]
     scale = scale_of(fused)
-    rig = measured_path(run, fused)
-    pieces = halves(run, rig, scale)
+    rig = measured_motion(run, fused)
+    pieces = half_statistics(run, rig, scale)
     whole = statistics(run, rig, 0, scale)
     meshes = run.model.layout.meshes
     found: dict[str, Any] = {
-        "measured": {**plain(whole, meshes), "exponent": _of_data(whole, fused, scale)},
+        "measured": {
+            **statistics_to_dict(whole, meshes),
+            "exponent": _of_data(whole, fused, scale),
+        },
         "floor": {"distance": distances(*pieces)},
     }
     for name, (its, start, model) in sides.items():
-        path = model_path(its, start, noise, machines[name], model.actives)
+        path = model_motion(its, start, noise, machines[name], model.actives)
         own = scale if start is fused else scale_of(start)
-        against = pieces if start is fused else halves(its, measured_path(its, start), own)
+        against = (
+            pieces if start is fused else half_statistics(its, measured_motion(its, start), own)
+        )
         found[name] = {
-            **plain(statistics(its, path, 0, own), meshes),
-            "distance": apart(halves(its, path, own), against),
+            **statistics_to_dict(statistics(its, path, 0, own), meshes),
+            "distance": mean_distances(half_statistics(its, path, own), against),
         }
     return found
 

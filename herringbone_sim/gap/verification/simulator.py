@@ -35,7 +35,7 @@ class _Scratch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Rolled:
+class SimulatedRuns:
     """Runs of a gear; s runs of k samples.
 
     Attributes:
@@ -50,7 +50,7 @@ class Rolled:
     own: Array
 
 
-class Machine:
+class GearSimulator:
     """Runs a gear on from states; holds the scratch, nothing of the runs.
 
     Args:
@@ -80,7 +80,7 @@ class Machine:
         turn: float,
         samples: int,
         own: Array | None = None,
-    ) -> Rolled:
+    ) -> SimulatedRuns:
         """Samples of s runs, the first one at the start itself.
 
         Args:
@@ -118,18 +118,18 @@ class Machine:
                 force,
             )
         moved = states[:, :, : 2 * m] * self._unit
-        return Rolled(moved[:, :, :m], moved[:, :, m:], force, states[:, :, 2 * m :])
+        return SimulatedRuns(moved[:, :, :m], moved[:, :, m:], force, states[:, :, 2 * m :])
 
 
-def machine_of(run: PreparedRun, model: Augmented) -> Machine:
+def simulator_of(run: PreparedRun, model: Augmented) -> GearSimulator:
     """The changed gear at the operating point of a run.
 
     Raises:
         ParameterError: factors that no gear can have, or an effect where it can't sit.
     """
-    return Machine(build(parameters_of(run.model.parameters, model)), model.actives)
+    return GearSimulator(build(parameters_of(run.model.parameters, model)), model.actives)
 
 
-def turn_of(run: PreparedRun) -> float:
+def phase_step(run: PreparedRun) -> float:
     """Mesh phase from sample to sample [rad]."""
     return float((run.phase[-1] - run.phase[0]) / (len(run) - 1))

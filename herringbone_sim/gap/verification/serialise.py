@@ -14,7 +14,7 @@ ROLE = "held_out"
 NUMBERS = ("nominal", "augmented", "noise_floor", "closure")
 
 
-def written_gap(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
+def gap_to_dict(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
     """Before, after, floor, control and closure over the runs of a role, and of every run."""
     return {
         "metric": gap.metric,
@@ -42,9 +42,9 @@ def written_gap(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
     }
 
 
-def written_senses(found: Senses, role: str | None = ROLE) -> dict[str, Any]:
+def senses_to_dict(found: Senses, role: str | None = ROLE) -> dict[str, Any]:
     """The gap in every sense, and over which horizon a prediction reaches."""
-    told = {name: written_gap(getattr(found, name), role) for name in SENSES}
+    told = {name: gap_to_dict(getattr(found, name), role) for name in SENSES}
     for run in told["prediction"]["runs"]:
         value, sigma = found.exponents.get(run["path"], (float("nan"),) * 2)
         run["horizon_cycles"] = found.horizon_cycles.get(run["path"], float("nan"))
@@ -52,7 +52,7 @@ def written_senses(found: Senses, role: str | None = ROLE) -> dict[str, Any]:
     return told
 
 
-def written_attractor(found: Senses | None) -> dict[str, Any]:
+def attractor_to_dict(found: Senses | None) -> dict[str, Any]:
     """Statistics of the motion by model and run, with their distances to the rig's."""
     if found is None:
         return {"nominal": {}, "augmented": {}}
@@ -63,7 +63,7 @@ def written_attractor(found: Senses | None) -> dict[str, Any]:
     }
 
 
-def wrong_senses(made: Mapping[str, Any]) -> list[str]:
+def senses_errors(made: Mapping[str, Any]) -> list[str]:
     """What the senses of a gap have wrong; empty when they are right, or absent."""
     told = made.get("senses")
     if told is None:

@@ -1,4 +1,4 @@
-"""Where the residual of the recalibrated law lies: meshes, and whatever else it goes with."""
+"""Location of the residual: its share at each mesh, and its distribution by ``locate``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.residuals.locate import Periodicity, Share, locate
+from herringbone_sim.gap.residuals.locate import Share, locate
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verdict.decide import Verdict
 
@@ -21,25 +21,26 @@ SEED = 21  # of the permutations
 PERMUTATIONS = 200
 
 
-def where(
+def residual_by_mesh(
     campaign: PreparedCampaign, found: Calibrated, verdict: Verdict
 ) -> list[tuple[Locus, float]]:
-    """Share of every mesh in what the recalibrated law leaves above the noise; 0 if nothing.
+    """Share of each mesh in the residual of the recalibrated force law above noise, largest first.
 
-    Without a force at a mesh it is the probability that the cause sits there: that of each effect,
-    even over the meshes of its likeliest place, and over planets that nothing tells apart.
+    Without a force-law residual, the probability that the cause is at the mesh: that of each
+    effect, divided equally among the meshes of its most probable locus, and among planets that the
+    data can't distinguish. Empty where no effect is named either.
     """
-    above = found.per_mesh
-    if above is None:
-        above = _probable(campaign, verdict)
-        if above is not None and planets_indistinguishable(found.cases):
+    weight = found.per_mesh
+    if weight is None:
+        weight = _cause_probability(campaign, verdict)
+        if weight is not None and planets_indistinguishable(found.cases):
             planets = campaign.nominal.layout.n_classes
-            above = np.repeat(above.reshape(-1, planets).mean(axis=1), planets)
+            weight = np.repeat(weight.reshape(-1, planets).mean(axis=1), planets)
     else:
-        above = np.maximum(above - 1.0, 0.0)
-    if above is None:
+        weight = np.maximum(weight - 1.0, 0.0)
+    if weight is None:
         return []
-    shares = above / above.sum() if above.sum() > 0.0 else above
+    shares = weight / weight.sum() if weight.sum() > 0.0 else weight
     layout = found.cases[0].run.model.layout
     places = [
         Locus(mesh, planet, side)
@@ -51,8 +52,8 @@ def where(
     return sorted(shared, key=lambda pair: -pair[1])
 
 
-def _probable(campaign: PreparedCampaign, verdict: Verdict) -> Array | None:
-    """(n_mesh,) probability of the effects at each mesh; None where no effect is named."""
+def _cause_probability(campaign: PreparedCampaign, verdict: Verdict) -> Array | None:
+    """Probability of a cause at each mesh (n_mesh,); None where no effect is named."""
     if not verdict.effects:
         return None
     layout = campaign.nominal.layout
@@ -64,8 +65,8 @@ def _probable(campaign: PreparedCampaign, verdict: Verdict) -> Array | None:
     return total
 
 
-def structure(campaign: PreparedCampaign, found: Calibrated) -> dict[str, Any]:
-    """Shares by contact, phase, load and so on, teeth and shaft orders; empty without forces."""
+def residual_structure(campaign: PreparedCampaign, found: Calibrated) -> dict[str, Any]:
+    """Result of ``locate`` as plain data for the report; empty without a force-law residual."""
     if found.per_mesh is None:
         return {}
     cases = found.cases
@@ -74,16 +75,11 @@ def structure(campaign: PreparedCampaign, found: Calibrated) -> dict[str, Any]:
     located = locate([c.run for c in cases], laws, campaign.meshes, rng, PERMUTATIONS)
     return {
         "shares": {factor: _share(share) for factor, share in located.shares.items()},
-        "teeth": {member: _beyond(one) for member, one in located.teeth.items()},
-        "shaft_orders": _beyond(located.shaft),
+        "teeth": {member: list(one.beyond) for member, one in located.teeth.items()},
+        "shaft_orders": list(located.shaft.beyond),
     }
 
 
 def _share(one: Share) -> list[dict[str, Any]]:
     rows = zip(one.labels, one.share, one.chi2, strict=True)
     return [{"at": at, "share": float(s), "chi2": float(c)} for at, s, c in rows]
-
-
-def _beyond(one: Periodicity) -> list[str]:
-    """What repeats beyond chance."""
-    return list(one.beyond)
