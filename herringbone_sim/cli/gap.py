@@ -143,10 +143,10 @@ def summary(found: Diagnosis) -> str:
         )
         place = "/".join(cause["locus"].values())
         lines.append(f"  {cause['probability']:7.2%}  {cause['effect']:22s} {place:10s} {values}")
-    if math.isfinite(gap.over("nominal")):
+    if math.isfinite(gap.rms("nominal")):
         lines.append(
-            f"{gap.metric} on held-out runs: nominal {gap.over('nominal'):.4g}, augmented "
-            f"{gap.over('augmented'):.4g}, floor {gap.over('floor'):.4g}, closure "
+            f"{gap.metric} on held-out runs: nominal {gap.rms('nominal'):.4g}, augmented "
+            f"{gap.rms('augmented'):.4g}, floor {gap.rms('floor'):.4g}, closure "
             f"{gap.closure:.1%}"
         )
     control = gap.closed("runner_up")
@@ -154,7 +154,7 @@ def summary(found: Diagnosis) -> str:
         lines.append(f"  runner-up as a control: closure {control:.1%}")
     if found.senses is not None:
         others = (found.senses.prediction, found.senses.attractor)
-        lines += [sense_line(one) for one in others if math.isfinite(one.over("nominal"))]
+        lines += [sense_line(one) for one in others if math.isfinite(one.rms("nominal"))]
     wrong = [finding["text"] for finding in found.report["findings"]]
     lines += [f"wrong with the recording: {text}" for text in wrong]
     open_ = [text for text in found.report["undecidable"] if text not in wrong]
@@ -170,9 +170,7 @@ def next_line(asked: Mapping[str, Any]) -> str:
 
 def sense_line(gap: Gap) -> str:
     """Before, after and floor of a sense on held-out runs, and what the runner-up closes."""
-    values = ", ".join(
-        f"{name} {gap.over(name):.3g}" for name in ("nominal", "augmented", "floor")
-    )
+    values = ", ".join(f"{name} {gap.rms(name):.3g}" for name in ("nominal", "augmented", "floor"))
     return (
         f"{gap.metric} on held-out runs [{gap.unit}]: {values}, closure {gap.closure:.1%}, "
         f"runner-up {gap.closed('runner_up'):.1%}"

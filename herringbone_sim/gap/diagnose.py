@@ -34,7 +34,8 @@ from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import Explanation, Verdict, decide, explanation_of
 from herringbone_sim.gap.verdict.design import design
 from herringbone_sim.gap.verdict.location import residual_by_mesh, residual_structure
-from herringbone_sim.gap.verdict.questions import next_experiment, nominal_mismatched, undecidable
+from herringbone_sim.gap.verdict.next_experiment import next_experiment
+from herringbone_sim.gap.verdict.undecidable import nominal_mismatched, undecidable
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 

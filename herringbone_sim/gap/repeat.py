@@ -24,7 +24,7 @@ from herringbone_sim.gap.verification.serialise import (
     gap_to_dict,
     senses_to_dict,
 )
-from herringbone_sim.gap.verification.verify import measure
+from herringbone_sim.gap.verification.verify import residual_gap
 from herringbone_sim.recording.safe_json import JsonError, read_json
 
 Say = Callable[[str], None]
@@ -95,12 +95,12 @@ def repeat(
     model = from_parameters(campaign.nominal, own, actives, motion=not forces)
     wrong = [one for one in actives if is_motion_sensor_effect(one)]
 
-    def mend(run: PreparedRun) -> PreparedRun:
+    def correct(run: PreparedRun) -> PreparedRun:
         return correct_sensors(run, wrong) if wrong else run
 
     say("residual")
-    gap = measure(campaign.runs, mend, made["gap"]["metric"], model)
-    found = measure_senses(campaign.runs, mend, gap, model, None, say)
+    gap = residual_gap(campaign.runs, correct, made["gap"]["metric"], model)
+    found = measure_senses(campaign.runs, correct, gap, model, None, say)
     before = made["gap"].get("senses") or {"residual": made["gap"]}
     told: dict[str, Any] = plain_numbers(
         {

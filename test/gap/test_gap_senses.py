@@ -21,7 +21,7 @@ from herringbone_sim.gap.verification.horizon import LYAPUNOV_TIMES, horizon_of,
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.serialise import gap_to_dict, senses_errors, senses_to_dict
 from herringbone_sim.gap.verification.simulator import simulator_of
-from herringbone_sim.gap.verification.verify import measure
+from herringbone_sim.gap.verification.verify import residual_gap
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -45,9 +45,11 @@ def _damping() -> list[float]:
 @cache
 def found() -> Senses:
     runs = campaign().runs
-    residual = measure(runs, lambda run: run, "force_law", TRUTH)
-    control = measure(runs, lambda run: run, "force_law", WRONG)
-    return measure_senses(runs, lambda run: run, residual.with_runner_up(control), TRUTH, WRONG)
+    residual = residual_gap(runs, lambda run: run, "force_law", TRUTH)
+    control = residual_gap(runs, lambda run: run, "force_law", WRONG)
+    pairs = zip(residual.runs, control.runs, strict=True)
+    runner_up = tuple(replace(run, runner_up=other.augmented) for run, other in pairs)
+    return measure_senses(runs, lambda run: run, replace(residual, runs=runner_up), TRUTH, WRONG)
 
 
 @pytest.mark.parametrize("sense", ["residual", "prediction", "attractor"])
@@ -55,7 +57,7 @@ def test_the_planted_effect_closes_the_gap_and_a_wrong_one_does_not(sense: str) 
     gap = getattr(found(), sense)
     # Of twenty chaotic cycles against twenty the floor of the attractor is high.
     for role in ("held_out",) if sense == "attractor" else ("held_out", None):
-        assert gap.over("nominal", role) > 2.0 * gap.over("floor", role)
+        assert gap.rms("nominal", role) > 2.0 * gap.rms("floor", role)
         assert gap.closed("augmented", role) > 0.9
         assert gap.closed("runner_up", role) < 0.5
 
@@ -90,9 +92,9 @@ def test_the_exponent_agrees_with_the_tangent_flow(point: dict[str, float]) -> N
 def test_without_rates_neither_prediction_nor_attractor_is_claimed() -> None:
     names = tuple(f"v_{m}" for m in NOMINAL.layout.meshes)
     runs = [without_channels(run, names) for run in campaign().runs[:1]]
-    residual = measure(runs, lambda run: run, "consistency", TRUTH)
+    residual = residual_gap(runs, lambda run: run, "consistency", TRUTH)
     told = measure_senses(runs, lambda run: run, residual, TRUTH)
-    assert not np.isfinite(told.prediction.over("nominal", None))
+    assert not np.isfinite(told.prediction.rms("nominal", None))
     assert "v must give every coordinate" in told.unknown[0]
 
 

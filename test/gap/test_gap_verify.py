@@ -24,7 +24,7 @@ from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import consistency_chi2
 from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
 from herringbone_sim.gap.verdict.augmented import Augmented
-from herringbone_sim.gap.verification.verify import measure
+from herringbone_sim.gap.verification.verify import residual_gap
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.recording.writer import RunWriter
 
@@ -157,7 +157,7 @@ def test_an_effect_on_the_bodies_is_measured_once() -> None:
     run = prepared(noisy(sampled({}, POINTS[0]), 0.01, 3), POINTS[0], "held_out")
     ripple = active(effect("torque_ripple"), values={"amplitude": 1.5, "order": 7})
     with_ripple = Augmented(np.ones(6), np.ones(3), (ripple,))
-    found = measure((run,), lambda one: one, "torque_balance", with_ripple).runs[0]
+    found = residual_gap((run,), lambda one: one, "torque_balance", with_ripple).runs[0]
     one = case(run, fuse(run))
     size = effect_accelerations(one, np.ones(6), force_law(run, one.fused, np.ones(6)), ripple)
     expected = np.hypot(found.nominal, np.sqrt(np.mean(size**2)))  # a rig without has it missing

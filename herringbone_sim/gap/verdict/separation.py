@@ -279,7 +279,7 @@ class _Bodies:
 
 
 def _bodies(one: Case, explanation: FittedExplanation, motion: bool) -> _Bodies:
-    """Predictor of accelerations, with noise and inertias by the calibration of ``explanation``."""
+    """Predictor of accelerations; its noise and inertias follow the calibration of a fit."""
     run, model = one.run, one.run.model
     through = bodies_to_coordinates(model) / masses(model)
     of_force = np.tensordot(explanation.inverse, inertia_parts(model), axes=1)

@@ -1,4 +1,4 @@
-"""Gaps and senses as the plain data of a report."""
+"""Gaps as plain data for the report, and a check of such data."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ NUMBERS = ("nominal", "augmented", "noise_floor", "closure")
 
 
 def gap_to_dict(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
-    """Before, after, floor, control and closure over the runs of a role, and of every run."""
+    """A gap over the runs of a role (None: all), and of every run, by the keys of the report."""
     return {
         "metric": gap.metric,
         "unit": gap.unit,
-        "nominal": gap.over("nominal", role),
-        "augmented": gap.over("augmented", role),
-        "noise_floor": gap.over("floor", role),
-        "recalibrated": gap.over("recalibrated", role),
+        "nominal": gap.rms("nominal", role),
+        "augmented": gap.rms("augmented", role),
+        "noise_floor": gap.rms("floor", role),
+        "recalibrated": gap.rms("recalibrated", role),
         "closure": gap.closed("augmented", role),
         "closure_with_calibration": gap.closed_from("nominal", "augmented", role),
-        "runner_up": gap.over("runner_up", role),
+        "runner_up": gap.rms("runner_up", role),
         "closure_runner_up": gap.closed("runner_up", role),
         "runs": [
             {
@@ -42,40 +42,40 @@ def gap_to_dict(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
     }
 
 
-def senses_to_dict(found: Senses, role: str | None = ROLE) -> dict[str, Any]:
-    """The gap in every sense, and over which horizon a prediction reaches."""
-    told = {name: gap_to_dict(getattr(found, name), role) for name in SENSES}
-    for run in told["prediction"]["runs"]:
-        value, sigma = found.exponents.get(run["path"], (float("nan"),) * 2)
-        run["horizon_cycles"] = found.horizon_cycles.get(run["path"], float("nan"))
+def senses_to_dict(senses: Senses, role: str | None = ROLE) -> dict[str, Any]:
+    """The gap as residual, prediction and attractor; predictions with horizon and exponent."""
+    data = {name: gap_to_dict(getattr(senses, name), role) for name in SENSES}
+    for run in data["prediction"]["runs"]:
+        value, sigma = senses.exponents.get(run["path"], (float("nan"),) * 2)
+        run["horizon_cycles"] = senses.horizon_cycles.get(run["path"], float("nan"))
         run["exponent"] = {"value": value, "sigma": sigma, "unit": "1/mesh cycle"}
-    return told
+    return data
 
 
-def attractor_to_dict(found: Senses | None) -> dict[str, Any]:
-    """Statistics of the motion by model and run, with their distances to the rig's."""
-    if found is None:
+def attractor_to_dict(senses: Senses | None) -> dict[str, Any]:
+    """Statistics of the motion by model and run, with their distances from those of the rig."""
+    if senses is None:
         return {"nominal": {}, "augmented": {}}
     return {
         **{"nominal": {}, "augmented": {}},
-        **{name: dict(runs) for name, runs in found.numbers.items()},
+        **{name: dict(runs) for name, runs in senses.numbers.items()},
         "units": {**DISTANCE_UNITS, "exponent": "1/mesh cycle"},
     }
 
 
-def senses_errors(made: Mapping[str, Any]) -> list[str]:
-    """What the senses of a gap have wrong; empty when they are right, or absent."""
-    told = made.get("senses")
-    if told is None:
+def senses_errors(gap: Mapping[str, Any]) -> list[str]:
+    """Violations of the report's contract in ``senses`` of a gap; empty if there are none."""
+    senses = gap.get("senses")
+    if senses is None:
         return []
-    wrong = [f"senses lacks {name}" for name in SENSES if name not in told]
-    runs = [run["path"] for run in made["runs"]]
-    for name, sense in told.items():
-        lacking = {*NUMBERS, "metric", "unit", "runner_up", "runs"} - set(sense)
-        if lacking:
-            wrong.append(f"{name} lacks {', '.join(sorted(lacking))}")
+    errors = [f"senses lacks {name}" for name in SENSES if name not in senses]
+    runs = [run["path"] for run in gap["runs"]]
+    for name, sense in senses.items():
+        missing = {*NUMBERS, "metric", "unit", "runner_up", "runs"} - set(sense)
+        if missing:
+            errors.append(f"{name} lacks {', '.join(sorted(missing))}")
         elif [run["path"] for run in sense["runs"]] != runs:
-            wrong.append(f"{name} must tell of the same runs as the gap")
-    if "residual" in told and any(told["residual"].get(k) != made[k] for k in NUMBERS):
-        wrong.append("the residual among the senses must be the gap itself")
-    return wrong
+            errors.append(f"{name} must have the same runs as the gap")
+    if "residual" in senses and any(senses["residual"].get(k) != gap[k] for k in NUMBERS):
+        errors.append("the residual among the senses must be the gap itself")
+    return errors

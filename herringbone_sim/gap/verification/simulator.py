@@ -1,4 +1,4 @@
-"""A gear with effects that is run on from measured states, in SI units."""
+"""Simulation of a gear with effects from measured states, in SI units."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from herringbone_sim.gap.verification.rollout import roll
 
 Array = NDArray[np.float64]
 
-STEPS = 128  # of the method a natural period: its error stays far below the noise of a recording
+STEPS = 128  # Runge-Kutta steps per natural period; their error is far below recording noise
 
 
 class _Scratch(NamedTuple):
-    """Of a step; n = n_mesh, s = size of the state with the effects' own."""
+    """Work arrays of a step; n = n_mesh, s = size of the state including states of effects."""
 
     x: Array  # (n,) deflection [m]
     v: Array  # (n,) its rate [m/s]
@@ -36,12 +36,12 @@ class _Scratch(NamedTuple):
 
 @dataclass(frozen=True)
 class SimulatedRuns:
-    """Runs of a gear; s runs of k samples.
+    """s simulated runs of k samples.
 
     Attributes:
         z, z_rate: (s, k, n_coordinate) coordinates (q, r) [m], [m/s].
         force_n: (s, k, n_mesh) [N].
-        own: (s, k, n_own) states of the effects themselves.
+        own: (s, k, n_own) states of effects.
     """
 
     z: Array
@@ -51,11 +51,11 @@ class SimulatedRuns:
 
 
 class GearSimulator:
-    """Runs a gear on from states; holds the scratch, nothing of the runs.
+    """Simulates a gear with effects; holds work arrays, but no state.
 
     Args:
         model: built at the operating point.
-        actives: effects; those of sensors are passed over.
+        actives: effects; those of sensors are ignored.
     """
 
     def __init__(self, model: Model, actives: Sequence[Active] = ()) -> None:
@@ -81,14 +81,14 @@ class GearSimulator:
         samples: int,
         own: Array | None = None,
     ) -> SimulatedRuns:
-        """Samples of s runs, the first one at the start itself.
+        """Simulate s runs; the first sample is the initial state.
 
         Args:
-            z, z_rate: (s, n_coordinate) starts [m], [m/s].
-            phase: (s,) mesh phase of the starts [rad], unwrapped.
+            z, z_rate: (s, n_coordinate) initial states [m], [m/s].
+            phase: (s,) initial mesh phase [rad], unwrapped.
             turn: mesh phase from sample to sample [rad].
-            samples: k.
-            own: (s, n_own) own states of the effects at the starts; None: at rest.
+            samples: per run.
+            own: (s, n_own) initial states of effects; None: zero.
         """
         p, n_own, m = self.model.parameters, self.laws.n_own, self.model.layout.n_coordinate
         own = np.zeros((len(z), n_own)) if own is None else own
@@ -122,10 +122,10 @@ class GearSimulator:
 
 
 def simulator_of(run: PreparedRun, model: Augmented) -> GearSimulator:
-    """The changed gear at the operating point of a run.
+    """Simulator of the augmented model at the operating point of a run.
 
     Raises:
-        ParameterError: factors that no gear can have, or an effect where it can't sit.
+        ParameterError: factors out of range, or an effect at a locus that it can't have.
     """
     return GearSimulator(build(parameters_of(run.model.parameters, model)), model.actives)
 
