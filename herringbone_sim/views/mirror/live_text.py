@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from herringbone_sim.gap.stream.listening import Heard, Picture
-from herringbone_sim.gap.stream.stretch import QUIET, Motion, Residual
+from herringbone_sim.gap.stream.comparison import ComparisonResult, StreamStatus
+from herringbone_sim.gap.stream.stretch import NOISE_LIMIT, MotionStatistics, Residual
 
 SCHEMA = "herringbone_sim/gap-live/1"
 BAR = 20
@@ -16,7 +16,7 @@ METRICS = {"force_law": "force law", "torque_balance": "accelerations"}
 FACTORS = ("kind", "side", "planet", "contact")
 
 
-def table(picture: Picture) -> str:
+def table(picture: ComparisonResult) -> str:
     """The whole picture, one line a mesh."""
     lines = [_heard("rig", picture.rig), _heard("simulator", picture.simulator)]
     found = picture.residual
@@ -28,7 +28,7 @@ def table(picture: Picture) -> str:
     return "\n".join(lines)
 
 
-def line(picture: Picture) -> str:
+def line(picture: ComparisonResult) -> str:
     """One line: where the residual is, or why there is none."""
     found = picture.residual
     if found is None:
@@ -54,7 +54,7 @@ def gap_there(found: Residual) -> bool:
     return bool(found.shares.any())
 
 
-def data(picture: Picture) -> dict[str, Any]:
+def data(picture: ComparisonResult) -> dict[str, Any]:
     """The picture as plain data for the topic ``~/place``; what is not known is left out."""
     content: dict[str, Any] = {
         "schema": SCHEMA,
@@ -91,7 +91,7 @@ def bar(share: float, width: int = BAR) -> str:
     return (EIGHTHS[8] * whole + (EIGHTHS[part] if part else "")).ljust(width)
 
 
-def _heard(name: str, heard: Heard) -> str:
+def _heard(name: str, heard: StreamStatus) -> str:
     if heard.age_s is None:
         return f"{name:9s} {heard.topic}: waiting"
     state = "" if heard.fresh else f", silent for {heard.age_s:.0f} s"
@@ -109,7 +109,7 @@ def _point(found: Residual) -> str:
     )
 
 
-def _rows(picture: Picture, found: Residual) -> list[str]:
+def _rows(picture: ComparisonResult, found: Residual) -> list[str]:
     """One line a place; bars are drawn against the largest share."""
     unit = UNITS[found.metric]
     title = f"{'mesh' if found.metric == 'force_law' else 'place':6s} {'share of the gap':{BAR}s}"
@@ -123,21 +123,21 @@ def _rows(picture: Picture, found: Residual) -> list[str]:
     return rows
 
 
-def _motions(picture: Picture) -> list[str]:
+def _motions(picture: ComparisonResult) -> list[str]:
     motion = picture.rig_motion
     meshes = motion.meshes if motion else ()
     rows = [f"{mesh:6s}{_motion_cells(picture, mesh)}" for mesh in meshes]
     return [f"{'mesh':6s}{_motion_title(picture)}", *rows]
 
 
-def _motion_title(picture: Picture) -> str:
+def _motion_title(picture: ComparisonResult) -> str:
     if picture.rig_motion is None:
         return ""
     beside = " sim" if picture.comparable else ""
     return f"  F RMS rig{beside} [N]   contact rig{beside}   back rig{beside}"
 
 
-def _motion_cells(picture: Picture, mesh: str) -> str:
+def _motion_cells(picture: ComparisonResult, mesh: str) -> str:
     rig, other = picture.rig_motion, picture.simulator_motion if picture.comparable else None
     if rig is None or mesh not in rig.meshes:
         return ""
@@ -160,7 +160,7 @@ def _by(found: Residual) -> str:
         if any(shares.values()):
             told = "  ".join(f"{name} {share:.0%}" for name, share in shares.items())
             parts.append(f"{factor}: {told}")
-    return "   ".join(parts) or f"no place above {math.sqrt(QUIET):.2f} floors"
+    return "   ".join(parts) or f"no place above {math.sqrt(NOISE_LIMIT):.2f} floors"
 
 
 def _worst(found: Residual) -> str:
@@ -174,7 +174,7 @@ def _shares(found: Residual) -> dict[str, float]:
     return {place: float(s) for place, s in zip(found.places, found.shares, strict=True)}
 
 
-def _heard_data(heard: Heard) -> dict[str, Any]:
+def _heard_data(heard: StreamStatus) -> dict[str, Any]:
     content: dict[str, Any] = {"topic": heard.topic, "fresh": heard.fresh}
     content |= {"samples": heard.received, "lost": heard.lost, "restarts": heard.restarts}
     if math.isfinite(heard.t_s):
@@ -182,7 +182,7 @@ def _heard_data(heard: Heard) -> dict[str, Any]:
     return content | ({"trouble": heard.trouble} if heard.trouble else {})
 
 
-def _statistics(rig: Motion, simulator: Motion, j: int) -> dict[str, float]:
+def _statistics(rig: MotionStatistics, simulator: MotionStatistics, j: int) -> dict[str, float]:
     told: dict[str, float] = {}
     for name, one in (("rig", rig), ("simulator", simulator)):
         back, apart, drive = (float(v) for v in one.contact_shares[j])
