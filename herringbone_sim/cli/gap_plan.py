@@ -13,15 +13,15 @@ from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.planning.plan import NAMED, Plan, plan
-from herringbone_sim.gap.planning.sensed import Noise, check_sensors
 from herringbone_sim.gap.planning.summary import (
-    gain,
+    effect_summaries,
     named_effects,
     place_text,
-    rows,
+    plan_to_dict,
     sensors_text,
-    written,
+    size_reduction,
 )
+from herringbone_sim.gap.planning.synthetic import SensorNoise, check_sensors
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.rig import POINTS
 from herringbone_sim.sweeps.output import make_folder
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     print(table(first))
     if further:
         print(also_table(first, further))
-    content = written(first, points, args.cycles, further)
+    content = plan_to_dict(first, points, args.cycles, further)
     file = args.out / "plan.json"
     file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     page = write_plan_page(args.out, first, points, further, args.noise)
@@ -104,7 +104,7 @@ def names_of(text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
-def noise_of(text: str) -> Noise:
+def noise_of(text: str) -> SensorNoise:
     """Noise of a text such as ``40dB,u=1e-7,F_pin=30dB``; ParameterError for another form."""
     share, shares, values = 0.01, {}, {}
     for part in names_of(text):
@@ -125,7 +125,7 @@ def noise_of(text: str) -> Noise:
             shares[name] = 10.0 ** (-number / 20.0)
         else:
             values[name] = number
-    return Noise(share, shares, values)
+    return SensorNoise(share, shares, values)
 
 
 def point_of(text: str, nominal: Parameters) -> dict[str, float]:
@@ -163,13 +163,13 @@ def table(found: Plan) -> str:
         f"{'place':>6s}  followed best by",
     ]
     lines += [
-        f"{row.effect:22s}{size(row.best, row.unit):>14s}{place_text(row.where):>26s}"
-        f"{size(row.median, row.unit):>14s}  {row.placed:6.0%}  "
-        f"{row.rival} (leaves {row.apart:.1%})"
-        for row in rows(found)
+        f"{row.effect:22s}{size(row.best, row.unit):>14s}{place_text(row.best_place):>26s}"
+        f"{size(row.median, row.unit):>14s}  {row.placed_share:6.0%}  "
+        f"{row.rival} (leaves {row.rival_leaves:.1%})"
+        for row in effect_summaries(found)
     ]
-    if found.left_out:
-        lines.append(f"not sought with these sensors: {', '.join(found.left_out)}")
+    if found.not_sought:
+        lines.append(f"not sought with these sensors: {', '.join(found.not_sought)}")
     if found.not_planned:
         lines.append(f"sought, but not planned: {', '.join(found.not_planned)}")
     return "\n".join(lines)
@@ -182,7 +182,7 @@ def also_table(found: Plan, further: Mapping[str, Plan]) -> str:
 
 
 def _by_gain(found: Plan, further: Mapping[str, Plan]) -> Sequence[tuple[str, Plan, float]]:
-    every = [(name, more, gain(found, more)) for name, more in further.items()]
+    every = [(name, more, size_reduction(found, more)) for name, more in further.items()]
     return sorted(every, key=lambda one: (-named_effects(one[1]), -one[2]))
 
 
