@@ -10,9 +10,9 @@ import numpy as np
 from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
-from herringbone_sim.gap.allowed import Allowed, allowed
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.feasible import FeasibleObservations, feasible_observations
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import NOMINAL
 from herringbone_sim.recording.load import iter_sample_blocks
@@ -57,7 +57,7 @@ def campaign_check(args: argparse.Namespace) -> int:
     file = args.nominal or (beside if beside.is_file() else None)
     campaign = prepare(args.campaign, load_parameters(file) if file else Parameters())
     print(table(args.campaign, campaign))
-    print(verdict(allowed(campaign)))
+    print(verdict(feasible_observations(campaign)))
     return 0
 
 
@@ -84,13 +84,14 @@ def _line(run: PreparedRun, path: Path) -> str:
     ).rstrip()
 
 
-def verdict(told: Allowed) -> str:
+def verdict(told: FeasibleObservations) -> str:
     """Observations that can be formed or not, and the findings, a line each."""
     lines = [
-        f"{name}: {'can be formed' if name in told.formed else f'not formed, it needs {needs}'}"
+        f"{name}: "
+        + ("can be formed" if name in told.observations else f"not formed, it needs {needs}")
         for name, needs in NEEDS.items()
     ]
-    if not told.formed:
+    if not told.observations:
         lines.append("a diagnosis of this campaign would name nothing")
     wrong = [f"to look at: {one.text}" for one in told.findings if not one.limit]
     return "\n".join([*lines, *wrong, *(f"open: {f.text}" for f in told.findings if f.limit)])

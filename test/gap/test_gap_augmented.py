@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gap_support import NOMINAL, POINTS, prepared, sampled
+from herringbone_sim.gap.name_effects import name_effects
 
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.model import build
@@ -20,7 +21,6 @@ from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.attribution.hypothesis import calibrated_gear_table, case
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.named import named
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import (
@@ -130,7 +130,7 @@ def test_other_orders_of_a_learned_wave_are_effects_too(
     h = Hypothesis(name, (("order", order),), Locus(), coefficients, 2)
     mean = np.array([0.1, 0.2, 0.3, 0.4]) * (1e-5 if name == "profile_error" else 1.0)
     score = Score(coefficients, mean, np.eye(4), mean[None], mean[:1], 0.0, 0.0, 1.0, {})
-    [found] = named((h,), score, build(NOMINAL))
+    [found] = name_effects((h,), score)
     assert {dict(a.options)["order"]: pytest.approx(list(a.theta)) for a in found.harmonics} == (
         expected
     )
@@ -144,7 +144,7 @@ def test_a_ring_whose_stiffness_is_hardly_known_has_an_interval_with_an_end() ->
     h = Hypothesis("ring_flexibility", (), ring.locus, every, len(every), ring)
     mean, spread = np.eye(5)[0], np.diag([0.0, 9.0, 1.0, 0.0, 0.0])
     score = Score(every, mean, spread, mean[None], mean[:1], 0.0, 0.0, 1.0, {})
-    [found] = named((h,), score, build(NOMINAL))
+    [found] = name_effects((h,), score)
     low, high = found.intervals[0]
     assert 0.0 < low < 1e11 < high <= 1.1e12
     assert found.active.theta[0] == pytest.approx(1e11)

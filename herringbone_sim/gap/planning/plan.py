@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.information import Information
@@ -141,9 +140,7 @@ def plan(
     hypotheses = [h for h in hypotheses if h.coefficients[0].center == 0.0]
     information = Information(search.campaign, hypotheses, hypotheses)
     visible = [i for i, s in enumerate(information.squares) if s > 0.0]
-    detectabilities = tuple(
-        _detectability(i, hypotheses, information, machine.gear.model) for i in visible
-    )
+    detectabilities = tuple(_detectability(i, hypotheses, information) for i in visible)
     sought = {one.effect for one in detectabilities}
     others = [name for name in known_effects() if name not in sought]
     known = ("channel_swap",) if by_windows else (*PARAMETERS, "channel_swap")
@@ -178,7 +175,7 @@ def _teeth(gear: Gear) -> list[Event]:
 
 
 def _detectability(
-    i: int, hypotheses: Sequence[Hypothesis], information: Information, model: Model
+    i: int, hypotheses: Sequence[Hypothesis], information: Information
 ) -> Detectability:
     """Detectability of hypothesis i, by the judge."""
     h = hypotheses[i]
@@ -191,7 +188,7 @@ def _detectability(
     detected = _first_size(lambda k: judged(k)[0]["none"] <= 1.0 - NAMED)
     _, place = judged(min(named, len(SIZES) - 1))
     best = next(j for j in rivals if hypotheses[j].effect != h.effect)
-    moderate, unit = moderate_size(h, model)
+    moderate, unit = moderate_size(h)
     return Detectability(
         h.effect,
         h.locus if isinstance(h.locus, Locus) else Locus(),

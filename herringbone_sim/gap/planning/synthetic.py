@@ -92,8 +92,8 @@ def simulate_campaign(
     check_sensors(nominal.layout, sensors)
     if cycles < LEAST_CYCLES:
         raise ParameterError(
-            f"a run has {LEAST_CYCLES} mesh cycles or more, got {cycles}: record longer than "
-            "what a mesh remembers"
+            f"a run has {LEAST_CYCLES} mesh cycles or more, got {cycles}: record at least "
+            "one block of the diagnosis"
         )
     rng = np.random.default_rng(seed)
     runs = tuple(

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from herringbone_sim.diagnosis.judge import Chance
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.gap.named import LearnedLaw, Named
+from herringbone_sim.gap.learned_law import LearnedLaw
+from herringbone_sim.gap.named import NamedEffect
 
 MOST_NAMED = 4  # effects of an ambiguous class, contract of the report
 HALF = 0.5  # probability above which an effect is more probable than all others together
@@ -60,7 +61,7 @@ class Verdict:
     chances: tuple[Chance, ...]
 
 
-def explanation_of(found: Sequence[Named]) -> Explanation:
+def explanation_of(found: Sequence[NamedEffect]) -> Explanation:
     """Join named effects to an explanation."""
     return Explanation(
         tuple(n.active for n in found),

@@ -1,4 +1,4 @@
-"""Which observations of a diagnosis the channels of a campaign allow, before any is run."""
+"""Observations that the channels of a campaign allow, without a diagnosis."""
 
 from __future__ import annotations
 
@@ -16,29 +16,26 @@ from herringbone_sim.gap.sensors.noise import with_estimated_noise
 
 
 @dataclass(frozen=True)
-class Allowed:
-    """What can be formed of a campaign.
+class FeasibleObservations:
+    """Observations that a campaign allows.
 
     Attributes:
-        formed: names of the observations.
-        used: names of the runs of role fit that they are formed of.
-        findings: what is odd, and what is left open.
+        observations: their names.
+        findings: problems of the data, and limits on what they can show.
     """
 
-    formed: tuple[str, ...]
-    used: tuple[str, ...]
+    observations: tuple[str, ...]
     findings: tuple[Finding, ...]
 
 
-def allowed(campaign: PreparedCampaign) -> Allowed:
-    """Observations that a diagnosis would form, of runs made ready as it does."""
+def feasible_observations(campaign: PreparedCampaign) -> FeasibleObservations:
+    """Observations that a diagnosis of the campaign would use."""
     campaign, findings = check(campaign)
     fit = campaign.of_role("fit")
     if not fit:
-        return Allowed((), (), findings)
+        return FeasibleObservations((), findings)
     if not campaign.noise_known:
         fit = tuple(with_estimated_noise(run) for run in fit)
     fit = tuple(independent(run) for run in compensate_filter(fit))
-    names = tuple(run.name for run in fit)
     gear = Gear(leave_out_folds(fit), gain_tolerance=campaign.gain_tolerance)
-    return Allowed(GearMachine(gear).formed, names, findings)
+    return FeasibleObservations(GearMachine(gear).formed, findings)
