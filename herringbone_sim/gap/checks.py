@@ -95,7 +95,7 @@ def _same_speed(
 
 def _short_runs(runs: Sequence[PreparedRun]) -> list[Finding]:
     cycles = [float((run.phase[-1] - run.phase[0]) / (2.0 * np.pi)) for run in runs]
-    found = []
+    findings = []
     for run, own in zip(runs, cycles, strict=True):
         usual, out = float(np.median(cycles)), own < FEWEST_CYCLES
         if not out and own >= SHORT * usual:
@@ -106,13 +106,13 @@ def _short_runs(runs: Sequence[PreparedRun]) -> list[Finding]:
             if out
             else f", the usual run has {usual:.1f}: it is used as far as it goes"
         )
-        found.append(Finding("short", run.name, ("t",), end, text, fatal=out))
-    return found
+        findings.append(Finding("short", run.name, ("t",), end, text, fatal=out))
+    return findings
 
 
 def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
     """Runs with the same samples as another one."""
-    found = []
+    findings = []
     for one, other in combinations(runs, 2):
         same = len(one) == len(other) and all(
             np.array_equal(getattr(one, q).values, getattr(other, q).values, equal_nan=True)
@@ -120,13 +120,15 @@ def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
         )
         if same:
             text = f"{other.name} holds the same samples as {one.name}: it is left out"
-            found.append(Finding("copy", other.name, (), float(other.times[0]), text, fatal=True))
-    return found
+            findings.append(
+                Finding("copy", other.name, (), float(other.times[0]), text, fatal=True)
+            )
+    return findings
 
 
 def _other_operating_point(run: PreparedRun) -> list[Finding]:
     """Recorded operating points that differ from that of campaign.yaml."""
-    found = []
+    findings = []
     for name, values in run.recorded_point.items():
         stated = run.point[name]
         away = ~(np.abs(values - stated) <= 1e-3 * max(abs(stated), 1.0))
@@ -137,8 +139,8 @@ def _other_operating_point(run: PreparedRun) -> list[Finding]:
                 f"campaign.yaml has {stated:.6g}: that of campaign.yaml is used; correct the "
                 "wrong one"
             )
-            found.append(Finding("point", run.name, (name,), float(run.times[at]), text))
-    return found
+            findings.append(Finding("point", run.name, (name,), float(run.times[at]), text))
+    return findings
 
 
 def _wrong_torque(run: PreparedRun) -> list[Finding]:
@@ -189,18 +191,18 @@ def _same_channel_class(
         if 2 * sum(own >= level for own in levels.values()) >= len(fit)
     )
     words = {FORCED: "forces with the motion of their meshes", MOVING: "the motion of all meshes"}
-    found, restricted = [], []
+    new, restricted = [], []
     for run in runs:
         if run.role == "fit" and levels[run.name] < level:
             text = f"{run.name} lacks {words[level]}, which most runs have: it is left out"
-            found.append(Finding("channels", run.name, (), None, text, fatal=True))
+            new.append(Finding("channels", run.name, (), None, text, fatal=True))
         elif run.role == "fit" and levels[run.name] == FORCED > level:
             names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
             text = f"most runs lack forces: those of {run.name} are not used"
-            found.append(Finding("channels", run.name, names, None, text))
+            new.append(Finding("channels", run.name, names, None, text))
             run = mark_not_recorded(run, "F", np.ones_like(run.F.there))
         restricted.append(run)
-    return _without_fatal(restricted, found, findings)
+    return _without_fatal(restricted, new, findings)
 
 
 def _channel_class(run: PreparedRun, fused: Fused) -> int:
@@ -213,28 +215,28 @@ def _channel_class(run: PreparedRun, fused: Fused) -> int:
 
 def _limits(campaign: PreparedCampaign) -> list[Finding]:
     """Limits on the results by noise, roles, number of runs and quantities."""
-    found = []
+    findings = []
     if not campaign.noise_known:
         text = (
             "campaign.yaml gives no noise: it was estimated from spectra, from the consistency of "
             "the channels and from the residual of the force law; smaller effects are not seen, "
             "and closure is as uncertain as this estimate"
         )
-        found.append(Finding("noise", "", (), None, text, limit=True))
+        findings.append(Finding("noise", "", (), None, text, limit=True))
     fit, held_out = campaign.of_role("fit"), campaign.of_role("held_out")
     if not fit:
         text = "no run has the role fit: nothing can be learnt from this campaign"
-        found.append(Finding("no_fit", "", (), None, text, fatal=True))
+        findings.append(Finding("no_fit", "", (), None, text, fatal=True))
     if not held_out:
         text = "no run is held out: whether the gap shrinks on new data is not known"
-        found.append(Finding("no_held_out", "", (), None, text, limit=True))
+        findings.append(Finding("no_held_out", "", (), None, text, limit=True))
     if len(fit) == 1:
         text = (
             f"{fit[0].name} is the only run to fit: thirds of it take the place of runs left out, "
             "and effects of load, heat and speed can't be told from constant ones"
         )
-        found.append(Finding("one_run", fit[0].name, (), None, text, limit=True))
-    return found + _quantity_limits(fit)
+        findings.append(Finding("one_run", fit[0].name, (), None, text, limit=True))
+    return findings + _quantity_limits(fit)
 
 
 def _quantity_limits(runs: Sequence[PreparedRun]) -> list[Finding]:

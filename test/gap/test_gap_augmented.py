@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gap_support import NOMINAL, POINTS, prepared, sampled
-from herringbone_sim.gap.name_effects import name_effects
 
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.model import build
@@ -21,6 +20,7 @@ from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.attribution.hypothesis import calibrated_gear_table, case
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.named import name_effects
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import (

@@ -175,7 +175,7 @@ def test_the_reason_names_the_rivals_and_by_how_much_they_differ() -> None:
 
 def test_says_when_no_point_would_do_or_none_was_worked_out() -> None:
     campaign = _campaign(ONE_HEAT)
-    hopeless = next_experiment(campaign, VERDICT, replace(FOUND, there=0.02))
+    hopeless = next_experiment(campaign, VERDICT, replace(FOUND, separation_at_point=0.02))
     assert set(hopeless) == {"delta_T", "K", "T_1", "Omega", "why"}
     assert "no operating point in reach tells a and b apart" in hopeless["why"]
     nothing = next_experiment(campaign, replace(VERDICT, verdict="none", effects=()))

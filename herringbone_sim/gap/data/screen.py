@@ -57,7 +57,7 @@ def screen(
     Returns:
         Remaining channels, and a finding for each kind of fault.
     """
-    found = []
+    findings = []
     gaps = may_have_gaps(series.names)
     for channel in series.names:
         if channel in HEAD:
@@ -66,11 +66,11 @@ def screen(
         finding = finding or _not_si(name, series, channel, (units or {}).get(channel))
         finding = finding or _saturated(name, series, channel)
         if finding is not None:
-            found.append(finding)
-    bad = {channel for finding in found for channel in finding.channels}
+            findings.append(finding)
+    bad = {channel for finding in findings for channel in finding.channels}
     keep = tuple(n for n in series.names if n not in bad)
     clean = TimeSeries(series.times, series.columns(keep), keep) if bad else series
-    return clean, tuple(_merge_by_rule(found))
+    return clean, tuple(_merge_by_rule(findings))
 
 
 def may_have_gaps(names: Sequence[str]) -> bool:
@@ -81,10 +81,10 @@ def may_have_gaps(names: Sequence[str]) -> bool:
     return not any(name.startswith("x_") for name in names)
 
 
-def _merge_by_rule(found: list[Finding]) -> list[Finding]:
+def _merge_by_rule(findings: list[Finding]) -> list[Finding]:
     """One finding for each rule: the text of the earliest, and the channels of all."""
     kinds: dict[str, list[Finding]] = {}
-    for finding in found:
+    for finding in findings:
         kinds.setdefault(finding.what, []).append(finding)
     merged = []
     for same in kinds.values():

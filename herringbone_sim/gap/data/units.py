@@ -48,7 +48,7 @@ def clock_unit(run: PreparedRun, ratio: float) -> Finding | None:
 
 def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
     """Remove channels in another unit than SI; also return a finding for each quantity."""
-    found = []
+    findings = []
     for q, powers in {**_displacements(run), "F": _forces(run)}.items():
         off = powers != 0.0
         if not off.any():
@@ -61,9 +61,9 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
             f"{'times ' if 'of' not in factor else ''}what the other channels give: another unit "
             "than SI, throughout; left out of this run, not rescaled"
         )
-        found.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
+        findings.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
         run = mark_not_recorded(run, q, np.ones_like(run.u.there) if q == "u" else off)
-    return run, found
+    return run, findings
 
 
 def mark_not_recorded(run: PreparedRun, q: str, off: Mask) -> PreparedRun:

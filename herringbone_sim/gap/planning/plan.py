@@ -158,7 +158,7 @@ def plan(
 def _teeth(gear: Gear) -> list[Event]:
     """Crack and spall of a tooth of each member, at one mesh."""
     layout = gear.model.layout
-    found, middle = [], MIDDLE
+    events, middle = [], MIDDLE
     if gear.by_windows:
         s = gear.trajectories[0].recorded
         middle = float(s.phase[s.first[s.windows // 2]] / (2.0 * np.pi))
@@ -170,8 +170,8 @@ def _teeth(gear: Gear) -> list[Event]:
                 if p.mesh == mesh and p.planet != "all" and p.side != "all"
             ]
             _, late = next(iter(lags(gear, member)))
-            found += [Event(kind, p, member, middle, tuple(late.tolist())) for p in places[:1]]
-    return found
+            events += [Event(kind, p, member, middle, tuple(late.tolist())) for p in places[:1]]
+    return events
 
 
 def _detectability(

@@ -65,7 +65,7 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
     if known.sum() < 3:
         return []
     usual = np.median(scales[known], axis=0)
-    found = []
+    findings = []
     for run, (of_u, of_e), finite in zip(runs, scales, known, strict=True):
         off = max(abs(of_u - usual[0]), abs(of_e - usual[1]))
         if finite and off > GEOMETRY_TOLERANCE:
@@ -76,8 +76,8 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
             )
             channels = tuple(f"x_{mesh}" for mesh in run.model.layout.meshes)
             at = float(run.times[0])
-            found.append(Finding("other_gear", run.name, channels, at, text, fatal=True))
-    return found
+            findings.append(Finding("other_gear", run.name, channels, at, text, fatal=True))
+    return findings
 
 
 def geometry_scales(run: PreparedRun) -> tuple[float, float]:
@@ -133,7 +133,7 @@ def runs_with_other_force_law(
     """
     if len(runs) < 4:
         return []
-    found = []
+    findings = []
     for run in runs:
         others = [r for r in runs if r is not run and r.role == "fit"]
         least = float(np.min(shares[run.name]))
@@ -152,10 +152,10 @@ def runs_with_other_force_law(
             + ("; it is left out" if out else "; it is kept")
         )
         channels = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
-        found.append(
+        findings.append(
             Finding("other_gear", run.name, channels, float(run.times[0]), text, fatal=out)
         )
-    return found
+    return findings
 
 
 def nominal_mismatch(common: float, shares: Sequence[Array]) -> Finding | None:

@@ -119,7 +119,7 @@ def relations(run: PreparedRun, signals: Array) -> list[Relation]:
         run: the run.
         signals: (n, J, a) time courses of the channels, for ``Relation.signals``.
     """
-    found = [
+    result = [
         Relation(*part, signals, np.ones(signals.shape[1])) for part in geometric_residuals(run)
     ]
     z, P = displacement(run)
@@ -137,8 +137,8 @@ def relations(run: PreparedRun, signals: Array) -> list[Relation]:
         noise = np.full(signals.shape[1], 2.0)
         noise[n : 2 * n] = of_rate
         columns = white @ _sensitivity(run)[known]
-        found.append(Relation(residual[2:-2], columns, moved[2:-2], noise))
-    return [one for one in found if one.columns.size]
+        result.append(Relation(residual[2:-2], columns, moved[2:-2], noise))
+    return [one for one in result if one.columns.size]
 
 
 def _sensitivity(run: PreparedRun) -> Array:

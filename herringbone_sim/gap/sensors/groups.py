@@ -43,7 +43,7 @@ def groups_of(layout: Layout, there: Mask | None = None) -> list[Group]:
     """
     names = sensor_names(layout)
     there = np.ones(len(names), dtype=bool) if there is None else there
-    found: dict[bytes, Group] = {}
+    groups: dict[bytes, Group] = {}
     sizes: dict[bytes, int] = {}
     for quantity, kind, planet, side in product(
         ("x", "v", "u", "xvu"),
@@ -58,8 +58,8 @@ def groups_of(layout: Layout, there: Mask | None = None) -> list[Group]:
         key = members.tobytes()
         if members.any() and size < sizes.get(key, len(names) + 1):
             chosen = tuple(n for n, m in zip(names, members, strict=True) if m)
-            found[key], sizes[key] = Group(quantity, kind, planet, side, chosen), size
-    return list(found.values())
+            groups[key], sizes[key] = Group(quantity, kind, planet, side, chosen), size
+    return list(groups.values())
 
 
 def sensor_names(layout: Layout) -> tuple[str, ...]:

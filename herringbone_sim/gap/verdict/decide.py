@@ -61,13 +61,13 @@ class Verdict:
     chances: tuple[Chance, ...]
 
 
-def explanation_of(found: Sequence[NamedEffect]) -> Explanation:
+def explanation_of(effects: Sequence[NamedEffect]) -> Explanation:
     """Join named effects to an explanation."""
     return Explanation(
-        tuple(n.active for n in found),
-        tuple(n.intervals for n in found),
-        tuple(n.law for n in found if n.law is not None),
-        tuple(one for n in found for one in n.harmonics),
+        tuple(n.active for n in effects),
+        tuple(n.intervals for n in effects),
+        tuple(n.law for n in effects if n.law is not None),
+        tuple(one for n in effects for one in n.harmonics),
     )
 
 

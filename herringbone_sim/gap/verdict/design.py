@@ -79,13 +79,13 @@ def leading_explanations(verdict: Verdict) -> tuple[Explanation, ...]:
 
 
 def design(
-    campaign: PreparedCampaign, found: Calibrated, verdict: Verdict, model: Augmented
+    campaign: PreparedCampaign, calibrated: Calibrated, verdict: Verdict, model: Augmented
 ) -> Design | None:
     """Choose the candidate point that best separates the leading explanations of a verdict.
 
     Args:
         campaign: whose fit runs the verdict rests on.
-        found: fit runs and calibration.
+        calibrated: fit runs and calibration.
         verdict: of the campaign.
         model: augmented model, whose calibration is used.
 
@@ -93,7 +93,7 @@ def design(
         None with fewer than two explanations, or where they can't be predicted.
     """
     explanations = leading_explanations(verdict)
-    quantity = _predictable_quantity(found, verdict, explanations)
+    quantity = _predictable_quantity(calibrated, verdict, explanations)
     if len(explanations) < 2 or quantity is None:
         return None
     model = replace(model, actives=())
@@ -102,7 +102,7 @@ def design(
     except ParameterError:
         return None
     fitted = [FittedExplanation(e.actives, model.factors, model.inverse) for e in explanations]
-    cases = [c for c in found.cases if quantity != BALANCE or balance_measured((c,))]
+    cases = [c for c in calibrated.cases if quantity != BALANCE or balance_measured((c,))]
     points = candidate_points([run.point for run in campaign.of_role("fit")])
     runs = (predict_run(cases, campaign.nominal, gear, model.factors, point) for point in points)
     most = max(_largest_force(c) for c in cases)
@@ -120,18 +120,18 @@ def design(
 
 
 def _predictable_quantity(
-    found: Calibrated, verdict: Verdict, explanations: Sequence[Explanation]
+    calibrated: Calibrated, verdict: Verdict, explanations: Sequence[Explanation]
 ) -> str | None:
     """Quantity in which the explanations can be predicted, see ``separation``; None if none."""
     actives = [a for e in explanations for a in e.actives]
     no_sensor = all(a.effect.level != "sensor" for a in actives)
-    forces = all(bool(np.isfinite(c.run.F.values).all()) for c in found.cases)
+    forces = all(bool(np.isfinite(c.run.F.values).all()) for c in calibrated.cases)
     if not forces:
         return MOTION if no_sensor and verdict.metric == "torque_balance" else None
     if verdict.metric == "force_law":
         channels = [n for a in actives for n in dict(a.options).get("channels", ())]
         return FORCES if all(n.startswith("F") for n in channels) else None
-    whole = any(balance_measured((c,)) for c in found.cases)
+    whole = any(balance_measured((c,)) for c in calibrated.cases)
     return BALANCE if no_sensor and whole and verdict.metric == "torque_balance" else None
 
 

@@ -22,7 +22,7 @@ PERMUTATIONS = 200
 
 
 def residual_by_mesh(
-    campaign: PreparedCampaign, found: Calibrated, verdict: Verdict
+    campaign: PreparedCampaign, calibrated: Calibrated, verdict: Verdict
 ) -> list[tuple[Locus, float]]:
     """Share of each mesh in the residual of the recalibrated force law above noise, largest first.
 
@@ -30,10 +30,10 @@ def residual_by_mesh(
     effect, divided equally among the meshes of its most probable locus, and among planets that the
     data can't distinguish. Empty where no effect is named either.
     """
-    weight = found.per_mesh
+    weight = calibrated.per_mesh
     if weight is None:
         weight = _cause_probability(campaign, verdict)
-        if weight is not None and planets_indistinguishable(found.cases):
+        if weight is not None and planets_indistinguishable(calibrated.cases):
             planets = campaign.nominal.layout.n_classes
             weight = np.repeat(weight.reshape(-1, planets).mean(axis=1), planets)
     else:
@@ -41,7 +41,7 @@ def residual_by_mesh(
     if weight is None:
         return []
     shares = weight / weight.sum() if weight.sum() > 0.0 else weight
-    layout = found.cases[0].run.model.layout
+    layout = calibrated.cases[0].run.model.layout
     places = [
         Locus(mesh, planet, side)
         for mesh in ("sp", "rp")
@@ -65,12 +65,12 @@ def _cause_probability(campaign: PreparedCampaign, verdict: Verdict) -> Array | 
     return total
 
 
-def residual_structure(campaign: PreparedCampaign, found: Calibrated) -> dict[str, Any]:
+def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> dict[str, Any]:
     """Result of ``locate`` as plain data for the report; empty without a force-law residual."""
-    if found.per_mesh is None:
+    if calibrated.per_mesh is None:
         return {}
-    cases = found.cases
-    laws = [force_law(c.run, c.fused, found.factors) for c in cases]
+    cases = calibrated.cases
+    laws = [force_law(c.run, c.fused, calibrated.factors) for c in cases]
     rng = np.random.default_rng(SEED)
     located = locate([c.run for c in cases], laws, campaign.meshes, rng, PERMUTATIONS)
     return {

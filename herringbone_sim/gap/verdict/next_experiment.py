@@ -17,7 +17,7 @@ WORDS = {"delta_T": ("temperature rise", " K"), "T_1": ("load", " N m"), "Omega"
 
 
 def next_experiment(
-    campaign: PreparedCampaign, verdict: Verdict, found: Design | None = None
+    campaign: PreparedCampaign, verdict: Verdict, design: Design | None = None
 ) -> dict[str, Any]:
     """Operating point delta_T [K], K, T_1 [N m], Omega to run next, and why.
 
@@ -27,10 +27,10 @@ def next_experiment(
     Args:
         campaign: whose fit runs the verdict rests on.
         verdict: of the campaign.
-        found: designed point; None where explanations can't be predicted.
+        design: designed point; None where explanations can't be predicted.
     """
-    if found is not None and (found.separated_so_far or found.separated_with_point):
-        return {**found.point, "why": _why_designed(found)}
+    if design is not None and (design.separated_so_far or design.separated_with_point):
+        return {**design.point, "why": _why_designed(design)}
     points = [run.point for run in campaign.of_role("fit")]
     values = {n: sorted({round(float(p[n]), 6) for p in points if n in p}) for n in LEAST_VALUES}
     ranges = value_ranges(points)
@@ -41,35 +41,35 @@ def next_experiment(
         "K": 0.0,
         "T_1": chosen["T_1"][0],
         "Omega": chosen["Omega"][0],
-        "why": f"{_why_not_designed(verdict, found)}: {new}",
+        "why": f"{_why_not_designed(verdict, design)}: {new}",
     }
 
 
-def _why_designed(found: Design) -> str:
+def _why_designed(design: Design) -> str:
     """Reason for a designed point."""
-    first, *others = found.names
-    if found.separated_so_far:
+    first, *others = design.names
+    if design.separated_so_far:
         text = f"checks that it is {first} and not {in_words(others)}"
     elif len(others) == 1:
         text = f"tells {first} from {others[0]}"
     else:
-        text = f"tells {in_words(found.names)} apart"
+        text = f"tells {in_words(design.names)} apart"
     text += (
-        f": what one leaves of the other is {found.separation_at_point:.2g} times the noise "
-        f"floor there, {found.separation_so_far:.2g} times in the runs so far"
+        f": what one leaves of the other is {design.separation_at_point:.2g} times the noise "
+        f"floor there, {design.separation_so_far:.2g} times in the runs so far"
     )
-    if found.force_ratio > 1.0:
-        text += f"; the largest mesh force there is {found.force_ratio:.1f} times theirs"
+    if design.force_ratio > 1.0:
+        text += f"; the largest mesh force there is {design.force_ratio:.1f} times theirs"
     return text
 
 
-def _why_not_designed(verdict: Verdict, found: Design | None) -> str:
+def _why_not_designed(verdict: Verdict, design: Design | None) -> str:
     """Reason why the point is not a designed one."""
-    if found is not None:
+    if design is not None:
         return (
-            f"no operating point in reach tells {in_words(found.names)} apart "
-            f"({found.separation_at_point:.2g} times the noise floor at best, "
-            f"{found.separation_so_far:.2g} times in the runs so far); this one is where nothing "
+            f"no operating point in reach tells {in_words(design.names)} apart "
+            f"({design.separation_at_point:.2g} times the noise floor at best, "
+            f"{design.separation_so_far:.2g} times in the runs so far); this one is where nothing "
             "has been run"
         )
     if verdict.verdict == "none":

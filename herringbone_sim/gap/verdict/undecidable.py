@@ -26,14 +26,14 @@ def nominal_mismatched(findings: Sequence[Finding]) -> bool:
 
 def undecidable(
     campaign: PreparedCampaign,
-    found: Calibrated,
+    calibrated: Calibrated,
     verdict: Verdict,
     findings: Sequence[Finding] = (),
 ) -> list[str]:
     """Sentences on what the data can't decide: by channels, operating points and verdict."""
     if nominal_mismatched(findings):
         return []
-    limits = undecidable_by_channels(found.cases)
+    limits = undecidable_by_channels(calibrated.cases)
     points = [run.point for run in campaign.of_role("fit")]
     for name, least in LEAST_VALUES.items():
         different = len({round(float(p[name]), 6) for p in points if name in p})

@@ -163,15 +163,15 @@ def scale_of(fused: Fused) -> Array:
     return np.where(spread > 0.0, spread, 1.0)
 
 
-def statistics_to_dict(found: Statistics, meshes: Sequence[str]) -> dict[str, object]:
+def statistics_to_dict(stats: Statistics, meshes: Sequence[str]) -> dict[str, object]:
     """Contact and load sharing of each mesh as plain data for the report."""
     names = ("driving_flank", "apart", "back_flank")
     return {
         "contact": {
             mesh: dict(zip(names, (float(v) for v in row), strict=True))
-            for mesh, row in zip(meshes, found.contact, strict=True)
+            for mesh, row in zip(meshes, stats.contact, strict=True)
         },
-        "load_share": {m: float(v) for m, v in zip(meshes, found.sharing, strict=True)},
+        "load_share": {m: float(v) for m, v in zip(meshes, stats.sharing, strict=True)},
     }
 
 

@@ -130,9 +130,9 @@ def states_of_effects(
     They are driven by the measured forces, or those of the nominal law where none are measured.
     """
     n_own = simulator.laws.n_own
-    found = np.zeros((len(starts), n_own))
+    result = np.zeros((len(starts), n_own))
     if not n_own:
-        return found
+        return result
     law = force_law(run, fused, np.ones(6)).modelled_n
     force = np.where(np.isfinite(run.F.values), run.F.values, law)
     p = run.model.parameters
@@ -160,8 +160,8 @@ def states_of_effects(
                 np.empty((count, force.shape[1])),
                 np.empty((count, len(simulator.model.layout.bodies))),
             )
-            found[i], before = own, start
-    return found
+            result[i], before = own, start
+    return result
 
 
 def _predict(

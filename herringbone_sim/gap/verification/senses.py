@@ -242,9 +242,9 @@ def _attractors(
     return result
 
 
-def _exponent_of_data(whole: Statistics, fused: Fused, scale: Array) -> dict[str, Any]:
+def _exponent_of_data(stats: Statistics, fused: Fused, scale: Array) -> dict[str, Any]:
     """Largest Lyapunov exponent of the measured Poincare section, or the reason for none."""
     variance = np.concatenate([np.diag(fused.z_cov), np.diag(fused.z_rate_cov)]) / scale**2
     noise = float(np.sqrt(variance.mean()))
-    found = exponent_of_data(whole.points[0], np.random.default_rng(SEED), noise)
+    found = exponent_of_data(stats.points[0], np.random.default_rng(SEED), noise)
     return {"value": found.value, "low": found.low, "high": found.high, "reason": found.reason}
