@@ -64,6 +64,7 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
 
 
 def _unreadable_runs(campaign: PreparedCampaign) -> list[Finding]:
+    """A finding for each run that could not be read."""
     return [
         Finding("missing", name, (), None, f"{name} is not used: {reason}", fatal=True)
         for name, reason in campaign.missing
@@ -94,6 +95,7 @@ def _same_speed(
 
 
 def _short_runs(runs: Sequence[PreparedRun]) -> list[Finding]:
+    """Runs that are too short, or much shorter than the others."""
     cycles = [float((run.phase[-1] - run.phase[0]) / (2.0 * np.pi)) for run in runs]
     findings = []
     for run, own in zip(runs, cycles, strict=True):

@@ -154,6 +154,7 @@ def _gain_tolerances(campaign: PreparedCampaign) -> tuple[float, ...]:
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:
+    """Runs of the role ``fit``; AnalysisError if there are none."""
     fit = campaign.of_role("fit")
     if not fit:
         reasons = "; ".join(f.text for f in findings if f.fatal)

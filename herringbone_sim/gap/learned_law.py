@@ -81,7 +81,7 @@ def _trig(name: str) -> Array:
 
 
 def _over_phase(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
-    """Curve over the mesh phase."""
+    """Function that makes the curve over the mesh phase from a hypothesis."""
 
     def make(h: Hypothesis) -> Curve:
         order = dict(h.options)["order"]
@@ -111,7 +111,7 @@ def _over_shaft(h: Hypothesis) -> Curve:
 
 
 def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
-    """Curve over the window of a tooth event."""
+    """Function that makes the curve over the window of a tooth event from a hypothesis."""
 
     def make(h: Hypothesis) -> Curve:
         matrix: Array = np.column_stack([BUMP, np.eye(len(KNOTS))])
@@ -121,14 +121,14 @@ def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
 
 
 def _over_load(h: Hypothesis) -> Curve:
-    """Stiffness factor over deflection."""
+    """Curve of the stiffness factor minus 1 over the deflection."""
     slope = np.log(LOADS_M / 1e-5)
     matrix = np.column_stack([slope, np.ones(len(LOADS_M)), np.eye(len(LOADS_M))])
     return LOADS_M, matrix, ("deflection", "m", "stiffness factor less 1", "-")
 
 
 def _damping(h: Hypothesis) -> Curve:
-    """Damping factor over deflection."""
+    """Curve of the damping factor minus 1 over the deflection."""
     main = np.zeros(len(LOADS_M)) if dict(h.options)["law"] == "contact" else LOADS_M / 1e-5 - 1.0
     matrix = np.column_stack([main, np.eye(len(LOADS_M))])
     return LOADS_M, matrix, ("deflection", "m", "damping factor less 1", "-")
@@ -138,7 +138,7 @@ TEMPERATURES = np.linspace(0.0, 100.0, 21)
 
 
 def _over_temperature(y_name: str, y_unit: str, sign: float) -> Callable[[Hypothesis], Curve]:
-    """Curve over the temperature rise."""
+    """Function that makes the curve over the temperature rise from a hypothesis."""
 
     def make(h: Hypothesis) -> Curve:
         T = TEMPERATURES
@@ -150,7 +150,7 @@ def _over_temperature(y_name: str, y_unit: str, sign: float) -> Callable[[Hypoth
 
 
 def _friction(h: Hypothesis) -> Curve:
-    """Coefficient of friction over the mesh phase."""
+    """Curve of the coefficient of friction over the mesh phase."""
     s = np.linspace(-np.pi, np.pi, 96)
     shapes = {
         "sin 1": np.sin(s),

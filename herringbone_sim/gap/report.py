@@ -208,10 +208,12 @@ def _hypotheses(verdict: Verdict) -> list[dict[str, Any]]:
 
 
 def _effects(explanation: Explanation | None) -> list[str]:
+    """Ids of the effects of an explanation."""
     return [] if explanation is None else [one.effect.id for one in explanation.actives]
 
 
 def _finding(one: Finding) -> dict[str, Any]:
+    """A finding as plain data."""
     return {
         "what": one.what,
         "run": one.run,
@@ -222,13 +224,17 @@ def _finding(one: Finding) -> dict[str, Any]:
 
 
 def _unit(unit: str, channels: Sequence[str]) -> str:
-    """The unit of a parameter; for ``OWN_UNIT`` that of the channels, if they have the same."""
+    """Unit of a parameter in the report.
+
+    Where the catalogue has ``OWN_UNIT`` in its place, the unit of the channels, if they share one.
+    """
     quantities = {name.partition("_")[0] for name in channels}
     known = {PREFIX_UNITS.get(quantity, unit) for quantity in quantities}
     return known.pop() if unit == OWN_UNIT and len(known) == 1 else unit
 
 
 def _locus(locus: Locus) -> dict[str, str]:
+    """A locus as plain data."""
     return {"mesh": locus.mesh, "planet": locus.planet, "side": locus.side}
 
 

@@ -112,6 +112,7 @@ def _dropouts(series: TimeSeries) -> Mask:
 
 
 def _clock_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Finding:
+    """Finding for odd time steps."""
     steps, at = np.diff(series.times), int(odd.argmax())
     often = f", the first of {int(odd.sum())} such steps" if odd.sum() > 1 else ""
     text = (
@@ -122,6 +123,7 @@ def _clock_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Findin
 
 
 def _phase_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Finding:
+    """Finding for odd steps of the mesh phase."""
     turn, at = np.diff(series["phase"]), int(odd.argmax())
     text = (
         f"the mesh phase of {name} goes on by {turn[at]:.6g} rad at {series.times[at]:.6g} s, a "
@@ -131,6 +133,7 @@ def _phase_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Findin
 
 
 def _dropout(name: str, series: TimeSeries, dropout: Mask, remedy: str) -> Finding:
+    """Finding for samples in which most channels are NaN."""
     at = float(series.times[int(dropout.argmax())])
     text = (
         f"most channels or the phase of {name} are no number in {int(dropout.sum())} samples, "

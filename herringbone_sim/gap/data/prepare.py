@@ -61,12 +61,14 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
         mesh_table(full.layout),
         tuple(missing),
         campaign.noise_share is not None,
-        force_gains(full.layout, campaign.sensors),
+        gain_tolerances(full.layout, campaign.sensors),
     )
 
 
-def force_gains(layout: Layout, sensors: Mapping[str, Mapping[str, float]]) -> tuple[float, ...]:
-    """Gain tolerance (n_mesh,) of each force sensor by ``sensors``; 0 where it has none."""
+def gain_tolerances(
+    layout: Layout, sensors: Mapping[str, Mapping[str, float]]
+) -> tuple[float, ...]:
+    """Relative gain tolerance (n_mesh,) of the force sensors in campaign.yaml; 0 without."""
     return tuple(
         float(sensors.get(f"F_{m}", {}).get("gain_tolerance", 0.0)) for m in layout.meshes
     )

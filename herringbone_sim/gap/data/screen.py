@@ -1,7 +1,6 @@
-"""Channels that can't be used, told before anything is computed from them.
+"""Remove channels that can't be used: with NaN, constant, saturated, or not in SI units.
 
-A channel with NaN, one that stands still or one that is cut at a limit is named with the time and
-left out of its run; nothing is filled in.
+Each is reported as a finding with its time and left out of its run; nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -122,6 +121,7 @@ def _nan(name: str, series: TimeSeries, channel: str, gaps: bool) -> Finding | N
 
 
 def _constant(name: str, series: TimeSeries, channel: str) -> Finding | None:
+    """A channel with the same value in all samples."""
     values = series[channel]
     values = values[np.isfinite(values)]
     if len(values) < 3 or np.ptp(values) > 0.0:

@@ -117,6 +117,7 @@ def _powers(ratio: Array) -> Array:
 
 
 def _channels(run: PreparedRun, q: str, off: Mask) -> tuple[str, ...]:
+    """Names of the channels of the quantity ``q`` where ``off`` (k,) is set; of u, all."""
     layout = run.model.layout
     if q == "u":
         return tuple(f"u_{body}" for body in layout.bodies)

@@ -266,6 +266,7 @@ def _probabilities(
 def _candidate(
     effects: tuple[str, ...], locus: object, energy: float, size: int, count: float
 ) -> Candidate:
+    """Candidate of the judge with chi2 ``energy`` and ``size`` coefficients of its own."""
     return Candidate(
         effects, (str(locus),) * len(effects), energy, energy, size, 0.0, energy / count
     )

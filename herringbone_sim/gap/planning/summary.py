@@ -51,6 +51,7 @@ def effect_summaries(plan: Plan) -> list[EffectSummary]:
 
 
 def _row(of: Sequence[Detectability]) -> EffectSummary:
+    """Summary of the detectabilities of one effect."""
     sizes = np.array([one.named_from for one in of])
     best = of[int(np.argmin(sizes))]
     named = [one for one in of if math.isfinite(one.named_from)]
@@ -152,6 +153,7 @@ def plan_to_dict(
 
 
 def _plan(plan: Plan) -> dict[str, Any]:
+    """Sensors, observations and detectabilities as plain data."""
     return {
         "sensors": list(plan.sensors),
         "observations": list(plan.observations),
@@ -178,4 +180,5 @@ def _plan(plan: Plan) -> dict[str, Any]:
 
 
 def _finite(size: float) -> float | None:
+    """The size, or None where it is infinite."""
     return size if math.isfinite(size) else None

@@ -112,6 +112,7 @@ def _run(
     cycles: int,
     rng: np.random.Generator,
 ) -> PreparedRun:
+    """Simulate and record one run at an operating point."""
     start = {"initial_noise": 0.05, "seed": int(rng.integers(2**31 - 1))}
     model = build(nominal.changed({**point, **start}))
     _, settled = simulate(model, TRANSIENT)

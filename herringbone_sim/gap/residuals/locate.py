@@ -115,6 +115,7 @@ def _shares(
     units: Sequence[Array],
     meshes: MeshTable,
 ) -> dict[str, Share]:
+    """Shares by each factor, from residuals in units of their noise (n, n_mesh) of each run."""
     square = np.concatenate([u**2 for u in units])
     shares = {"mesh": _along_meshes(square, np.arange(len(meshes.names)), meshes.names)}
     shares["kind"] = _along_meshes(square, meshes.kind, ["sp", "rp"])

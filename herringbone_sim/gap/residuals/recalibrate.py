@@ -99,7 +99,11 @@ def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
 
 
 def fine_law(run: PreparedRun, factors: Array) -> FineLaw:
-    """Force law with factors (6,) as a function of phase (n,), D z and its rate (n, n_mesh)."""
+    """Force law with factors (6,) for ``quadrature_correction``.
+
+    Returns:
+        Function of phase (n,) [rad], D z (n, n_mesh) [m] and its rate [m/s], with forces [N].
+    """
     k_f, c_f, e_f = (_of_meshes(factors[i : i + 2], run.x.sigma.size) for i in (0, 2, 4))
 
     def law(phase: Array, deflection: Array, rate: Array) -> Array:

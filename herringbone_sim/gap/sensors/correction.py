@@ -105,6 +105,7 @@ def _with_undo(run: PreparedRun, name: str, undo: Undo, size: float) -> Prepared
 
 
 def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
+    """Exchange the values of two channels."""
     if len(names) != 2:
         return run
     (one, i), (other, j) = (_column(run, name) for name in names)
@@ -119,11 +120,13 @@ def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
 
 
 def _with(run: PreparedRun, quantity: str, measured: Measured) -> PreparedRun:
+    """Replace one quantity of a run."""
     changed: dict[str, Measured] = {quantity: measured}
     return PreparedRun(**{**vars(run), **changed})
 
 
 def _with_times(run: PreparedRun, times: Array) -> PreparedRun:
+    """Replace the time stamps (n,) of a run."""
     omega = float((run.phase[-1] - run.phase[0]) / (times[-1] - times[0]))
     return replace(run, times=times, waves=waves(run.model, run.phase, omega))
 
@@ -139,6 +142,7 @@ def without_channels(run: PreparedRun, channels: Sequence[str]) -> PreparedRun:
 
 
 def _without(measured: Measured, columns: Sequence[bool]) -> Measured:
+    """Mark columns (k,) as not recorded."""
     out = np.array(columns)
     values, sigma = measured.values.copy(), measured.sigma.copy()
     values[:, out] = np.nan

@@ -69,6 +69,7 @@ def sensor_names(layout: Layout) -> tuple[str, ...]:
 
 
 def _inside(name: str, quantity: str, kind: str, planet: str, side: str) -> bool:
+    """Whether a channel belongs to a quantity, a kind of mesh or body, a planet and a side."""
     q, body, *where = name.split("_")
     number = body.lstrip("sprc")
     return (

@@ -43,7 +43,7 @@ SEED = 20  # of the noise realisation for the noise of the accelerations
 
 
 def model_of_channels(nominal: Parameters, names: Iterable[str]) -> Parameters:
-    """The nominal gear in the reduced or the full model, whichever has these channels."""
+    """The nominal gear as reduced model if channels have no planet numbers, else as full model."""
     plain = any(re.fullmatch(r"[xvF]_(sp|rp)_[LR]", name) for name in names)
     return nominal.changed({"model": "reduced" if plain else "full"})
 
@@ -155,7 +155,13 @@ def motion_at_operating_point(
 def _force_law_residual(
     run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, ...]
 ) -> Residual:
-    """Residual of the force law of meshes with x, v and F."""
+    """Residual of the force law of meshes with x, v and F.
+
+    Args:
+        run, fused: the stretch as a run, and its fused motion.
+        t_s: time of its last sample [s].
+        remarks: so far.
+    """
     calibration = recalibrate([run], [fused], ROUNDS)
     before = force_law(run, fused, np.ones(6))
     law = force_law(run, fused, calibration.factors)

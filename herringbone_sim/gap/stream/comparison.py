@@ -262,6 +262,7 @@ def _with_remarks(result: ComparisonResult, troubles: tuple[str, ...]) -> Compar
 
 
 def _difference_of_points(rig: MotionStatistics, simulator: MotionStatistics) -> str:
+    """Remark why the motions of rig and simulator are not compared."""
     if rig.meshes != simulator.meshes:
         return (
             f"the rig has meshes {rig.meshes[0]}, ..., the simulator {simulator.meshes[0]}, ...: "

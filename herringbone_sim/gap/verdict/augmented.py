@@ -101,14 +101,17 @@ def save_augmented(path: Path, nominal: Parameters, model: Augmented, campaign: 
 
 
 def _k(model: Model) -> Array:
+    """Mean stiffness (n_mesh,)."""
     return mean_stiffness(model.parameters)
 
 
 def _c(model: Model) -> Array:
+    """Damping (n_mesh,) [N s/m]."""
     return model.damping_n_s_per_m
 
 
 def _e(model: Model) -> Array:
+    """Amplitude of the mesh error (n_mesh,)."""
     p = model.parameters
     return p.e_m * np.array(spread(p.e_factor, model.layout.n_mesh))
 

@@ -138,7 +138,10 @@ def _equal_fits(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
 
 
 def _ambiguous_class(probabilities: Mapping[str, float], top: str) -> tuple[str, ...]:
-    """Most probable effects with ``CLASS_PROBABILITY`` together; empty if one exceeds ``HALF``."""
+    """The most probable effects that together have ``CLASS_PROBABILITY`` of that of all effects.
+
+    Empty if ``top``, the most probable of all, is no effect or exceeds ``HALF``.
+    """
     if top in ("none", "unknown") or probabilities[top] > HALF:
         return ()
     ranked = sorted(

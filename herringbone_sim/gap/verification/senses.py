@@ -143,6 +143,7 @@ def _motion_known(fused: Fused) -> bool:
 
 
 def _unknown_senses(run: PreparedRun) -> _RunSenses:
+    """NaN for a run whose motion is not known."""
     nan = float("nan")
     none = RunGap(run.name, run.role, nan, nan, nan)
     return _RunSenses(none, none, nan, (nan, nan), {})

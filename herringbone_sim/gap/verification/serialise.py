@@ -53,7 +53,7 @@ def senses_to_dict(senses: Senses, role: str | None = ROLE) -> dict[str, Any]:
 
 
 def attractor_to_dict(senses: Senses | None) -> dict[str, Any]:
-    """Statistics of the motion by model and run, with their distances from those of the rig."""
+    """Statistics of the motions by model and run, with distances to the rig; empty if unknown."""
     if senses is None:
         return {"nominal": {}, "augmented": {}}
     return {
