@@ -22,10 +22,10 @@ from herringbone_sim.recording.parameter_file import save_parameters
 Array = NDArray[np.float64]
 
 TITLE = """\
-The augmented model of {campaign}: what the diagnosis of its gap made of the nominal one.
-Against the nominal file: k_m_sp, k_m_rp, c_factor and e_factor as the force law has them, I_s,
-I_p, I_c and m_p as the torque balance has them, all inside their tolerance; omega_n stays the
-nominal one, that Omega and K refer to; control_on holds K to the nominal torque on the carrier."""
+The augmented model of {campaign}: the nominal gear, recalibrated, with the effects of the verdict.
+Changed inside tolerances: k_m_sp, k_m_rp, c_factor and e_factor by the force law, I_s, I_p, I_c
+and m_p by the torque balance. omega_n stays nominal, as Omega and K refer to it; control_on keeps
+the control torque on the carrier nominal."""
 
 
 @dataclass(frozen=True)

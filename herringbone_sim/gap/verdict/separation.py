@@ -176,7 +176,7 @@ def _linear_prediction(
         low += list(lowest - active.theta)
         high += list(highest - active.theta)
         for k in range(len(active.theta)):
-            moved, h = _moved(active, k)
+            moved, h = _with_step(active, k)
             changed = (*explanation.actives[:i], moved, *explanation.actives[i + 1 :])
             columns.append((predictor.values(explanation, law, changed) - values) / h)
     # lsq_linear needs a non-empty interval, also for a fit on a bound.
@@ -187,7 +187,7 @@ def _linear_prediction(
     return LinearPrediction(values, J, gram, below, above)
 
 
-def _moved(active: Active, k: int) -> tuple[Active, float]:
+def _with_step(active: Active, k: int) -> tuple[Active, float]:
     """The effect with parameter ``k`` changed by a small step, and the step."""
     p, theta = active.effect.parameters[k], np.array(active.theta)
     h = 1e-2 * abs(theta[k]) if p.unit == "N/m" and theta[k] else step_of(p)
