@@ -22,11 +22,11 @@ from typing import Any
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.effects.effect import Active, active
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import diagnose
-from herringbone_sim.gap.planning.plan import Outlook, plan
-from herringbone_sim.gap.planning.sensed import Noise
+from herringbone_sim.gap.planning.plan import Detectability, plan
 from herringbone_sim.gap.planning.summary import place_text
+from herringbone_sim.gap.planning.synthetic import SensorNoise
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.rig import RigPlan, make_campaign
 
@@ -37,8 +37,8 @@ TRIED = (
 FACTORS = (0.4, 2.5)  # of the size that is told
 
 
-def with_effect(one: Outlook, size: float) -> Active:
-    """An effect of the catalogue at the place of an outlook."""
+def with_effect(one: Detectability, size: float) -> Active:
+    """An effect of the catalogue at the place of a detectability."""
     effect = effects()[one.effect]
     first = next(p for p in effect.parameters if p.neutral is not None)
     values: dict[str, Any] = {k: v for k, v in one.options if k in ("order", "member")}
@@ -62,17 +62,19 @@ def main() -> int:
         folder = Path(name)
         make_campaign(folder / "healthy", rig, "healthy")
         points = [r.point for r in read_campaign(folder / "healthy").runs if r.role == "fit"]
-        told = plan(nominal, points, sensors, Noise(), rig.cycles)
+        told = plan(nominal, points, sensors, SensorNoise(), rig.cycles)
         head = "".join(f"{f'at {f:g} times':>28s}" for f in FACTORS)
         print(f"{'effect':20s}{'place':>24s}{'named from':>12s}{head}")
         for effect in args.effects.split(","):
-            of = sorted(told.of_effect(effect), key=lambda o: o.size)
+            of = sorted(told.of_effect(effect), key=lambda o: o.named_from)
             one = of[(len(of) - 1) // 2]
-            print(f"{effect:20s}{place_text(one):>24s}{one.size:12.3g}", end="")
-            for i, factor in enumerate(FACTORS if math.isfinite(one.size) else ()):
+            print(f"{effect:20s}{place_text(one):>24s}{one.named_from:12.3g}", end="")
+            for i, factor in enumerate(FACTORS if math.isfinite(one.named_from) else ()):
                 where = folder / f"{effect}_{i}"
                 make_campaign(
-                    where, replace(rig, actives=(with_effect(one, factor * one.size),)), effect
+                    where,
+                    replace(rig, actives=(with_effect(one, factor * one.named_from),)),
+                    effect,
                 )
                 start = time.monotonic()
                 found = diagnose(prepare(where, nominal), senses=False)

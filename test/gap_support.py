@@ -14,13 +14,8 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate
-from herringbone_sim.gap.data.prepared import (
-    Measured,
-    PreparedCampaign,
-    PreparedRun,
-    mesh_table,
-    prepare_run,
-)
+from herringbone_sim.gap.data.prepare import prepare_run
+from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels

@@ -10,7 +10,7 @@ from typing import Any
 from herringbone_sim.api.gear import any_gear
 from herringbone_sim.api.shown import NotebookResult, data_frame
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import diagnose as diagnose_campaign
 from herringbone_sim.gap.report import write_report
 from herringbone_sim.gap.verdict.augmented import Augmented, save_augmented

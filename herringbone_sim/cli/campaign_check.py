@@ -11,8 +11,9 @@ from herringbone_sim.cli.options import add_file
 from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
-from herringbone_sim.gap.allowed import Allowed, allowed
-from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, prepare
+from herringbone_sim.gap.data.prepare import prepare
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.feasible import FeasibleObservations, feasible_observations
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import NOMINAL
 from herringbone_sim.recording.load import iter_sample_blocks
@@ -53,7 +54,7 @@ def campaign_check(args: argparse.Namespace) -> int:
     file = args.nominal or (beside if beside.is_file() else None)
     campaign = prepare(args.campaign, load_parameters(file) if file else Parameters())
     print(table(args.campaign, campaign))
-    print(verdict(allowed(campaign)))
+    print(verdict(feasible_observations(campaign)))
     return 0
 
 
@@ -80,13 +81,14 @@ def _line(run: PreparedRun, path: Path) -> str:
     ).rstrip()
 
 
-def verdict(content: Allowed) -> str:
+def verdict(content: FeasibleObservations) -> str:
     """Text, a line per observation (formed, or what it needs) and per finding."""
     lines = [
-        f"{name}: {'can be formed' if name in content.formed else f'not formed, it needs {needs}'}"
+        f"{name}: "
+        + ("can be formed" if name in content.observations else f"not formed, it needs {needs}")
         for name, needs in NEEDS.items()
     ]
-    if not content.formed:
+    if not content.observations:
         lines.append("a diagnosis of this campaign would name nothing")
     wrong = [f"to look at: {f.text}" for f in content.findings if not f.limit]
     return "\n".join([*lines, *wrong, *(f"open: {f.text}" for f in content.findings if f.limit)])

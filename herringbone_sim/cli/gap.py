@@ -19,7 +19,7 @@ from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
 from herringbone_sim.gap.report import write_report
 from herringbone_sim.gap.residuals.residual import ForceResidual, force_residual
@@ -144,10 +144,10 @@ def summary(diagnosis: Diagnosis) -> str:
         )
         place = "/".join(cause["locus"].values())
         lines.append(f"  {cause['probability']:7.2%}  {cause['effect']:22s} {place:10s} {values}")
-    if math.isfinite(gap.over("nominal")):
+    if math.isfinite(gap.rms("nominal")):
         lines.append(
-            f"{gap.metric} on held-out runs: nominal {gap.over('nominal'):.4g}, augmented "
-            f"{gap.over('augmented'):.4g}, floor {gap.over('floor'):.4g}, closure "
+            f"{gap.metric} on held-out runs: nominal {gap.rms('nominal'):.4g}, augmented "
+            f"{gap.rms('augmented'):.4g}, floor {gap.rms('floor'):.4g}, closure "
             f"{gap.closure:.1%}"
         )
     runner_up = gap.closed("runner_up")
@@ -155,7 +155,7 @@ def summary(diagnosis: Diagnosis) -> str:
         lines.append(f"  runner-up as a control: closure {runner_up:.1%}")
     if diagnosis.senses is not None:
         others = (diagnosis.senses.prediction, diagnosis.senses.attractor)
-        lines += [sense_line(gap) for gap in others if math.isfinite(gap.over("nominal"))]
+        lines += [sense_line(gap) for gap in others if math.isfinite(gap.rms("nominal"))]
     wrong = [finding["text"] for finding in diagnosis.report["findings"]]
     lines += [f"wrong with the recording: {text}" for text in wrong]
     open_ = [text for text in diagnosis.report["undecidable"] if text not in wrong]
@@ -171,9 +171,7 @@ def next_line(experiment: Mapping[str, Any]) -> str:
 
 def sense_line(gap: Gap) -> str:
     """One measure of the gap on held-out runs by model, and the share that each model closes."""
-    values = ", ".join(
-        f"{name} {gap.over(name):.3g}" for name in ("nominal", "augmented", "floor")
-    )
+    values = ", ".join(f"{name} {gap.rms(name):.3g}" for name in ("nominal", "augmented", "floor"))
     return (
         f"{gap.metric} on held-out runs [{gap.unit}]: {values}, closure {gap.closure:.1%}, "
         f"runner-up {gap.closed('runner_up'):.1%}"

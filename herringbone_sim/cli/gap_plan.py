@@ -14,15 +14,15 @@ from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.planning.plan import NAMED, Plan, plan
-from herringbone_sim.gap.planning.sensed import Noise, check_sensors
 from herringbone_sim.gap.planning.summary import (
-    gain,
+    effect_summaries,
     named_effects,
     place_text,
-    rows,
+    plan_to_dict,
     sensors_text,
-    written,
+    size_reduction,
 )
+from herringbone_sim.gap.planning.synthetic import SensorNoise, check_sensors
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.rig import POINTS
 from herringbone_sim.sweeps.output import make_folder
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     print(table(base))
     if further:
         print(also_table(base, further))
-    content = written(base, points, args.cycles, further)
+    content = plan_to_dict(base, points, args.cycles, further)
     file = args.out / "plan.json"
     file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     page = write_plan_page(args.out, base, points, further, args.noise)
@@ -105,7 +105,7 @@ def names_of(text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
-def noise_of(text: str) -> Noise:
+def noise_of(text: str) -> SensorNoise:
     """Noise of a text such as ``40dB,u=1e-7,F_pin=30dB``; ParameterError for another form."""
     share, shares, values = 0.01, {}, {}
     for part in names_of(text):
@@ -126,7 +126,7 @@ def noise_of(text: str) -> Noise:
             shares[name] = 10.0 ** (-number / 20.0)
         else:
             values[name] = number
-    return Noise(share, shares, values)
+    return SensorNoise(share, shares, values)
 
 
 def point_of(text: str, nominal: Parameters) -> dict[str, float]:
@@ -168,13 +168,13 @@ def table(plan: Plan) -> str:
         f"{'place':>6s}  followed best by",
     ]
     lines += [
-        f"{row.effect:22s}{size(row.best, row.unit):>14s}{place_text(row.where):>26s}"
-        f"{size(row.median, row.unit):>14s}  {row.placed:6.0%}  "
-        f"{row.rival} (leaves {row.apart:.1%})"
-        for row in rows(plan)
+        f"{row.effect:22s}{size(row.best, row.unit):>14s}{place_text(row.best_place):>26s}"
+        f"{size(row.median, row.unit):>14s}  {row.placed_share:6.0%}  "
+        f"{row.rival} (leaves {row.rival_leaves:.1%})"
+        for row in effect_summaries(plan)
     ]
-    if plan.left_out:
-        lines.append(f"not sought with these sensors: {', '.join(plan.left_out)}")
+    if plan.not_sought:
+        lines.append(f"not sought with these sensors: {', '.join(plan.not_sought)}")
     if plan.not_planned:
         lines.append(f"sought, but not planned: {', '.join(plan.not_planned)}")
     return "\n".join(lines)
@@ -187,7 +187,7 @@ def also_table(base: Plan, further: Mapping[str, Plan]) -> str:
 
 
 def _by_gain(base: Plan, further: Mapping[str, Plan]) -> Sequence[tuple[str, Plan, float]]:
-    every = [(name, plan, gain(base, plan)) for name, plan in further.items()]
+    every = [(name, plan, size_reduction(base, plan)) for name, plan in further.items()]
     return sorted(every, key=lambda entry: (-named_effects(entry[1]), -entry[2]))
 
 

@@ -11,9 +11,9 @@ from typing import Any
 from herringbone_sim.cli.gap import progress
 from herringbone_sim.cli.options import add_file, add_out
 from herringbone_sim.cli.verbs import Verbs, add_verb
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.repeat import read_report, repeat
-from herringbone_sim.gap.verification.written import SENSES
+from herringbone_sim.gap.verification.serialise import SENSES
 from herringbone_sim.recording.parameter_file import load_gear, load_parameters
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.gap.senses import write_verify_page

@@ -1,4 +1,4 @@
-"""The fit runs of a campaign against the calibrated machine, before any effect."""
+"""Fit runs of a campaign with the calibration of the nominal gear, without effects."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ class Calibrated:
     """Fit runs and calibration.
 
     Attributes:
-        cases: fit runs with their motion.
-        factors: (6,) on k, c and e of both kinds of meshes.
-        per_mesh: (n_mesh,) mean square of the force law's residual over its noise; None without.
+        cases: fit runs with their fused motion.
+        factors: (6,) on k, c and e of both kinds of meshes, see ``recalibrate.NAMES``.
+        per_mesh: (n_mesh,) mean square of the residual of the calibrated force law over its noise;
+            None where the force law is not observed.
     """
 
     cases: tuple[Case, ...]

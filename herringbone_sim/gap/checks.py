@@ -1,4 +1,4 @@
-"""What is wrong with a campaign, by name, channel and time, and what can still be said of it."""
+"""Checks of a campaign: problems of the data by run, channel and time, and limits on results."""
 
 from __future__ import annotations
 
@@ -11,87 +11,93 @@ from numpy.typing import NDArray
 
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.data.units import clock_unit, without, wrong_units
+from herringbone_sim.gap.data.units import clock_unit, mark_not_recorded, wrong_units
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.misfit import (
-    common_ratio,
-    missed_shares,
-    other_geometry,
-    other_laws,
-    other_nominal,
-    other_speed,
+    mesh_speed_mismatch,
+    most_common_ratio,
+    nominal_mismatch,
+    runs_with_other_force_law,
+    runs_with_other_geometry,
     speed_ratio,
+    unexplained_force_shares,
 )
 
 Array = NDArray[np.float64]
 
-FEWEST_CYCLES = 8.0
-SHORT = 0.5  # of the usual number of mesh cycles
-TORQUE_TOLERANCE = 0.7
-FORCED, MOVING, FEW = 2, 1, 0  # what a run can tell: forces on some mesh, all motions, less
+FEWEST_CYCLES = 8.0  # shortest usable run in mesh cycles
+SHORT = 0.5  # of the median number of mesh cycles, below which a run is reported
+TORQUE_TOLERANCE = 0.7  # relative, of the mean sun force against the input torque
+FORCED, MOVING, FEW = 2, 1, 0  # channels of a run: force and motion of a mesh, all motions, fewer
 
 
 def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, ...]]:
-    """Everything odd about a campaign, and the campaign without what can't be used.
+    """Check a campaign and remove what can't be used.
 
-    Channels in a wrong unit are left out of their run, runs of another gear out of the campaign.
-    Sensor errors proper (``sensors``) come after.
+    Channels in a wrong unit are removed from their run, runs of another gear from the campaign.
+    Sensor errors are not sought here, see ``sensors``.
+
+    Returns:
+        The campaign without unusable runs and channels, and all findings.
     """
-    findings = [*_missing(campaign), *(f for run in campaign.runs for f in run.findings)]
-    runs = _kept(campaign.runs, _copies(campaign.runs), findings)
-    runs, common = _same_clock(runs, findings)
-    runs = _kept(runs, _too_short(runs), findings)
-    sound = []
+    findings = [*_unreadable_runs(campaign), *(f for run in campaign.runs for f in run.findings)]
+    runs = _without_fatal(campaign.runs, _copies(campaign.runs), findings)
+    runs, common = _same_speed(runs, findings)
+    runs = _without_fatal(runs, _short_runs(runs), findings)
+    in_si = []
     for run in runs:
-        findings += _point(run)
+        findings += _other_operating_point(run)
         run, units = wrong_units(run)
-        findings += [*units, *_torque(run)]
-        sound.append(run)
-    runs = _kept(sound, other_geometry(sound), findings)
+        findings += [*units, *_wrong_torque(run)]
+        in_si.append(run)
+    runs = _without_fatal(in_si, runs_with_other_geometry(in_si), findings)
     fused = {run.name: fuse(run) for run in runs}
-    shares = {r.name: _known_shares(r, fused[r.name]) for r in runs if r.F.there.any()}
+    shares = {r.name: _finite_shares(r, fused[r.name]) for r in runs if r.F.there.any()}
     shares = {name: share for name, share in shares.items() if share.size}
-    runs = _kept(runs, other_laws([r for r in runs if r.name in shares], shares), findings)
-    nominal = other_nominal(common, [shares[r.name] for r in runs if r.name in shares])
+    forced = [r for r in runs if r.name in shares]
+    runs = _without_fatal(runs, runs_with_other_force_law(forced, shares), findings)
+    nominal = nominal_mismatch(common, [shares[r.name] for r in runs if r.name in shares])
     findings += [nominal] if nominal else []
-    runs = _alike(runs, fused, findings)
+    runs = _same_channel_class(runs, fused, findings)
     campaign = replace(campaign, runs=tuple(runs))
-    return campaign, (*findings, *_campaign(campaign))
+    return campaign, (*findings, *_limits(campaign))
 
 
-def _missing(campaign: PreparedCampaign) -> list[Finding]:
+def _unreadable_runs(campaign: PreparedCampaign) -> list[Finding]:
+    """A finding for each run that could not be read."""
     return [
         Finding("missing", name, (), None, f"{name} is not used: {reason}", fatal=True)
         for name, reason in campaign.missing
     ]
 
 
-def _kept(
-    runs: Sequence[PreparedRun], found: Sequence[Finding], findings: list[Finding]
+def _without_fatal(
+    runs: Sequence[PreparedRun], new: Sequence[Finding], findings: list[Finding]
 ) -> list[PreparedRun]:
-    """Runs that no finding rules out; the findings are noted."""
-    findings += found
-    out = {finding.run for finding in found if finding.fatal}
+    """Runs without a fatal finding among ``new``, which is appended to ``findings``."""
+    findings += new
+    out = {finding.run for finding in new if finding.fatal}
     return [run for run in runs if run.name not in out]
 
 
-def _same_clock(
+def _same_speed(
     runs: Sequence[PreparedRun], findings: list[Finding]
 ) -> tuple[list[PreparedRun], float]:
-    """Runs with the mesh frequency of most, and what that is of the nominal one."""
+    """Runs with the most common ratio of mesh frequency to the nominal one, and that ratio."""
     ratios = {run.name: speed_ratio(run) for run in runs}
     units = [clock_unit(run, ratios[run.name]) for run in runs]
-    runs = _kept(runs, [unit for unit in units if unit], findings)
+    runs = _without_fatal(runs, [unit for unit in units if unit], findings)
     if not runs:
         return [], 1.0
-    common = common_ratio([ratios[run.name] for run in runs])
-    others = [other_speed(run, ratios[run.name], common) for run in runs]
-    return _kept(runs, [other for other in others if other], findings), common
+    common = most_common_ratio([ratios[run.name] for run in runs])
+    others = [mesh_speed_mismatch(run, ratios[run.name], common) for run in runs]
+    return _without_fatal(runs, [other for other in others if other], findings), common
 
 
-def _too_short(runs: Sequence[PreparedRun]) -> list[Finding]:
+def _short_runs(runs: Sequence[PreparedRun]) -> list[Finding]:
+    """Runs that are too short, or much shorter than the others."""
     cycles = [float((run.phase[-1] - run.phase[0]) / (2.0 * np.pi)) for run in runs]
-    found = []
+    findings = []
     for run, own in zip(runs, cycles, strict=True):
         usual, out = float(np.median(cycles)), own < FEWEST_CYCLES
         if not out and own >= SHORT * usual:
@@ -102,12 +108,13 @@ def _too_short(runs: Sequence[PreparedRun]) -> list[Finding]:
             if out
             else f", the usual run has {usual:.1f}: it is used as far as it goes"
         )
-        found.append(Finding("short", run.name, ("t",), end, text, fatal=out))
-    return found
+        findings.append(Finding("short", run.name, ("t",), end, text, fatal=out))
+    return findings
 
 
 def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
-    found = []
+    """Runs with the same samples as another one."""
+    findings = []
     for one, other in combinations(runs, 2):
         same = len(one) == len(other) and all(
             np.array_equal(getattr(one, q).values, getattr(other, q).values, equal_nan=True)
@@ -115,34 +122,38 @@ def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
         )
         if same:
             text = f"{other.name} holds the same samples as {one.name}: it is left out"
-            found.append(Finding("copy", other.name, (), float(other.times[0]), text, fatal=True))
-    return found
+            findings.append(
+                Finding("copy", other.name, (), float(other.times[0]), text, fatal=True)
+            )
+    return findings
 
 
-def _point(run: PreparedRun) -> list[Finding]:
-    """The operating point of campaign.yaml against the recorded one."""
-    found = []
+def _other_operating_point(run: PreparedRun) -> list[Finding]:
+    """Recorded operating points that differ from that of campaign.yaml."""
+    findings = []
     for name, values in run.recorded_point.items():
-        told = run.point[name]
-        away = ~(np.abs(values - told) <= 1e-3 * max(abs(told), 1.0))
+        stated = run.point[name]
+        away = ~(np.abs(values - stated) <= 1e-3 * max(abs(stated), 1.0))
         if away.any():
             at = int(away.argmax())
             text = (
                 f"{name} of {run.name} is {values[at]:.6g} at {run.times[at]:.6g} s, "
-                f"campaign.yaml has {told:.6g}: that of campaign.yaml is used; mend the wrong one"
+                f"campaign.yaml has {stated:.6g}: that of campaign.yaml is used; correct the "
+                "wrong one"
             )
-            found.append(Finding("point", run.name, (name,), float(run.times[at]), text))
-    return found
+            findings.append(Finding("point", run.name, (name,), float(run.times[at]), text))
+    return findings
 
 
-def _torque(run: PreparedRun) -> list[Finding]:
+def _wrong_torque(run: PreparedRun) -> list[Finding]:
+    """A finding if the mean force of the sun meshes does not balance the input torque."""
     p, s = run.model.parameters, run.model.scales
     half = run.F.there.size // 2
     if not run.F.there[:half].all():
         return []
     expected = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
     sun = run.F.values[:, :half]
-    # One wrong sensor leaves the median of the meshes right, a planet off its place their mean.
+    # The median is robust to one wrong sensor, the mean to a displaced planet.
     of_meshes = sun.mean(axis=0)
     both = (float(np.median(of_meshes)), float(of_meshes.mean()))
     mean = min(both, key=lambda value: abs(value - expected))
@@ -158,73 +169,80 @@ def _torque(run: PreparedRun) -> list[Finding]:
     return [Finding("torque", run.name, channels, float(run.times[0]), text)]
 
 
-def _known_shares(run: PreparedRun, fused: Fused) -> Array:
-    share = missed_shares(run, fused)
+def _finite_shares(run: PreparedRun, fused: Fused) -> Array:
+    """``unexplained_force_shares`` of the meshes where they are known."""
+    share = unexplained_force_shares(run, fused)
     return share[np.isfinite(share)]
 
 
-def _alike(
+def _same_channel_class(
     runs: Sequence[PreparedRun], fused: dict[str, Fused], findings: list[Finding]
 ) -> list[PreparedRun]:
-    """Fit runs that tell as much as most of them do; the evidence is of one kind only."""
+    """Restrict the fit runs to the class of channels that at least half of them have.
+
+    All fit runs must allow the same observations: runs with fewer channels are left out, and
+    forces that most runs lack are not used.
+    """
     fit = [run for run in runs if run.role == "fit"]
-    tells = {run.name: _tells(run, fused[run.name]) for run in fit}
-    if len(set(tells.values())) < 2:
+    levels = {run.name: _channel_class(run, fused[run.name]) for run in fit}
+    if len(set(levels.values())) < 2:
         return list(runs)
     level = next(
         level
         for level in (FORCED, MOVING, FEW)
-        if 2 * sum(t >= level for t in tells.values()) >= len(fit)
+        if 2 * sum(own >= level for own in levels.values()) >= len(fit)
     )
     words = {FORCED: "forces with the motion of their meshes", MOVING: "the motion of all meshes"}
-    found, kept = [], []
+    new, restricted = [], []
     for run in runs:
-        if run.role == "fit" and tells[run.name] < level:
+        if run.role == "fit" and levels[run.name] < level:
             text = f"{run.name} lacks {words[level]}, which most runs have: it is left out"
-            found.append(Finding("channels", run.name, (), None, text, fatal=True))
-        elif run.role == "fit" and tells[run.name] == FORCED > level:
+            new.append(Finding("channels", run.name, (), None, text, fatal=True))
+        elif run.role == "fit" and levels[run.name] == FORCED > level:
             names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
             text = f"most runs lack forces: those of {run.name} are not used"
-            found.append(Finding("channels", run.name, names, None, text))
-            run = without(run, "F", np.ones_like(run.F.there))
-        kept.append(run)
-    return _kept(kept, found, findings)
+            new.append(Finding("channels", run.name, names, None, text))
+            run = mark_not_recorded(run, "F", np.ones_like(run.F.there))
+        restricted.append(run)
+    return _without_fatal(restricted, new, findings)
 
 
-def _tells(run: PreparedRun, fused: Fused) -> int:
-    seen = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
-    if (seen & run.F.there).any():
+def _channel_class(run: PreparedRun, fused: Fused) -> int:
+    """``FORCED``, ``MOVING`` or ``FEW``."""
+    known = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
+    if (known & run.F.there).any():
         return FORCED
-    return MOVING if seen.all() else FEW
+    return MOVING if known.all() else FEW
 
 
-def _campaign(campaign: PreparedCampaign) -> list[Finding]:
-    found = []
+def _limits(campaign: PreparedCampaign) -> list[Finding]:
+    """Limits on the results by noise, roles, number of runs and quantities."""
+    findings = []
     if not campaign.noise_known:
         text = (
-            "campaign.yaml tells no noise: it was taken from the spectra, from what channels say "
-            "of each other and from what the force law leaves; smaller effects are not seen, and "
-            "closure is as sure as that"
+            "campaign.yaml gives no noise: it was estimated from spectra, from the consistency of "
+            "the channels and from the residual of the force law; smaller effects are not seen, "
+            "and closure is as uncertain as this estimate"
         )
-        found.append(Finding("noise", "", (), None, text, limit=True))
+        findings.append(Finding("noise", "", (), None, text, limit=True))
     fit, held_out = campaign.of_role("fit"), campaign.of_role("held_out")
     if not fit:
         text = "no run has the role fit: nothing can be learnt from this campaign"
-        found.append(Finding("no_fit", "", (), None, text, fatal=True))
+        findings.append(Finding("no_fit", "", (), None, text, fatal=True))
     if not held_out:
         text = "no run is held out: whether the gap shrinks on new data is not known"
-        found.append(Finding("no_held_out", "", (), None, text, limit=True))
+        findings.append(Finding("no_held_out", "", (), None, text, limit=True))
     if len(fit) == 1:
         text = (
             f"{fit[0].name} is the only run to fit: thirds of it take the place of runs left out, "
             "and effects of load, heat and speed can't be told from constant ones"
         )
-        found.append(Finding("one_run", fit[0].name, (), None, text, limit=True))
-    return found + _scope(fit)
+        findings.append(Finding("one_run", fit[0].name, (), None, text, limit=True))
+    return findings + _quantity_limits(fit)
 
 
-def _scope(runs: Sequence[PreparedRun]) -> list[Finding]:
-    """What can't be decided with the quantities that are there."""
+def _quantity_limits(runs: Sequence[PreparedRun]) -> list[Finding]:
+    """Limits by quantities that were not recorded."""
     limits = []
     forced = any(run.F.there.any() or run.pin.there.any() for run in runs)
     if runs and not forced:

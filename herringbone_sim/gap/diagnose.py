@@ -1,4 +1,4 @@
-"""A campaign to its report: examine, judge, measure what the verdict closes, say what is open."""
+"""Diagnosis of a campaign: from prepared runs to verdict, gap and report."""
 
 from __future__ import annotations
 
@@ -16,47 +16,48 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.parts import to_leave_out
+from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.measured import gap_of, metric_of
-from herringbone_sim.gap.named import named
+from herringbone_sim.gap.gap_by_run import gap_of, metric_of
+from herringbone_sim.gap.named import name_effects
 from herringbone_sim.gap.observations import trajectory
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
 from herringbone_sim.gap.observations.copied_channels import drop_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.recorded_noise import recorded_noise
-from herringbone_sim.gap.report import report
-from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
-from herringbone_sim.gap.sensors.noise import quieter
+from herringbone_sim.gap.report import ReportContent, report
+from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
+from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
-from herringbone_sim.gap.verdict.decide import Option, Verdict, decide, option_of
+from herringbone_sim.gap.verdict.decide import Explanation, Verdict, decide, explanation_of
 from herringbone_sim.gap.verdict.design import design
-from herringbone_sim.gap.verdict.place import structure, where
-from herringbone_sim.gap.verdict.questions import mismatched, next_experiment, undecidable
+from herringbone_sim.gap.verdict.location import residual_by_mesh, residual_structure
+from herringbone_sim.gap.verdict.next_experiment import next_experiment
+from herringbone_sim.gap.verdict.undecidable import nominal_mismatched, undecidable
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
-GAUGE = 0.05  # gain of a strain gauge where nothing is told, data sheet
-STRIDE = 2  # samples between comparisons of the force law while hypotheses are sought
+GAUGE_TOLERANCE = 0.05  # of the gain of a strain gauge if campaign.yaml gives none, data sheet
+STRIDE = 2  # samples between values of the force law in the search
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All that is known of a campaign.
+    """Result of the diagnosis of a campaign.
 
     Attributes:
-        evidence: what the verdict hangs on; None where the nominal file is another rig's.
+        evidence: scores of all hypotheses; None where nothing could be examined.
         calibrated: fit runs and calibration.
-        verdict: with probabilities.
-        gap: of all runs in the observation that counts, held-out ones included.
-        report: plain data after the contract.
-        augmented: the model that the verdict makes of the nominal one.
-        senses: the gap in all three senses; None where they were not asked for.
-        findings: what is wrong with the recording, and what it leaves open.
+        verdict: verdict with probabilities.
+        gap: of all runs, held-out ones included, in the metric of the verdict.
+        report: plain data of ``report.json``.
+        augmented: the nominal model, recalibrated, with the effects of the verdict.
+        senses: the gap as residual, prediction and attractor; None where not measured.
+        findings: problems of the data, and limits on what they can show.
     """
 
     evidence: Evidence | None
@@ -69,19 +70,19 @@ class Diagnosis:
     findings: tuple[Finding, ...] = ()
 
     def mend(self, run: PreparedRun) -> PreparedRun:
-        """A run without what its sensors were found to add."""
-        wrong = [a for a in self.augmented.actives if motion_sensor(a)]
-        return corrected(run, wrong) if wrong else run
+        """Remove the sensor effects of the verdict from a run."""
+        wrong = [a for a in self.augmented.actives if is_motion_sensor_effect(a)]
+        return correct_sensors(run, wrong) if wrong else run
 
 
 def diagnose(
     campaign: PreparedCampaign, say: Say = lambda text: None, senses: bool = True
 ) -> Diagnosis:
-    """Diagnose a campaign; held-out runs only measure what the verdict closes.
+    """Diagnose a campaign; held-out runs are used only to measure the gap.
 
     Args:
         campaign: as prepared.
-        say: told of the progress.
+        say: called with a line of progress.
         senses: whether to measure the gap as prediction and attractor too.
 
     Raises:
@@ -92,149 +93,157 @@ def diagnose(
         say(finding.text)
     campaign = calibrated_sensors(campaign)
     machine = machine_of(campaign, findings)
-    if mismatched(findings) or not machine.observation_names:
-        return _nothing(campaign, findings, machine, senses)
-    found = examine(machine, say, campaign.noise_known)
-    evidence = evidence_of(found, campaign.noise_known)
-    told = chances(evidence)
-    options = {
-        i: option_of(named(f.hypotheses, f.score, machine.gear.model))
-        for i, c in enumerate(told)
-        if c.candidate is not None and c.effects and c.whole
-        for f in (_found(found, evidence, c),)
+    if nominal_mismatched(findings) or not machine.observation_names:
+        return _undiagnosed(campaign, findings, machine, senses)
+    examined = examine(machine, say, campaign.noise_known)
+    evidence = evidence_of(examined, campaign.noise_known)
+    judged = chances(evidence)
+    fits = {
+        i: _fit_of(examined, evidence, c)
+        for i, c in enumerate(judged)
+        if c.candidate is not None and c.effects
     }
-    best = next((_found(found, evidence, c) for c in told if c.candidate and c.effects), None)
-    verdict = decide(told, options, metric_of(found.none, best, found.counts))
-    taken = _taken(found, evidence, told, options, verdict.chosen)
-    other = _taken(found, evidence, told, options, verdict.runner_up)
+    explanations = {
+        i: explanation_of(name_effects(fit.hypotheses, fit.score))
+        for i, fit in fits.items()
+        if judged[i].whole
+    }
+    best = next((fits[i] for i in sorted(fits)), None)
+    verdict = decide(judged, explanations, metric_of(examined.none, best, examined.counts))
+    chosen, other = (
+        next((fits[i] for i, e in explanations.items() if e is wanted), None)
+        for wanted in (verdict.chosen, verdict.runner_up)
+    )
     say("held-out runs")
-    model = augmented(found.none if taken is None else taken, verdict.chosen)
-    noise = found.noise.get(verdict.metric, 1.0)
-    gap = gap_of(machine, campaign.runs, verdict.metric, found.none, taken, other, noise)
-    calibrated = _calibrated(machine, found)
-    made = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings)
-    measured = None
+    model = augmented(examined.none if chosen is None else chosen, verdict.chosen)
+    noise = examined.noise.get(verdict.metric, 1.0)
+    gap = gap_of(machine, campaign.runs, verdict.metric, examined.none, chosen, other, noise)
+    calibrated = _calibrated(machine, examined)
+    result = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings)
+    in_senses = None
     if senses and verdict.metric != trajectory.NAME:
-        rival = None if other is None else augmented(other, verdict.runner_up)
-        measured = measure_senses(campaign.runs, made.mend, gap, model, rival, say)
-    return _reported(made, campaign, machine, measured, senses)
+        runner_up = None if other is None else augmented(other, verdict.runner_up)
+        in_senses = measure_senses(campaign.runs, result.mend, gap, model, runner_up, say)
+    return _with_report(result, campaign, machine, in_senses, senses)
 
 
 def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
-    """A campaign with noise as recorded, copies counted once, a common delay undone."""
+    """Estimate unknown noise, remove copied channels and compensate a common delay of the runs."""
     if not campaign.noise_known:
-        campaign = replace(campaign, runs=tuple(quieter(run) for run in campaign.runs))
+        campaign = replace(
+            campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
+        )
     runs = tuple(drop_copies(run) for run in campaign.runs)
-    return replace(campaign, runs=remove_common_delay(runs, _gauges(campaign)))
+    return replace(campaign, runs=remove_common_delay(runs, _gain_tolerances(campaign)))
 
 
 def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearMachine:
-    """What is diagnosed: the fit runs of a campaign.
+    """The gear with the fit runs of a campaign, as the engine of the diagnosis takes it.
 
     Raises:
         AnalysisError: no run of role ``fit``.
     """
-    fit = to_leave_out(_fit_runs(campaign, findings))
-    return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=_gauges(campaign)))
+    fit = leave_out_folds(_fit_runs(campaign, findings))
+    return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=_gain_tolerances(campaign)))
 
 
-def _gauges(campaign: PreparedCampaign) -> tuple[float, ...]:
-    """Tolerance of the gain of each force sensor: as told, or that of the data sheet."""
-    told = campaign.gain_tolerance
-    if campaign.noise_known or any(told):
-        return told
-    return (GAUGE,) * len(told)
+def _gain_tolerances(campaign: PreparedCampaign) -> tuple[float, ...]:
+    """Gain tolerance (n_mesh,) of the force sensors: of campaign.yaml, or ``GAUGE_TOLERANCE``."""
+    tolerances = campaign.gain_tolerance
+    if campaign.noise_known or any(tolerances):
+        return tolerances
+    return (GAUGE_TOLERANCE,) * len(tolerances)
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:
+    """Runs of the role ``fit``; AnalysisError if there are none."""
     fit = campaign.of_role("fit")
     if not fit:
-        told = "; ".join(f.text for f in findings if f.fatal)
-        raise AnalysisError(f"no run of role fit is left to learn from: {told}")
+        reasons = "; ".join(f.text for f in findings if f.fatal)
+        raise AnalysisError(f"no run of role fit is left to learn from: {reasons}")
     return fit
 
 
-def _found(found: Examination, evidence: Evidence, chance: Chance) -> FittedExplanation:
-    """The fit of an explanation."""
-    every = (found.none, *found.singles, *found.pairs)
+def _fit_of(examined: Examination, evidence: Evidence, chance: Chance) -> FittedExplanation:
+    """The fit of the explanation with a probability."""
+    every = (examined.none, *examined.singles, *examined.pairs)
     at = next(i for i, c in enumerate(evidence.candidates) if c is chance.candidate)
     return every[at]
 
 
-def _taken(
-    found: Examination,
-    evidence: Evidence,
-    told: Sequence[Chance],
-    options: dict[int, Option],
-    option: Option | None,
-) -> FittedExplanation | None:
-    at = next((i for i, o in options.items() if o is option), None)
-    return None if at is None or option is None else _found(found, evidence, told[at])
-
-
-def augmented(found: FittedExplanation, option: Option | None) -> Augmented:
-    """The nominal model with the tolerances of a fit, and the effects of an explanation."""
-    values = {c.name: v for c, v in zip(found.score.coefficients, found.score.mean, strict=True)}
+def augmented(fit: FittedExplanation, explanation: Explanation | None) -> Augmented:
+    """The nominal model with the calibration of a fit and the effects of an explanation."""
+    values = {c.name: v for c, v in zip(fit.score.coefficients, fit.score.mean, strict=True)}
     factors = np.array(
         [1.0 + values[f"{q}_{kind}"] for q in "kce" for kind in ("sp", "rp")], dtype=float
     )
     inverse = np.array([1.0 + values[f"M_{body}"] for body in "spc"], dtype=float)
-    actives = () if option is None else (*option.actives, *option.harmonics)
+    actives = () if explanation is None else (*explanation.actives, *explanation.harmonics)
     return Augmented(factors, inverse, actives)
 
 
-def _calibrated(machine: GearMachine, found: Examination) -> Calibrated:
+def _calibrated(machine: GearMachine, examined: Examination) -> Calibrated:
+    """Fit runs and calibration, by the fit without effects."""
     cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
-    rows = found.none.score.energy_by_row.get("force_law")
-    count = found.counts.get("force_law", 0.0)
+    rows = examined.none.score.energy_by_row.get("force_law")
+    count = examined.counts.get("force_law", 0.0)
     per_mesh = None
     if rows is not None and count > 0.0:
         alive = rows.sum(axis=0) > 0.0
         per_mesh = rows.sum(axis=0) / (count / max(int(alive.sum()), 1))
-    return Calibrated(cases, augmented(found.none, None).factors, per_mesh)
+    return Calibrated(cases, augmented(examined.none, None).factors, per_mesh)
 
 
-def _nothing(
+def _undiagnosed(
     campaign: PreparedCampaign,
     findings: tuple[Finding, ...],
     machine: GearMachine,
     senses: bool,
 ) -> Diagnosis:
-    """A campaign that no observation can be formed of, or of another rig: nothing is decided."""
-    told = [Chance(("unknown",), None, 0.5), Chance((), None, 0.5)]
-    if mismatched(findings):
-        told = [Chance(("unknown",), None, 1.0)]
-    verdict = decide(told, {}, "force_law")
+    """Result for a campaign without any observation, or with a nominal file of another rig."""
+    judged = [Chance(("unknown",), None, 0.5), Chance((), None, 0.5)]
+    if nominal_mismatched(findings):
+        judged = [Chance(("unknown",), None, 1.0)]
+    verdict = decide(judged, {}, "force_law")
     nan = float("nan")
     runs = tuple(RunGap(run.name, run.role, nan, nan, nan) for run in campaign.runs)
     cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
     calibrated = Calibrated(cases, np.ones(6), None)
-    made = Diagnosis(None, calibrated, verdict, Gap("force_law", runs), {}, findings=findings)
-    return _reported(made, campaign, machine, None, senses)
+    result = Diagnosis(None, calibrated, verdict, Gap("force_law", runs), {}, findings=findings)
+    return _with_report(result, campaign, machine, None, senses)
 
 
-def _reported(
-    made: Diagnosis,
+def _with_report(
+    result: Diagnosis,
     campaign: PreparedCampaign,
     machine: GearMachine,
     senses: Senses | None,
     full: bool,
 ) -> Diagnosis:
-    point = design(campaign, made.calibrated, made.verdict, made.augmented) if full else None
-    verdict, findings = made.verdict, made.findings
-    open_ = [f.text for f in findings] + undecidable(campaign, made.calibrated, verdict, findings)
-    written = report(
-        campaign.rig,
-        verdict,
-        where(campaign, made.calibrated, verdict),
-        made.gap,
-        [*open_, *(senses.unknown if senses else ())],
-        next_experiment(campaign, verdict, point),
-        [f for f in findings if not f.limit],
-        senses,
-        campaign.nominal.layout.channels,
-        structure(campaign, made.calibrated) if full else None,
-        recorded_noise(machine.gear.runs, campaign.noise_known),
-        machine.observation_names,
+    """Add the senses and the report.
+
+    Args:
+        result: of the diagnosis.
+        campaign: that was diagnosed.
+        machine: gear with its fit runs.
+        senses: of the gap, where measured.
+        full: whether to design the next experiment and locate the residual too.
+    """
+    verdict, findings, calibrated = result.verdict, result.findings, result.calibrated
+    point = design(campaign, calibrated, verdict, result.augmented) if full else None
+    limits = [f.text for f in findings] + undecidable(campaign, calibrated, verdict, findings)
+    content = ReportContent(
+        campaign=campaign.rig,
+        verdict=verdict,
+        where=residual_by_mesh(campaign, calibrated, verdict),
+        gap=result.gap,
+        undecidable=[*limits, *(senses.unknown if senses else ())],
+        next_experiment=next_experiment(campaign, verdict, point),
+        findings=[f for f in findings if not f.limit],
+        senses=senses,
+        channels=campaign.nominal.layout.channels,
+        structure=residual_structure(campaign, calibrated) if full else {},
+        noise=recorded_noise(machine.gear.runs, campaign.noise_known),
+        observations=machine.observation_names,
     )
-    return replace(made, report=written, senses=senses)
+    return replace(result, report=report(content), senses=senses)

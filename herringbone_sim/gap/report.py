@@ -1,10 +1,11 @@
-"""``report.json``: the verdict of a campaign as the contract of the gap has it."""
+"""``report.json``: the result of a diagnosis as plain data, checked against its schema."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +15,18 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.verdict.decide import Option, Verdict
+from herringbone_sim.gap.verdict.decide import Explanation, Verdict
 from herringbone_sim.gap.verification.senses import Senses
-from herringbone_sim.gap.verification.verify import Gap
-from herringbone_sim.gap.verification.written import (
-    written_attractor,
-    written_gap,
-    written_senses,
-    wrong_senses,
+from herringbone_sim.gap.verification.serialise import (
+    attractor_to_dict,
+    gap_to_dict,
+    senses_errors,
+    senses_to_dict,
 )
+from herringbone_sim.gap.verification.verify import Gap
 
 SCHEMA = "herringbone_sim/gap-report/1"
-OWN_UNIT = "unit of the channel"
+OWN_UNIT = "unit of the channel"  # unit of parameters of sensor effects in the catalogue
 METRICS = ("force_law", "torque_balance", "consistency", "trajectory")
 KEYS = (
     "schema",
@@ -42,90 +43,109 @@ KEYS = (
 )
 
 
-def report(
-    campaign: str,
-    verdict: Verdict,
-    where: Sequence[tuple[Locus, float]],
-    gap: Gap,
-    undecidable: Sequence[str],
-    next_experiment: Mapping[str, Any],
-    findings: Sequence[Finding] = (),
-    senses: Senses | None = None,
-    channels: Sequence[str] = (),
-    structure: Mapping[str, Any] | None = None,
-    noise: Mapping[str, Any] | None = None,
-    observations: Sequence[str] = (),
-) -> dict[str, Any]:
-    """The report as plain data; NaN becomes null.
+@dataclass(frozen=True)
+class ReportContent:
+    """Content of a report.
 
-    Args:
-        channels: that a full recording has, for the names of those at a locus.
-        structure: of the residual, see ``place.structure``.
-        noise: of each channel, see ``noise.written``.
-        observations: residuals that could be formed.
+    Attributes:
+        campaign: name of the rig.
+        verdict: of the diagnosis.
+        where: locus and share of the residual, largest first.
+        gap: of all runs in the metric of the verdict.
+        undecidable: sentences on what the data can't decide.
+        next_experiment: operating point to run next, and why.
+        findings: problems of the data.
+        senses: the gap in three senses; None where not measured.
+        channels: names of all channels of a full recording, for those at a locus.
+        structure: distribution of the residual, see ``location.residual_structure``.
+        noise: of each recorded channel, see ``observations.shown.noise_shown``.
+        observations: names of the observations used.
     """
+
+    campaign: str
+    verdict: Verdict
+    where: Sequence[tuple[Locus, float]]
+    gap: Gap
+    undecidable: Sequence[str]
+    next_experiment: Mapping[str, Any]
+    findings: Sequence[Finding] = ()
+    senses: Senses | None = None
+    channels: Sequence[str] = ()
+    structure: Mapping[str, Any] = field(default_factory=dict)
+    noise: Mapping[str, Any] = field(default_factory=dict)
+    observations: Sequence[str] = ()
+
+
+def report(content: ReportContent) -> dict[str, Any]:
+    """The report as plain data by its schema; NaN becomes null."""
+    c, verdict = content, content.verdict
     causes = [
-        _cause(name, chance, verdict.best.get(name), channels)
+        _cause(name, chance, verdict.best.get(name), c.channels)
         for name, chance in sorted(verdict.probabilities.items(), key=lambda item: -item[1])
     ]
-    made = {
+    data = {
         "schema": SCHEMA,
-        "campaign": campaign,
+        "campaign": c.campaign,
         "verdict": verdict.verdict,
         "effects": list(verdict.effects),
-        "where": [{"locus": _locus(locus), "share": share} for locus, share in where],
+        "where": [{"locus": _locus(locus), "share": share} for locus, share in c.where],
         "causes": causes,
         "ambiguous_with": list(verdict.ambiguous_with),
-        "gap": written_gap(gap)
+        "gap": gap_to_dict(c.gap)
         | {"runner_up_effects": _effects(verdict.runner_up)}
-        | ({"senses": written_senses(senses)} if senses else {}),
-        "attractor": written_attractor(senses),
-        "undecidable": list(undecidable),
-        "next_experiment": dict(next_experiment),
-        "findings": [_finding(one) for one in findings],
-        "structure": dict(structure or {}),
+        | ({"senses": senses_to_dict(c.senses)} if c.senses else {}),
+        "attractor": attractor_to_dict(c.senses),
+        "undecidable": list(c.undecidable),
+        "next_experiment": dict(c.next_experiment),
+        "findings": [_finding(one) for one in c.findings],
+        "structure": dict(c.structure),
         "hypotheses": _hypotheses(verdict),
-        "law": [law.written() for law in (verdict.chosen.laws if verdict.chosen else ())],
-        "noise": dict(noise or {}),
-        "recorded": sorted(noise or ()),
-        "observations": list(observations),
+        "law": [law.to_dict() for law in (verdict.chosen.laws if verdict.chosen else ())],
+        "noise": dict(c.noise),
+        "recorded": sorted(c.noise),
+        "observations": list(c.observations),
     }
-    clean: dict[str, Any] = plain_numbers(made)
-    return clean
+    finite: dict[str, Any] = plain_numbers(data)
+    return finite
 
 
-def write_report(path: Path, made: Mapping[str, Any]) -> None:
-    """Write a report after a check of it; AnalysisError when it breaks the contract."""
-    wrong = check_report(made)
-    if wrong:
-        raise AnalysisError(f"the report breaks its contract: {'; '.join(wrong)}")
-    path.write_text(json.dumps(made, indent=2) + "\n", encoding="utf-8")
+def write_report(path: Path, data: Mapping[str, Any]) -> None:
+    """Check a report and write it.
+
+    Raises:
+        AnalysisError: the report violates its schema.
+        OSError: the file can't be written.
+    """
+    errors = check_report(data)
+    if errors:
+        raise AnalysisError(f"the report breaks its contract: {'; '.join(errors)}")
+    path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
 
 
-def check_report(made: Mapping[str, Any]) -> list[str]:
-    """What a report has wrong by the contract; empty when it is right."""
-    wrong = [f"{key} is missing" for key in KEYS if key not in made]
-    if wrong:
-        return wrong
+def check_report(data: Mapping[str, Any]) -> list[str]:
+    """Rules of the schema that a report violates; empty if it is valid."""
+    missing = [f"{key} is missing" for key in KEYS if key not in data]
+    if missing:
+        return missing
     ids = {*known_effects(), "none", "unknown"}
-    causes = made["causes"]
+    causes = data["causes"]
     chances = [cause["probability"] for cause in causes]
     rules = {
-        f"schema must be {SCHEMA}": made["schema"] == SCHEMA,
-        "verdict must be an effect, none, unknown or ambiguous": made["verdict"]
+        f"schema must be {SCHEMA}": data["schema"] == SCHEMA,
+        "verdict must be an effect, none, unknown or ambiguous": data["verdict"]
         in {*ids, "ambiguous"},
-        "effects are at most two of the catalogue": len(made["effects"]) <= 2
-        and set(made["effects"]) <= ids - {"none", "unknown"},
-        "none has no effects": made["verdict"] != "none" or not made["effects"],
+        "effects are at most two of the catalogue": len(data["effects"]) <= 2
+        and set(data["effects"]) <= ids - {"none", "unknown"},
+        "none has no effects": data["verdict"] != "none" or not data["effects"],
         "causes must hold every effect, none and unknown once": sorted(ids)
         == sorted(cause["effect"] for cause in causes),
         "probabilities must fall and sum to 1": chances == sorted(chances, reverse=True)
         and math.isclose(sum(chances), 1.0, abs_tol=1e-6),
-        "ambiguous names two to four": len(made["ambiguous_with"])
-        in ((2, 3, 4) if made["verdict"] == "ambiguous" else (0,)),
-        "the verdict follows the probabilities": made["verdict"]
+        "ambiguous names two to four": len(data["ambiguous_with"])
+        in ((2, 3, 4) if data["verdict"] == "ambiguous" else (0,)),
+        "the verdict follows the probabilities": data["verdict"]
         in (causes[0]["effect"], "ambiguous"),
-        f"metric must be one of {METRICS}": made["gap"]["metric"] in METRICS,
+        f"metric must be one of {METRICS}": data["gap"]["metric"] in METRICS,
         "a gap has nominal, augmented, noise_floor, closure, runs": {
             "nominal",
             "augmented",
@@ -133,20 +153,28 @@ def check_report(made: Mapping[str, Any]) -> list[str]:
             "closure",
             "runs",
         }
-        <= set(made["gap"]),
+        <= set(data["gap"]),
     }
-    return [rule for rule, holds in rules.items() if not holds] + wrong_senses(made["gap"])
+    return [rule for rule, holds in rules.items() if not holds] + senses_errors(data["gap"])
 
 
 def _cause(
-    name: str, chance: float, best: tuple[Option, int] | None, channels: Sequence[str]
+    name: str, chance: float, best: tuple[Explanation, int] | None, channels: Sequence[str]
 ) -> dict[str, Any]:
+    """An effect with probability, locus and parameters.
+
+    Args:
+        name: id of the effect.
+        chance: its probability.
+        best: its most probable explanation and its index there; None without one.
+        channels: names of all channels.
+    """
     if best is None:
         return {"effect": name, "locus": _locus(Locus()), "probability": chance, "parameters": {}}
-    option, i = best
-    one = option.actives[i]
+    explanation, i = best
+    one = explanation.actives[i]
     unknown = ((float("nan"),) * 2,) * len(one.theta)
-    spans = option.intervals[i] if i < len(option.intervals) else unknown
+    spans = explanation.intervals[i] if i < len(explanation.intervals) else unknown
     spans = spans or unknown
     concerned = names_of(channels, one) or one.chosen.get("channels", ())
     values: dict[str, Any] = {
@@ -154,9 +182,9 @@ def _cause(
         for p, value, span in zip(one.effect.parameters, one.theta, spans, strict=True)
     }
     for key, choice in one.options:
-        kept = list(choice) if isinstance(choice, tuple) else choice
-        kept = list(concerned) if key == "channels" else kept
-        values[key] = {"value": kept, "unit": "-", "ci90": None}
+        value = list(choice) if isinstance(choice, tuple) else choice
+        value = list(concerned) if key == "channels" else value
+        values[key] = {"value": value, "unit": "-", "ci90": None}
     if one.effect.level == "sensor" and "channels" not in values:
         values["channels"] = {"value": ["t"], "unit": "-", "ci90": None}  # the clock of all
     return {
@@ -168,7 +196,7 @@ def _cause(
 
 
 def _hypotheses(verdict: Verdict) -> list[dict[str, Any]]:
-    """Every explanation with effects, places and probability, best first."""
+    """All explanations with effects, loci and probability, best first."""
     return [
         {
             "effects": list(c.effects or ("none",)),
@@ -179,11 +207,13 @@ def _hypotheses(verdict: Verdict) -> list[dict[str, Any]]:
     ]
 
 
-def _effects(option: Option | None) -> list[str]:
-    return [] if option is None else [one.effect.id for one in option.actives]
+def _effects(explanation: Explanation | None) -> list[str]:
+    """Ids of the effects of an explanation."""
+    return [] if explanation is None else [one.effect.id for one in explanation.actives]
 
 
 def _finding(one: Finding) -> dict[str, Any]:
+    """A finding as plain data."""
     return {
         "what": one.what,
         "run": one.run,
@@ -194,18 +224,22 @@ def _finding(one: Finding) -> dict[str, Any]:
 
 
 def _unit(unit: str, channels: Sequence[str]) -> str:
-    """The unit of a parameter; that of a channel where it is in the channel's own."""
+    """Unit of a parameter in the report.
+
+    Where the catalogue has ``OWN_UNIT`` in its place, the unit of the channels, if they share one.
+    """
     quantities = {name.partition("_")[0] for name in channels}
     known = {PREFIX_UNITS.get(quantity, unit) for quantity in quantities}
     return known.pop() if unit == OWN_UNIT and len(known) == 1 else unit
 
 
 def _locus(locus: Locus) -> dict[str, str]:
+    """A locus as plain data."""
     return {"mesh": locus.mesh, "planet": locus.planet, "side": locus.side}
 
 
 def plain_numbers(value: Any) -> Any:
-    """The same with null for what is not finite."""
+    """Copy of nested plain data with None for numbers that are not finite."""
     if isinstance(value, dict):
         return {key: plain_numbers(v) for key, v in value.items()}
     if isinstance(value, (list, tuple)):

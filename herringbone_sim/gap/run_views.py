@@ -13,7 +13,7 @@ from herringbone_sim.core.timeseries import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.attribution.hypothesis import Case, case, expected
+from herringbone_sim.gap.attribution.hypothesis import Case, case, expected_forces
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
@@ -68,7 +68,7 @@ def run_view(one: Case, model: Augmented) -> RunView:
     """One run against the nominal and the augmented model."""
     run = one.run
     law = force_law(run, one.fused, np.ones(6))
-    after = expected(one, model.factors, model.actives)
+    after = expected_forces(one, model.factors, model.actives)
     last = _last_cycles(run)
     forces = (run.F.values, law.modelled_n, after)
     residuals = {"nominal": law.residual_n, "augmented": run.F.values - after}

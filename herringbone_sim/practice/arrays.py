@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.gap.data.prepared import (
-    PreparedCampaign,
-    force_gains,
-    mesh_table,
-    prepare_run,
-)
+from herringbone_sim.gap.data.prepare import gain_tolerances, prepare_run
+from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
 from herringbone_sim.practice.campaign import PracticeCampaign
 from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.recording.channels import Channels
@@ -37,5 +33,5 @@ def as_prepared(made: PracticeCampaign) -> PreparedCampaign:
         mesh_table(nominal.layout),
         (),
         campaign.noise_share is not None,
-        force_gains(nominal.layout, made.sensors),
+        gain_tolerances(nominal.layout, made.sensors),
     )

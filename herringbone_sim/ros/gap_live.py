@@ -23,7 +23,7 @@ from std_msgs.msg import Float64MultiArray, String
 
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.gap.stream.listening import Comparison, Ear, Picture
+from herringbone_sim.gap.stream.comparison import Comparison, ComparisonResult, SampleStream
 from herringbone_sim.recording.messages import JointState as Values
 from herringbone_sim.recording.messages import encode_joint_state
 from herringbone_sim.recording.writer import stamp_ns
@@ -67,11 +67,12 @@ class GapNode(GuardedNode):
     def __init__(self, plan: Plan, **options: Any) -> None:
         super().__init__(NAME, **options)
         prefixes = [one.rstrip("/") for one in (plan.rig, plan.simulator)]
-        rig, simulator = (Ear(f"{prefix}/samples") for prefix in prefixes)
+        rig, simulator = (SampleStream(f"{prefix}/samples") for prefix in prefixes)
         self.comparison = Comparison(rig, simulator, plan.nominal, plan.noise_share)
-        self._listeners = [_Listener(self, ear) for ear in (rig, simulator)]
-        self._ears = {
-            f"{ear.topic.removesuffix('/samples')}: simulator": ear for ear in (rig, simulator)
+        self._listeners = [_Listener(self, stream) for stream in (rig, simulator)]
+        self._streams = {
+            f"{stream.topic.removesuffix('/samples')}: simulator": stream
+            for stream in (rig, simulator)
         }
         self.create_subscription(DiagnosticArray, "/diagnostics", self._hear, STREAM)
         self._residual = self.create_publisher(JointState, "~/residual", STREAM)
@@ -81,15 +82,15 @@ class GapNode(GuardedNode):
     def _hear(self, message: DiagnosticArray) -> None:
         """Pass the diagnostics of the two simulators to their streams."""
         for status in message.status:
-            ear = self._ears.get(status.name)
-            if ear:
-                ear.says(one_line(status.message))
+            stream = self._streams.get(status.name)
+            if stream:
+                stream.set_diagnostics(one_line(status.message))
 
-    def look(self) -> Picture:
+    def look(self) -> ComparisonResult:
         """Compare the latest samples and publish the result."""
         for listener in self._listeners:
             listener.follow()
-        picture = self.comparison.look()
+        picture = self.comparison.update()
         self._publish(picture)
         return picture
 
@@ -98,7 +99,7 @@ class GapNode(GuardedNode):
         found = self.get_topic_names_and_types()
         return tuple(n for n, kinds in found if n.endswith("/samples") and SAMPLES in kinds)
 
-    def _publish(self, picture: Picture) -> None:
+    def _publish(self, picture: ComparisonResult) -> None:
         """Publish residual, difference of the motions, and place."""
         found = picture.residual
         if found is not None and picture.rig.fresh:
@@ -121,21 +122,21 @@ class GapNode(GuardedNode):
 class _Listener:
     """Subscriptions to one stream, with the reliability of its publisher."""
 
-    def __init__(self, node: GapNode, ear: Ear) -> None:
-        self._node, self._ear = node, ear
+    def __init__(self, node: GapNode, stream: SampleStream) -> None:
+        self._node, self._stream = node, stream
         self._reliable = True
         try:
             self._samples = self._subscribe()
-            topic = f"{ear.topic.removesuffix('samples')}channels"
-            node.create_subscription(String, topic, lambda m: ear.channels(m.data), LATCHED)
+            topic = f"{stream.topic.removesuffix('samples')}channels"
+            node.create_subscription(String, topic, lambda m: stream.set_channels(m.data), LATCHED)
         except InvalidTopicNameException as error:
-            raise ParameterError(f"{ear.topic} is no name of a topic: {error}") from error
+            raise ParameterError(f"{stream.topic} is no name of a topic: {error}") from error
 
     def follow(self) -> None:
         """Subscribe with the publisher's reliability: a reliable subscriber gets nothing of best
         effort.
         """
-        known = self._node.get_publishers_info_by_topic(self._ear.topic)
+        known = self._node.get_publishers_info_by_topic(self._stream.topic)
         reliable = all(
             one.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT for one in known
         )
@@ -149,11 +150,11 @@ class _Listener:
         kind = ReliabilityPolicy.RELIABLE if self._reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(reliability=kind, history=HistoryPolicy.KEEP_LAST, depth=DEPTH)
         return self._node.create_subscription(
-            Float64MultiArray, self._ear.topic, self._ear.samples, qos, raw=True
+            Float64MultiArray, self._stream.topic, self._stream.add_samples, qos, raw=True
         )
 
 
-def listen(plan: Plan, show: Callable[[Picture, tuple[str, ...]], None]) -> int:
+def listen(plan: Plan, show: Callable[[ComparisonResult, tuple[str, ...]], None]) -> int:
     """Compare repeatedly until SIGINT, SIGTERM or the end of the time; returns 0.
 
     Args:
@@ -179,7 +180,7 @@ def _look_on(
     node: GapNode,
     plan: Plan,
     stop: threading.Event,
-    show: Callable[[Picture, tuple[str, ...]], None],
+    show: Callable[[ComparisonResult, tuple[str, ...]], None],
 ) -> None:
     """Compare repeatedly while a thread serves the node."""
     executor = SingleThreadedExecutor(context=node.context)

@@ -11,7 +11,13 @@ import pytest
 from herringbone_sim.core.model import build
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.gap.attribution.hypothesis import Case, added, case, expected, fine_law_with
+from herringbone_sim.gap.attribution.hypothesis import (
+    Case,
+    case,
+    effect_contributions,
+    expected_forces,
+    fine_law_with_effects,
+)
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import Fused
@@ -68,9 +74,9 @@ def _made(
     )
     none = np.zeros((n, 8))
     sigma_x, sigma_v = np.full(12, 1e-9), np.full(12, 1e-5)
-    fused = Fused(none, none, np.eye(8), np.eye(8), x, v, sigma_x, sigma_v, np.ones(12))
+    fused = Fused(none, none, np.eye(8), np.eye(8), x, v, sigma_x, sigma_v)
     bare = case(run, fused)
-    force = expected(bare, TOLERANCE, actives)
+    force = expected_forces(bare, TOLERANCE, actives)
     noise = 0.01 * np.sqrt(np.mean(force**2, axis=0))
     force = force + noise * rng.normal(size=force.shape)
     return case(replace(run, F=Measured(force, seen, noise)), fused)
@@ -93,7 +99,7 @@ def test_a_late_sensor_beside_a_force_that_no_step_follows_is_no_crash() -> None
     wild = one.run.F.values.copy()
     wild[600, 3] = np.inf
     law = replace(force_law(one.run, one.fused, np.ones(6)), modelled_n=wild)
-    force = expected(one, np.ones(6), (late,), law)
+    force = expected_forces(one, np.ones(6), (late,), law)
     assert np.isnan(force[600, 3])
     assert np.isfinite(np.delete(force, 3, axis=1)).all()
 
@@ -101,12 +107,14 @@ def test_a_late_sensor_beside_a_force_that_no_step_follows_is_no_crash() -> None
 def test_effects_between_samples_are_those_at_the_samples() -> None:
     one = made((CRACK,))[0]
     run, factors = one.run, np.ones(6)
-    law = fine_law_with(one, factors, (CRACK,))
+    law = fine_law_with_effects(one, factors, (CRACK,))
     deflection = one.fused.x + run.waves.e
     rate = one.fused.v + run.waves.e_rate
-    change = law(run.phase, deflection, rate) - fine_law_with(one, factors, ())(
+    change = law(run.phase, deflection, rate) - fine_law_with_effects(one, factors, ())(
         run.phase, deflection, rate
     )
-    at_samples = added(one, factors, force_law(run, one.fused, factors), (CRACK,))[0]
+    at_samples = effect_contributions(one, factors, force_law(run, one.fused, factors), (CRACK,))[
+        0
+    ]
     assert np.abs(at_samples).max() > 100.0
     assert change == pytest.approx(at_samples, abs=1e-3)

@@ -17,10 +17,10 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
-from herringbone_sim.gap.attribution.hypothesis import calibrated_gear, case
+from herringbone_sim.gap.attribution.hypothesis import calibrated_gear_table, case
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.named import named
+from herringbone_sim.gap.named import name_effects
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import (
@@ -30,7 +30,7 @@ from herringbone_sim.gap.verdict.augmented import (
     parameters_of,
     save_augmented,
 )
-from herringbone_sim.gap.verification.machine import Machine
+from herringbone_sim.gap.verification.simulator import GearSimulator
 from herringbone_sim.recording.parameter_file import load_gear
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -66,7 +66,7 @@ def test_the_loaded_gear_has_the_force_law_with_the_factors(
     rng = np.random.default_rng(3)
     z, rate = 2e-4 * rng.normal(size=(40, 8)), 2.0 * rng.normal(size=(40, 8))
     phase = rng.uniform(0.0, 50.0, 40)
-    force = Machine(own).run(z, rate, phase, 0.1, 1).force_n[:, 0]
+    force = GearSimulator(own).run(z, rate, phase, 0.1, 1).force_n[:, 0]
     k, c, e = (np.repeat(FOUND.factors[i : i + 2], 6) for i in (0, 2, 4))
     w = waves(nominal, phase, point["Omega"] * nominal.scales.omega_n)
     D = coordinates_to_meshes(nominal.layout)
@@ -79,7 +79,7 @@ def test_the_fit_and_the_node_have_the_same_gear() -> None:
     run = prepared(sampled({}, POINTS[2], 6), POINTS[2])
     one = case(run, fuse(run))
     own = build(parameters_of(run.model.parameters, FOUND))
-    fitted = calibrated_gear(one, FOUND.factors)
+    fitted = calibrated_gear_table(one, FOUND.factors)
     np.testing.assert_allclose(gear_table(own), fitted, rtol=1e-12)
 
 
@@ -107,7 +107,9 @@ def test_runs_from_any_phase_are_those_of_the_simulation() -> None:
     z, rate = (x + w.e) @ pull, (v + w.e_rate) @ pull
     start, ahead = np.array([5, 20, 37]), 24
     turn = TWO_PI / 24
-    found = Machine(model).run(z[start], rate[start], series["phase"][start], turn, ahead + 1)
+    found = GearSimulator(model).run(
+        z[start], rate[start], series["phase"][start], turn, ahead + 1
+    )
     np.testing.assert_allclose(found.z[:, -1], z[start + ahead], atol=2e-8)
     forces = series.columns(tuple(f"F_{m}" for m in model.layout.meshes))
     np.testing.assert_allclose(found.force_n[:, 0], forces[start], rtol=1e-6, atol=1e-3)
@@ -128,7 +130,7 @@ def test_other_orders_of_a_learned_wave_are_effects_too(
     h = Hypothesis(name, (("order", order),), Locus(), coefficients, 2)
     mean = np.array([0.1, 0.2, 0.3, 0.4]) * (1e-5 if name == "profile_error" else 1.0)
     score = Score(coefficients, mean, np.eye(4), mean[None], mean[:1], 0.0, 0.0, 1.0, {})
-    [found] = named((h,), score, build(NOMINAL))
+    [found] = name_effects((h,), score)
     assert {dict(a.options)["order"]: pytest.approx(list(a.theta)) for a in found.harmonics} == (
         expected
     )
@@ -142,7 +144,7 @@ def test_a_ring_whose_stiffness_is_hardly_known_has_an_interval_with_an_end() ->
     h = Hypothesis("ring_flexibility", (), ring.locus, every, len(every), ring)
     mean, spread = np.eye(5)[0], np.diag([0.0, 9.0, 1.0, 0.0, 0.0])
     score = Score(every, mean, spread, mean[None], mean[:1], 0.0, 0.0, 1.0, {})
-    [found] = named((h,), score, build(NOMINAL))
+    [found] = name_effects((h,), score)
     low, high = found.intervals[0]
     assert 0.0 < low < 1e11 < high <= 1.1e12
     assert found.active.theta[0] == pytest.approx(1e11)

@@ -16,7 +16,7 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.prepared import prepare
+from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters
@@ -180,5 +180,5 @@ def test_without_noise_the_cause_is_found_and_the_lack_told(
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
     found = diagnose(prepare(folder, load_parameters(RIG)), senses=False)
     assert found.report["causes"][0]["effect"] in {"mean_stiffness", "thermal_stiffness"}
-    assert any("tells no noise" in text for text in found.report["undecidable"])
+    assert any("gives no noise" in text for text in found.report["undecidable"])
     assert found.report["gap"]["runner_up_effects"]

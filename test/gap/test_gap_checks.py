@@ -17,17 +17,12 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.parts import to_leave_out
-from herringbone_sim.gap.data.prepared import (
-    PreparedCampaign,
-    PreparedRun,
-    mesh_table,
-    prepare,
-    prepare_run,
-)
+from herringbone_sim.gap.data.folds import leave_out_folds
+from herringbone_sim.gap.data.prepare import prepare, prepare_run
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.residuals.misfit import other_laws
+from herringbone_sim.gap.residuals.misfit import runs_with_other_force_law
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
@@ -254,10 +249,10 @@ def test_a_law_that_one_run_breaks_on_every_mesh(others: tuple[PreparedRun, ...]
     for point, out in ((middle, True), (hot, False)):
         odd = replace(others[0], name="odd", point=point)
         fit = [replace(run, role="fit") for run in others]
-        (finding,) = other_laws([*fit, odd], {**shares, "odd": np.full(12, 0.9)})
+        (finding,) = runs_with_other_force_law([*fit, odd], {**shares, "odd": np.full(12, 0.9)})
         assert (finding.run, finding.fatal) == ("odd", out)
     held = replace(others[0], name="odd", point=middle, role="held_out")
-    (finding,) = other_laws([*fit, held], {**shares, "odd": np.full(12, 0.9)})
+    (finding,) = runs_with_other_force_law([*fit, held], {**shares, "odd": np.full(12, 0.9)})
     assert not finding.fatal
 
 
@@ -270,8 +265,8 @@ def test_the_same_recording_twice(others: tuple[PreparedRun, ...]) -> None:
 
 
 def test_one_run_is_taken_in_parts(others: tuple[PreparedRun, ...]) -> None:
-    assert to_leave_out(others) == others
-    parts = to_leave_out(others[:1])
+    assert leave_out_folds(others) == others
+    parts = leave_out_folds(others[:1])
     assert len(parts) == 3
     np.testing.assert_array_equal(np.concatenate([p.F.values for p in parts]), others[0].F.values)
     np.testing.assert_array_equal(np.concatenate([p.waves.k for p in parts]), others[0].waves.k)

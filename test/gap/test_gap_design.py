@@ -20,11 +20,19 @@ from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import nominal_model
-from herringbone_sim.gap.verdict.decide import Option, Verdict
-from herringbone_sim.gap.verdict.design import Design, design, leading
-from herringbone_sim.gap.verdict.questions import next_experiment, undecidable
-from herringbone_sim.gap.verdict.rivals import BALANCE, FORCES, MOTION, Rival, rest, shown
-from herringbone_sim.gap.verdict.trial import LEVELS, candidates, reach
+from herringbone_sim.gap.verdict.candidate_points import LEVELS, candidate_points, value_ranges
+from herringbone_sim.gap.verdict.decide import Explanation, Verdict
+from herringbone_sim.gap.verdict.design import Design, design, leading_explanations
+from herringbone_sim.gap.verdict.next_experiment import next_experiment
+from herringbone_sim.gap.verdict.separation import (
+    BALANCE,
+    FORCES,
+    MOTION,
+    FittedExplanation,
+    linear_predictions,
+    separation,
+)
+from herringbone_sim.gap.verdict.undecidable import undecidable
 
 Point = Mapping[str, float]
 ONE_HEAT = (
@@ -64,7 +72,7 @@ def calibrated(campaign: PreparedCampaign) -> Calibrated:
 
 def between(truth: Active, rival: Active) -> Verdict:
     """Two explanations that the runs so far leave alike."""
-    options = {one.effect.id: Option((one,)) for one in (truth, rival)}
+    options = {one.effect.id: Explanation((one,)) for one in (truth, rival)}
     first, second = options
     chances = {first: 0.5, second: 0.5}
     best = {name: (option, 0) for name, option in options.items()}
@@ -89,9 +97,9 @@ def test_asks_for_another_temperature_where_only_that_tells_rivals_apart(
     found = design(campaign, calibrated(campaign), verdict, nominal_model())
     assert found is not None
     assert abs(found.point["delta_T"] - 50.0) >= 15.0
-    assert found.so_far < 0.1 < 1.0 < found.there
-    assert not found.known
-    assert found.enough
+    assert found.separation_so_far < 0.1 < 1.0 < found.separation_at_point
+    assert not found.separated_so_far
+    assert found.separated_with_point
 
 
 def test_asks_for_another_load_where_only_that_tells_rivals_apart() -> None:
@@ -100,11 +108,11 @@ def test_asks_for_another_load_where_only_that_tells_rivals_apart() -> None:
     found = design(campaign, calibrated(campaign), between(truth, rival), nominal_model())
     assert found is not None
     assert abs(np.log(found.point["T_1"] / 900.0)) > np.log(1.25)
-    assert found.so_far < 0.2 < 0.3 < found.there
+    assert found.separation_so_far < 0.2 < 0.3 < found.separation_at_point
 
 
 def test_points_in_reach_hold_the_range_of_the_runs_and_more() -> None:
-    ranges, points = reach(ONE_HEAT), candidates(ONE_HEAT)
+    ranges, points = value_ranges(ONE_HEAT), candidate_points(ONE_HEAT)
     assert ranges["delta_T"] == (30.0, 70.0)
     assert ranges["T_1"][0] < 283.0 < 1500.0 < ranges["T_1"][1]
     assert ranges["Omega"][0] >= 0.2
@@ -117,14 +125,16 @@ def test_points_in_reach_hold_the_range_of_the_runs_and_more() -> None:
 
 
 def test_leading_are_the_class_or_the_verdict_and_its_runner_up() -> None:
-    first, second, other = (Option((planted(n),)) for n in ("mean_stiffness", "runout", "stagger"))
+    first, second, other = (
+        Explanation((planted(n),)) for n in ("mean_stiffness", "runout", "stagger")
+    )
     best = {"mean_stiffness": (first, 0), "runout": (second, 0), "stagger": (other, 0)}
     one = Verdict("runout", ("runout",), {}, best, (), "force_law", second, other, ())
-    assert leading(one) == (second, other)
+    assert leading_explanations(one) == (second, other)
     alike = replace(one, verdict="ambiguous", ambiguous_with=("mean_stiffness", "stagger"))
-    assert leading(alike) == (first, other)
-    assert leading(replace(one, verdict="none", effects=(), chosen=None)) == ()
-    assert leading(replace(one, verdict="unknown", effects=())) == ()
+    assert leading_explanations(alike) == (first, other)
+    assert leading_explanations(replace(one, verdict="none", effects=(), chosen=None)) == ()
+    assert leading_explanations(replace(one, verdict="unknown", effects=())) == ()
 
 
 @pytest.mark.parametrize("where", [FORCES, BALANCE, MOTION])
@@ -133,10 +143,10 @@ def test_rivals_leave_nothing_of_themselves_and_something_of_each_other(where: s
     names = (
         ("tooth_friction", "torque_ripple") if where == BALANCE else ("stagger", "mean_stiffness")
     )
-    rivals = [Rival((planted(name),), np.ones(6), np.ones(3)) for name in names]
-    first, second = shown(one, rivals, where)
-    assert rest(first, first).least < 1e-6 * (1.0 + float(first.values @ first.values))
-    assert rest(first, second).least / rest(first, second).count > 1e-3
+    rivals = [FittedExplanation((planted(name),), np.ones(6), np.ones(3)) for name in names]
+    first, second = linear_predictions(one, rivals, where)
+    assert separation(first, first).least < 1e-6 * (1.0 + float(first.values @ first.values))
+    assert separation(first, second).least / separation(first, second).count > 1e-3
 
 
 FOUND = Design(("a", "b"), {"delta_T": 70.0, "K": 0.1, "T_1": 440.0, "Omega": 0.6}, 2.0, 0.05)
@@ -152,18 +162,20 @@ def _campaign(points: Sequence[Point]) -> PreparedCampaign:
 
 def test_the_reason_names_the_rivals_and_by_how_much_they_differ() -> None:
     campaign = _campaign(ONE_HEAT)
-    asked = next_experiment(campaign, VERDICT, replace(FOUND, enough=True))
+    asked = next_experiment(campaign, VERDICT, replace(FOUND, separated_with_point=True))
     assert {name: asked[name] for name in FOUND.point} == FOUND.point
     assert asked["why"].startswith("tells a from b: ")
     assert "2 times the noise floor there, 0.05 times in the runs so far" in asked["why"]
-    known = next_experiment(campaign, VERDICT, replace(FOUND, known=True, harder=1.4))
+    known = next_experiment(
+        campaign, VERDICT, replace(FOUND, separated_so_far=True, force_ratio=1.4)
+    )
     assert known["why"].startswith("checks that it is a and not b: ")
     assert known["why"].endswith("the largest mesh force there is 1.4 times theirs")
 
 
 def test_says_when_no_point_would_do_or_none_was_worked_out() -> None:
     campaign = _campaign(ONE_HEAT)
-    hopeless = next_experiment(campaign, VERDICT, replace(FOUND, there=0.02))
+    hopeless = next_experiment(campaign, VERDICT, replace(FOUND, separation_at_point=0.02))
     assert set(hopeless) == {"delta_T", "K", "T_1", "Omega", "why"}
     assert "no operating point in reach tells a and b apart" in hopeless["why"]
     nothing = next_experiment(campaign, replace(VERDICT, verdict="none", effects=()))

@@ -12,7 +12,7 @@ import pytest
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.report import check_report
-from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.outcome import Outcome, outcome
@@ -88,7 +88,7 @@ def test_forces_alone_say_nothing_and_end_nothing() -> None:
         layout = campaign.nominal.layout
         motion = (*(f"{q}_{m}" for q in "xv" for m in layout.meshes),)
         rotations = tuple(f"u_{body}" for body in layout.bodies)
-        runs = tuple(drop(run, (*motion, *rotations)) for run in campaign.runs)
+        runs = tuple(without_channels(run, (*motion, *rotations)) for run in campaign.runs)
         report = diagnose(replace(campaign, runs=runs), senses=False).report
     assert report["observations"] == []
     assert any("nothing can be said of the machine" in one for one in report["undecidable"])

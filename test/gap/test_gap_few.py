@@ -17,15 +17,15 @@ from herringbone_sim.gap.attribution.channel_sets import (
     FULL,
     NO_FORCE,
     NOTHING,
-    cannot_tell,
     channel_set,
-    planets_alike,
+    planets_indistinguishable,
+    undecidable_by_channels,
 )
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.verdict.decide import Option, decide
-from herringbone_sim.gap.verdict.place import where
+from herringbone_sim.gap.verdict.decide import Explanation, decide
+from herringbone_sim.gap.verdict.location import residual_by_mesh
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -43,8 +43,8 @@ def test_planets_are_alike_where_neither_phase_nor_channel_tells_one_from_anothe
         (replace(shafts, u=whole.u), False),
     ):
         cases = [case(run, fuse(run))]
-        assert planets_alike(cases) == alike
-        assert ("any other" in " ".join(cannot_tell(cases))) == alike
+        assert planets_indistinguishable(cases) == alike
+        assert ("any other" in " ".join(undecidable_by_channels(cases))) == alike
 
 
 def test_a_share_is_spread_over_planets_that_are_alike() -> None:
@@ -52,8 +52,10 @@ def test_a_share_is_spread_over_planets_that_are_alike() -> None:
     campaign = rig({}, cycles=10)
     cases = tuple(case(run, fuse(run)) for run in map(of_shafts, campaign.runs))
     pin = Active(effects()["pin_position"], (1e-5,), Locus(planet="2"))
-    verdict = decide([Chance(("pin_position",), None, 1.0)], {0: Option((pin,))}, "trajectory")
-    shares = where(campaign, Calibrated(cases, np.ones(6), None), verdict)
+    verdict = decide(
+        [Chance(("pin_position",), None, 1.0)], {0: Explanation((pin,))}, "trajectory"
+    )
+    shares = residual_by_mesh(campaign, Calibrated(cases, np.ones(6), None), verdict)
     assert [share for _, share in shares] == pytest.approx([1.0 / 12.0] * 12)
 
 
@@ -66,7 +68,7 @@ def test_each_set_of_channels_says_what_it_cannot_decide() -> None:
     said = {}
     for one in (whole, no_force, few, nothing):
         cases = [case(one, fuse(one))]
-        said[channel_set(cases)] = " ".join(cannot_tell(cases))
+        said[channel_set(cases)] = " ".join(undecidable_by_channels(cases))
     assert list(said) == [FULL, NO_FORCE, FEW, NOTHING]
     assert said[FULL] == ""
     assert "errors of force sensors can't be told" in said[NO_FORCE]
@@ -77,6 +79,6 @@ def test_each_set_of_channels_says_what_it_cannot_decide() -> None:
 def test_a_mesh_without_force_is_named() -> None:
     whole = rig({}, cycles=10).runs[0]
     one = replace(whole, F=without(whole.F, whole.model.layout.meshes, ("sp2_L", "rp1_R")))
-    (said, balance) = cannot_tell([case(one, fuse(one))])
+    (said, balance) = undecidable_by_channels([case(one, fuse(one))])
     assert said.startswith("sp2_L, rp1_R: displacement, rate or force is missing")
     assert balance.startswith("friction and torque ripple can't be told")

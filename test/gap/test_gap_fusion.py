@@ -32,7 +32,7 @@ def test_the_noise_left_on_x_is_what_is_reported_and_several_times_less(
         left = np.sqrt(np.mean((fused.x - truth) ** 2, axis=0))
         assert np.median(left / fused.sigma_x) == pytest.approx(1.0, abs=0.1)
         assert np.max(left / fused.sigma_x) < 1.6
-        assert fused.gain.min() > 3.0
+        assert (run.x.sigma / fused.sigma_x).min() > 3.0
         rates = series.columns(tuple(f"v_{m}" for m in NOMINAL.layout.meshes))
         left_v = np.sqrt(np.mean((fused.v - rates) ** 2, axis=0))
         np.testing.assert_allclose(left_v / fused.sigma_v, 1.0, atol=0.1)

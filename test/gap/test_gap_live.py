@@ -15,9 +15,9 @@ from herringbone_sim.cli.rerun_option import mirror_target
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
-from herringbone_sim.gap.stream.intake import Intake
-from herringbone_sim.gap.stream.listening import Comparison, Ear
-from herringbone_sim.gap.stream.live import residual
+from herringbone_sim.gap.stream.analysis import residual
+from herringbone_sim.gap.stream.buffer import SampleBuffer
+from herringbone_sim.gap.stream.comparison import Comparison, SampleStream
 from herringbone_sim.recording.messages import encode_samples
 from herringbone_sim.views.mirror.live_text import bar, data, line, table
 
@@ -106,7 +106,7 @@ NAMES = ("t", "phase", "delta_T", "x_sp1_L")
 
 
 def test_a_lost_block_is_counted_and_never_computed_across() -> None:
-    intake = Intake(least=10)
+    intake = SampleBuffer(least=10)
     intake.put(NAMES, rows(100))
     intake.put(NAMES, rows(50, 150e-5))
     taken = intake.take()
@@ -119,7 +119,7 @@ def test_a_lost_block_is_counted_and_never_computed_across() -> None:
 
 @pytest.mark.parametrize("size", [1, 2, 7])
 def test_small_blocks_without_a_break_are_one_stretch(size: int) -> None:
-    intake, whole = Intake(least=10), rows(98)
+    intake, whole = SampleBuffer(least=10), rows(98)
     for first in range(0, 98, size):
         intake.put(NAMES, whole[first : first + size])
     taken = intake.take()
@@ -128,7 +128,7 @@ def test_small_blocks_without_a_break_are_one_stretch(size: int) -> None:
 
 
 def test_a_clock_that_goes_back_and_other_channels_start_anew() -> None:
-    intake = Intake(least=10)
+    intake = SampleBuffer(least=10)
     intake.put(NAMES, rows(100, 1.0))
     intake.put(NAMES, rows(40))
     assert intake.restarts == 1
@@ -141,7 +141,7 @@ def test_a_clock_that_goes_back_and_other_channels_start_anew() -> None:
 
 
 def test_a_change_of_temperature_cuts_the_stretch_and_drift_does_not() -> None:
-    intake = Intake(least=10)
+    intake = SampleBuffer(least=10)
     intake.put(NAMES, rows(100, delta_T=20.0))
     intake.put(NAMES, rows(60, 100e-5, delta_T=20.1))
     intake.put(NAMES, rows(40, 160e-5, delta_T=60.0))
@@ -151,7 +151,7 @@ def test_a_change_of_temperature_cuts_the_stretch_and_drift_does_not() -> None:
 
 
 def test_the_newest_samples_are_kept_and_no_more() -> None:
-    intake = Intake(most=200, least=10)
+    intake = SampleBuffer(most=200, least=10)
     whole = rows(1000)
     for first in range(0, 1000, 50):
         intake.put(NAMES, whole[first : first + 50])
@@ -163,24 +163,26 @@ def test_the_newest_samples_are_kept_and_no_more() -> None:
 
 def test_blocks_without_time_are_refused() -> None:
     with pytest.raises(RecordingError, match="channel t"):
-        Intake().put(NAMES[1:], rows(5)[:, 1:])
+        SampleBuffer().put(NAMES[1:], rows(5)[:, 1:])
     broken = rows(5)
     broken[2, 0] = np.nan
     with pytest.raises(RecordingError, match="no number"):
-        Intake().put(NAMES, broken)
+        SampleBuffer().put(NAMES, broken)
 
 
 class Bench:
-    """Two ears and a clock."""
+    """Two streams and a clock."""
 
     def __init__(self, nominal: Parameters = NOMINAL, noise: float | None = 0.01) -> None:
         self.now = 0.0
-        self.rig, self.sim = (Ear(f"/{n}/samples", lambda: self.now) for n in ("rig", "sim"))
+        self.rig, self.sim = (
+            SampleStream(f"/{n}/samples", lambda: self.now) for n in ("rig", "sim")
+        )
         self.comparison = Comparison(self.rig, self.sim, nominal, noise)
 
-    def send(self, ear: Ear, series: TimeSeries) -> None:
+    def send(self, stream: SampleStream, series: TimeSeries) -> None:
         for first in range(0, len(series), 150):
-            ear.samples(encode_samples(series.names, series.data[first : first + 150]))
+            stream.add_samples(encode_samples(series.names, series.data[first : first + 150]))
 
 
 def test_rig_and_simulator_of_different_rates_are_compared_by_statistics(
@@ -190,7 +192,7 @@ def test_rig_and_simulator_of_different_rates_are_compared_by_statistics(
     bench.send(bench.rig, stiff)
     slow = sampled({}, POINTS[0], 85)
     bench.send(bench.sim, TimeSeries(slow.times[::2], slow.data[::2], slow.names))
-    picture = bench.comparison.look()
+    picture = bench.comparison.update()
     assert picture.comparable
     content = json.loads(json.dumps(data(picture), allow_nan=False))
     assert content["gap"] is True
@@ -204,14 +206,14 @@ def test_rig_and_simulator_of_different_rates_are_compared_by_statistics(
 
 def test_late_stale_and_broken_streams_are_said(stiff: TimeSeries) -> None:
     bench = Bench()
-    assert "nothing on /rig/samples yet" in line(bench.comparison.look())
+    assert "nothing on /rig/samples yet" in line(bench.comparison.update())
     bench.send(bench.rig, stiff)
-    first = bench.comparison.look()
+    first = bench.comparison.update()
     assert first.residual is not None
-    bench.rig.samples(b"\x00\x01\x00\x00garbage")
-    assert bench.comparison.look().rig.refused == 1
+    bench.rig.add_samples(b"\x00\x01\x00\x00garbage")
+    assert bench.comparison.update().rig.refused == 1
     bench.now = 10.0
-    stale = bench.comparison.look()
+    stale = bench.comparison.update()
     assert not stale.rig.fresh
     assert "old" in line(stale)
     assert any(text.startswith("/rig/samples: ") for text in stale.remarks)
@@ -221,21 +223,21 @@ def test_another_operating_point_is_not_compared_and_starts_a_new_sum(stiff: Tim
     bench = Bench()
     bench.send(bench.rig, stiff)
     bench.send(bench.sim, sampled({}, POINTS[1], 40))
-    picture = bench.comparison.look()
+    picture = bench.comparison.update()
     assert not picture.comparable
     assert any("another operating point" in text for text in picture.remarks)
     bench.send(bench.rig, noisy(sampled(STIFF, POINTS[1], 60), 0.01, 9))
-    assert bench.comparison.look().stretches == 1
+    assert bench.comparison.update().stretches == 1
 
 
 def test_noise_of_a_simulator_that_plays_the_rig_is_none() -> None:
     bench = Bench(noise=None)
-    bench.rig.channels(json.dumps({"source": "simulator", "parameters": {}}))
+    bench.rig.set_channels(json.dumps({"source": "simulator", "parameters": {}}))
     for hostile in ("no JSON", "[" * 100_000, "[1]", '{"a": ' + "9" * 5000 + "}"):
-        bench.rig.channels(hostile)
+        bench.rig.set_channels(hostile)
     assert bench.rig.simulated
     bench.send(bench.rig, sampled(STIFF, POINTS[2], 40))
-    found = bench.comparison.look().residual
+    found = bench.comparison.update().residual
     assert found is not None
     assert found.shares_by("kind")["sp"] > 0.97
 
@@ -270,17 +272,17 @@ def test_pictures_go_to_a_file_and_a_missing_viewer_is_said_once(
 
     bench, file = Bench(), tmp_path / "live.rrd"
     mirror = LiveMirror("save", "", file)
-    mirror.show(bench.comparison.look())
+    mirror.show(bench.comparison.update())
     bench.send(bench.rig, stiff)
     bench.send(bench.sim, sampled({}, POINTS[0], 40))
-    mirror.show(bench.comparison.look())
+    mirror.show(bench.comparison.update())
     assert mirror.close() == f"mirrored to {file}"
     command = [rerun_binary(), "rrd", "print", str(file)]
     said = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
     for entity in ("/text", "/gear/spots", "/floors/rp", "/force/sp/rig", "/force/sp/sim"):
         assert entity in said
     gone = LiveMirror("connect", "127.0.0.1:9", file)
-    gone.show(bench.comparison.look())
+    gone.show(bench.comparison.update())
     assert gone.close().startswith("mirror failed: no viewer answers")
 
 
@@ -291,7 +293,7 @@ def test_without_forces_the_viewer_gets_the_bodies(stiff: TimeSeries, tmp_path: 
     bench = Bench()
     bench.send(bench.rig, only(stiff, "x_", "v_", "u_"))
     mirror = LiveMirror("save", "", tmp_path / "live.rrd")
-    picture = bench.comparison.look()
+    picture = bench.comparison.update()
     mirror.show(picture)
     assert mirror.state == "running"
     assert mirror.close().startswith("mirrored")
@@ -313,8 +315,8 @@ def test_a_picture_that_cannot_be_drawn_is_told_and_the_next_is(
 
     with monkeypatch.context() as patch:
         patch.setattr(LiveMirror, "_send", fail)
-        mirror.show(bench.comparison.look())
+        mirror.show(bench.comparison.update())
     assert mirror.state == "failed: math domain error"
-    mirror.show(bench.comparison.look())
+    mirror.show(bench.comparison.update())
     assert mirror.state == "running"
     assert mirror.close().startswith("mirrored")

@@ -8,20 +8,20 @@ from gap_support import rig
 
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.residuals.locate import Location, locate, shaft_orders
-from herringbone_sim.gap.residuals.recalibrate import Law, force_law, recalibrate
+from herringbone_sim.gap.residuals.locate import Location, locate, shaft_order_periodicity
+from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law, recalibrate
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 TURN = 27 * 77 / 104
 
 
-def laws_of(campaign: PreparedCampaign) -> list[Law]:
+def laws_of(campaign: PreparedCampaign) -> list[ForceLaw]:
     fused = [fuse(run) for run in campaign.runs]
     factors = recalibrate(campaign.runs, fused).factors
     return [force_law(r, f, factors) for r, f in zip(campaign.runs, fused, strict=True)][:2]
 
 
-def place(campaign: PreparedCampaign, laws: list[Law]) -> Location:
+def place(campaign: PreparedCampaign, laws: list[ForceLaw]) -> Location:
     return locate(campaign.runs[:2], laws, campaign.meshes, np.random.default_rng(0))
 
 
@@ -55,6 +55,6 @@ def test_a_shaft_order_is_told_from_coloured_noise() -> None:
     rng = np.random.default_rng(3)
     phases = [2 * np.pi * np.arange(2880) / 24 + rng.uniform(0, 6) for _ in range(5)]
     noise = [np.cumsum(rng.normal(size=(2880, 8)), axis=0) for _ in phases]
-    assert shaft_orders(phases, noise, TURN).beyond == ()
+    assert shaft_order_periodicity(phases, noise, TURN).beyond == ()
     wave = [n + 40.0 * np.sin(7 * p / TURN)[:, None] for n, p in zip(noise, phases, strict=True)]
-    assert shaft_orders(phases, wave, TURN).beyond == ("7",)
+    assert shaft_order_periodicity(phases, wave, TURN).beyond == ("7",)

@@ -21,8 +21,8 @@ from herringbone_sim.errors import ParameterError
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.planning.plan import Plan, plan
-from herringbone_sim.gap.planning.sensed import Noise, known_sensors, sensed
-from herringbone_sim.gap.planning.summary import by_worth, rows
+from herringbone_sim.gap.planning.summary import effect_summaries, ranked_runs
+from herringbone_sim.gap.planning.synthetic import SensorNoise, known_sensors, simulate_campaign
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 SHAFTS = ("u_s_L", "u_s_R", "u_c")
@@ -34,7 +34,7 @@ CYCLES = 50
 @pytest.fixture(scope="module")
 def of_mesh() -> Plan:
     """Displacement, rate and force of one mesh at two points, 40 dB."""
-    return plan(NOMINAL, TWO, ONE_MESH, Noise(), CYCLES)
+    return plan(NOMINAL, TWO, ONE_MESH, SensorNoise(), CYCLES)
 
 
 def left(sensors: Sequence[str], actives: Sequence[Active]) -> float:
@@ -62,7 +62,9 @@ def test_the_squares_of_a_plan_are_those_of_recordings(
     sensors: Sequence[str], effect: str, size: float, within: float
 ) -> None:
     one = parse_effect(effect)
-    search = Search(GearMachine(Gear(sensed(NOMINAL, TWO, sensors, Noise(), CYCLES).runs)))
+    search = Search(
+        GearMachine(Gear(simulate_campaign(NOMINAL, TWO, sensors, SensorNoise(), CYCLES).runs))
+    )
     search = search.onwards(search.machine)
     hypotheses = [
         h
@@ -78,38 +80,38 @@ def test_an_effect_within_the_tolerances_is_not_named_by_a_little(of_mesh: Plan)
     """Half a per cent of stiffness of all meshes is nothing beside a tolerance of two."""
     of_all = [o for o in of_mesh.of_effect("mean_stiffness") if o.locus.mesh == "all"]
     assert of_all
-    assert min(o.size for o in of_all) > 0.02
+    assert min(o.named_from for o in of_all) > 0.02
 
 
 def test_what_a_mesh_does_not_feel_is_not_told(of_mesh: Plan) -> None:
-    assert {o.locus.side for o in of_mesh.outlooks} <= {"L", "all"}
-    assert "torque_ripple" in of_mesh.left_out
+    assert {o.locus.side for o in of_mesh.detectabilities} <= {"L", "all"}
+    assert "torque_ripple" in of_mesh.not_sought
     assert "ring_flexibility" in of_mesh.not_planned
 
 
 def test_more_noise_asks_for_larger_effects(of_mesh: Plan) -> None:
-    loud = plan(NOMINAL, TWO, ONE_MESH, Noise(0.1), CYCLES)
-    quiet = {row.effect: row.best for row in rows(of_mesh)}
-    both = [(quiet[row.effect], row.best) for row in rows(loud) if row.effect in quiet]
+    loud = plan(NOMINAL, TWO, ONE_MESH, SensorNoise(0.1), CYCLES)
+    quiet = {row.effect: row.best for row in effect_summaries(of_mesh)}
+    both = [(quiet[row.effect], row.best) for row in effect_summaries(loud) if row.effect in quiet]
     assert all(b >= a for a, b in both)
     assert np.median([b / a for a, b in both if np.isfinite(b)]) > 3.0
 
 
 def test_the_runs_of_a_plan_share_what_is_told(of_mesh: Plan) -> None:
-    for one in of_mesh.outlooks:
-        assert sum(one.runs) == pytest.approx(1.0)
-    order = by_worth(of_mesh)
+    for one in of_mesh.detectabilities:
+        assert sum(one.run_shares) == pytest.approx(1.0)
+    order = ranked_runs(of_mesh)
     assert sorted(r for r, _ in order) == [0, 1]
     assert order[-1][1] == pytest.approx(1.0)
 
 
 def test_all_channels_of_the_contract_can_be_planned() -> None:
     """Accelerations and pins follow from the forces: M a = loads - G' F, by differences of u."""
-    (run,) = sensed(
+    (run,) = simulate_campaign(
         NOMINAL.changed({"samples_per_cycle": 240}),
         POINTS[1:2],
         known_sensors(NOMINAL.layout),
-        Noise(1e-9),
+        SensorNoise(1e-9),
         6,
     ).runs
     twice = np.diff(run.u.values, 2, axis=0) / run.step_s**2
@@ -147,13 +149,13 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(ParameterError, match=r"a point is .* got 'speed=1'"):
         point_of("speed=1", NOMINAL)
     with pytest.raises(ParameterError, match=r"sensors are some of .* got u_sun"):
-        sensed(NOMINAL, TWO, ("u_sun",), Noise(), 10)
+        simulate_campaign(NOMINAL, TWO, ("u_sun",), SensorNoise(), 10)
     with pytest.raises(ParameterError, match=r"6 mesh cycles or more, got 0"):
-        sensed(NOMINAL, TWO, SHAFTS, Noise(), 0)
+        simulate_campaign(NOMINAL, TWO, SHAFTS, SensorNoise(), 0)
 
 
 def test_noise_goes_by_the_longest_name() -> None:
     noise = noise_of("60dB,u=1e-7,F_pin=20dB")
-    assert noise.of("u_c", 1.0) == 1e-7
-    assert noise.of("F_pin1", 200.0) == pytest.approx(20.0)
-    assert noise.of("F_sp1_L", 200.0) == pytest.approx(0.2)
+    assert noise.sigma("u_c", 1.0) == 1e-7
+    assert noise.sigma("F_pin1", 200.0) == pytest.approx(20.0)
+    assert noise.sigma("F_sp1_L", 200.0) == pytest.approx(0.2)

@@ -9,8 +9,8 @@ import pytest
 from gap_support import rig
 
 from herringbone_sim.gap.residuals.balance import (
-    measured_force,
-    quadrature,
+    averaged_measured_force,
+    quadrature_correction,
     torque_balance,
     window_of,
 )
@@ -19,9 +19,7 @@ from herringbone_sim.gap.residuals.recalibrate import (
     BOUNDS,
     fine_law,
     force_law,
-    nominal_calibration,
     recalibrate,
-    recalibrate_inertias,
 )
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -46,24 +44,23 @@ def test_planted_drift_comes_back_and_leaves_the_noise_floor(drifted: tuple) -> 
     np.testing.assert_allclose(found.factors[[0, 1]], [1.012, 0.985], atol=1e-3)
     np.testing.assert_allclose(found.factors[[4, 5]], [0.983, 1.011], atol=1e-3)
     for run, one in zip(campaign.runs, fused, strict=True):
-        before = force_law(run, one, nominal_calibration().factors).chi2
+        before = force_law(run, one, np.ones(6)).chi2
         after = force_law(run, one, found.factors).chi2
         np.testing.assert_allclose(after, 1.0, atol=0.2)
         assert before.max() > 1.3
 
 
-def test_inertias_come_back_from_the_balance(drifted: tuple) -> None:
+def test_the_balance_holds_with_the_inertias_of_the_rig(drifted: tuple) -> None:
     campaign, fused = drifted
     found = recalibrate(campaign.runs, fused)
     balances = []
     for run, one in zip(campaign.runs, fused, strict=True):
-        extra = quadrature(run, one, fine_law(run, found.factors))
-        force = measured_force(run, window_of(run), extra)
+        extra = quadrature_correction(run, one, fine_law(run, found.factors))
+        force = averaged_measured_force(run, window_of(run), extra)
         balances.append(torque_balance(run, one, force=force))
-    inertias = recalibrate_inertias(campaign.runs, balances)
-    np.testing.assert_allclose(inertias.factors, [0.988, 1.015, 1.0], atol=2e-3)
+    inverse = 1.0 / np.array([0.988, 1.015, 1.0])
     for balance in balances:
-        np.testing.assert_allclose(replace(balance, factors=inertias.inverse).chi2, 1.0, atol=0.4)
+        np.testing.assert_allclose(replace(balance, factors=inverse).chi2, 1.0, atol=0.4)
         assert balance.chi2.max() > 1.5
 
 

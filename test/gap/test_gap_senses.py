@@ -15,13 +15,13 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verification.horizon import LYAPUNOV_TIMES, horizon_of, largest_exponent
-from herringbone_sim.gap.verification.machine import machine_of
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
-from herringbone_sim.gap.verification.verify import measure
-from herringbone_sim.gap.verification.written import written_gap, written_senses, wrong_senses
+from herringbone_sim.gap.verification.serialise import gap_to_dict, senses_errors, senses_to_dict
+from herringbone_sim.gap.verification.simulator import simulator_of
+from herringbone_sim.gap.verification.verify import residual_gap
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -45,9 +45,11 @@ def _damping() -> list[float]:
 @cache
 def found() -> Senses:
     runs = campaign().runs
-    residual = measure(runs, lambda run: run, "force_law", TRUTH)
-    control = measure(runs, lambda run: run, "force_law", WRONG)
-    return measure_senses(runs, lambda run: run, residual.with_runner_up(control), TRUTH, WRONG)
+    residual = residual_gap(runs, lambda run: run, "force_law", TRUTH)
+    control = residual_gap(runs, lambda run: run, "force_law", WRONG)
+    pairs = zip(residual.runs, control.runs, strict=True)
+    runner_up = tuple(replace(run, runner_up=other.augmented) for run, other in pairs)
+    return measure_senses(runs, lambda run: run, replace(residual, runs=runner_up), TRUTH, WRONG)
 
 
 @pytest.mark.parametrize("sense", ["residual", "prediction", "attractor"])
@@ -55,7 +57,7 @@ def test_the_planted_effect_closes_the_gap_and_a_wrong_one_does_not(sense: str) 
     gap = getattr(found(), sense)
     # Of twenty chaotic cycles against twenty the floor of the attractor is high.
     for role in ("held_out",) if sense == "attractor" else ("held_out", None):
-        assert gap.over("nominal", role) > 2.0 * gap.over("floor", role)
+        assert gap.rms("nominal", role) > 2.0 * gap.rms("floor", role)
         assert gap.closed("augmented", role) > 0.9
         assert gap.closed("runner_up", role) < 0.5
 
@@ -80,7 +82,7 @@ def test_no_prediction_reaches_beyond_half_a_lyapunov_time() -> None:
 )
 def test_the_exponent_agrees_with_the_tangent_flow(point: dict[str, float]) -> None:
     run = prepared(sampled({}, point, 200), point, share=1e-4)
-    machine = machine_of(run, nominal_model())
+    machine = simulator_of(run, nominal_model())
     value, error = largest_exponent(run, fuse(run), machine, np.random.default_rng(0))
     model = build(NOMINAL.changed({**point, "omega_n": OMEGA_N}))
     expected, its_error = (one * 2 * np.pi / point["Omega"] for one in by_tangent_flow(model, 400))
@@ -89,20 +91,20 @@ def test_the_exponent_agrees_with_the_tangent_flow(point: dict[str, float]) -> N
 
 def test_without_rates_neither_prediction_nor_attractor_is_claimed() -> None:
     names = tuple(f"v_{m}" for m in NOMINAL.layout.meshes)
-    runs = [drop(run, names) for run in campaign().runs[:1]]
-    residual = measure(runs, lambda run: run, "consistency", TRUTH)
+    runs = [without_channels(run, names) for run in campaign().runs[:1]]
+    residual = residual_gap(runs, lambda run: run, "consistency", TRUTH)
     told = measure_senses(runs, lambda run: run, residual, TRUTH)
-    assert not np.isfinite(told.prediction.over("nominal", None))
+    assert not np.isfinite(told.prediction.rms("nominal", None))
     assert "v must give every coordinate" in told.unknown[0]
 
 
 def test_a_report_of_senses_is_held_to_its_form() -> None:
-    made = written_gap(found().residual) | {"senses": written_senses(found())}
-    assert wrong_senses(made) == []
+    made = gap_to_dict(found().residual) | {"senses": senses_to_dict(found())}
+    assert senses_errors(made) == []
     assert made["senses"]["prediction"]["unit"] == "m"
     first = made["senses"]["prediction"]["runs"][0]
     assert first["horizon_cycles"] <= 1.0 + 1e-9
     assert np.isfinite(first["runner_up"])
     made["senses"]["prediction"]["runs"].pop()
     del made["senses"]["attractor"]["noise_floor"]
-    assert len(wrong_senses(made)) == 2
+    assert len(senses_errors(made)) == 2

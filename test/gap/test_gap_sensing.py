@@ -19,9 +19,9 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.runs import polynomial_rates
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.corrected import drop, undone
-from herringbone_sim.gap.sensors.late import longest_delay
-from herringbone_sim.gap.sensors.noise import quieter
+from herringbone_sim.gap.sensors.correction import without_channels, without_sensor_error
+from herringbone_sim.gap.sensors.filter_delay import longest_delay
+from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -49,7 +49,7 @@ def test_rates_of_a_spline_through_rotations_are_no_second_measurement() -> None
     """They repeat the rotations to the last bit; noise of their own makes them count again."""
     run = rig({}, cycles=20).runs[0]
     names = run.model.layout.bodies
-    run = drop(run, tuple(f"u_{name}" for name in names))
+    run = without_channels(run, tuple(f"u_{name}" for name in names))
     assert drop_copies(run).v.there.all()
     times = np.arange(len(run)) * run.step_s
     rate = CubicSpline(times, run.x.values).derivative()(times)
@@ -64,7 +64,7 @@ def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements
     """One unit of the column of the exchange takes all off the residual that it has put there."""
     right = rig({}, cycles=20).runs[0]
     names = ("v_sp2_R", "v_rp2_R")
-    swapped = undone(right, "swap", names, 1.0)
+    swapped = without_sensor_error(right, "swap", names, 1.0)
     clean, wrong = (consistency.block(run, fuse(run), 0.5, names) for run in (right, swapped))
     assert clean is not None
     assert wrong is not None
@@ -128,7 +128,7 @@ def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     part = dict(plan.noise.parts["filter"], order=1, corner=10.5)
     plan = replace(plan, noise=replace(plan.noise, parts={"filter": part}))
     runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
-    found = remove_common_delay([drop_copies(quieter(run)) for run in runs[:3]], ())
+    found = remove_common_delay([drop_copies(with_estimated_noise(run)) for run in runs[:3]], ())
     for run in found:
         over = run.omega_rad_per_s / (10.5 * run.model.scales.omega_n)
         assert run.e_share == pytest.approx((1.0 + over**2) ** -0.5, abs=5e-4)

@@ -11,10 +11,16 @@ from scipy.interpolate import CubicSpline
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.sensors.consistency import KINDS, Consistency, consistency
-from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.consistency import (
+    KINDS,
+    consistency_chi2,
+    error_signals,
+    relations,
+)
+from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.gap.sensors.groups import sensor_names
-from herringbone_sim.gap.sensors.noise import quieter
+from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.sensors.swaps import find_swap
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -44,26 +50,33 @@ def runs_of(
     ]
 
 
-def size_of(found: Consistency, effect: str, names: tuple[str, ...]) -> tuple[float, float]:
-    """Error that some channels share, and its sigma, by least squares."""
+def size_of(
+    runs: list[PreparedRun], effect: str, names: tuple[str, ...], unit: float
+) -> tuple[float, float]:
+    """Error that some channels share, and its sigma, by least squares; ``unit`` its scale [SI]."""
     every = sensor_names(NOMINAL.layout)
-    at = [4 * every.index(name) + KINDS.index(effect) for name in names]
-    normal = float(found.normal[np.ix_(at, at)].sum())
-    unit = found.scale[at[0]]
-    return float(found.right[at].sum()) / normal * unit, normal**-0.5 * unit
+    at, kind = [every.index(name) for name in names], KINDS.index(effect)
+    normal = right = 0.0
+    for run in runs:
+        signals = error_signals(run, np.full((len(every), len(KINDS)), unit), fuse(run))
+        for one in relations(run, signals):
+            column = np.einsum("dj,tj->td", one.columns[:, at], one.signals[:, at, kind])
+            normal += float(np.sum(column**2))
+            right += float(np.sum(column * one.residual))
+    return right / normal * unit, normal**-0.5 * unit
 
 
 @pytest.mark.parametrize("share", [0.1, 0.01, 0.001])
 def test_silent_on_a_rig_whose_sensors_are_right(clean: list[TimeSeries], share: float) -> None:
     runs = runs_of(clean, (), lambda t, y: y, share)
-    assert consistency(runs).chi2 == pytest.approx(1.0, abs=0.15)
+    assert consistency_chi2(runs) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize("point", range(3))
 def test_noise_that_nobody_tells_is_found(clean: list[TimeSeries], point: int) -> None:
     series = noisy(clean[point], 0.01, 8)
     told, guessed = (prepared(series, POINTS[point], share=share) for share in (0.01, None))
-    found = quieter(guessed)
+    found = with_estimated_noise(guessed)
     for quantity in "xvFu":
         true, before, after = (getattr(run, quantity).sigma for run in (told, guessed, found))
         assert 0.7 < np.median(after / true) < 2.5
@@ -91,9 +104,9 @@ def all_of(prefix: str, ending: str = "") -> tuple[str, ...]:
 def test_a_planted_error_comes_back(
     clean: list[TimeSeries], names: tuple[str, ...], change: Change, effect: str, value: float
 ) -> None:
-    found = consistency(runs_of([_from_zero(s) for s in clean], names, change))
-    assert found.chi2 > 1.05  # 1 where all sensors agree
-    size, sigma = size_of(found, effect, names)
+    runs = runs_of([_from_zero(s) for s in clean], names, change)
+    assert consistency_chi2(runs) > 1.05  # 1 where all sensors agree
+    size, sigma = size_of(runs, effect, names, abs(value))
     assert size == pytest.approx(value, abs=max(5.0 * sigma, 0.05 * abs(value)))
 
 
@@ -120,14 +133,13 @@ def test_an_exchange_of_channels_is_seen_where_they_differ(
         i, j = names.index(one), names.index(other)
         names[i], names[j] = names[j], names[i]
         swapped.append(TimeSeries(series.times, series.data, tuple(names)))
-    group, fall = find_swap(runs_of(swapped, (), lambda t, y: y))
-    assert group is not None
-    assert set(group.names) == {one, other}
-    assert fall > 0.0
+    found = find_swap(runs_of(swapped, (), lambda t, y: y))
+    assert found is not None
+    assert set(found) == {one, other}
 
 
 def test_dropped_channels_are_gone(clean: list[TimeSeries]) -> None:
-    run = drop(prepared(clean[0], POINTS[0]), ("x_sp1_L", "u_c"))
+    run = without_channels(prepared(clean[0], POINTS[0]), ("x_sp1_L", "u_c"))
     assert not run.x.there[0]
     assert not run.u.there[2]
     assert np.isnan(run.x.values[:, 0]).all()

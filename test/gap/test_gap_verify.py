@@ -15,16 +15,16 @@ from herringbone_sim.effects.channels import distort
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.bodies import response
+from herringbone_sim.gap.attribution.bodies import effect_accelerations
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.repeat import read_report
 from herringbone_sim.gap.report import check_report
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.sensors.consistency import consistency
-from herringbone_sim.gap.sensors.corrected import corrected, motion_sensor
+from herringbone_sim.gap.sensors.consistency import consistency_chi2
+from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
 from herringbone_sim.gap.verdict.augmented import Augmented
-from herringbone_sim.gap.verification.verify import measure
+from herringbone_sim.gap.verification.verify import residual_gap
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.recording.writer import RunWriter
 
@@ -138,18 +138,18 @@ def test_a_recording_is_put_right_by_the_sensor_effect_of_the_verdict(one: Activ
     clean = noisy(sampled({}, POINTS[0], 20), 3e-3, 4)
     shown = distort(clean, (one,))
     right, wrong = (prepared(series, POINTS[0], share=3e-3) for series in (clean, shown))
-    mended = corrected(wrong, (one,))
-    before, after, best = (consistency([run]).chi2 for run in (wrong, mended, right))
+    mended = correct_sensors(wrong, (one,))
+    before, after, best = (consistency_chi2([run]) for run in (wrong, mended, right))
     assert before > 2.0 * best
     assert after - best < 0.1 * (before - best)  # a delay is undone by interpolation
 
 
 def test_force_sensors_are_left_to_the_law() -> None:
     one = active(effect("sensor_gain"), Locus("sp"), {"gain": 1.1})
-    assert not motion_sensor(one)
-    assert motion_sensor(SENSORS[-1])
+    assert not is_motion_sensor_effect(one)
+    assert is_motion_sensor_effect(SENSORS[-1])
     run = prepared(sampled({}, POINTS[0], 4), POINTS[0])
-    same = corrected(run, (one,))
+    same = correct_sensors(run, (one,))
     np.testing.assert_array_equal(same.F.values, run.F.values)
 
 
@@ -157,9 +157,9 @@ def test_an_effect_on_the_bodies_is_measured_once() -> None:
     run = prepared(noisy(sampled({}, POINTS[0]), 0.01, 3), POINTS[0], "held_out")
     ripple = active(effect("torque_ripple"), values={"amplitude": 1.5, "order": 7})
     with_ripple = Augmented(np.ones(6), np.ones(3), (ripple,))
-    found = measure((run,), lambda one: one, "torque_balance", with_ripple).runs[0]
+    found = residual_gap((run,), lambda one: one, "torque_balance", with_ripple).runs[0]
     one = case(run, fuse(run))
-    size = response(one, np.ones(6), force_law(run, one.fused, np.ones(6)), ripple)
+    size = effect_accelerations(one, np.ones(6), force_law(run, one.fused, np.ones(6)), ripple)
     expected = np.hypot(found.nominal, np.sqrt(np.mean(size**2)))  # a rig without has it missing
     assert found.augmented > 2.0 * found.nominal
     assert found.augmented == pytest.approx(expected, rel=0.05)

@@ -20,7 +20,7 @@ from support import Bench, wait_until
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.gap.stream.listening import Picture
+from herringbone_sim.gap.stream.comparison import ComparisonResult
 from herringbone_sim.recording.messages import encode_samples
 from herringbone_sim.ros.gap_live import GapNode, Plan
 
@@ -38,8 +38,8 @@ def listener(bench: Bench) -> Iterator[GapNode]:
     node.destroy_node()
 
 
-def look_until(node: GapNode, true: Any) -> Picture:
-    seen: list[Picture] = []
+def look_until(node: GapNode, true: Any) -> ComparisonResult:
+    seen: list[ComparisonResult] = []
 
     def looked() -> bool:
         seen.append(node.look())
@@ -78,7 +78,7 @@ def test_a_stiffer_rig_is_placed_beside_a_simulator_of_another_rate(
 def test_what_a_silent_simulator_says_of_itself_is_told(bench: Bench, listener: GapNode) -> None:
     """It may compile for half a minute, or stand paused: that is why nothing comes."""
     bench.simulator("rig", start_paused=True)
-    picture = look_until(listener, lambda p: p.rig.says == "paused")
+    picture = look_until(listener, lambda p: p.rig.diagnostics == "paused")
     assert "nothing on /rig/herringbone_sim/samples yet (it says: paused)" in picture.remarks
     assert "nothing on /herringbone_sim/samples yet" in picture.remarks
 
@@ -104,7 +104,7 @@ def test_a_best_effort_rig_without_forces_that_loses_blocks_is_heard(
         found = seen[-1]
         return found is not None and found.residual is not None and found.rig.lost > 0
 
-    seen: list[Picture | None] = []
+    seen: list[ComparisonResult | None] = []
     wait_until(send_and_look, 60.0)
     picture = seen[-1]
     assert picture is not None

@@ -1,1 +1,1 @@
-"""What each effect would change, and how well it explains a residual."""
+"""Forces and accelerations that effects of the catalogue would cause at the recorded motion."""

@@ -1,4 +1,4 @@
-"""The torque balance of a run with effects in its place."""
+"""Torque balance of a run with effects of the catalogue."""
 
 from __future__ import annotations
 
@@ -11,56 +11,64 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.law import no_react
-from herringbone_sim.gap.attribution.hypothesis import Case, added, fine_law_with
+from herringbone_sim.gap.attribution.hypothesis import (
+    Case,
+    effect_contributions,
+    fine_law_with_effects,
+)
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.residuals.balance import (
-    UNSURE_AT_ONCE,
     WIDTH,
     Balance,
-    measured_force,
-    quadrature,
+    averaged_measured_force,
+    quadrature_correction,
     torque_balance,
+    window_of,
 )
-from herringbone_sim.gap.residuals.balance import window_of as look_of
-from herringbone_sim.gap.residuals.recalibrate import Law, force_law
+from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
 
 Array = NDArray[np.float64]
 
-UNSURE_PIN = 0.4  # share of the RMS of what a free pin does to the carrier that it may be off
+FREE_PIN_UNCERTAINTY = 0.4  # sigma of the reaction of a free pin on the carrier, over its RMS
 
 
-def balance_of(
+def balance_with_effects(
     one: Case,
     factors: Array,
     force_n: Array | None = None,
     actives: Sequence[Active] = (),
 ) -> Balance:
-    """Torque balance of a run with its measured forces, or others (n, n_mesh) in their place.
+    """Torque balance of a run after subtraction of the torques that effects exert on the bodies.
 
-    The law with effects says how forces run between samples; torques of effects on the bodies are
-    taken off, and of those in the meshes, as of a free pin on the carrier.
+    Args:
+        one: run with its fused motion.
+        factors: (6,) on k, c and e.
+        force_n: (n, n_mesh) mesh forces [N]; None: the measured ones.
+        actives: effects; those in the meshes also enter the quadrature correction of the forces.
     """
     run = one.run if force_n is None else replace(one.run, F=replace(one.run.F, values=force_n))
-    correction = quadrature(run, one.fused, fine_law_with(one, factors, actives))
-    force = measured_force(run, look_of(run), correction)
+    law = fine_law_with_effects(one, factors, actives)
+    correction = quadrature_correction(run, one.fused, law)
+    force = averaged_measured_force(run, window_of(run), correction)
     balance = torque_balance(run, one.fused, None, force)
-    pins = free_pins(one, actives)
+    pins = mesh_effects_on_bodies(one, actives)
     for a in actives:
         if a.effect.level != "body" and a not in pins:
             continue
-        known = response(one, factors, force_law(one.run, one.fused, factors), a)
+        known = effect_accelerations(one, factors, force_law(one.run, one.fused, factors), a)
         balance = replace(balance, measured=balance.measured - known)
         if a in pins:
             balance = replace(
                 balance,
-                sigma=np.hypot(balance.sigma, UNSURE_PIN * np.sqrt(np.mean(known**2, axis=0))),
-                unsure=np.hypot(balance.unsure, UNSURE_AT_ONCE * known),
+                sigma=np.hypot(
+                    balance.sigma, FREE_PIN_UNCERTAINTY * np.sqrt(np.mean(known**2, axis=0))
+                ),
             )
     return balance
 
 
-def free_pins(one: Case, actives: Sequence[Active]) -> tuple[Active, ...]:
-    """Effects in the meshes that turn bodies as well, by what moves in them."""
+def mesh_effects_on_bodies(one: Case, actives: Sequence[Active]) -> tuple[Active, ...]:
+    """Mesh effects that exert torques on bodies by moving parts of their own, as free pins do."""
     model = one.run.model
     return tuple(
         a
@@ -69,19 +77,29 @@ def free_pins(one: Case, actives: Sequence[Active]) -> tuple[Active, ...]:
     )
 
 
-def balances_known(cases: Sequence[Case]) -> bool:
-    """Whether every coordinate and every force is measured in all runs."""
+def balance_measured(cases: Sequence[Case]) -> bool:
+    """Whether every coordinate, rate and mesh force is measured in all runs."""
     return all(
         c.usable.all() and np.isfinite(c.fused.z_rate).all() and np.isfinite(c.fused.z).all()
         for c in cases
     )
 
 
-def response(one: Case, factors: Array, law: Law, probe: Active, width: float = WIDTH) -> Array:
-    """Accelerations (k, m) of the coordinates by an effect's torques, averaged [m/s^2]."""
-    torque = added(one, factors, law, (probe,))[1]
+def effect_accelerations(
+    one: Case, factors: Array, law: ForceLaw, probe: Active, width: float = WIDTH
+) -> Array:
+    """Accelerations (k, m) of the coordinates by an effect's torques, window average [m/s^2].
+
+    Args:
+        one: run with its fused motion.
+        factors: (6,) on k, c and e.
+        law: force law with these factors.
+        probe: the effect.
+        width: standard deviation of the window [mesh cycles].
+    """
+    torque = effect_contributions(one, factors, law, (probe,))[1]
     through = bodies_to_coordinates(one.run.model) / masses(one.run.model)
-    averaged: Array = look_of(one.run, width).average(torque @ through.T)
+    averaged: Array = window_of(one.run, width).average(torque @ through.T)
     return averaged
 
 

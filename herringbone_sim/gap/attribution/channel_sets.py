@@ -1,4 +1,4 @@
-"""What a set of channels can't decide, in sentences, whatever was found with it."""
+"""What the recorded channels can't decide, in sentences, whatever the verdict."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from herringbone_sim.core.mirror import has_equal_planets
-from herringbone_sim.gap.attribution.bodies import balances_known
+from herringbone_sim.gap.attribution.bodies import balance_measured
 from herringbone_sim.gap.attribution.hypothesis import Case
 
-FEWEST_WHOLE = 2  # runs with every force and rate that a balance is left out from
+LEAST_COMPLETE_RUNS = 2  # with every force and rate, to tell friction and torque ripple
 FULL, NO_FORCE, FEW, NOTHING = "full", "no_force", "few", "nothing"
 
 
 def channel_set(cases: Sequence[Case]) -> str:
-    """``full``, ``no_force``, ``few`` or ``nothing``: the way the runs can be diagnosed.
+    """Class of the channels that all runs have: ``full``, ``no_force``, ``few`` or ``nothing``.
 
-    Full: some mesh has displacement, rate and force in every run. No force: every displacement
-    and every rate. Few: some motion of both suns, by rotations, accelerations or displacements.
+    Full: displacement, rate and force of at least one mesh. No force: every displacement and every
+    rate. Few: rotations or accelerations of both suns and the carrier, or any two of the
+    displacements and rotations.
     """
     if cases and all(c.usable.any() for c in cases):
         return FULL
@@ -32,12 +33,12 @@ def channel_set(cases: Sequence[Case]) -> str:
 
 
 def motion_channels(one: Case) -> int:
-    """Displacements and rotations that a run has."""
+    """Number of recorded displacements and rotations."""
     return int(one.run.u.there.sum() + one.run.x.there.sum())
 
 
-def cannot_tell(cases: Sequence[Case]) -> list[str]:
-    """What the channels of some runs can't decide; nothing where all are there."""
+def undecidable_by_channels(cases: Sequence[Case]) -> list[str]:
+    """Sentences on what the channels of the runs can't decide; empty where all are recorded."""
     kind = channel_set(cases)
     if kind == NOTHING:
         return [
@@ -45,29 +46,30 @@ def cannot_tell(cases: Sequence[Case]) -> list[str]:
             "u_s_L, u_s_R and u_c at least"
         ]
     if kind == FULL:
-        return _partial(cases)
+        return _limits_of_partial(cases)
     no_force = (
         "no force is recorded: errors of force sensors can't be told, and the scale of all "
         "forces only from that of the inertias and the torque"
     )
     forced = any(c.run.F.there.any() or c.run.pin.there.any() for c in cases)
-    said = [] if forced else [no_force]
+    limits = [] if forced else [no_force]
     if kind == NO_FORCE:
-        said.append(
+        limits.append(
             "without forces, eight accelerations answer for twelve meshes: effects on the sun "
             "and the ring mesh of one planet that balance each other, and friction against "
             "other torques on the bodies, are told by their shape over time alone"
         )
         if not all(c.run.u.there.any() for c in cases):
-            said.append(
+            limits.append(
                 "no rotation of a body is recorded: errors of the displacement sensors are told "
                 "by the rates alone, a constant one not at all"
             )
-        return said
-    return [*said, *_few(cases)]
+        return limits
+    return [*limits, *_limits_of_few(cases)]
 
 
-def _few(cases: Sequence[Case]) -> list[str]:
+def _limits_of_few(cases: Sequence[Case]) -> list[str]:
+    """Limits of runs with few channels."""
     if not all(c.run.shafts_known for c in cases):
         return [
             "neither the force of a mesh beside its displacement nor the motion of both suns and "
@@ -75,20 +77,20 @@ def _few(cases: Sequence[Case]) -> list[str]:
             "record u_s_L, u_s_R and u_c at least, with the common rotation alone taken off (raw "
             "angles lack the wind-up under the load)"
         ]
-    said = [
+    limits = [
         "the motion of the planets is worked out from that of the suns and the carrier over short "
         "windows: a drifting clock can't be told, it comes out as unknown"
     ]
-    if planets_alike(cases):
-        said.append(
+    if planets_indistinguishable(cases):
+        limits.append(
             "the planets mesh in phase and no channel belongs to one of them: what sits at one "
             "planet may sit at any other"
         )
-    return said
+    return limits
 
 
-def planets_alike(cases: Sequence[Case]) -> bool:
-    """Whether nothing tells one planet from another: neither the nominal gear nor a channel."""
+def planets_indistinguishable(cases: Sequence[Case]) -> bool:
+    """Whether neither the nominal gear nor a channel distinguishes one planet from another."""
     layout = cases[0].run.model.layout
     of_planets = [j for j, body in enumerate(layout.bodies) if body.startswith("p")]
     return all(
@@ -99,20 +101,20 @@ def planets_alike(cases: Sequence[Case]) -> bool:
     )
 
 
-def _partial(cases: Sequence[Case]) -> list[str]:
-    """Meshes that some run of an otherwise full set has not got."""
+def _limits_of_partial(cases: Sequence[Case]) -> list[str]:
+    """Limits of runs of which some mesh lacks displacement, rate or force in some run."""
     usable = np.logical_and.reduce([c.usable for c in cases])
     if usable.all():
         return []
     names = cases[0].run.model.layout.meshes
     missing = ", ".join(n for n, there in zip(names, usable, strict=True) if not there)
-    said = [
+    limits = [
         f"{missing}: displacement, rate or force is missing or was left out in some run, so what "
         "sits there alone can't be told"
     ]
-    if sum(balances_known((c,)) for c in cases) < FEWEST_WHOLE:
-        said.append(
+    if sum(balance_measured((c,)) for c in cases) < LEAST_COMPLETE_RUNS:
+        limits.append(
             "friction and torque ripple can't be told: they need all forces and rates in "
-            f"{FEWEST_WHOLE} runs or more"
+            f"{LEAST_COMPLETE_RUNS} runs or more"
         )
-    return said
+    return limits

@@ -1,8 +1,8 @@
-"""Forces that a hypothesis expects: the calibrated gear with effects at the recorded motion.
+"""Forces that effects of the catalogue cause in the calibrated gear at the recorded motion.
 
-The laws are those that the simulation runs with. What effects add is taken between the law with
-and without them on fused x and v, and put on the law smoothed over the noise of x, so that errors
-in x do not bend it.
+The laws of the effects are those of the simulation. The contribution of effects is the difference
+of the law with and without them at fused x and v; it is added to the force law averaged over the
+noise of x (``residuals.contact``), which noise doesn't bias.
 """
 
 from __future__ import annotations
@@ -16,28 +16,29 @@ from numpy.typing import NDArray
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
-from herringbone_sim.effects.effect import Active, Locus, Parameter
+from herringbone_sim.effects.effect import Active, Parameter
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.instant import recorded
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.balance import FineLaw
 from herringbone_sim.gap.residuals.fusion import Fused
-from herringbone_sim.gap.residuals.recalibrate import Law, fine_law, force_law
+from herringbone_sim.gap.residuals.recalibrate import ForceLaw, fine_law, force_law
 
 Array = NDArray[np.float64]
-SUBSTEPS = 8
+SUBSTEPS = 8  # of a sample, for states of effects
 
 
 @dataclass(frozen=True)
 class Case:
-    """A run with what is known of it before any hypothesis.
+    """A run with its fused motion and the nominal force law.
 
     Attributes:
-        run, fused: measured, and its best displacements.
+        run: the run.
+        fused: its fused motion.
         now: (n, 5) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
         usable: (n_mesh,) meshes with x, v and F.
-        floor: (n, n_mesh) noise of the force residual under the nominal law [N].
+        floor: (n, n_mesh) standard deviation of the residual of the nominal force law [N].
     """
 
     run: PreparedRun
@@ -48,7 +49,7 @@ class Case:
 
 
 def case(run: PreparedRun, fused: Fused) -> Case:
-    """A run and its fused motion as a case."""
+    """Build the ``Case`` of a run and its fused motion."""
     p = run.model.parameters
     columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
     now = np.stack([np.broadcast_to(column, run.phase.shape) for column in columns], axis=1)
@@ -58,25 +59,26 @@ def case(run: PreparedRun, fused: Fused) -> Case:
     return Case(run, fused, np.ascontiguousarray(now, dtype=float), usable, floor)
 
 
-def expected(
+def expected_forces(
     one: Case,
     factors: Array,
     actives: Sequence[Active],
-    law: Law | None = None,
+    law: ForceLaw | None = None,
     substeps: int = SUBSTEPS,
 ) -> Array:
-    """Forces (n, n_mesh) [N] that the rig's sensors would show.
+    """Forces (n, n_mesh) [N] that the force sensors would record if the effects were present.
 
     Args:
-        factors: (6,) of the nominal parameters, see ``recalibrate``.
-        actives: effects in the meshes or on the force sensors; others change nothing here.
-        law: that of the factors, if it is at hand.
-        substeps: of a sample, in which states of effects follow the measured forces.
+        one: run with its fused motion.
+        factors: (6,) on k, c and e, see ``recalibrate``.
+        actives: effects; only those in the meshes and on force sensors change the forces.
+        law: force law with the factors; None: it is computed.
+        substeps: of a sample, in which the states of effects are integrated.
     """
     law = law or force_law(one.run, one.fused, factors)
     force = law.modelled_n
     if any(a.effect.level == "mesh" for a in actives):
-        force = force + added(one, factors, law, actives, substeps)[0]
+        force = force + effect_contributions(one, factors, law, actives, substeps)[0]
     names = tuple(f"F_{m}" for m in one.run.model.layout.meshes)
     sensors = on_channels(names, actives)
     if sensors:
@@ -86,30 +88,33 @@ def expected(
     return force
 
 
-def added(
+def effect_contributions(
     one: Case,
     factors: Array,
-    law: Law,
+    law: ForceLaw,
     actives: Sequence[Active],
     substeps: int = SUBSTEPS,
 ) -> tuple[Array, Array]:
-    """What effects add to forces (n, n_mesh) [N] and to torques (n, n_bodies) [N]."""
-    moved = _Motion(
+    """Contribution of effects to mesh forces (n, n_mesh) [N] and body torques (n, n_bodies) [N].
+
+    A torque is divided by the base radius. For the arguments see ``expected_forces``.
+    """
+    motion = _LawInputs(
         one.run.times,
         one.now,
         np.nan_to_num(law.x_m),
         np.nan_to_num(law.v_m_per_s),
-        _known(one.run.F.values, law.modelled_n),
+        _driving_forces(one.run.F.values, law.modelled_n),
         one.run.waves.k,
     )
-    return _added(one, factors, moved, actives, substeps)
+    return _contributions(one, factors, motion, actives, substeps)
 
 
-def fine_law_with(one: Case, factors: Array, actives: Sequence[Active]) -> FineLaw:
-    """The calibrated law with effects between samples, as ``balance.quadrature`` takes it."""
+def fine_law_with_effects(one: Case, factors: Array, actives: Sequence[Active]) -> FineLaw:
+    """The force law with mesh effects at any phase and motion, for ``quadrature_correction``."""
     plain = fine_law(one.run, factors)
-    machine = tuple(a for a in actives if a.effect.level == "mesh")
-    if not machine:
+    on_meshes = tuple(a for a in actives if a.effect.level == "mesh")
+    if not on_meshes:
         return plain
 
     def law(phase: Array, deflection: Array, rate: Array) -> Array:
@@ -121,28 +126,36 @@ def fine_law_with(one: Case, factors: Array, actives: Sequence[Active]) -> FineL
         e = np.repeat(factors[4:6], deflection.shape[1] // 2)
         measured = np.stack([np.interp(at, index, f) for f in one.run.F.values.T], axis=1)
         modelled = plain(phase, deflection, rate)
-        moved = _Motion(
+        motion = _LawInputs(
             np.interp(at, index, one.run.times),
             now,
             deflection - e * w.e,
             rate - e * w.e_rate,
-            _known(measured, modelled),
+            _driving_forces(measured, modelled),
             w.k,
         )
-        return modelled + _added(one, factors, moved, machine)[0]
+        return modelled + _contributions(one, factors, motion, on_meshes)[0]
 
     return law
 
 
-def _known(measured: Array, modelled: Array) -> Array:
-    """Measured forces, and the law's where none were: they drive what moves by itself."""
+def _driving_forces(measured: Array, modelled: Array) -> Array:
+    """Measured forces, or the law's where none are: they drive the states of effects."""
     known: Array = np.nan_to_num(np.where(np.isfinite(measured), measured, modelled))
     return known
 
 
 @dataclass(frozen=True)
-class _Motion:
-    """Times (n,), now (n, 5), x and v (n, n_mesh) relative to the own e(t), forces, nominal k."""
+class _LawInputs:
+    """Inputs of the laws of effects at n instants.
+
+    Attributes:
+        times: (n,) [s].
+        now: (n, 5), see ``Case``.
+        x, v: (n, n_mesh) displacement and rate relative to the calibrated e(t) [m], [m/s].
+        force: (n, n_mesh) mesh forces that drive the states of effects [N].
+        k: (n, n_mesh) nominal stiffness [N/m].
+    """
 
     times: Array
     now: Array
@@ -152,42 +165,43 @@ class _Motion:
     k: Array
 
 
-def _added(
+def _contributions(
     one: Case,
     factors: Array,
-    moved: _Motion,
+    motion: _LawInputs,
     actives: Sequence[Active],
     substeps: int = SUBSTEPS,
 ) -> tuple[Array, Array]:
+    """Mesh forces and body torques by the effects, see ``effect_contributions``."""
     model = one.run.model
-    found = laws(model, actives)
-    gear = calibrated_gear(one, factors)
-    force = np.empty_like(moved.x)
-    torque = np.empty((len(moved.x), len(model.layout.bodies)))
+    effects = laws(model, actives)
+    gear = calibrated_gear_table(one, factors)
+    force = np.empty_like(motion.x)
+    torque = np.empty((len(motion.x), len(model.layout.bodies)))
     with pointers_allowed():
         recorded(
-            found.kernel,
-            found.site,
-            found.theta,
+            effects.kernel,
+            effects.site,
+            effects.theta,
             gear,
-            moved.times,
-            moved.now,
-            moved.x,
-            moved.v,
-            moved.force,
-            np.zeros(found.n_own),
-            scratch(model, found.n_own),
+            motion.times,
+            motion.now,
+            motion.x,
+            motion.v,
+            motion.force,
+            np.zeros(effects.n_own),
+            scratch(model, effects.n_own),
             substeps,
             force,
             torque,
         )
-    k = moved.k * np.repeat(factors[:2], moved.x.shape[1] // 2)
-    without = k * backlash(moved.x, gear[2]) + gear[1] * moved.v
+    k = motion.k * np.repeat(factors[:2], motion.x.shape[1] // 2)
+    without = k * backlash(motion.x, gear[2]) + gear[1] * motion.v
     return force - without, torque
 
 
-def calibrated_gear(one: Case, factors: Array) -> Array:
-    """``effects.gear.gear_table`` with the factors on k, c and e."""
+def calibrated_gear_table(one: Case, factors: Array) -> Array:
+    """``effects.gear.gear_table`` of the run with factors (6,) on k, c and e."""
     table = gear_table(one.run.model)
     k, c, e = (np.repeat(factors[i : i + 2], table.shape[1] // 2) for i in (0, 2, 4))
     table[0] *= k
@@ -198,14 +212,14 @@ def calibrated_gear(one: Case, factors: Array) -> Array:
     return table
 
 
-def with_law_forces(c: Case, law: Law) -> Case:
-    """A case whose forces are the law's where none is measured: they drive rings and pins."""
+def with_law_forces(c: Case, law: ForceLaw) -> Case:
+    """Fill in the forces of the law where none are measured: they drive states of effects."""
     values = np.where(np.isfinite(c.run.F.values), c.run.F.values, law.modelled_n)
     return replace(c, run=replace(c.run, F=replace(c.run.F, values=values)))
 
 
-def calibration_columns(c: Case, law: Law, factors: Array) -> list[Array]:
-    """Change of the force (n, n_mesh) by the factors on k, c and e of each mesh."""
+def calibration_columns(c: Case, law: ForceLaw, factors: Array) -> list[Array]:
+    """Derivatives (n, n_mesh) of the forces with respect to factors on k, c and e of each mesh."""
     n = law.f_m.shape[1]
     k = c.run.waves.k * np.repeat(factors[:2], n // 2)
     damping = c.run.model.damping_n_s_per_m * np.repeat(factors[2:4], n // 2)
@@ -217,21 +231,7 @@ def calibration_columns(c: Case, law: Law, factors: Array) -> list[Array]:
 
 
 def step_of(p: Parameter) -> float:
-    """A small step of a parameter: a thousandth of a moderate value of it."""
+    """Step of a parameter for finite differences: a thousandth of a moderate deviation."""
     neutral = 0.0 if p.neutral is None or np.isinf(p.neutral) else p.neutral
     size = abs(p.start - neutral)
     return 1e-3 * size if size > 0.0 else min(1.0, 1e-4 * (p.high - p.low))
-
-
-def name_of(actives: Sequence[Active]) -> str:
-    """Effects and places in words."""
-    return " + ".join(
-        f"{a.effect.id}{dict(a.options) or ''} {a.locus.mesh}/{a.locus.planet}/{a.locus.side}"
-        for a in actives
-    )
-
-
-def everywhere(one: Active) -> Locus:
-    """The widest locus that the laws of an effect allow: its response on every mesh at once."""
-    member = one.chosen.get("member")
-    return Locus({"sun": "sp", "ring": "rp"}.get(str(member), "all"))

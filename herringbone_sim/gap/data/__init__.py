@@ -1,1 +1,1 @@
-"""What was recorded, as arrays, and what is wrong with it."""
+"""Recorded runs as arrays, and problems of the data."""

@@ -1,7 +1,7 @@
-"""Breaks of a recording: the clock jumps, samples are missing, all channels are blank.
+"""Breaks of a recording: clock jumps, phase jumps and dropouts.
 
-What needs the time between samples holds on one side of a break only, so a run is cut there and
-its longest part is kept; nothing is filled in and no clock is put right.
+Derivatives and integrals over time are invalid across a break, so a run is cut there and only its
+longest part is used. Nothing is interpolated and no time stamp is changed.
 """
 
 from __future__ import annotations
@@ -10,50 +10,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.data.screen import HEAD, Finding, may_be_gated
+from herringbone_sim.gap.data.screen import HEAD, Finding, may_have_gaps
 
 Mask = NDArray[np.bool_]
 
-ODD = 0.5  # share by which a step of time or phase is off the usual one
-BLANK = 0.5  # share of the channels that are no number
+STEP_TOLERANCE = 0.5  # relative deviation of a step of time or phase from the median step
+DROPOUT_SHARE = 0.5  # share of NaN channels above which a sample counts as a dropout
 
 
 def longest_part(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding, ...]]:
-    """The longest part of a run without a break, and what broke it, with channel and time."""
+    """Return the longest part of a run without a break, and a finding for each kind of break.
+
+    Args:
+        name: of the run, for the findings.
+        series: samples of the run.
+    """
     if len(series) < 3:
         return series, ()
-    clock, phase, blank = _clock(series), _phase(series), _blank(series)
-    ends = clock | phase | blank[1:] | blank[:-1]
-    if not ends.any():
+    clock, phase = _odd_time_steps(series), _odd_phase_steps(series)
+    dropout = _dropouts(series)
+    breaks = clock | phase | dropout[1:] | dropout[:-1]
+    if not breaks.any():
         return series, ()
-    edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(series)]])
+    edges = np.concatenate([[0], np.flatnonzero(breaks) + 1, [len(series)]])
     longest = int(np.diff(edges).argmax())
     first, last = int(edges[longest]), int(edges[longest + 1])
-    kept = TimeSeries(series.times[first:last], series.data[first:last], series.names)
-    told = (
-        f"the part from {kept.times[0]:.6g} s to {kept.times[-1]:.6g} s is kept, "
+    part = TimeSeries(series.times[first:last], series.data[first:last], series.names)
+    remedy = (
+        f"the part from {part.times[0]:.6g} s to {part.times[-1]:.6g} s is kept, "
         f"{last - first} of {len(series)} samples, the rest is left out"
     )
-    found = []
+    findings = []
     if clock.any():
-        found.append(_jump(name, series, clock, told))
+        findings.append(_clock_jump(name, series, clock, remedy))
     if (phase & ~clock).any():
-        found.append(_slip(name, series, phase & ~clock, told))
-    if blank.any():
-        found.append(_hole(name, series, blank, told))
-    return kept, tuple(found)
+        findings.append(_phase_jump(name, series, phase & ~clock, remedy))
+    if dropout.any():
+        findings.append(_dropout(name, series, dropout, remedy))
+    return part, tuple(findings)
 
 
-def unwrapped(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding, ...]]:
-    """A run whose phase starts anew at every turn, unwrapped, and that this was done."""
+def unwrap_phase(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding, ...]]:
+    """Unwrap a mesh phase that was recorded modulo 2 pi, and report it as a finding.
+
+    A phase that unwrapping doesn't make regular is returned unchanged, without a finding.
+    """
     if "phase" not in series or len(series) < 3 or not np.isfinite(series["phase"]).all():
         return series, ()
     phase = series["phase"]
-    odd, whole = _phase(series), np.unwrap(phase)
+    odd = _odd_phase_steps(series)
     data = series.data.copy()
-    data[:, series.names.index("phase")] = whole
-    mended = TimeSeries(series.times, data, series.names)
-    if not odd.any() or np.ptp(phase) > 2.0 * np.pi or _phase(mended).any():
+    data[:, series.names.index("phase")] = np.unwrap(phase)
+    unwrapped = TimeSeries(series.times, data, series.names)
+    if not odd.any() or np.ptp(phase) > 2.0 * np.pi or _odd_phase_steps(unwrapped).any():
         return series, ()
     at = float(series.times[int(odd.argmax())])
     text = (
@@ -61,65 +70,73 @@ def unwrapped(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding,
         "unwrapped; events of single teeth and run-out need it counted on, from the same teeth in "
         "all runs"
     )
-    return mended, (Finding("phase", name, ("phase",), at, text),)
+    return unwrapped, (Finding("phase", name, ("phase",), at, text),)
 
 
-def _clock(series: TimeSeries) -> Mask:
+def _odd_time_steps(series: TimeSeries) -> Mask:
+    """Time steps (n - 1,) that differ from the median step by more than ``STEP_TOLERANCE``."""
     steps = np.diff(series.times)
-    odd: Mask = np.abs(steps / np.median(steps) - 1.0) > ODD
+    odd: Mask = np.abs(steps / np.median(steps) - 1.0) > STEP_TOLERANCE
     return odd
 
 
-def _phase(series: TimeSeries) -> Mask:
+def _odd_phase_steps(series: TimeSeries) -> Mask:
+    """The same of the mesh phase (n - 1,); a step from or to NaN counts as regular."""
     if "phase" not in series:
         return np.zeros(len(series) - 1, dtype=bool)
     turn = np.diff(series["phase"])
     known = np.isfinite(turn)
     usual = float(np.median(turn[known])) if known.any() else np.nan
-    odd: Mask = known & ~(np.abs(turn / usual - 1.0) < ODD)
+    odd: Mask = known & ~(np.abs(turn / usual - 1.0) < STEP_TOLERANCE)
     return odd
 
 
-def _blank(series: TimeSeries) -> Mask:
-    """Samples (n,) in which most channels that work at all, or the phase, are no number.
+def _dropouts(series: TimeSeries) -> Mask:
+    """Samples (n,) in which most channels, or the phase, are NaN.
 
-    Gauges that see at times, see ``screen``, don't count.
+    Channels that are NaN throughout, and force gauges that may have gaps (``may_have_gaps``),
+    don't count.
     """
-    gated = may_be_gated(series.names)
-    on = np.array([name not in HEAD and not (gated and name[0] == "F") for name in series.names])
+    gaps = may_have_gaps(series.names)
+    counted = np.array(
+        [name not in HEAD and not (gaps and name[0] == "F") for name in series.names]
+    )
     missing = ~np.isfinite(series.data)
-    works = on & ~missing.all(axis=0)
-    blank: Mask = np.zeros(len(series), dtype=bool)
-    if works.any():
-        blank = missing[:, works].mean(axis=1) > BLANK
+    counted &= ~missing.all(axis=0)
+    dropout: Mask = np.zeros(len(series), dtype=bool)
+    if counted.any():
+        dropout = missing[:, counted].mean(axis=1) > DROPOUT_SHARE
     if "phase" in series and np.isfinite(series["phase"]).any():
-        blank |= ~np.isfinite(series["phase"])
-    return blank
+        dropout |= ~np.isfinite(series["phase"])
+    return dropout
 
 
-def _jump(name: str, series: TimeSeries, odd: Mask, told: str) -> Finding:
+def _clock_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Finding:
+    """Finding for odd time steps."""
     steps, at = np.diff(series.times), int(odd.argmax())
     often = f", the first of {int(odd.sum())} such steps" if odd.sum() > 1 else ""
     text = (
         f"the clock of {name} jumps by {steps[at]:.6g} s at {series.times[at]:.6g} s{often}, a "
-        f"step is {np.median(steps):.6g} s: samples are missing or the clock was set; {told}"
+        f"step is {np.median(steps):.6g} s: samples are missing or the clock was set; {remedy}"
     )
     return Finding("clock", name, ("t",), float(series.times[at]), text)
 
 
-def _slip(name: str, series: TimeSeries, odd: Mask, told: str) -> Finding:
+def _phase_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Finding:
+    """Finding for odd steps of the mesh phase."""
     turn, at = np.diff(series["phase"]), int(odd.argmax())
     text = (
         f"the mesh phase of {name} goes on by {turn[at]:.6g} rad at {series.times[at]:.6g} s, a "
-        f"step is {np.nanmedian(turn):.6g} rad: k(t) and e(t) are not known across it; {told}"
+        f"step is {np.nanmedian(turn):.6g} rad: k(t) and e(t) are not known across it; {remedy}"
     )
     return Finding("phase", name, ("phase",), float(series.times[at]), text)
 
 
-def _hole(name: str, series: TimeSeries, blank: Mask, told: str) -> Finding:
-    at = float(series.times[int(blank.argmax())])
+def _dropout(name: str, series: TimeSeries, dropout: Mask, remedy: str) -> Finding:
+    """Finding for samples in which most channels are NaN."""
+    at = float(series.times[int(dropout.argmax())])
     text = (
-        f"most channels or the phase of {name} are no number in {int(blank.sum())} samples, first "
-        f"at {at:.6g} s: a dropout of the recorder; {told}"
+        f"most channels or the phase of {name} are no number in {int(dropout.sum())} samples, "
+        f"first at {at:.6g} s: a dropout of the recorder; {remedy}"
     )
     return Finding("dropout", name, (), at, text)

@@ -1,4 +1,4 @@
-"""The matrices between bodies, coordinates z = (q, r) and meshes (``Layout.state_names``)."""
+"""Matrices between body rotations u, coordinates z = (q, r) and mesh displacements x."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def coordinates_to_meshes(layout: Layout) -> Array:
-    """D (n_mesh, n_coordinate): x = D (q, r) - e; see ``Layout.state_names``."""
+    """D (n_mesh, n_coordinate) of x = D z - e, with z = (q, r) as in ``Layout.state_names``."""
     n, c = layout.n_mesh, layout.n_classes
     D = np.zeros((n, layout.n_coordinate))
     for side in range(2):
@@ -25,7 +25,7 @@ def coordinates_to_meshes(layout: Layout) -> Array:
 
 
 def bodies_to_coordinates(model: Model) -> Array:
-    """B (n_coordinate, n_bodies): (q, r) = B u; rigid rotation (2, 2, 1, 1, ...) drops out."""
+    """B (n_coordinate, n_bodies) of z = B u; rigid rotation (2, 2, 1, 1, ...) gives zero."""
     layout, cos_beta = model.layout, model.scales.cos_beta
     B = np.zeros((layout.n_coordinate, len(layout.bodies)))
     B[0, 0] = B[1, 1] = cos_beta

@@ -1,4 +1,4 @@
-"""How much noise a channel carries, when the campaign does not say."""
+"""Noise of a channel, estimated from its spectrum, and the resolution of its converter."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ Array = NDArray[np.float64]
 def spectral_floor(values: Array, share: float = 0.2) -> Array:
     """Standard deviation (k,) of white noise on channels (n, k), from the top of their spectra.
 
-    The median of the periodogram over the highest ``share`` of the band; a periodogram of white
-    noise is exponential, whose median is log 2 of its mean. Motion that reaches so high adds to
-    it, so this is an upper bound. A channel with gaps is judged by its longest part without.
+    The median of the periodogram over the highest ``share`` of the band: the periodogram of white
+    noise is exponentially distributed, so its median is log 2 times its mean. Motion at these
+    frequencies adds to the estimate, which is therefore an upper bound. Of a channel with gaps,
+    the longest part without gaps is used.
     """
     gaps = np.flatnonzero(np.isnan(values).any(axis=0) & ~np.isnan(values).all(axis=0))
     if len(gaps):
-        found = np.full(values.shape[1], np.nan)
+        sigma = np.full(values.shape[1], np.nan)
         whole = np.setdiff1d(np.arange(values.shape[1]), gaps)
-        found[whole] = spectral_floor(values[:, whole], share)
+        sigma[whole] = spectral_floor(values[:, whole], share)
         for j in gaps:
-            found[j] = spectral_floor(longest(values[:, j])[:, None], share)[0]
-        return found
+            sigma[j] = spectral_floor(_longest_finite(values[:, j])[:, None], share)[0]
+        return sigma
     n = len(values)
     window = np.hanning(n)[:, None]
     power = np.abs(np.fft.rfft(values * window, axis=0)) ** 2 / np.sum(window**2)
@@ -31,8 +32,19 @@ def spectral_floor(values: Array, share: float = 0.2) -> Array:
     return floor
 
 
-def longest(values: Array) -> Array:
+def _longest_finite(values: Array) -> Array:
     """The longest part of values (n,) without NaN."""
     parts = np.split(values, np.flatnonzero(np.isnan(values)))
-    most = max(parts, key=len)
-    return most[np.isfinite(most)]
+    longest = max(parts, key=len)
+    return longest[np.isfinite(longest)]
+
+
+def resolution(values: Array) -> Array:
+    """Step (k,) of the converter of channels (n, k): the smallest difference between two values.
+
+    Of continuous values it is close to zero.
+    """
+    steps = np.diff(np.sort(values, axis=0), axis=0)
+    least = 1e-9 * (np.fmax.reduce(values) - np.fmin.reduce(values))
+    step: Array = np.where(steps > least, steps, np.inf).min(axis=0, initial=np.inf)
+    return np.where(np.isfinite(step), step, 0.0)

@@ -1,7 +1,6 @@
-"""Channels that can't be used, told before anything is computed from them.
+"""Remove channels that can't be used: with NaN, constant, saturated, or not in SI units.
 
-A channel with NaN, one that stands still or one that is cut at a limit is named with the time and
-left out of its run; nothing is filled in.
+Each is reported as a finding with its time and left out of its run; nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -15,24 +14,24 @@ from herringbone_sim.core.layout import PREFIX_UNITS
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import shown
 
-HEAD = ("t", "phase", "K", "delta_T", "T_1")
-AT_LIMIT = 8  # samples at the largest or smallest value from which it may be a limit
-CROWDED = 4.0  # times more samples there than at any of the values next to it
-NEAR = 20  # values that are next to it
+HEAD = ("t", "phase", "K", "delta_T", "T_1")  # channels of every recording, never left out
+AT_LIMIT = 8  # least number of samples at the extreme value of a saturated channel
+CROWDED = 4.0  # least ratio of that number to the samples at any neighbouring value
+NEAR = 20  # number of neighbouring values
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something odd about a campaign.
+    """A problem of the data of a campaign, or a limit on what they can show.
 
     Attributes:
         what: id of the rule, such as ``nan``, ``saturated``, ``unit``, ``clock``.
         run: name of the run; empty for the campaign.
         channels: concerned; empty for all.
         time_s: where it begins [s]; None when it holds throughout.
-        text: what is wrong, the value got, and what can still be said.
-        fatal: whether nothing can be said of the run.
-        limit: whether nothing is wrong, but something can't be told for want of data.
+        text: what is wrong, the value got, and how the data are used.
+        fatal: whether the run (or, without a run, the campaign) can't be used.
+        limit: whether the data are right, but too few to decide something.
     """
 
     what: str
@@ -47,38 +46,44 @@ class Finding:
 def screen(
     name: str, series: TimeSeries, units: Mapping[str, str] | None = None
 ) -> tuple[TimeSeries, tuple[Finding, ...]]:
-    """A run without the channels that can't be used, and why each was left out.
+    """Remove channels that are NaN, constant, saturated or in a wrong unit.
 
     Args:
         name: of the run.
         series: as recorded.
         units: of channels, as the recorder declares them.
+
+    Returns:
+        Remaining channels, and a finding for each kind of fault.
     """
-    found = []
-    gated = may_be_gated(series.names)
+    findings = []
+    gaps = may_have_gaps(series.names)
     for channel in series.names:
         if channel in HEAD:
             continue
-        finding = _nan(name, series, channel, gated) or _still(name, series, channel)
-        finding = finding or _declared(name, series, channel, (units or {}).get(channel))
+        finding = _nan(name, series, channel, gaps) or _constant(name, series, channel)
+        finding = finding or _not_si(name, series, channel, (units or {}).get(channel))
         finding = finding or _saturated(name, series, channel)
         if finding is not None:
-            found.append(finding)
-    bad = {channel for finding in found for channel in finding.channels}
+            findings.append(finding)
+    bad = {channel for finding in findings for channel in finding.channels}
     keep = tuple(n for n in series.names if n not in bad)
     clean = TimeSeries(series.times, series.columns(keep), keep) if bad else series
-    return clean, tuple(_together(found))
+    return clean, tuple(_merge_by_rule(findings))
 
 
-def may_be_gated(names: Sequence[str]) -> bool:
-    """Whether forces may have gaps: beside displacements the force law needs them whole."""
+def may_have_gaps(names: Sequence[str]) -> bool:
+    """Whether forces may be NaN at times: only without displacements, where no force law is used.
+
+    A gauge at a fixed place of the ring records only while a planet passes it.
+    """
     return not any(name.startswith("x_") for name in names)
 
 
-def _together(found: list[Finding]) -> list[Finding]:
-    """One finding for all channels of a run that have the same fault, told of the first."""
+def _merge_by_rule(findings: list[Finding]) -> list[Finding]:
+    """One finding for each rule: the text of the earliest, and the channels of all."""
     kinds: dict[str, list[Finding]] = {}
-    for finding in found:
+    for finding in findings:
         kinds.setdefault(finding.what, []).append(finding)
     merged = []
     for same in kinds.values():
@@ -89,7 +94,8 @@ def _together(found: list[Finding]) -> list[Finding]:
     return merged
 
 
-def _declared(name: str, series: TimeSeries, channel: str, unit: str | None) -> Finding | None:
+def _not_si(name: str, series: TimeSeries, channel: str, unit: str | None) -> Finding | None:
+    """A channel whose declared unit is not the SI unit of its quantity."""
     expected = PREFIX_UNITS.get(channel.split("_")[0])
     if unit is None or expected is None or unit == expected:
         return None
@@ -100,10 +106,10 @@ def _declared(name: str, series: TimeSeries, channel: str, unit: str | None) -> 
     return Finding("unit", name, (channel,), float(series.times[0]), text)
 
 
-def _nan(name: str, series: TimeSeries, channel: str, gated: bool) -> Finding | None:
-    """Channels with gaps; a gauge beside which no displacement is recorded may see at times."""
+def _nan(name: str, series: TimeSeries, channel: str, gaps: bool) -> Finding | None:
+    """A channel with NaN; a force that may have gaps only if it is NaN throughout."""
     missing = ~np.isfinite(series[channel])
-    if not missing.any() or (gated and channel[0] == "F" and not missing.all()):
+    if not missing.any() or (gaps and channel[0] == "F" and not missing.all()):
         return None
     first, share = float(series.times[int(missing.argmax())]), float(missing.mean())
     rest = "" if channel[0] == "F" else "; its place follows from others where geometry allows"
@@ -114,7 +120,8 @@ def _nan(name: str, series: TimeSeries, channel: str, gated: bool) -> Finding | 
     return Finding("nan", name, (channel,), first, text)
 
 
-def _still(name: str, series: TimeSeries, channel: str) -> Finding | None:
+def _constant(name: str, series: TimeSeries, channel: str) -> Finding | None:
+    """A channel with the same value in all samples."""
     values = series[channel]
     values = values[np.isfinite(values)]
     if len(values) < 3 or np.ptp(values) > 0.0:
@@ -127,18 +134,17 @@ def _still(name: str, series: TimeSeries, channel: str) -> Finding | None:
 
 
 def _saturated(name: str, series: TimeSeries, channel: str) -> Finding | None:
-    """A limit is a last value that is met far more often than all those next to it.
+    """A channel whose largest or smallest value occurs far more often than its neighbours.
 
-    Noise, a resolution of the converter and a motion that repeats itself crowd the values next to
-    an extreme as well.
+    Noise, quantisation and periodic motion raise the counts of the neighbouring values as well.
     """
     values = series[channel]
     levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
-    for limit, count, beside in (
+    for limit, count, neighbours in (
         (levels[-1], counts[-1], counts[-1 - NEAR : -1]),
         (levels[0], counts[0], counts[1 : 1 + NEAR]),
     ):
-        if count >= AT_LIMIT and len(beside) and count > CROWDED * beside.max():
+        if count >= AT_LIMIT and len(neighbours) and count > CROWDED * neighbours.max():
             first = float(series.times[int((values == limit).argmax())])
             text = (
                 f"{channel} of {name} is cut at {limit:.6g}: {int(count)} samples stand there, "

@@ -1,8 +1,8 @@
-"""Quantities that are a thousand times off, told by the other channels, the loads and the clock.
+"""Channels in another unit than SI, detected by their size.
 
-x, v / omega and what u gives by geometry are displacements of one size, near that of the nominal
-mesh error; the forces balance the input torque and follow the displacements. What is off by a
-thousand in that company is in another unit; it is left out, never rescaled.
+x, v / omega and D B u (``data.geometry``) are displacements near the size of the nominal mesh
+error; the forces balance the input torque and follow the displacements. A channel that is off
+by a power of a thousand is in another unit; it is left out, not rescaled.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from herringbone_sim.gap.data.screen import Finding
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-STEPS = {3: "a thousand", -3: "a thousandth of", 6: "a million", -6: "a millionth of"}
-CLOCKS = {
+POWERS = {3: "a thousand", -3: "a thousandth of", 6: "a million", -6: "a millionth of"}
+CLOCK_UNITS = {  # ratio of the apparent to the nominal mesh frequency
     1e-3: "t in milliseconds",
     1e-6: "t in microseconds",
     1e-9: "t in nanoseconds",
     180.0 / np.pi: "phase in degrees",
     0.5 / np.pi: "phase in mesh cycles",
 }
-NEAR = 0.05  # share by which a speed may be off a unit's factor
-FAR = 10.0**1.5
+NEAR = 0.05  # relative tolerance of a speed ratio against the factor of a unit
+FAR = 10.0**1.5  # factor between channels from which one of them is in another unit
 
 
 def clock_unit(run: PreparedRun, ratio: float) -> Finding | None:
-    """A mesh frequency that is another unit's factor times the nominal one."""
-    for factor, words in CLOCKS.items():
+    """A run whose time or phase is in another unit, by its mesh frequency over the nominal one."""
+    for factor, words in CLOCK_UNITS.items():
         if abs(ratio / factor - 1.0) < NEAR:
             text = (
                 f"the mesh of {run.name} seems to turn at {ratio:.4g} of the nominal speed: "
@@ -47,27 +47,27 @@ def clock_unit(run: PreparedRun, ratio: float) -> Finding | None:
 
 
 def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
-    """The run without channels in another unit, and what they are."""
-    found = []
+    """Remove channels in another unit than SI; also return a finding for each quantity."""
+    findings = []
     for q, powers in {**_displacements(run), "F": _forces(run)}.items():
         off = powers != 0.0
         if not off.any():
             continue
         wrong = _channels(run, q, off)
-        factor = STEPS.get(int(np.median(powers[off])), "a power of ten times")
+        factor = POWERS.get(int(np.median(powers[off])), "a power of ten times")
         others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         text = (
             f"{wrong[0]}{others} of {run.name} read about {factor} "
-            f"{'times ' if 'of' not in factor else ''}what the other channels say: another unit "
+            f"{'times ' if 'of' not in factor else ''}what the other channels give: another unit "
             "than SI, throughout; left out of this run, not rescaled"
         )
-        found.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
-        run = without(run, q, np.ones_like(run.u.there) if q == "u" else off)
-    return run, found
+        findings.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
+        run = mark_not_recorded(run, q, np.ones_like(run.u.there) if q == "u" else off)
+    return run, findings
 
 
-def without(run: PreparedRun, q: str, off: Mask) -> PreparedRun:
-    """The run without some channels of x, v, F or u, as if they had not been recorded."""
+def mark_not_recorded(run: PreparedRun, q: str, off: Mask) -> PreparedRun:
+    """Mark channels (k,) of the quantity x, v, F or u as not recorded."""
     old: Measured = getattr(run, q)
     values = np.where(off, np.nan, old.values)
     fewer = Measured(values, old.there & ~off, np.where(off, np.nan, old.sigma))
@@ -93,27 +93,31 @@ def _displacements(run: PreparedRun) -> dict[str, Array]:
 
 
 def _forces(run: PreparedRun) -> Array:
-    """The same of forces: off by the law and by the load that they carry in the mean."""
+    """Powers of ten (n_mesh,) by which forces are off, by their mean against the load.
+
+    Where displacements are recorded, their spread against the force law must agree in sign.
+    """
     p, s = run.model.parameters, run.model.scales
     load = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
     nominal = run.waves.k * backlash(run.x.values, run.model.half_backlash_m)
     with np.errstate(divide="ignore", invalid="ignore"):
         by_law = _powers(run.F.values.std(axis=0) / nominal.std(axis=0))
         by_load = _powers(np.abs(run.F.values.mean(axis=0)) / abs(load))
-    unseen = ~np.isfinite(nominal).all(axis=0)
-    agree = unseen | (by_law * by_load > 0.0)
+    no_displacement = ~np.isfinite(nominal).all(axis=0)
+    agree = no_displacement | (by_law * by_load > 0.0)
     powers: Array = np.where(agree, by_load, 0.0)
     return powers
 
 
 def _powers(ratio: Array) -> Array:
-    """Nearest power of a thousand, as an exponent of ten; 0 where nothing is known."""
+    """Exponent of ten of the nearest power of a thousand; 0 where the ratio is unknown."""
     known = np.isfinite(ratio) & (ratio > 0.0)
     powers: Array = np.round(np.log10(np.where(known, ratio, 1.0)) / 3.0) * 3.0
     return powers
 
 
 def _channels(run: PreparedRun, q: str, off: Mask) -> tuple[str, ...]:
+    """Names of the channels of the quantity ``q`` where ``off`` (k,) is set; of u, all."""
     layout = run.model.layout
     if q == "u":
         return tuple(f"u_{body}" for body in layout.bodies)

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Waves:
-    """What the nominal model says at every sample of a run.
+    """Nominal stiffness and mesh error at every sample of a run.
 
     Attributes:
         k: (n, n_mesh) stiffness k(t) [N/m], Eqs. (7), (8).
@@ -28,15 +28,14 @@ class Waves:
 
 
 def waves(model: Model, phase: Array, omega_rad_per_s: float, e_share: float = 1.0) -> Waves:
-    """Nominal stiffness k(t) and mesh error e(t) with its first two derivatives, at phases (n,).
+    """Evaluate the nominal stiffness k(t), the mesh error e(t) and its first two derivatives.
 
     Args:
+        model: nominal model at the operating point.
         phase: (n,) mesh phase [rad].
-        omega_rad_per_s: mesh frequency [rad/s], for the derivatives.
-        e_share: factor on the harmonics of e(t), not its mean; below 1 behind a low-pass filter.
-
-    Returns:
-        ``Waves``: k, e, e_rate, e_acceleration, each (n, n_mesh), SI units.
+        omega_rad_per_s: mesh frequency, for the derivatives.
+        e_share: factor on the harmonics of e(t), not on its mean; below 1 where a low-pass filter
+            attenuates e(t) in the recorded displacements.
     """
     p, s = model.packed, model.scales
     orders = np.arange(1, max(len(p.k_cos), len(p.e_cos)) + 1)

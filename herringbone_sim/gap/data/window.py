@@ -1,4 +1,4 @@
-"""A smooth window for averages and derivatives over samples."""
+"""Gaussian window for moving averages of samples and of their time derivative."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Window:
-    """A Gaussian window and its derivative over the samples.
+    """A Gaussian window and its derivative.
 
     Attributes:
-        mean, slope: (w,) weights; those of the derivative [1/s].
+        mean: (w,) weights of the average; they sum to 1.
+        slope: (w,) weights of the average time derivative [1/s].
         deviation: standard deviation in samples.
         step_s: time between samples [s].
     """
@@ -37,14 +38,15 @@ class Window:
         return rate
 
     def finer(self, parts: int) -> Window:
-        return window(self.deviation * parts, self.step_s / parts)
+        """The same window in time, for samples ``parts`` times as dense."""
+        return gaussian_window(self.deviation * parts, self.step_s / parts)
 
 
-def window(deviation: float, step_s: float) -> Window:
-    """Gaussian window of a standard deviation in samples, and its derivative [1/s]."""
+def gaussian_window(deviation: float, step_s: float) -> Window:
+    """Gaussian window of a standard deviation [samples], cut at 4.5 of it."""
     reach = int(np.ceil(4.5 * deviation))
     j = np.arange(-reach, reach + 1)
     bell = np.exp(-0.5 * (j / deviation) ** 2)
     bell /= bell.sum()
-    # A convolution turns the window round; the derivative of a ramp is its slope, to rounding.
+    # Convolution reverses the weights; scaled so that a ramp gives its slope to rounding.
     return Window(bell, -j * bell / (j * bell @ j) / step_s, deviation, step_s)

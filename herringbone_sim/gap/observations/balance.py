@@ -24,7 +24,7 @@ from herringbone_sim.gap.observations.basis import Function, force_column
 from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, encoder_nuisances, slow_waves
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
-from herringbone_sim.gap.residuals.balance import _loads, inertia_parts, window_of
+from herringbone_sim.gap.residuals.balance import inertia_parts, load_accelerations, window_of
 
 Array = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ def block(
     if quadrature_n is not None:
         average = average + quadrature_n
         more = quadrature_n @ whole.T
-    load = _loads(run)
+    load = load_accelerations(run)
     parts = np.stack([average @ A[i].T + window.average(load[i]) for i in range(3)])
     measured = window.derivative(g.fused.z_rate)
     noise_f = np.where(modelled, np.sqrt(np.mean(law.sigma**2, axis=0)), m.sigma_F)

@@ -12,11 +12,15 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.gap.data.parts import part_of
+from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.sensors.late import later, longest_delay, put_right
+from herringbone_sim.gap.sensors.filter_delay import (
+    compensate_filter,
+    longest_delay,
+    with_delayed_waves,
+)
 
 STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the balance
 N_STRETCHES = 2  # runs used, the fastest ones, where a delay is largest in phase
@@ -35,7 +39,7 @@ def remove_common_delay(
         gain_tolerance: (n_mesh,) of force sensors; empty: none.
     """
     if all(run.u.complete and run.x.there.any() for run in runs):
-        return put_right(runs)
+        return compensate_filter(runs)
     fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:N_STRETCHES]
     some = [_stretch(run) for run in fastest]
 
@@ -44,7 +48,9 @@ def remove_common_delay(
         return tuple(runs)
 
     def null(delay: float) -> Search:
-        gear = Gear([later(run, delay) for run in some], gain_tolerance=gain_tolerance)
+        gear = Gear(
+            [with_delayed_waves(run, delay) for run in some], gain_tolerance=gain_tolerance
+        )
         return Search(GearMachine(gear))
 
     def left(delay: float) -> float:
@@ -62,11 +68,11 @@ def remove_common_delay(
     shifts = [h for h in search.machine.hypotheses() if h.effect in TIME_SHIFT_EFFECTS]
     most = min((search.quick(h.coefficients) for h in shifts), default=0.0)
     if found.fun * search.null.count < search.null.in_sample + min(most, 0.0):
-        return tuple(later(run, float(found.x)) for run in runs)
+        return tuple(with_delayed_waves(run, float(found.x)) for run in runs)
     return tuple(runs)
 
 
 def _stretch(run: PreparedRun) -> PreparedRun:
     """First ``STRETCH_CYCLES`` mesh cycles of a run."""
     samples = STRETCH_CYCLES * 2.0 * np.pi / (run.omega_rad_per_s * run.step_s)
-    return part_of(run, slice(0, int(samples)), run.name)
+    return slice_run(run, slice(0, int(samples)), run.name)

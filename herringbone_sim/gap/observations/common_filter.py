@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from herringbone_sim.gap.observations.law import MeshMotion, law
-from herringbone_sim.gap.sensors.late import CORNER
+from herringbone_sim.gap.sensors.filter_delay import CORNER
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from herringbone_sim.gap.observations.force_law import (
     slow_waves,
 )
 from herringbone_sim.gap.residuals.fusion import Fused
-from herringbone_sim.gap.sensors.consistency import Relation, channel_signals, relations
-from herringbone_sim.gap.sensors.corrected import undone
+from herringbone_sim.gap.sensors.consistency import Relation, error_signals, relations
+from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.groups import sensor_names
 
 Array = NDArray[np.float64]
@@ -44,14 +44,14 @@ def block(
         swap: channels that may have been swapped; None: no such column.
     """
     J = len(sensor_names(run.model.layout))
-    signals = channel_signals(run, np.ones((J, len(ERROR_KINDS))), fused)
+    signals = error_signals(run, np.ones((J, len(ERROR_KINDS))), fused)
     parts = [_relation_rows(one, len(run)) for one in relations(run, signals)]
     if not parts:
         return None
     residual, columns, weights = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
     names = function_names(run.model.layout, swap)
     if swap is not None:
-        right = relations(undone(run, "swap", swap, 1.0), signals)
+        right = relations(without_sensor_error(run, "swap", swap, 1.0), signals)
         left = np.concatenate([_relation_rows(one, len(run))[0] for one in right], axis=1)
         columns = np.concatenate([columns, (residual - left)[:, :, None]], axis=2)
     slow = slow_waves(run.times - run.times[0])
@@ -94,8 +94,8 @@ def dominant_channels(block: Block) -> tuple[Array, Array]:
 
 def _relation_rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
     """Residual (n, d), columns (n, d, Q), weights of channels (d, J); padded with 0 to n."""
-    pad = n - len(one.left)
-    left = np.pad(one.left, ((0, pad), (0, 0)))
+    pad = n - len(one.residual)
+    left = np.pad(one.residual, ((0, pad), (0, 0)))
     signals = np.pad(one.signals, ((0, pad), (0, 0), (0, 0)))
     columns = one.columns[None, :, :, None] * signals[:, None, :, :]
     return left, columns.reshape(n, left.shape[1], -1), one.columns.T[None].transpose(0, 2, 1)

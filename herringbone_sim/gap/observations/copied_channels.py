@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, increments
-from herringbone_sim.gap.sensors.consistency import geometry
-from herringbone_sim.gap.sensors.corrected import drop
+from herringbone_sim.gap.sensors.consistency import geometric_residuals
+from herringbone_sim.gap.sensors.correction import without_channels
 
 # RMS disagreement over that of independent noise below which a channel is a copy; chosen.
 COPY_SHARE = 0.5
@@ -31,19 +31,22 @@ def drop_copies(run: PreparedRun) -> PreparedRun:
         tuple(f"{q}_{name}" for name in names)
         for q, names in (("x", layout.meshes), ("u", layout.bodies))
     )
-    left = geometry(run)[0][0]
+    left = geometric_residuals(run)[0][0]
     if run.u.complete and left.size and _rms(left) < COPY_SHARE:
-        run = drop(run, by_mesh)
+        run = without_channels(run, by_mesh)
     # Rates may come from displacements, of one mesh or fused, from rotations, or from both.
     D = coordinates_to_meshes(layout)
-    every = [displacement(one) for one in (run, drop(run, by_mesh), drop(run, by_body))]
+    every = [
+        displacement(one)
+        for one in (run, without_channels(run, by_mesh), without_channels(run, by_body))
+    ]
     found = [_disagreement(run, run.x.values + run.waves.e, run.x.sigma**2)]
     found += [_disagreement(run, z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
     share = min(found, key=lambda one: float(np.median(one)))
     if np.median(share) < COPY_SHARE:
         # A rate that disagrees although the others are copies has its own error: keep it.
         own = zip(layout.meshes, share, strict=True)
-        run = drop(run, tuple(f"v_{mesh}" for mesh, off in own if off < COPY_SHARE))
+        run = without_channels(run, tuple(f"v_{mesh}" for mesh, off in own if off < COPY_SHARE))
     return run
 
 

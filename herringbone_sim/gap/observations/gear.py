@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
-from herringbone_sim.gap.data.parts import part_of
+from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
@@ -31,7 +31,7 @@ from herringbone_sim.gap.observations.window_channels import WindowChannels, win
 from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.corrected import undone
+from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.swaps import find_swap
 
 Array = NDArray[np.float64]
@@ -72,8 +72,7 @@ class Gear:
         self.runs = tuple(gear_run(run, stride) for run in runs)
         known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
         self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
-        group = find_swap(runs)[0] if swap is None else None
-        self.swap = swap if group is None else (group.names[0], group.names[1])
+        self.swap = find_swap(runs) if swap is None else swap
         self.exact_forces = False
         self.body_functions: tuple[Function, ...] = ()
         self._changes = LawChanges(self.model, force_law.law_functions(self.model), {})
@@ -171,7 +170,7 @@ class Gear:
     @cached_property
     def n_relations(self) -> int:
         """Number of rows of the consistency observation."""
-        few = part_of(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
+        few = slice_run(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
         found = consistency.block(few, fuse(few), self.drift, self.swap)
         return 0 if found is None else len(found.rows)
 
@@ -269,7 +268,7 @@ class Gear:
                 continue
             kind, _, channel = name.partition(" of ")
             names = self.swap or () if name == "swap" else (channel,)
-            run = undone(run, kind, names, value)
+            run = without_sensor_error(run, kind, names, value)
         if run is g.run:
             return g
         return gear_run(run, self.stride)
@@ -404,7 +403,7 @@ class Gear:
                 key = r, f
                 if key not in self._swapped_trajectories:
                     names = f.removeprefix(SWAP_PREFIX).split(" and ")
-                    run = undone(self.runs[r].run, "swap", names, 1.0)
+                    run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
                     self._swapped_trajectories[key] = trajectory.trajectory(run)
                 return self._swapped_trajectories[key]
         return self.trajectory_of(r)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.layout import PREFIX_UNITS
-from herringbone_sim.gap.data.prepared import PreparedRun, resolution
+from herringbone_sim.gap.data.noise import resolution
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.law import law
 from herringbone_sim.gap.observations.runs import GearRun
 

@@ -12,7 +12,7 @@ from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.common_filter import with_filter_responses
 from herringbone_sim.gap.observations.law import MeshMotion, mesh_motion
-from herringbone_sim.gap.residuals.balance import FINE, between
+from herringbone_sim.gap.residuals.balance import FINE, hermite_interpolation
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def _dense(run: PreparedRun, fused: Fused, m: MeshMotion) -> MeshMotion | None:
     """Motion at ``FINE`` points per sample by cubic Hermite interpolation; None if unknown."""
     if not (np.isfinite(fused.z).all() and np.isfinite(fused.z_rate).all()):
         return None
-    z, rate = between(fused.z, fused.z_rate, run.step_s, FINE)
+    z, rate = hermite_interpolation(fused.z, fused.z_rate, run.step_s, FINE)
     D = coordinates_to_meshes(run.model.layout)
     index = np.arange(len(z)) / FINE
     phase = np.interp(index, np.arange(len(run)), m.phase)

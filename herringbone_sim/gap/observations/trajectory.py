@@ -21,7 +21,7 @@ from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block, nuisance_remover
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
-from herringbone_sim.gap.data.parts import part_of
+from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations import balance
@@ -57,7 +57,7 @@ from herringbone_sim.gap.observations.window_starts import (
     filtered_starts,
     initial_states,
 )
-from herringbone_sim.gap.residuals.balance import between
+from herringbone_sim.gap.residuals.balance import hermite_interpolation
 
 Array = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ class Trajectory:
     ) -> None:
         samples = window_samples(run)
         self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - windows))
-        part = part_of(run, slice(self.lead_windows * samples, None), run.name)
+        part = slice_run(run, slice(self.lead_windows * samples, None), run.name)
         self.recorded: Windows = windows_of_run(part, windows)
         self.windows = self.recorded
         self.model = run.model
@@ -206,7 +206,7 @@ class Trajectory:
     def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
         """Mesh motion at every half step, windows concatenated."""
         half, steps = STATES // 2, _concatenated(solution)
-        u, rate = between(steps[:, :half], steps[:, half:], self.windows.h, 2)
+        u, rate = hermite_interpolation(steps[:, :half], steps[:, half:], self.windows.h, 2)
         return self.motion(np.hstack([u, rate]), self.windows.phase)
 
     def fitted_states(

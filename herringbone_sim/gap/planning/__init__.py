@@ -1,1 +1,1 @@
-"""What sensors would tell, before anything is recorded."""
+"""Plan of a campaign: which effects a set of sensors would detect, before anything is recorded."""

@@ -1,8 +1,8 @@
-"""Which effects a choice of sensors would tell, from which size on, and which not.
+"""Size from which on each effect would be detected and named with a choice of sensors.
 
-Each effect at each place is put on runs of the nominal gear at many sizes; what it adds and what
-every other explanation would leave of it (``diagnosis.information``) goes to the judge of the
-diagnosis, whose probability says from which size on the effect is named, and its place.
+Each effect at each place is evaluated at many sizes on simulated runs of the nominal gear. The
+change of the observations by the effect, and the rest of it after a fit of every other explanation
+(``diagnosis.information``), give the probabilities that the judge of the diagnosis would report.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.information import Information
@@ -29,31 +28,31 @@ from herringbone_sim.gap.observations.events import EVENT_KINDS, Event, mesh_del
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.seats import SEAT_PARAMETERS
-from herringbone_sim.gap.planning.sensed import Noise, sensed
+from herringbone_sim.gap.planning.synthetic import SensorNoise, simulate_campaign
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 NAMED = 0.9  # probability from which on an effect, or a place, counts as named
-# Of a moderate effect; more than ten of them is no gear that runs.
-SIZES = np.geomspace(1e-3, 10.0, 81)
+SIZES = np.geomspace(1e-3, 10.0, 81)  # in units of a moderate effect; ten is beyond any real gear
 TOOTH = {"sun": "sp", "planet": "sp", "ring": "rp"}  # meshes where a tooth of a member is tried
-MIDDLE = 5.0  # mesh cycles from the start to the middle of a tooth's window: any would do
-# (where windows of the motion are followed, the middle of those of the first run)
+MIDDLE = 5.0  # mesh cycles from the start of a run to a tooth's window, arbitrary; with windows of
+# a trajectory, the middle of those of the first run is used instead
 
 
 @dataclass(frozen=True)
-class Outlook:
-    """An effect at a place, as the sensors would see it.
+class Detectability:
+    """Detectability of an effect at a place.
 
     Attributes:
         effect, locus, options: as in the catalogue.
-        unit, moderate: of its size, and the size that counts as one.
-        size: from which on it is named with a probability of ``NAMED``; inf: it never is.
-        seen: from which on the nominal gear alone is that improbable; inf: never.
-        rival: other effect that would follow it best.
-        apart: share of its squares that the rival would leave.
-        place: probability of the place, given the effect, at ``size``.
-        runs: share of the squares that each run tells.
+        unit: of its size.
+        moderate: size of a moderate effect.
+        named_from: size from which on its probability is at least ``NAMED``; inf: none.
+        detected_from: size from which on "no effect" has at most 1 - ``NAMED``; inf: none.
+        rival: other effect that would fit it best.
+        rival_leaves: share of its chi2 that remains after a fit of the rival.
+        place_probability: probability of the place, given the effect, at ``named_from``.
+        run_shares: share of each run in its chi2.
     """
 
     effect: str
@@ -61,65 +60,68 @@ class Outlook:
     options: tuple[tuple[str, object], ...]
     unit: str
     moderate: float
-    size: float
-    seen: float
+    named_from: float
+    detected_from: float
     rival: str
-    apart: float
-    place: float
-    runs: tuple[float, ...]
+    rival_leaves: float
+    place_probability: float
+    run_shares: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What sensors would tell.
+    """Detectability of all effects with a choice of sensors.
 
     Attributes:
-        sensors: channels.
-        observations: that can be formed of them.
-        count: values that the diagnosis would compare with the model.
-        outlooks: of every effect at every place.
-        left_out: effects that these sensors give the diagnosis no way to seek.
-        not_planned: effects without a linear response: parts that move by themselves, exchanges.
+        sensors: names of the channels.
+        observations: that these channels allow.
+        count: number of values that the diagnosis would compare with the model.
+        detectabilities: of every effect at every place.
+        not_sought: effects that can't be sought with these sensors.
+        not_planned: effects without a linear response: moving parts and swapped channels.
     """
 
     sensors: tuple[str, ...]
     observations: tuple[str, ...]
     count: float
-    outlooks: tuple[Outlook, ...]
-    left_out: tuple[str, ...]
+    detectabilities: tuple[Detectability, ...]
+    not_sought: tuple[str, ...]
     not_planned: tuple[str, ...]
 
-    def of_effect(self, effect: str) -> tuple[Outlook, ...]:
-        return tuple(one for one in self.outlooks if one.effect == effect)
+    def of_effect(self, effect: str) -> tuple[Detectability, ...]:
+        """Detectability of an effect at all its places."""
+        return tuple(one for one in self.detectabilities if one.effect == effect)
 
     @property
     def effects(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(one.effect for one in self.outlooks))
+        """Ids of the effects in ``detectabilities``."""
+        return tuple(dict.fromkeys(one.effect for one in self.detectabilities))
 
 
 def plan(
     nominal: Parameters,
     points: Sequence[Mapping[str, float]],
     sensors: Sequence[str],
-    noise: Noise,
+    noise: SensorNoise,
     cycles: int,
     say: Say = lambda text: None,
 ) -> Plan:
-    """What some sensors would tell of each effect.
+    """Detectability of every effect with a choice of sensors.
 
     Args:
         nominal: parameters of the full model.
-        points: delta_T [K], K, T_1 [N m], Omega of each run that would be fitted.
-        sensors: channels.
+        points: delta_T [K], K, T_1 [N m], Omega of each fit run.
+        sensors: names of the channels.
+        noise: of the sensors.
         cycles: mesh cycles of a run.
-        say: told of the progress.
+        say: called with a line of progress.
 
     Raises:
-        ParameterError: no such sensor, or a point at which the gear can't run.
-        AnalysisError: the diagnosis could form no observation of these sensors.
+        ParameterError: an unknown sensor, or a point out of the range of the parameters.
+        AnalysisError: the sensors don't allow any observation.
     """
     say("recording")
-    campaign = sensed(nominal, points, sensors, noise, cycles)
+    campaign = simulate_campaign(nominal, points, sensors, noise, cycles)
     machine = GearMachine(Gear(campaign.runs, stride=STRIDE))
     if not machine.observation_names:
         raise AnalysisError(
@@ -134,29 +136,29 @@ def plan(
     hypotheses += [replace(h, n_own=1) for h in events]
     search = search.onwards(machine)
     say(f"{len(hypotheses)} hypotheses")
-    # What is there or not, such as exchanged channels, has no size.
+    # Effects without a size, such as swapped channels, can't be planned.
     hypotheses = [h for h in hypotheses if h.coefficients[0].center == 0.0]
-    found = Information(search.campaign, hypotheses, hypotheses)
-    seen = [i for i, s in enumerate(found.squares) if s > 0.0]
-    outlooks = tuple(_outlook(i, hypotheses, found, machine.gear.model) for i in seen)
-    sought = {one.effect for one in outlooks}
+    information = Information(search.campaign, hypotheses, hypotheses)
+    visible = [i for i, s in enumerate(information.squares) if s > 0.0]
+    detectabilities = tuple(_detectability(i, hypotheses, information) for i in visible)
+    sought = {one.effect for one in detectabilities}
     others = [name for name in known_effects() if name not in sought]
     known = ("channel_swap",) if by_windows else (*SEAT_PARAMETERS, "channel_swap")
     parts = tuple(n for n in others if n in known)
     return Plan(
         tuple(sensors),
         machine.observation_names,
-        found.count,
-        outlooks,
+        information.count,
+        detectabilities,
         tuple(name for name in others if name not in parts),
         parts,
     )
 
 
 def _teeth(gear: Gear) -> list[Event]:
-    """A tooth of each member, cracked and spalled, at the first mesh that it meets."""
+    """Crack and spall of a tooth of each member, at one mesh."""
     layout = gear.model.layout
-    found, middle = [], MIDDLE
+    events, middle = [], MIDDLE
     if gear.uses_windows:
         s = gear.trajectories[0].recorded
         middle = float(s.phase[s.first_half_step[s.n_windows // 2]] / (2.0 * np.pi))
@@ -168,47 +170,53 @@ def _teeth(gear: Gear) -> list[Event]:
                 if p.mesh == mesh and p.planet != "all" and p.side != "all"
             ]
             _, late = next(iter(mesh_delays(gear, member)))
-            found += [Event(kind, p, member, middle, tuple(late.tolist())) for p in places[:1]]
-    return found
+            events += [Event(kind, p, member, middle, tuple(late.tolist())) for p in places[:1]]
+    return events
 
 
-def _outlook(
-    i: int, hypotheses: Sequence[Hypothesis], found: Information, model: Model
-) -> Outlook:
-    """Of hypothesis i, by the judge."""
+def _detectability(
+    i: int, hypotheses: Sequence[Hypothesis], information: Information
+) -> Detectability:
+    """Detectability of hypothesis i, by the judge."""
     h = hypotheses[i]
-    rivals = _rivals(i, hypotheses, found.left[i])
+    rivals = _rivals(i, hypotheses, information.left[i])
 
     def judged(k: int) -> tuple[dict[str, float], float]:
-        return _judged(i, float(SIZES[k]), hypotheses, rivals, found)
+        return _probabilities(i, float(SIZES[k]), hypotheses, rivals, information)
 
-    first = _first(lambda k: judged(k)[0].get(h.effect, 0.0) >= NAMED)
-    seen = _first(lambda k: judged(k)[0]["none"] <= 1.0 - NAMED)
-    _, place = judged(min(first, len(SIZES) - 1))
-    follows = next(j for j in rivals if hypotheses[j].effect != h.effect)
-    moderate, unit = moderate_size(h, model)
-    return Outlook(
+    named = _first_size(lambda k: judged(k)[0].get(h.effect, 0.0) >= NAMED)
+    detected = _first_size(lambda k: judged(k)[0]["none"] <= 1.0 - NAMED)
+    _, place = judged(min(named, len(SIZES) - 1))
+    best = next(j for j in rivals if hypotheses[j].effect != h.effect)
+    moderate, unit = moderate_size(h)
+    return Detectability(
         h.effect,
         h.locus if isinstance(h.locus, Locus) else Locus(),
         h.options,
         unit,
         moderate,
-        float(SIZES[first] * moderate) if first < len(SIZES) else np.inf,
-        float(SIZES[seen] * moderate) if seen < len(SIZES) else np.inf,
-        hypotheses[follows].effect,
-        float(found.left[i, follows] / found.squares[i]),
+        float(SIZES[named] * moderate) if named < len(SIZES) else np.inf,
+        float(SIZES[detected] * moderate) if detected < len(SIZES) else np.inf,
+        hypotheses[best].effect,
+        float(information.left[i, best] / information.squares[i]),
         place,
-        tuple(found.by_run[i].tolist()),
+        tuple(information.by_run[i].tolist()),
     )
 
 
-def _first(on: Callable[[int], bool]) -> int:
-    """First size at which something is so that is so at all larger ones; their number if none."""
-    return bisect_left(range(len(SIZES)), True, key=on)
+def _first_size(condition: Callable[[int], bool]) -> int:
+    """First index of ``SIZES`` at which a monotonic condition holds; their number if at none."""
+    return bisect_left(range(len(SIZES)), True, key=condition)
 
 
 def _rivals(i: int, hypotheses: Sequence[Hypothesis], left: Array) -> list[int]:
-    """The best of every other effect, and the same effect at its likeliest other place."""
+    """Indices of the hypotheses that fit best: of each other effect, and of the same elsewhere.
+
+    Args:
+        i: index of the hypothesis.
+        hypotheses: all of them.
+        left: (n_hypotheses,) chi2 of hypothesis i that remains after a fit of each other.
+    """
     h = hypotheses[i]
     best: dict[str, int] = {}
     for j in np.argsort(left).tolist():
@@ -218,40 +226,48 @@ def _rivals(i: int, hypotheses: Sequence[Hypothesis], left: Array) -> list[int]:
     return list(best.values())
 
 
-def _judged(
+def _probabilities(
     i: int,
     size: float,
     hypotheses: Sequence[Hypothesis],
     rivals: Sequence[int],
-    found: Information,
+    information: Information,
 ) -> tuple[dict[str, float], float]:
-    """Probability of every effect, and of the place given the effect, at a size of truth i.
+    """Probability of every effect, and of the place given the effect, if hypothesis i is true.
 
-    An effect is there alone or with something unknown beside it. Each coefficient of an effect's
-    own costs the square that noise adds to runs left out.
+    An effect is there alone or with something unknown beside it. Each main coefficient
+    of a hypothesis adds 1 to its expected chi2 on runs left out.
+
+    Args:
+        i: index of the true hypothesis.
+        size: of the effect, in units of a moderate one.
+        hypotheses: all of them.
+        rivals: indices of those that compete.
+        information: of all hypotheses.
     """
-    h, count = hypotheses[i], found.count
-    none = _candidate((), Locus(), count + found.seen(i, size), 0, count)
+    h, count = hypotheses[i], information.count
+    none = _candidate((), Locus(), count + information.seen(i, size), 0, count)
     own = _candidate((h.effect,), h.locus, count + h.n_own, h.n_own, count)
     others = [
         _candidate(
-            (r.effect,), r.locus, count + found.left_at(i, j, size) + r.n_own, r.n_own, count
+            (r.effect,), r.locus, count + information.left_at(i, j, size) + r.n_own, r.n_own, count
         )
         for j, r in ((j, hypotheses[j]) for j in rivals)
     ]
     singles = sorted((own, *others), key=lambda c: c.energy)
-    told = chances(Evidence(count, (none, *singles), {}, {}))
+    judged = chances(Evidence(count, (none, *singles), {}, {}))
     total: dict[str, float] = {}
-    for one in told:
+    for one in judged:
         name = one.effects[0] if one.effects else "none"
         total[name] = total.get(name, 0.0) + one.probability
-    place = sum(one.probability for one in told if one.candidate is own)
+    place = sum(one.probability for one in judged if one.candidate is own)
     return total, place / max(total[h.effect], 1e-300)
 
 
 def _candidate(
     effects: tuple[str, ...], locus: object, energy: float, size: int, count: float
 ) -> Candidate:
+    """Candidate of the judge with chi2 ``energy`` and ``size`` coefficients of its own."""
     return Candidate(
         effects, (str(locus),) * len(effects), energy, energy, size, 0.0, energy / count
     )

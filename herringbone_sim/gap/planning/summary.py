@@ -1,4 +1,4 @@
-"""A plan in a few numbers: rows for a table, points in the order of their worth, plain data."""
+"""Summary of a plan: one row per effect, runs in the order of their information, plain data."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.gap.planning.plan import NAMED, Outlook, Plan
+from herringbone_sim.gap.planning.plan import NAMED, Detectability, Plan
 
 SCHEMA = "herringbone_sim/gap-plan/1"
 
 
 @dataclass(frozen=True)
-class Row:
-    """An effect over all its places, sizes in its own unit; inf: not named at any size tried.
+class EffectSummary:
+    """Detectability of an effect over all its places; sizes in its unit, inf: never named.
 
     Attributes:
         effect, unit: as in the catalogue.
-        moderate: size that counts as one.
-        best, median, worst: size from which on it is named, by place.
-        where: the best place.
-        places: how many places and options there are.
-        placed: share of those named whose place is named too.
-        rival: other effect that most often would follow it best.
-        apart: share of its squares that its best rival would leave, at half of its places.
-        settles: run that tells most of it, from 0.
+        moderate: size of a moderate effect.
+        best, median, worst: size from which on it is named, over the places.
+        best_place: where it is named at the smallest size.
+        places: number of places and options.
+        placed_share: share of the named ones whose place is named too.
+        rival: other effect that fits it best at most places.
+        rival_leaves: share of its chi2 that remains after a fit of its best rival, median.
+        best_run: index of the run with most information on it.
     """
 
     effect: str
@@ -36,27 +36,28 @@ class Row:
     best: float
     median: float
     worst: float
-    where: Outlook
+    best_place: Detectability
     places: int
-    placed: float
+    placed_share: float
     rival: str
-    apart: float
-    settles: int
+    rival_leaves: float
+    best_run: int
 
 
-def rows(plan: Plan) -> list[Row]:
-    """A row an effect, those named at the least share of a moderate size first."""
+def effect_summaries(plan: Plan) -> list[EffectSummary]:
+    """One row per effect, in the order of the median size over the moderate one."""
     found = [_row(plan.of_effect(effect)) for effect in plan.effects]
     return sorted(found, key=lambda row: (row.median / row.moderate, row.best / row.moderate))
 
 
-def _row(of: Sequence[Outlook]) -> Row:
-    sizes = np.array([one.size for one in of])
+def _row(of: Sequence[Detectability]) -> EffectSummary:
+    """Summary of the detectabilities of one effect."""
+    sizes = np.array([one.named_from for one in of])
     best = of[int(np.argmin(sizes))]
-    named = [one for one in of if math.isfinite(one.size)]
+    named = [one for one in of if math.isfinite(one.named_from)]
     rivals = [one.rival for one in of]
-    runs = np.mean([one.runs for one in of], axis=0)
-    return Row(
+    runs = np.mean([one.run_shares for one in of], axis=0)
+    return EffectSummary(
         best.effect,
         best.unit,
         best.moderate,
@@ -65,35 +66,41 @@ def _row(of: Sequence[Outlook]) -> Row:
         float(sizes.max()),
         best,
         len(of),
-        float(np.mean([one.place >= NAMED for one in named])) if named else 0.0,
+        float(np.mean([one.place_probability >= NAMED for one in named])) if named else 0.0,
         max(sorted(set(rivals)), key=rivals.count),
-        float(np.median([one.apart for one in of])),
+        float(np.median([one.rival_leaves for one in of])),
         int(np.argmax(runs)),
     )
 
 
 def named_effects(plan: Plan) -> int:
-    """Effects that are named at a moderate size at half of their places or more."""
-    return sum(row.median <= row.moderate for row in rows(plan))
+    """Number of effects that are named at a moderate size at half of their places or more."""
+    return sum(row.median <= row.moderate for row in effect_summaries(plan))
 
 
-def by_worth(plan: Plan) -> list[tuple[int, float]]:
-    """Runs, the most telling first, with the share of the squares that they and those before
-    tell of the effect that they tell least of."""
-    shares = np.array([np.mean([o.runs for o in plan.of_effect(e)], axis=0) for e in plan.effects])
-    left, found = list(range(shares.shape[1])), []
-    told = np.zeros(len(shares))
-    while left:
-        best = max(left, key=lambda r: float(np.sum(np.log(told + shares[:, r] + 1e-3))))
-        left.remove(best)
-        told = told + shares[:, best]
-        found.append((best, float(told.min())))
-    return found
+def ranked_runs(plan: Plan) -> list[tuple[int, float]]:
+    """Greedy order of the runs by their information on all effects.
+
+    Returns:
+        Index of each run, and the share of the chi2 that it and those before have in total, for
+        the effect with the smallest share.
+    """
+    shares = np.array(
+        [np.mean([d.run_shares for d in plan.of_effect(e)], axis=0) for e in plan.effects]
+    )
+    remaining, ranked = list(range(shares.shape[1])), []
+    total = np.zeros(len(shares))
+    while remaining:
+        best = max(remaining, key=lambda r: float(np.sum(np.log(total + shares[:, r] + 1e-3))))
+        remaining.remove(best)
+        total = total + shares[:, best]
+        ranked.append((best, float(total.min())))
+    return ranked
 
 
-def gain(plan: Plan, more: Plan) -> float:
-    """By what factor the sizes named fall, over effects that both tell (geometric mean)."""
-    before, after = ({row.effect: row.median for row in rows(p)} for p in (plan, more))
+def size_reduction(plan: Plan, more: Plan) -> float:
+    """Factor by which ``more`` lowers the median sizes, geometric mean over effects in both."""
+    before, after = ({row.effect: row.median for row in effect_summaries(p)} for p in (plan, more))
     ratios = [
         before[e] / after[e]
         for e in before
@@ -103,44 +110,55 @@ def gain(plan: Plan, more: Plan) -> float:
 
 
 def sensors_text(plan: Plan) -> str:
-    """Names of a few sensors, the number of many."""
+    """Names of up to six sensors, else their number."""
     if len(plan.sensors) <= 6:
         return ", ".join(plan.sensors)
     return f"{len(plan.sensors)} channels ({plan.sensors[0]} ... {plan.sensors[-1]})"
 
 
-def place_text(one: Outlook) -> str:
-    """Mesh, planet, side and options in a few letters."""
+def place_text(one: Detectability) -> str:
+    """Locus and options as short text."""
     text = "/".join((one.locus.mesh, one.locus.planet, one.locus.side))
     text = text.replace("all/all/all", "all")
-    told = [f"{k} {v}" for k, v in one.options if k != "sense" and isinstance(v, str | int)]
-    return ", ".join([text, *told])
+    options = [f"{k} {v}" for k, v in one.options if k != "sense" and isinstance(v, str | int)]
+    return ", ".join([text, *options])
 
 
-def written(
+def plan_to_dict(
     plan: Plan,
     points: Sequence[Mapping[str, float]],
     cycles: int,
     also: Mapping[str, Plan],
 ) -> dict[str, Any]:
-    """As plain data; a size of null: not named at any size tried."""
-    worth = by_worth(plan)
+    """A plan as plain data; a size of null means never named.
+
+    Args:
+        plan: the plan.
+        points: operating point of each run.
+        cycles: mesh cycles of a run.
+        also: plans with one more sensor, by name.
+    """
+    worth = ranked_runs(plan)
     return {
         "schema": SCHEMA,
         "named_from": NAMED,
         "cycles": cycles,
         **_plan(plan),
         "points": [{**points[r], "run": r, "least_share_with_those_before": s} for r, s in worth],
-        "also": {name: {**_plan(more), "gain": gain(plan, more)} for name, more in also.items()},
+        "also": {
+            name: {**_plan(more), "gain": size_reduction(plan, more)}
+            for name, more in also.items()
+        },
     }
 
 
 def _plan(plan: Plan) -> dict[str, Any]:
+    """Sensors, observations and detectabilities as plain data."""
     return {
         "sensors": list(plan.sensors),
         "observations": list(plan.observations),
         "values": plan.count,
-        "not_sought": list(plan.left_out),
+        "not_sought": list(plan.not_sought),
         "not_planned": list(plan.not_planned),
         "effects": [
             {
@@ -149,13 +167,18 @@ def _plan(plan: Plan) -> dict[str, Any]:
                 "options": {k: v for k, v in one.options if isinstance(v, str | int)},
                 "unit": one.unit,
                 "moderate": one.moderate,
-                "named_from": one.size if math.isfinite(one.size) else None,
-                "seen_from": one.seen if math.isfinite(one.seen) else None,
+                "named_from": _finite(one.named_from),
+                "seen_from": _finite(one.detected_from),
                 "rival": one.rival,
-                "rival_leaves": one.apart,
-                "place": one.place,
-                "runs": list(one.runs),
+                "rival_leaves": one.rival_leaves,
+                "place": one.place_probability,
+                "runs": list(one.run_shares),
             }
-            for one in plan.outlooks
+            for one in plan.detectabilities
         ],
     }
+
+
+def _finite(size: float) -> float | None:
+    """The size, or None where it is infinite."""
+    return size if math.isfinite(size) else None

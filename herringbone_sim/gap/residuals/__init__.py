@@ -1,1 +1,1 @@
-"""Where the nominal gear, inside its tolerance, misses the recording."""
+"""Residuals of the nominal gear, recalibrated inside its tolerances, against a recording."""

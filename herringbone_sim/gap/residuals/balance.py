@@ -1,10 +1,11 @@
-"""The torque balance as relative accelerations: effects that act on the bodies show here.
+"""Torque balance as relative accelerations d2z/dt2: it shows effects that act on the bodies.
+
+Friction and torque ripple don't change the force law, but they do change this balance.
 
 Weak form: dz/dt is never differentiated. Both sides of d2z/dt2 = (masses)^-1 (forces, loads,
-control), Eqs. (12)-(14) and (18), are averaged over a smooth window about half a mesh cycle wide,
-the left one by the derivative of the window. Friction and torque ripple leave no trace in the
-force law; here they do. A recorded force has kinks that a sum over its samples does not average as
-an integral does; the difference between the two is taken from a law (``quadrature``).
+control), Eqs. (12)-(14) and (18), are averaged over a Gaussian window; on the left side the window
+is differentiated instead. A force has kinks between samples, so its sum over the samples is not
+its integral; ``quadrature_correction`` estimates the difference from a force law.
 """
 
 from __future__ import annotations
@@ -18,43 +19,36 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.data.window import Window, window
+from herringbone_sim.gap.data.window import Window, gaussian_window
 from herringbone_sim.gap.residuals.fusion import Fused
 
 Array = NDArray[np.float64]
 
-FineLaw = Callable[[Array, Array, Array], Array]
+FineLaw = Callable[[Array, Array, Array], Array]  # phase, D z and its rate -> mesh forces [N]
 
-FINE = 4  # points a sample at which a law is averaged
-UNSURE = 0.2  # share of the RMS of what a law adds between samples that it may be off
-UNSURE_AT_ONCE = 0.5  # share of it at one time
-WIDTH = 0.12  # deviation of the window, mesh cycles: order 1 passes with 0.75, order 3 with 0.08
+FINE = 4  # points per sample at which a force law is averaged
+CORRECTION_UNCERTAINTY = 0.2  # sigma of the quadrature correction over its RMS
+WIDTH = 0.12  # deviation of the window, mesh cycles: gain 0.75 at order 1, 0.08 at order 3
 
 
 @dataclass(frozen=True)
 class Balance:
-    """Accelerations of the coordinates z = (q, r), averaged over a window; [m/s^2].
+    """Accelerations of the m coordinates z = (q, r), averaged over a window; [m/s^2].
 
     Attributes:
-        at: (k,) indices of the samples in the middle of the windows.
         measured: (k, m) from dz/dt.
-        parts: (3, k, m) of the sun, planet and carrier inertias as nominal: what 1/M_s, 1/M_p and
-            1/M_c multiply.
-        factors: (3,) on 1/M_s, 1/M_p, 1/M_c that the residual was taken with.
-        sigma: (m,) noise floor of the residual.
-        unsure: (k, m) how far off the forces between samples may be at a time.
-        overlap: samples that share one independent value, by the width of the window.
-        meshes: (n_mesh, m) matrix D that makes the relative accelerations of the meshes of it.
+        parts: (3, k, m) terms of the expected acceleration with nominal inertias: those
+            proportional to 1/M_s, to 1/M_p and to 1/M_c.
+        factors: (3,) factors on 1/M_s, 1/M_p, 1/M_c in the residual.
+        sigma: (m,) standard deviation of the residual by noise.
+        overlap: samples per independent value, as neighbouring windows overlap.
     """
 
-    at: NDArray[np.int64]
     measured: Array
     parts: Array
     factors: Array
     sigma: Array
-    unsure: Array
     overlap: float
-    meshes: Array
 
     @property
     def residual(self) -> Array:
@@ -64,19 +58,19 @@ class Balance:
 
     @property
     def chi2(self) -> Array:
-        """Mean square (m,) of residual over floor: 1 where the balance holds."""
+        """Mean square (m,) of residual over sigma: 1 where the balance holds."""
         chi2: Array = np.mean((self.residual / self.sigma) ** 2, axis=0)
         return chi2
 
 
 @dataclass(frozen=True)
-class Force:
-    """Forces averaged over the window, whatever they come from.
+class AveragedForce:
+    """Mesh forces averaged over the window, measured or from a force law.
 
     Attributes:
         average_n: (k, n_mesh) [N].
-        covariance: (n_mesh, n_mesh) of their noise [N^2].
-        correction_n: (k, n_mesh) part of the average that a law between samples gave [N].
+        covariance: (n_mesh, n_mesh) of the noise of the averages [N^2].
+        correction_n: (k, n_mesh) quadrature correction contained in the average [N].
     """
 
     average_n: Array
@@ -85,86 +79,102 @@ class Force:
 
 
 def window_of(run: PreparedRun, width: float = WIDTH) -> Window:
-    """Window of a width [mesh cycles] on the samples of a run."""
+    """Gaussian window of standard deviation ``width`` [mesh cycles] on the samples of a run."""
     cycle_s = 2.0 * np.pi / run.omega_rad_per_s
-    return window(width * cycle_s / run.step_s, run.step_s)
+    return gaussian_window(width * cycle_s / run.step_s, run.step_s)
 
 
 def torque_balance(
     run: PreparedRun,
     fused: Fused,
     factors: Array | None = None,
-    force: Force | None = None,
+    force: AveragedForce | None = None,
     width: float = WIDTH,
 ) -> Balance:
-    """Relative accelerations of a run against its forces.
+    """Measured relative accelerations of a run and those expected from its forces and loads.
 
     Args:
         run: with v of enough meshes.
         fused: of the run.
         factors: (3,) on 1/M_s, 1/M_p, 1/M_c; None: nominal.
-        force: averaged forces and their floor; None: the measured ones, averaged as a sum.
-        width: of the window [mesh cycles].
+        force: averaged forces; None: the measured ones, without quadrature correction.
+        width: standard deviation of the window [mesh cycles].
     """
-    look = window_of(run, width)
-    force = force or measured_force(run, look)
+    window = window_of(run, width)
+    force = force or averaged_measured_force(run, window)
     A = inertia_parts(run.model)
-    own = np.ones(3) if factors is None else factors
-    load = _loads(run)
-    parts = np.stack([force.average_n @ A[i].T + look.average(load[i]) for i in range(3)])
-    whole = np.tensordot(own, A, axes=1)
+    factors = np.ones(3) if factors is None else factors
+    load = load_accelerations(run)
+    parts = np.stack([force.average_n @ A[i].T + window.average(load[i]) for i in range(3)])
+    whole = np.tensordot(factors, A, axes=1)
     of_force = np.einsum("mi,ij,mj->m", whole, force.covariance, whole)
-    of_rate = np.diag(fused.z_rate_cov) * np.sum(look.slope**2)
+    of_rate = np.diag(fused.z_rate_cov) * np.sum(window.slope**2)
     between_samples = force.correction_n @ whole.T
-    of_law = UNSURE**2 * np.mean(between_samples**2, axis=0)
-    reach = len(look.mean) // 2
+    of_law = CORRECTION_UNCERTAINTY**2 * np.mean(between_samples**2, axis=0)
     return Balance(
-        at=np.arange(reach, len(run) - reach),
-        measured=look.derivative(fused.z_rate),
+        measured=window.derivative(fused.z_rate),
         parts=parts,
-        factors=own,
+        factors=factors,
         sigma=np.sqrt(of_force + of_rate + of_law),
-        unsure=UNSURE_AT_ONCE * np.abs(between_samples),
-        overlap=float(2.0 * np.sqrt(np.pi) * look.deviation),
-        meshes=coordinates_to_meshes(run.model.layout),
+        overlap=float(2.0 * np.sqrt(np.pi) * window.deviation),
     )
 
 
-def measured_force(run: PreparedRun, look: Window, correction_n: Array | None = None) -> Force:
-    """Window average of the measured forces, with a ``quadrature`` correction if there is one."""
-    average = look.average(run.F.values)
-    more = np.zeros_like(average) if correction_n is None else correction_n
-    return Force(average + more, np.diag(run.F.sigma**2) * np.sum(look.mean**2), more)
+def averaged_measured_force(
+    run: PreparedRun, window: Window, correction_n: Array | None = None
+) -> AveragedForce:
+    """Window average of the measured forces, plus the quadrature correction if one is given."""
+    average = window.average(run.F.values)
+    correction = np.zeros_like(average) if correction_n is None else correction_n
+    covariance = np.diag(run.F.sigma**2) * np.sum(window.mean**2)
+    return AveragedForce(average + correction, covariance, correction)
 
 
-def modelled_force(look: Window, force_n: Array, noise_n: Array) -> Force:
-    """Window average of forces (n, n_mesh) of a law, its floor from a realisation of the noise."""
-    average = look.average(force_n)
-    return Force(average, np.cov(look.average(noise_n).T), np.zeros_like(average))
-
-
-def quadrature(run: PreparedRun, fused: Fused, law: FineLaw, width: float = WIDTH) -> Array:
-    """Integral minus sum of a force over the window (k, n_mesh) [N], by a law between samples.
+def averaged_law_force(window: Window, force_n: Array, noise_n: Array) -> AveragedForce:
+    """Window average of the forces of a law.
 
     Args:
-        law: gives the forces (n, n_mesh) from phase (n,), D z and its rate (n, n_mesh).
+        window: to average with.
+        force_n: (n, n_mesh) forces [N].
+        noise_n: (n, n_mesh) a realisation of their noise [N], for the covariance.
+    """
+    average = window.average(force_n)
+    return AveragedForce(average, np.cov(window.average(noise_n).T), np.zeros_like(average))
+
+
+def quadrature_correction(
+    run: PreparedRun, fused: Fused, law: FineLaw, width: float = WIDTH
+) -> Array:
+    """Window integral minus window sum (k, n_mesh) [N] of the forces that a law gives.
+
+    The law is evaluated at ``FINE`` points per sample on an interpolated motion.
+
+    Args:
+        run: with its sample times and phase.
+        fused: motion of the run.
+        law: forces (n, n_mesh) from phase (n,), D z and its rate (n, n_mesh).
+        width: standard deviation of the window [mesh cycles].
     """
     h = run.step_s
-    z, rate = between(fused.z, fused.z_rate, h, FINE)
+    z, rate = hermite_interpolation(fused.z, fused.z_rate, h, FINE)
     D = coordinates_to_meshes(run.model.layout)
     phase = np.interp(np.arange(len(z)) / FINE, np.arange(len(run)), run.phase)
     force = law(phase, z @ D.T, rate @ D.T)
-    look = window_of(run, width)
-    fine = look.finer(FINE)
-    reach = len(look.mean) // 2
+    window = window_of(run, width)
+    fine = window.finer(FINE)
+    reach = len(window.mean) // 2
     first = reach * FINE - len(fine.mean) // 2
     whole = fine.average(force)[first::FINE][: len(run) - 2 * reach]
-    difference: Array = whole - look.average(force[::FINE])
+    difference: Array = whole - window.average(force[::FINE])
     return difference
 
 
-def between(z: Array, rate: Array, step_s: float, parts: int) -> tuple[Array, Array]:
-    """Cubic through values and rates (n, m) at ``parts`` points a step, and its rate."""
+def hermite_interpolation(z: Array, rate: Array, step_s: float, parts: int) -> tuple[Array, Array]:
+    """Cubic Hermite interpolation of z with dz/dt (n, m) at ``parts`` points a step.
+
+    Returns:
+        Values and rates, each (parts (n - 1) + 1, m).
+    """
     n = parts * (len(z) - 1) + 1
     fine, slope = np.empty((n, z.shape[1])), np.empty((n, z.shape[1]))
     a, b, da, db = z[:-1], z[1:], step_s * rate[:-1], step_s * rate[1:]
@@ -180,7 +190,7 @@ def between(z: Array, rate: Array, step_s: float, parts: int) -> tuple[Array, Ar
 
 
 def inertia_parts(model: Model) -> Array:
-    """A (3, m, n_mesh): accelerations of z by mesh forces through suns, planets and carrier."""
+    """A (3, m, n_mesh) [1/kg]: accelerations of z by mesh forces via suns, planets, carrier."""
     layout, s = model.layout, model.scales
     n, m, c = layout.n_mesh, layout.n_coordinate, layout.n_classes
     A = np.zeros((3, m, n))
@@ -195,8 +205,8 @@ def inertia_parts(model: Model) -> Array:
     return A
 
 
-def _loads(run: PreparedRun) -> Array:
-    """Accelerations (3, n, m) by the torques T_1, T_2 and the control on suns and carrier."""
+def load_accelerations(run: PreparedRun) -> Array:
+    """Accelerations (3, n, m) [m/s^2] of z by T_1, T_2 and control, via suns, planets, carrier."""
     model = run.model
     p, s, packed = model.parameters, model.scales, model.packed
     load = np.zeros((3, len(run), model.layout.n_coordinate))

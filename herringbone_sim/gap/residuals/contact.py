@@ -1,4 +1,4 @@
-"""The backlash function seen through noise: its expectation, its spread, the odds of contact."""
+"""Mean and variance of the backlash function of a noisy displacement."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class NoisyBacklash:
-    """f(x) for x known up to Gaussian noise; arrays as x.
+    """Backlash function f of a displacement with Gaussian noise; arrays (n, n_mesh).
 
     Attributes:
         f: expectation of the backlash function, Eqs. (1), (4) [m].
         variance: of f [m^2].
-        contact: probability of contact, which is also the derivative of ``f`` by x.
+        contact: probability of contact, which equals the derivative of ``f`` by x.
     """
 
     f: Array
@@ -27,12 +27,14 @@ class NoisyBacklash:
 
 
 def noisy_backlash(x: Array, half_backlash: Array, sigma: Array) -> NoisyBacklash:
-    """Expectation of f over Gaussian noise: errors in the variable x no longer bias the law.
+    """Expectation of f over the Gaussian noise of x.
+
+    f of the noisy x itself would be biased near the edges of the backlash.
 
     Args:
         x: (n, n_mesh) displacement [m].
         half_backlash: (n_mesh,) b' [m].
-        sigma: (n_mesh,) standard deviation of the noise of x [m]; NaN is taken as none.
+        sigma: (n_mesh,) standard deviation of the noise of x [m]; NaN counts as zero.
     """
     s = np.maximum(np.nan_to_num(sigma), 1e-15)
     drive, drive_square, on = _ramp(x - half_backlash, s)
@@ -43,7 +45,7 @@ def noisy_backlash(x: Array, half_backlash: Array, sigma: Array) -> NoisyBacklas
 
 
 def _ramp(over: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Expectation of max(y, 0), of its square, and odds of y > 0, for y ~ N(over, sigma^2)."""
+    """Means of max(y, 0) and max(y, 0)^2, and probability of y > 0, for y ~ N(over, sigma^2)."""
     z = over / sigma
     odds = ndtr(z)
     bell = sigma * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)

@@ -1,9 +1,9 @@
-"""One displacement from many sensors: geometry first, then the integral of the rate.
+"""Sensor fusion: best coordinates z = (q, r) and rates dz/dt from the channels x, u and v.
 
-Recorded x and u are the same eight coordinates z = (q, r) seen through x = D z - e and z = B u
-(``Layout.state_names``), with the nominal e(t) as the recording contract has it. Generalised least
-squares joins them sample by sample; a random-walk smoother then joins z with the integral of
-dz/dt from v. Nothing here knows a mass, a stiffness or a damping: no effect can bend it.
+Recorded x and u both measure z, by x = D z - e and z = B u (``data.geometry``), with the nominal
+e(t). Generalised least squares joins them sample by sample; a random-walk smoother then joins z
+with the integral of dz/dt from v. Only geometry is used, no mass, stiffness or damping, so that
+effects of the catalogue don't bias the result.
 """
 
 from __future__ import annotations
@@ -25,14 +25,13 @@ QUADRATURE = np.array([11.0, -93.0, 802.0, 802.0, -93.0, 11.0]) / 1440.0
 
 @dataclass(frozen=True)
 class Fused:
-    """Best displacements and rates of a run and what noise is left on them.
+    """Fused displacements and rates of a run with their noise.
 
     Attributes:
         z, z_rate: (n, n_coordinate) coordinates (q, r) [m] and their rates [m/s].
         z_cov, z_rate_cov: (n_coordinate, n_coordinate) covariance of their noise.
-        x, v: (n, n_mesh) relative to the nominal e(t), NaN where the channels can't give it.
-        sigma_x, sigma_v: (n_mesh,) standard deviation of the noise left.
-        gain: (n_mesh,) noise of the raw x over that of the fused one; NaN without raw x.
+        x, v: (n, n_mesh) relative to the nominal e(t), NaN where the channels don't determine it.
+        sigma_x, sigma_v: (n_mesh,) standard deviation of their noise.
     """
 
     z: Array
@@ -43,22 +42,21 @@ class Fused:
     v: Array
     sigma_x: Array
     sigma_v: Array
-    gain: Array
 
 
 def fuse(run: PreparedRun) -> Fused:
     """Fuse x, u and v of a run.
 
-    A coordinate that no channel gives is NaN, and so are the meshes that need it and have no
-    sensors of their own.
+    A coordinate that the channels don't determine is NaN. So are meshes that depend on it, unless
+    they have a sensor of their own, whose raw values are used.
     """
     D = coordinates_to_meshes(run.model.layout)
     z, P = displacement(run)
     rate, V = velocity(run)
     if np.isfinite(P).all() and np.isfinite(V).all():
         z, P = smooth(z, P, rate, V, run.step_s)
-    x, sigma_x = _through(D, z) - run.waves.e, _of_meshes(D, P)
-    v, sigma_v = _through(D, rate) - run.waves.e_rate, _of_meshes(D, V)
+    x, sigma_x = _to_meshes(D, z) - run.waves.e, _mesh_sigma(D, P)
+    v, sigma_v = _to_meshes(D, rate) - run.waves.e_rate, _mesh_sigma(D, V)
     alone = np.isnan(sigma_x) & run.x.there
     x[:, alone], sigma_x[alone] = run.x.values[:, alone], run.x.sigma[alone]
     alone = np.isnan(sigma_v) & run.v.there
@@ -72,12 +70,11 @@ def fuse(run: PreparedRun) -> Fused:
         v=v,
         sigma_x=sigma_x,
         sigma_v=sigma_v,
-        gain=run.x.sigma / sigma_x,
     )
 
 
 def displacement(run: PreparedRun) -> tuple[Array, Array]:
-    """Coordinates z (n, m) by geometry alone from x and u, and the covariance of their noise."""
+    """Coordinates z (n, m) [m] from x and u by geometry, with their noise covariance (m, m)."""
     D = coordinates_to_meshes(run.model.layout)
     B = bodies_to_coordinates(run.model)
     rows = np.vstack([(D @ B)[run.x.there], np.eye(B.shape[1])[run.u.there]])
@@ -87,33 +84,34 @@ def displacement(run: PreparedRun) -> tuple[Array, Array]:
 
 
 def velocity(run: PreparedRun) -> tuple[Array, Array]:
-    """Rates dz/dt (n, m) of every sample by geometry alone from v, and their covariance."""
+    """Rates dz/dt (n, m) [m/s] from v by geometry, with their noise covariance (m, m)."""
     D = coordinates_to_meshes(run.model.layout)
     there = run.v.there
     seen = (run.v.values + run.waves.e_rate)[:, there]
     return least_squares(D[there], run.v.sigma[there], seen, np.eye(D.shape[1]))
 
 
-def least_squares(rows: Array, sigma: Array, seen: Array, wanted: Array) -> tuple[Array, Array]:
-    """Generalised least squares of ``wanted @ s`` from ``seen = rows @ s + noise``.
+def least_squares(rows: Array, sigma: Array, values: Array, wanted: Array) -> tuple[Array, Array]:
+    """Generalised least-squares estimate of ``wanted @ s`` from ``values = rows @ s + noise``.
 
     Args:
-        rows: (k, s) what each channel sees of the unknowns.
-        sigma: (k,) standard deviation of each channel.
-        seen: (n, k).
-        wanted: (m, s) combinations asked for.
+        rows: (k, s) matrix from the unknowns to the channels.
+        sigma: (k,) standard deviation of the noise of each channel.
+        values: (n, k) of the channels.
+        wanted: (m, s) linear combinations of the unknowns to estimate.
 
     Returns:
-        (n, m) estimates and (m, m) their covariance; NaN for combinations that are not seen.
+        (n, m) estimates and their covariance (m, m); NaN for combinations that the channels don't
+        determine.
     """
-    n, m = len(seen), len(wanted)
+    n, m = len(values), len(wanted)
     scale = np.maximum(sigma, 1e-9 * max(float(np.max(sigma, initial=0.0)), 1e-300))
     whitened = rows / scale[:, None]
     reference = float(np.min(scale, initial=np.inf))
     inverse = np.linalg.pinv(whitened * reference, rcond=1e-9) * reference
     blind = ~np.all(np.isclose(wanted @ inverse @ whitened, wanted, atol=1e-6), axis=1)
     gain = wanted @ inverse
-    estimate = (seen / scale) @ gain.T if len(rows) else np.zeros((n, m))
+    estimate = (values / scale) @ gain.T if len(rows) else np.zeros((n, m))
     covariance = gain @ gain.T
     estimate[:, blind] = np.nan
     covariance[blind] = covariance[:, blind] = np.nan
@@ -121,14 +119,15 @@ def least_squares(rows: Array, sigma: Array, seen: Array, wanted: Array) -> tupl
 
 
 def smooth(z: Array, P: Array, rate: Array, V: Array, step_s: float) -> tuple[Array, Array]:
-    """Random-walk smoother: z (n, m) with noise P, driven by the integral of rates with noise V.
+    """Smooth z (n, m) with noise covariance P by the integral of its rates with covariance V.
 
-    The two covariances are diagonalised together, so that each component is a scalar problem:
-    least sum of (zeta - y)^2 + (d zeta - w)^2 / q, a tridiagonal system. What the integral misses
-    is taken from the data and added to q.
+    A random-walk smoother. P and V are diagonalised together, so that each component zeta
+    minimises the sum of (zeta - y)^2 + (d zeta - w)^2 / q, with y from z and the increments w from
+    the rates: a tridiagonal system. The error of the quadrature of w is estimated from the data
+    and added to q.
 
     Returns:
-        (n, m) smoothed z, and (m, m) the covariance of its noise away from the ends.
+        Smoothed z (n, m), and the covariance (m, m) of its noise away from the ends.
     """
     variances, T = eigh(V, P)
     y = z @ T
@@ -146,7 +145,7 @@ def smooth(z: Array, P: Array, rate: Array, V: Array, step_s: float) -> tuple[Ar
 
 
 def increments(rate: Array, step_s: float) -> Array:
-    """Integral (n - 1, m) of rates (n, m) over each step."""
+    """Integral (n - 1, m) of rates (n, m) over each step: Newton-Cotes, trapezoids at the ends."""
     w = step_s * 0.5 * (rate[1:] + rate[:-1])
     n = len(rate)
     if n >= len(QUADRATURE):
@@ -156,6 +155,7 @@ def increments(rate: Array, step_s: float) -> Array:
 
 
 def _tridiagonal(y: Array, w: Array, q: float) -> Array:
+    """Minimiser (n,) of the sum of (zeta - y)^2 + (d zeta - w)^2 / q."""
     band = np.zeros((2, len(y)))
     band[1] = 1.0 + 2.0 / q
     band[1, [0, -1]] = 1.0 + 1.0 / q
@@ -168,7 +168,7 @@ def _tridiagonal(y: Array, w: Array, q: float) -> Array:
 
 
 def _variance_left(q: float, missed: float) -> float:
-    """Variance of a smoothed component of unit measurement noise, by its transfer functions."""
+    """Variance of a smoothed component whose y has unit noise, by its transfer functions."""
     theta = (np.arange(512) + 0.5) * np.pi / 512
     curve = 2.0 - 2.0 * np.cos(theta)
     rule = 2.0 * sum(c * np.cos((j + 0.5) * theta) for j, c in enumerate(QUADRATURE[3:]))
@@ -178,15 +178,16 @@ def _variance_left(q: float, missed: float) -> float:
     return float(np.mean(of_y**2 + of_w**2 * (q * rule**2 + missed)))
 
 
-def _through(D: Array, z: Array) -> Array:
-    """D z with NaN only where a coordinate that is needed is NaN."""
+def _to_meshes(D: Array, z: Array) -> Array:
+    """D z (n, n_mesh), NaN only for meshes that depend on a NaN coordinate."""
     bad = np.isnan(z).any(axis=0)
     through: Array = np.where(bad, 0.0, z) @ D.T
     through[:, np.abs(D) @ bad > 0.0] = np.nan
     return through
 
 
-def _of_meshes(D: Array, covariance: Array) -> Array:
+def _mesh_sigma(D: Array, covariance: Array) -> Array:
+    """Standard deviation (n_mesh,) of D z from the covariance of z."""
     bad = np.isnan(np.diag(covariance))
     variance = np.einsum("mi,ij,mj->m", D, np.nan_to_num(covariance), D)
     sigma: Array = np.where(np.abs(D) @ bad > 0.0, np.nan, np.sqrt(np.maximum(variance, 0.0)))

@@ -1,8 +1,9 @@
-"""Where a residual lives: shares over meshes, contact, phase, teeth, shaft orders, load, heat.
+"""Distribution of the force-law residual over meshes, contact, phase, load and temperature.
 
-The energy above the noise floor is spread over the values of each factor. What a share would be
-by chance comes from permuting blocks of whole mesh cycles within a run, so that neither the
-motion's memory nor a run's level is taken for structure.
+The energy above the noise floor is divided among the values of each factor. Repetition with the
+teeth of a member and with the orders of the input shaft is tested against chance; for teeth the
+mesh cycles of a run are permuted, so that neither correlation within a cycle nor the level of a
+run counts as repetition.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from herringbone_sim.gap.data.prepared import MeshTable, PreparedRun
-from herringbone_sim.gap.residuals.recalibrate import Law
+from herringbone_sim.gap.residuals.recalibrate import ForceLaw
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -43,12 +44,12 @@ class Share:
 
 @dataclass(frozen=True)
 class Periodicity:
-    """Structure of a residual along something that comes round again.
+    """Test of a residual for repetition with a tooth or a shaft order.
 
     Attributes:
         labels: meshes or orders.
-        strength: statistic of each.
-        threshold: its 99.9 % quantile over block permutations, the largest of all labels.
+        strength: test statistic of each label.
+        threshold: value that the largest statistic exceeds by chance once in a thousand.
     """
 
     labels: tuple[str, ...]
@@ -57,7 +58,7 @@ class Periodicity:
 
     @property
     def beyond(self) -> tuple[str, ...]:
-        """Labels above the threshold."""
+        """Labels whose statistic exceeds the threshold."""
         return tuple(
             n for n, s in zip(self.labels, self.strength, strict=True) if s > self.threshold
         )
@@ -65,13 +66,13 @@ class Periodicity:
 
 @dataclass(frozen=True)
 class Location:
-    """All that ``locate`` finds out.
+    """Result of ``locate``.
 
     Attributes:
-        shares: by factor: mesh, kind, planet, side, contact, phase, load, delta_T, run, modes.
-        teeth: by member (sun, planet, ring): residual that repeats once a turn against the
-            carrier, per mesh.
-        shaft: orders 1 ... 60 of the turn of the input shaft to ground.
+        shares: by factor: mesh, kind, planet, side, contact, phase, T_1, delta_T, Omega, modes.
+        teeth: by member (sun, planet, ring): repetition once per turn against the carrier, for
+            each mesh.
+        shaft: repetition with the orders 1 ... 60 of the input shaft against ground.
     """
 
     shares: Mapping[str, Share]
@@ -81,18 +82,19 @@ class Location:
 
 def locate(
     runs: Sequence[PreparedRun],
-    laws: Sequence[Law],
+    laws: Sequence[ForceLaw],
     meshes: MeshTable,
     rng: np.random.Generator,
     permutations: int = 200,
 ) -> Location:
-    """Place the residual of the force law.
+    """Distribute the residual of the force law over meshes, operating points, teeth and orders.
 
     Args:
-        runs, laws: fit runs and their force law with residual and floor.
-        meshes: what each mesh is.
+        runs: fit runs.
+        laws: force law of each run.
+        meshes: kind, side and planet of each mesh.
         rng: for the permutations.
-        permutations: how many.
+        permutations: number of them.
     """
     p = runs[0].model.parameters
     units = [law.residual_n / law.sigma_n for law in laws]
@@ -103,13 +105,17 @@ def locate(
         for name, length in lengths.items()
     }
     turn = p.z_s * p.z_r / (p.z_s + p.z_r)
-    shaft = shaft_orders([run.phase for run in runs], units, turn)
+    shaft = shaft_order_periodicity([run.phase for run in runs], units, turn)
     return Location(_shares(runs, laws, units, meshes), teeth, shaft)
 
 
 def _shares(
-    runs: Sequence[PreparedRun], laws: Sequence[Law], units: Sequence[Array], meshes: MeshTable
+    runs: Sequence[PreparedRun],
+    laws: Sequence[ForceLaw],
+    units: Sequence[Array],
+    meshes: MeshTable,
 ) -> dict[str, Share]:
+    """Shares by each factor, from residuals in units of their noise (n, n_mesh) of each run."""
     square = np.concatenate([u**2 for u in units])
     shares = {"mesh": _along_meshes(square, np.arange(len(meshes.names)), meshes.names)}
     shares["kind"] = _along_meshes(square, meshes.kind, ["sp", "rp"])
@@ -128,7 +134,7 @@ def _shares(
 
 
 def _over_runs(runs: Sequence[PreparedRun], units: Sequence[Array], factor: str) -> Share:
-    """Runs in the order of one number of their operating point."""
+    """Shares of the runs, in the order of ``factor`` of their operating point."""
     order = np.argsort([run.point[factor] for run in runs], kind="stable")
     labels = [f"{runs[i].point[factor]:g} ({runs[i].name})" for i in order]
     rank = [np.full(units[i].shape, place) for place, i in enumerate(order)]
@@ -137,10 +143,12 @@ def _over_runs(runs: Sequence[PreparedRun], units: Sequence[Array], factor: str)
 
 
 def _along_meshes(square: Array, of_mesh: Index, labels: Sequence[str]) -> Share:
+    """Shares by a factor (n_mesh,) of the meshes."""
     return _over(square, np.broadcast_to(of_mesh, square.shape), labels)
 
 
 def _over(square: Array, values: Index, labels: Sequence[str]) -> Share:
+    """Shares of squares (n, m) by the factor ``values`` (n, m), an index of ``labels``."""
     known = np.isfinite(square)
     at = values[known]
     energy = np.bincount(at, square[known], minlength=len(labels))
@@ -151,18 +159,20 @@ def _over(square: Array, values: Index, labels: Sequence[str]) -> Share:
     return Share(tuple(labels), energy / np.maximum(count, 1), share)
 
 
-def _contact(law: Law) -> Index:
+def _contact(law: ForceLaw) -> Index:
+    """Contact (n, n_mesh): 0 back flank, 1 apart, 2 driving flank."""
     sides = np.where(law.x_m > 0.0, 2, 0)
     state: Index = np.where(law.contact > 0.5, sides, 1)
     return state
 
 
 def _phase_bin(phase: Array) -> Index:
+    """Index (n,) of the part of the mesh cycle, 0 ... PHASES - 1."""
     return np.floor(np.mod(phase, 2.0 * np.pi) / (2.0 * np.pi) * PHASES).astype(int) % PHASES
 
 
 def _modes(unit: Array, meshes: MeshTable) -> Share:
-    """Energy of left + right and left - right, each as mean over planets and rest, by kind."""
+    """Shares of the sum and the difference of the sides, equal on all planets or not, by kind."""
     n = int(meshes.planet.max()) + 1
     r = np.nan_to_num(unit).reshape(len(unit), 2, 2, n)
     labels, energies = [], []
@@ -180,7 +190,10 @@ def _modes(unit: Array, meshes: MeshTable) -> Share:
 
 
 def _cycles(run: PreparedRun, unit: Array) -> tuple[Index, Array]:
-    """Number of the mesh cycle (c,) and the mean pattern of the residual in it (c, PHASES, m)."""
+    """Numbers (c,) of the mesh cycles, and the residual over phase in each (c, PHASES, m).
+
+    A value is the mean of the samples in its phase bin times the root of their number.
+    """
     cycle = np.floor(run.phase / (2.0 * np.pi)).astype(int)
     place = (cycle - cycle[0]) * PHASES + _phase_bin(run.phase)
     size = place.max() + 1
@@ -198,10 +211,10 @@ def _teeth(
     rng: np.random.Generator,
     permutations: int,
 ) -> Periodicity:
-    """Energy of what repeats after ``length`` cycles, per mesh, over that of what does not.
+    """Test, for each mesh, whether the residual repeats after ``length`` mesh cycles.
 
-    The mean of a cycle position within a run, with the mean of the run taken off, against the
-    spread of the cycles: large where one tooth differs.
+    The statistic is the largest energy of the mean residual at one position of the turn, over the
+    variance of the mesh cycles of the run: large where one tooth differs from the others.
     """
     strength = np.zeros(len(names))
     chance = np.zeros((permutations, len(names)))
@@ -218,7 +231,7 @@ def _teeth(
 
 
 def _repeats(flat: Array, number: Index, length: int) -> Array:
-    """Largest sum of squares (m,) of the pattern of one position of the turn."""
+    """Largest energy (m,) of the mean residual at one position of the turn."""
     fold = np.mod(number, length)
     counts = np.bincount(fold, minlength=length)
     membership = np.zeros((length, len(flat)))
@@ -229,15 +242,17 @@ def _repeats(flat: Array, number: Index, length: int) -> Array:
     return repeats
 
 
-def shaft_orders(phases: Sequence[Array], residuals: Sequence[Array], turn: float) -> Periodicity:
-    """Power of the orders 1 ... 60 of the input shaft to ground over that between the orders.
+def shaft_order_periodicity(
+    phases: Sequence[Array], residuals: Sequence[Array], turn: float
+) -> Periodicity:
+    """Power at the orders 1 ... 60 of the input shaft to ground over that between the orders.
 
-    An order near a multiple, or a simple fraction, of the mesh order (``turn``) can't be told from
-    the motion itself. Channels of one run are taken as one witness: they often move in step.
+    An order near a multiple, or a simple fraction, of the mesh order (``turn``) can't be separated
+    from the motion itself. Channels of one run count as one observation, as they are correlated.
 
     Args:
-        phases: of each run (n,) [rad].
-        residuals: of each run (n, m), of the force law or of the balance.
+        phases: (n,) mesh phase of each run [rad].
+        residuals: (n, m) of each run, of the force law or of the balance.
         turn: mesh cycles of one turn, z_s z_r / (z_s + z_r).
     """
     orders = np.arange(1, SHAFT_ORDERS + 1)

@@ -1,8 +1,8 @@
-"""Runs of another gear, and a nominal file of another rig.
+"""Detect runs of another gear, and a nominal file of another rig.
 
-A gear tells itself by its mesh frequency, by the geometry between bodies and meshes with the mesh
-error that its encoders' program takes off, and by its force law. Effects of the catalogue bend
-the last one; so that one alone says little, and only where it misses the force on every mesh.
+A gear is recognised by its mesh frequency, by the relation x = D B u - e(t), and by its force law.
+Effects of the catalogue change the force law as well, so that a run is rejected by its force law
+only where the law fails on every mesh.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from herringbone_sim.gap.residuals.recalibrate import force_law
 
 Array = NDArray[np.float64]
 
-SPEED = 2e-3  # share by which a mesh frequency may be off that of the other runs
-GEOMETRY = 0.2  # by which the scale of u or of e(t) may differ from the other runs
-LEAST = 0.5  # share of the square of u, and of its slope, that must be motion
-ALIKE = 0.9  # square of the correlation of u and e(t) from which they can't be told apart
-MISSED = 0.5  # share of the force that the nominal law misses from which it is another law
-FOUND = 0.1  # and below which the other runs follow it
+SPEED_TOLERANCE = 2e-3  # relative, of a mesh frequency against that of the other runs
+GEOMETRY_TOLERANCE = 0.2  # of the scales of u and e(t) against those of the other runs
+LEAST_MOTION = 0.5  # least share of motion, not noise, in the squares of u and of its slope
+COLLINEAR = 0.9  # squared correlation of u and e(t) from which their scales can't be separated
+OTHER_LAW = 0.5  # unexplained share of the force above which a run has another force law
+SAME_LAW = 0.1  # unexplained share below which a run follows the nominal law
 
 
 def speed_ratio(run: PreparedRun) -> float:
@@ -34,17 +34,17 @@ def speed_ratio(run: PreparedRun) -> float:
     return run.omega_rad_per_s / (p.Omega * s.omega_n)
 
 
-def common_ratio(ratios: Sequence[float]) -> float:
-    """The ratio that most runs share; the one nearest to 1 where none does."""
+def most_common_ratio(ratios: Sequence[float]) -> float:
+    """The speed ratio with most others within tolerance; among equals the one nearest to 1."""
     values = np.array(ratios)
-    friends = (np.abs(values[:, None] / values - 1.0) < SPEED).sum(axis=1)
-    most = values[friends == friends.max()]
+    agreeing = (np.abs(values[:, None] / values - 1.0) < SPEED_TOLERANCE).sum(axis=1)
+    most = values[agreeing == agreeing.max()]
     return float(most[np.abs(np.log(most)).argmin()])
 
 
-def other_speed(run: PreparedRun, ratio: float, common: float) -> Finding | None:
-    """A run whose mesh does not turn as that of the other runs."""
-    if abs(ratio / common - 1.0) < SPEED:
+def mesh_speed_mismatch(run: PreparedRun, ratio: float, common: float) -> Finding | None:
+    """A finding if the speed ratio of a run differs from that of the other runs."""
+    if abs(ratio / common - 1.0) < SPEED_TOLERANCE:
         return None
     text = (
         f"the mesh of {run.name} turns at {run.omega_rad_per_s:.6g} rad/s, {ratio:.4f} of the "
@@ -55,35 +55,36 @@ def other_speed(run: PreparedRun, ratio: float, common: float) -> Finding | None
     return Finding("other_gear", run.name, ("phase",), at, text, fatal=True)
 
 
-def other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
-    """Runs whose x, u and e(t) fit together in another way than in most runs.
+def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
+    """Findings for runs whose relation between x, u and e(t) differs from most runs.
 
-    A sensor that errs, errs in all of them.
+    A sensor error is the same in all runs, and so doesn't show here.
     """
     scales = np.array([geometry_scales(run) for run in runs])
-    seen = np.isfinite(scales).all(axis=1)
-    if seen.sum() < 3:
+    known = np.isfinite(scales).all(axis=1)
+    if known.sum() < 3:
         return []
-    usual = np.median(scales[seen], axis=0)
-    found = []
-    for run, (of_u, of_e), known in zip(runs, scales, seen, strict=True):
-        if known and max(abs(of_u - usual[0]), abs(of_e - usual[1])) > GEOMETRY:
+    usual = np.median(scales[known], axis=0)
+    findings = []
+    for run, (of_u, of_e), finite in zip(runs, scales, known, strict=True):
+        off = max(abs(of_u - usual[0]), abs(of_e - usual[1]))
+        if finite and off > GEOMETRY_TOLERANCE:
             text = (
-                f"x of {run.name} is {of_u:.3f} of what u says plus {of_e:.3f} of the nominal "
+                f"x of {run.name} is {of_u:.3f} of what u gives plus {of_e:.3f} of the nominal "
                 f"e(t), {usual[0]:.3f} and {usual[1]:.3f} in the other runs: a run of another "
                 "gear or with other sensors; it is left out"
             )
             channels = tuple(f"x_{mesh}" for mesh in run.model.layout.meshes)
             at = float(run.times[0])
-            found.append(Finding("other_gear", run.name, channels, at, text, fatal=True))
-    return found
+            findings.append(Finding("other_gear", run.name, channels, at, text, fatal=True))
+    return findings
 
 
 def geometry_scales(run: PreparedRun) -> tuple[float, float]:
-    """(g, h) of x + e = g G u + h e over the meshes, in the median: 1 and 0; NaN where unknown.
+    """Median (g, h) over the meshes of x + e = g G u + h e, with G = D B; ideally (1, 0).
 
-    A delay between the two is fitted beside it. The noise of u is taken off its own square, which
-    it would make too large.
+    A delay between x and u is fitted too. The noise of u is subtracted from the normal equations,
+    as it would bias g. NaN where u is incomplete, or its motion too small or collinear with e.
     """
     if not (run.u.complete and run.x.there.any()):
         return np.nan, np.nan
@@ -99,9 +100,8 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
         whole, slope, cross = square[0, 0], square[3, 3], abs(square[0, 1])
         square[0, 0] -= len(s) * noise[j]
         square[3, 3] -= 0.5 * len(s) * noise[j]
-        # Noise as large as the motion, or a motion that is e(t) itself, tells nothing.
-        quiet = square[0, 0] <= LEAST * whole or square[3, 3] <= LEAST * slope
-        if quiet or cross**2 > ALIKE * whole * square[1, 1]:
+        quiet = square[0, 0] <= LEAST_MOTION * whole or square[3, 3] <= LEAST_MOTION * slope
+        if quiet or cross**2 > COLLINEAR * whole * square[1, 1]:
             continue
         pairs.append(np.linalg.solve(square, J.T @ (run.x.values[:, j] + e))[:2])
     if not pairs:
@@ -110,28 +110,35 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     return float(of_u), float(of_e)
 
 
-def missed_shares(run: PreparedRun, fused: Fused) -> Array:
-    """Share (n_mesh,) of the force's RMS that the nominal law misses beyond the noise."""
+def unexplained_force_shares(run: PreparedRun, fused: Fused) -> Array:
+    """RMS residual of the nominal force law beyond its noise, over the RMS force (n_mesh,)."""
     law = force_law(run, fused, np.ones(6))
     beyond = np.mean(law.residual_n**2, axis=0) - np.mean(law.sigma_n**2, axis=0)
     share: Array = np.sqrt(np.maximum(beyond, 0.0) / np.mean(run.F.values**2, axis=0))
     return share
 
 
-def other_laws(runs: Sequence[PreparedRun], shares: Mapping[str, Array]) -> list[Finding]:
-    """Runs whose forces miss the law on every mesh while all other runs follow it.
+def runs_with_other_force_law(
+    runs: Sequence[PreparedRun], shares: Mapping[str, Array]
+) -> list[Finding]:
+    """Findings for runs whose force law fails on every mesh while all fit runs follow it.
 
-    One within the range of loads, temperatures and speeds of the others is another gear; outside
-    of it an effect may wake there. Held-out runs are told, never chosen by their residual.
+    Inside the range of operating points of the fit runs this is another gear; outside, it may be
+    an effect that acts only there. Only fit runs are left out: held-out runs must not be selected
+    by their residual.
+
+    Args:
+        runs: those with forces.
+        shares: ``unexplained_force_shares`` of each, by name of the run.
     """
     if len(runs) < 4:
         return []
-    found = []
+    findings = []
     for run in runs:
         others = [r for r in runs if r is not run and r.role == "fit"]
         least = float(np.min(shares[run.name]))
         most = max((float(np.median(shares[r.name])) for r in others), default=np.inf)
-        if not (least > MISSED and most < FOUND):
+        if not (least > OTHER_LAW and most < SAME_LAW):
             continue
         inside = all(
             min(r.point[q] for r in others) <= run.point[q] <= max(r.point[q] for r in others)
@@ -145,23 +152,23 @@ def other_laws(runs: Sequence[PreparedRun], shares: Mapping[str, Array]) -> list
             + ("; it is left out" if out else "; it is kept")
         )
         channels = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
-        found.append(
+        findings.append(
             Finding("other_gear", run.name, channels, float(run.times[0]), text, fatal=out)
         )
-    return found
+    return findings
 
 
-def other_nominal(common: float, shares: Sequence[Array]) -> Finding | None:
-    """A nominal file that is not that of the rig.
+def nominal_mismatch(common: float, shares: Sequence[Array]) -> Finding | None:
+    """A finding if the nominal file doesn't describe the rig.
 
     Args:
         common: mesh frequency over the nominal one.
-        shares: of the force that the law misses, of each fit run with forces.
+        shares: ``unexplained_force_shares`` of each run with forces.
     """
     text = ""
-    if abs(common - 1.0) > SPEED:
+    if abs(common - 1.0) > SPEED_TOLERANCE:
         text = f"all runs turn at {common:.4f} of the nominal Omega omega_n"
-    elif shares and min(float(np.median(share)) for share in shares) > MISSED:
+    elif shares and min(float(np.median(share)) for share in shares) > OTHER_LAW:
         least, most = (f([float(np.median(s)) for s in shares]) for f in (min, max))
         text = f"the nominal force law misses {least:.0%} to {most:.0%} of the force in every run"
     if not text:

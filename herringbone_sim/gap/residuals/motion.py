@@ -1,9 +1,8 @@
-"""Without force sensors: law and balance together, by accelerations alone.
+"""Torque balance without force sensors, with the forces of the calibrated force law.
 
-The forces of the calibrated law on the fused x and v take the place of the measured ones in the
-torque balance. Eight accelerations answer for twelve forces: a single mesh can't be told from its
-neighbours on the same body, nor a gain of all forces from the inertias. The floor comes from a
-realisation of the noise that was sent through the same fusion and the same law.
+Eight accelerations depend on twelve mesh forces, so that meshes on the same body can't be
+separated, nor can a common factor on all forces be separated from the inertias. The noise of the
+residual is estimated by passing a realisation of the sensor noise through fusion and force law.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import Waves
 from herringbone_sim.gap.residuals.balance import (
     Balance,
+    averaged_law_force,
     inertia_parts,
-    modelled_force,
-    quadrature,
+    quadrature_correction,
     torque_balance,
     window_of,
 )
@@ -32,50 +31,49 @@ from herringbone_sim.gap.residuals.recalibrate import (
     LIGHTEST,
     NAMES,
     Calibration,
-    Inertias,
+    InertiaFactors,
     fine_law,
     force_law,
 )
 
 Array = NDArray[np.float64]
 
-SEED = 20  # of the noise that gives the floor of the accelerations
-
-WIDTH = 0.08  # mesh cycles: wide enough to quieten dv/dt, narrow enough to see order 3
+SEED = 20  # of the noise realisation
+WIDTH = 0.08  # of the window, mesh cycles: averages the noise of dv/dt, but passes order 3
 
 
 def motion_balance(
     run: PreparedRun, fused: Fused, noise: Fused, factors: Array, inverse: Array
 ) -> Balance:
-    """Accelerations against the law's forces.
+    """Measured accelerations of a run and those expected from the forces of the law.
 
     Args:
         run: with x (or u) and v.
         fused: of the run.
-        noise: of the same run, ``fused_noise``.
-        factors: (6,) of the law, ``recalibrate.NAMES``.
+        noise: ``fused_noise`` of the run.
+        factors: (6,) on k, c and e, in the order of ``recalibrate.NAMES``.
         inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
     """
     law = force_law(run, fused, factors)
     half = factors.repeat(run.x.there.size // 2).reshape(6, -1)
     k, c = run.waves.k * np.concatenate(half[:2]), run.model.damping_n_s_per_m
-    spread = k * law.contact * noise.x + c * noise.v
-    force = modelled_force(window_of(run, WIDTH), law.modelled_n, spread)
-    extra = quadrature(run, fused, fine_law(run, factors), WIDTH)
-    force = replace(force, average_n=force.average_n + extra, correction_n=extra)
+    force_noise = k * law.contact * noise.x + c * noise.v
+    force = averaged_law_force(window_of(run, WIDTH), law.modelled_n, force_noise)
+    correction = quadrature_correction(run, fused, fine_law(run, factors), WIDTH)
+    force = replace(force, average_n=force.average_n + correction, correction_n=correction)
     return torque_balance(run, fused, inverse, force, WIDTH)
 
 
 def fused_noise(run: PreparedRun, rng: np.random.Generator) -> Fused:
-    """A realisation of the noise that fusion leaves on x and v."""
+    """Fuse a realisation of the sensor noise alone: the noise of fused z, x and v."""
     none = np.zeros((len(run), run.x.there.size))
 
     def drawn(measured: Measured) -> Measured:
         values = measured.sigma * rng.normal(size=measured.values.shape)
         return replace(measured, values=values)
 
-    still = replace(run, waves=Waves(none, none, none, none))
-    return fuse(replace(still, x=drawn(run.x), v=drawn(run.v), u=drawn(run.u)))
+    silent = replace(run, waves=Waves(none, none, none, none))
+    return fuse(replace(silent, x=drawn(run.x), v=drawn(run.v), u=drawn(run.u)))
 
 
 def recalibrate_motion(
@@ -83,8 +81,8 @@ def recalibrate_motion(
     fused: Sequence[Fused],
     rng: np.random.Generator,
     rounds: int = 4,
-) -> tuple[Calibration, Inertias]:
-    """Law and inertias inside their tolerance from the motion of the fit runs, together.
+) -> tuple[Calibration, InertiaFactors]:
+    """ForceLaw and inertias inside their tolerance from the motion of the fit runs, together.
 
     Coordinates whose residual stays above the floor count less, as in ``recalibrate``.
     """
@@ -99,7 +97,7 @@ def recalibrate_motion(
     for _ in range(rounds):
         normal, right = prior.copy(), prior @ (1.0 - p)
         for run, one, noise in chosen:
-            J, r = _linear(run, one, noise, p)
+            J, r = _linearised(run, one, noise, p)
             normal += J @ J.T
             right += J @ r
         root = np.linalg.cholesky(normal).T
@@ -108,21 +106,21 @@ def recalibrate_motion(
     on = tuple(n for n, f, b in zip(NAMES, p, BOUNDS, strict=False) if abs(f - 1.0) > 0.999 * b)
     masses = 1.0 / p[6:]
     sigma = np.sqrt(np.diag(covariance)[6:]) * masses**2
-    return Calibration(p[:6], covariance[:6, :6], on), Inertias(masses, sigma)
+    return Calibration(p[:6], covariance[:6, :6], on), InertiaFactors(masses, sigma)
 
 
-def _linear(run: PreparedRun, fused: Fused, noise: Fused, p: Array) -> tuple[Array, Array]:
-    """Derivatives (9, k m) of the expected accelerations and the residual (k m,), whitened."""
+def _linearised(run: PreparedRun, fused: Fused, noise: Fused, p: Array) -> tuple[Array, Array]:
+    """Whitened Jacobian (9, k m) of the expected accelerations, and residual (k m,)."""
     balance = motion_balance(run, fused, noise, p[:6], p[6:])
     spread = balance.sigma * np.sqrt(np.maximum(balance.chi2, 1.0) * balance.overlap)
-    look = window_of(run, WIDTH)
+    window = window_of(run, WIDTH)
     A = np.tensordot(p[6:], inertia_parts(run.model), axes=1)
     here = force_law(run, fused, p[:6]).modelled_n
     step = 1e-4
     slopes = [
-        look.average((force_law(run, fused, p[:6] + step * e).modelled_n - here) @ A.T) / step
+        window.average((force_law(run, fused, p[:6] + step * e).modelled_n - here) @ A.T) / step
         for e in np.eye(6)
     ]
-    seen = np.isfinite(balance.residual).all(axis=0)
-    J = (np.stack([*slopes, *balance.parts]) / spread)[:, :, seen]
-    return J.reshape(9, -1), (balance.residual / spread)[:, seen].ravel()
+    known = np.isfinite(balance.residual).all(axis=0)
+    J = (np.stack([*slopes, *balance.parts]) / spread)[:, :, known]
+    return J.reshape(9, -1), (balance.residual / spread)[:, known].ravel()

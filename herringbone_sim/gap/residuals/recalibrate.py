@@ -1,14 +1,14 @@
-"""Nominal parameters moved inside the data sheet's tolerance, by the force law of the fit runs.
+"""Recalibration: fit nominal parameters inside the tolerances of the data sheet.
 
-Six factors: k, c and e of the sun and of the ring meshes. The recording holds the nominal e(t), so
-a rig whose amplitude is (1 + s) e has the displacement x - s e. Tolerances are hard bounds and the
-prior is narrow, or missing physics would be taken for drift.
+Six factors: on k, c and e of the sun meshes and of the ring meshes. Recorded x contains the
+nominal e(t), so a rig with the mesh error (1 + s) e has the displacement x - s e. Tolerances are
+hard bounds with a narrow prior, so that the factors don't absorb effects that the model lacks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.residuals.balance import Balance, FineLaw
+from herringbone_sim.gap.residuals.balance import FineLaw
 from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import Fused
 
@@ -26,21 +26,19 @@ Array = NDArray[np.float64]
 NAMES = ("k_sp", "k_rp", "c_sp", "c_rp", "e_sp", "e_rp")
 # c follows xi, the root of k and the masses of Eq. (11), each within 2 %.
 BOUNDS = np.array([0.02, 0.02, 0.04, 0.04, 0.02, 0.02])
-
-
-LIGHTEST, HEAVIEST = 0.98, 1.02
+LIGHTEST, HEAVIEST = 0.98, 1.02  # bounds of the factors on the inertias
 
 
 @dataclass(frozen=True)
-class Law:
-    """The force law of a run with its residual and floor; arrays (n, n_mesh).
+class ForceLaw:
+    """The force law of a run with its residual and noise; arrays (n, n_mesh).
 
     Attributes:
         modelled_n: k(t) f(x) + c v [N].
         residual_n: measured minus modelled [N].
-        sigma_n: noise floor of the residual, from F, x and v [N].
-        x_m, v_m_per_s: displacement and rate relative to the rig's own e(t).
-        f_m: expected backlash function.
+        sigma_n: standard deviation of the residual by the noise of F, x and v [N].
+        x_m, v_m_per_s: displacement and rate with the factors on e(t) applied.
+        f_m: backlash function f(x), expectation over the noise of x [m].
         contact: probability of contact.
     """
 
@@ -54,34 +52,29 @@ class Law:
 
     @property
     def chi2(self) -> Array:
-        """Mean square (n_mesh,) of residual over floor: 1 where the law holds."""
+        """Mean square (n_mesh,) of residual over sigma: 1 where the law holds."""
         chi2: Array = np.mean((self.residual_n / self.sigma_n) ** 2, axis=0)
         return chi2
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Nominal parameters inside their tolerance.
+    """Fitted factors on nominal parameters.
 
     Attributes:
         factors: (6,) on k_sp, k_rp, c_sp, c_rp, e_sp, e_rp.
-        covariance: (6, 6) of the factors, noise and prior, as if nothing were on a bound.
-        at_bound: names of those that lie on their bound.
+        covariance: (6, 6) of the factors by noise and prior; bounds are ignored.
+        at_bound: names of the factors on a bound.
     """
 
     factors: Array
     covariance: Array
     at_bound: tuple[str, ...]
 
-    @property
-    def sigma(self) -> Array:
-        sigma: Array = np.sqrt(np.diag(self.covariance))
-        return sigma
-
 
 @dataclass(frozen=True)
-class Inertias:
-    """Factors (3,) of M_s, M_p and M_c (I_ce) inside their tolerance, with their sigma (3,)."""
+class InertiaFactors:
+    """Fitted factors (3,) on M_s, M_p and M_c (I_ce), and their standard deviations (3,)."""
 
     factors: Array
     sigma: Array
@@ -93,13 +86,8 @@ class Inertias:
         return inverse
 
 
-def nominal_calibration() -> Calibration:
-    """All factors 1."""
-    return Calibration(np.ones(6), np.diag((BOUNDS**2) / 3.0), ())
-
-
-def force_law(run: PreparedRun, fused: Fused, factors: Array) -> Law:
-    """Force law of a run with calibrated parameters, on fused x and v."""
+def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
+    """Evaluate the force law on fused x and v, with factors (6,) on k, c and e (``NAMES``)."""
     k_f, c_f, e_f = (_of_meshes(factors[i : i + 2], run.x.sigma.size) for i in (0, 2, 4))
     k, c = run.waves.k * k_f, run.model.damping_n_s_per_m * c_f
     x = fused.x - (e_f - 1.0) * run.waves.e
@@ -107,11 +95,15 @@ def force_law(run: PreparedRun, fused: Fused, factors: Array) -> Law:
     soft = noisy_backlash(x, run.model.half_backlash_m, fused.sigma_x)
     modelled = k * soft.f + c * v
     sigma = np.sqrt(run.F.sigma**2 + k**2 * soft.variance + (c * fused.sigma_v) ** 2)
-    return Law(modelled, run.F.values - modelled, sigma, x, v, soft.f, soft.contact)
+    return ForceLaw(modelled, run.F.values - modelled, sigma, x, v, soft.f, soft.contact)
 
 
 def fine_law(run: PreparedRun, factors: Array) -> FineLaw:
-    """The calibrated force law as a function of phase (n,), D z and its rate (n, n_mesh)."""
+    """Force law with factors (6,) for ``quadrature_correction``.
+
+    Returns:
+        Function of phase (n,) [rad], D z (n, n_mesh) [m] and its rate [m/s], with forces [N].
+    """
     k_f, c_f, e_f = (_of_meshes(factors[i : i + 2], run.x.sigma.size) for i in (0, 2, 4))
 
     def law(phase: Array, deflection: Array, rate: Array) -> Array:
@@ -126,14 +118,15 @@ def fine_law(run: PreparedRun, factors: Array) -> FineLaw:
 def recalibrate(
     runs: Sequence[PreparedRun], fused: Sequence[Fused], rounds: int = 5
 ) -> Calibration:
-    """Factors of the nominal parameters from runs with forces.
+    """Fit the factors on k, c and e to runs with forces.
 
-    A mesh whose residual stays above its floor in a run counts less there, as if its noise were
-    as large as the residual: what is wrong with one mesh does not bend the others.
+    A mesh whose residual exceeds its noise in a run is down-weighted there, as if its noise were
+    as
+    large as the residual: an effect on one mesh does not bias the factors.
 
     Args:
-        runs: fit runs; those of another role are left out, whatever is handed in.
-        fused: one for each run.
+        runs: those of the role ``fit`` are used.
+        fused: of each run.
         rounds: Gauss-Newton steps.
     """
     factors = np.ones(6)
@@ -141,7 +134,7 @@ def recalibrate(
     prior = np.diag(3.0 / BOUNDS**2)
     normal: Array = prior
     for _ in range(rounds):
-        parts = [_normal_equations(run, fuse, factors) for run, fuse in chosen]
+        parts = [_normal_equations(run, f, factors) for run, f in chosen]
         normal = prior + sum((part[0] for part in parts), np.zeros((6, 6)))
         right = prior @ (1.0 - factors) + sum((part[1] for part in parts), np.zeros(6))
         root = np.linalg.cholesky(normal).T
@@ -158,28 +151,8 @@ def recalibrate(
     return Calibration(factors, covariance, on)
 
 
-def recalibrate_inertias(runs: Sequence[PreparedRun], balances: Sequence[Balance]) -> Inertias:
-    """Factors of M_s, M_p and M_c from the torque balance of the fit runs, within 2 %.
-
-    The balance is linear in 1 / M; coordinates whose residual stays above the floor count less.
-    """
-    chosen = [b for r, b in zip(runs, balances, strict=True) if r.role == "fit"]
-    inverse = np.ones(3)
-    prior = normal = np.eye(3) * 3.0 / (HEAVIEST - 1.0) ** 2
-    for _ in range(4):
-        normal, right = prior.copy(), prior @ np.ones(3)
-        for balance in chosen:
-            now = replace(balance, factors=inverse)
-            spread = now.sigma * np.sqrt(np.maximum(now.chi2, 1.0) * now.overlap)
-            J = (now.parts / spread).reshape(3, -1)
-            normal += J @ J.T
-            right += J @ (now.measured / spread).ravel()
-        inverse = np.clip(np.linalg.solve(normal, right), 1.0 / HEAVIEST, 1.0 / LIGHTEST)
-    factors = 1.0 / inverse
-    return Inertias(factors, np.sqrt(np.diag(np.linalg.inv(normal))) * factors**2)
-
-
 def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[Array, Array]:
+    """Normal matrix (6, 6) and right side (6,) of a step of the factors, by one run."""
     law = force_law(run, fused, factors)
     n = run.x.sigma.size
     k = run.waves.k * _of_meshes(factors[:2], n)
@@ -204,5 +177,6 @@ def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[A
 
 
 def _of_meshes(pair: Array, n_mesh: int) -> Array:
-    spread: Array = np.repeat(pair, n_mesh // 2)
-    return spread
+    """A factor for sun and one for ring meshes (2,) as a factor for each mesh (n_mesh,)."""
+    factors: Array = np.repeat(pair, n_mesh // 2)
+    return factors

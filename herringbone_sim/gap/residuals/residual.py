@@ -1,4 +1,4 @@
-"""The force law as a residual: local, algebraic, and therefore blind to chaos."""
+"""Residual of the force law: algebraic at each sample, so that chaos doesn't affect it."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class ForceResidual:
 
 
 def force_residual(model: Model, series: TimeSeries) -> ForceResidual:
-    """r = F - (k(t) f(x) + c v) with the stiffness, backlash and damping of the model.
+    """Residual r = F - (k(t) f(x) + c v) with the stiffness, backlash and damping of the model.
 
     Args:
         model: built for the operating point of the recording (delta_T sets the backlash).
-        series: with ``phase`` and, of some meshes at least, ``x_``, ``v_`` and ``F_``.
+        series: with ``phase`` and, for at least one mesh, ``x_``, ``v_`` and ``F_``.
 
     Raises:
         AnalysisError: no phase, or no mesh of the model with all three channels.

@@ -1,1 +1,1 @@
-"""Sensors against each other, before any law is asked."""
+"""Sensor errors and sensor noise, from the consistency of the channels."""

@@ -1,4 +1,4 @@
-"""Groups of sensors that may err together: a quantity at a locus."""
+"""Groups of channels that may have a common error: one quantity at a locus."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.layout import KINDS, PREFIX_UNITS, SIDES, Layout
+from herringbone_sim.core.layout import KINDS, SIDES, Layout
 
 Mask = NDArray[np.bool_]
 
@@ -22,8 +22,7 @@ class Group:
         mesh: ``sp``, ``rp`` or ``all`` for x and v; ``s``, ``c``, ``p`` or ``all`` for u.
         planet: ``1`` ... or ``all``.
         side: ``L``, ``R`` or ``all``.
-        names: channels concerned.
-        members: (J,) which of the channels x, v, u in the order of the layout.
+        names: of the channels.
     """
 
     quantity: str
@@ -31,23 +30,20 @@ class Group:
     planet: str
     side: str
     names: tuple[str, ...]
-    members: Mask
-
-    @property
-    def unit(self) -> str:
-        return PREFIX_UNITS.get(self.quantity, "-")
 
 
 def groups_of(layout: Layout, there: Mask | None = None) -> list[Group]:
-    """All groups of x, v and u, each set of channels once.
+    """All groups of the channels x, v and u.
+
+    Of loci with the same recorded channels, only the smallest is returned.
 
     Args:
-        there: (J,) channels that are recorded; None for all. Of loci with the same channels the
-            smallest one is taken.
+        layout: of the gear.
+        there: (J,) whether each channel is recorded; None: all are.
     """
     names = sensor_names(layout)
     there = np.ones(len(names), dtype=bool) if there is None else there
-    found: dict[bytes, Group] = {}
+    groups: dict[bytes, Group] = {}
     sizes: dict[bytes, int] = {}
     for quantity, kind, planet, side in product(
         ("x", "v", "u", "xvu"),
@@ -62,17 +58,18 @@ def groups_of(layout: Layout, there: Mask | None = None) -> list[Group]:
         key = members.tobytes()
         if members.any() and size < sizes.get(key, len(names) + 1):
             chosen = tuple(n for n, m in zip(names, members, strict=True) if m)
-            found[key], sizes[key] = Group(quantity, kind, planet, side, chosen, members), size
-    return list(found.values())
+            groups[key], sizes[key] = Group(quantity, kind, planet, side, chosen), size
+    return list(groups.values())
 
 
 def sensor_names(layout: Layout) -> tuple[str, ...]:
-    """Channels x, v and u in order."""
+    """Names of all channels x, v and u, in the order of the layout."""
     meshes = tuple(f"{q}_{m}" for q in "xv" for m in layout.meshes)
     return (*meshes, *(f"u_{b}" for b in layout.bodies))
 
 
 def _inside(name: str, quantity: str, kind: str, planet: str, side: str) -> bool:
+    """Whether a channel belongs to a quantity, a kind of mesh or body, a planet and a side."""
     q, body, *where = name.split("_")
     number = body.lstrip("sprc")
     return (

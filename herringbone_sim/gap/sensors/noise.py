@@ -1,7 +1,8 @@
-"""How much noise a run carries where nobody says, by what channels say of each other and the law.
+"""Estimate channel noise when campaign.yaml gives none, from consistency and the force law.
 
-The spectrum of a violent channel has motion up to its end, and is an upper bound only. What
-geometry leaves of x, u and v has none, and what the force law leaves of F has little.
+The spectrum of a channel is an upper bound, as it contains motion up to its highest frequencies.
+The residuals of x, u and v about the geometry contain no motion, and that of F about the force law
+little.
 """
 
 from __future__ import annotations
@@ -15,37 +16,37 @@ from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.sensors.consistency import geometry
+from herringbone_sim.gap.sensors.consistency import geometric_residuals
 
 Array = NDArray[np.float64]
 
-COPY = 1e-3  # of the noise: less is left of channels that were worked out of one another
-LEAST = 0.3  # of the noise by the spectrum of a force, where x and v explain all of the residual
+COPY = 1e-3  # residual over noise below which channels were computed from one another
+LEAST = 0.3  # least noise of a force over that from its spectrum
 
 
-def quieter(run: PreparedRun) -> PreparedRun:
-    """The run with the lesser noise of the two."""
-    place, rate = (_scale(left) for left, _ in geometry(run))
-    run = replace(run, x=_scaled(run.x, place), u=_scaled(run.u, place), v=_scaled(run.v, rate))
+def with_estimated_noise(run: PreparedRun) -> PreparedRun:
+    """Lower the noise of each quantity to that of its residual; it is never raised."""
+    motion, rate = (_noise_ratio(residual) for residual, _ in geometric_residuals(run))
+    run = replace(run, x=_scaled(run.x, motion), u=_scaled(run.u, motion), v=_scaled(run.v, rate))
     fused = fuse(run)
     law = force_law(run, fused, np.ones(6))
     known = np.isfinite(law.residual_n).all(axis=0)
     if not known.any():
         return run
     sigma = run.F.sigma.copy()
-    left = spectral_floor(law.residual_n[:, known]) ** 2
+    total = spectral_floor(law.residual_n[:, known]) ** 2
     of_motion = np.mean(law.sigma_n[:, known] ** 2, axis=0) - sigma[known] ** 2
-    own = np.sqrt(np.maximum(left - of_motion, (LEAST * sigma[known]) ** 2))
-    sigma[known] = np.minimum(sigma[known], own)
+    of_force = np.sqrt(np.maximum(total - of_motion, (LEAST * sigma[known]) ** 2))
+    sigma[known] = np.minimum(sigma[known], of_force)
     return replace(run, F=replace(run.F, sigma=sigma))
 
 
-def _scale(left: Array) -> float:
-    """Noise over what it was taken for, of whitened remainders (n, d); 1 where it is not less."""
-    if not left.size or not np.isfinite(left).all():
+def _noise_ratio(residual: Array) -> float:
+    """Noise of whitened residuals (n, d) over the assumed one, at most 1; 1 where unknown."""
+    if not residual.size or not np.isfinite(residual).all():
         return 1.0
-    share = float(np.sqrt(np.mean(spectral_floor(left) ** 2)))
-    return 1.0 if share < COPY else min(1.0, share)
+    ratio = float(np.sqrt(np.mean(spectral_floor(residual) ** 2)))
+    return 1.0 if ratio < COPY else min(1.0, ratio)
 
 
 def _scaled(measured: Measured, scale: float) -> Measured:

@@ -1,4 +1,4 @@
-"""Two channels of one quantity that were exchanged."""
+"""Detect two swapped channels of one quantity."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.sensors.consistency import channel_arrays, relations
-from herringbone_sim.gap.sensors.groups import Group, sensor_names
+from herringbone_sim.gap.sensors.groups import sensor_names
 
 Array = NDArray[np.float64]
 
-APART = 1.5  # power of the difference over that of its noise from which an exchange can be seen
+APART = 1.5  # least power of the difference of two channels over that of its noise
 
 
-def find_swap(runs: Sequence[PreparedRun]) -> tuple[Group | None, float]:
-    """The pair of channels whose exchange takes most of the inconsistency away, and how much.
+def find_swap(runs: Sequence[PreparedRun]) -> tuple[str, str] | None:
+    """The pair of channels whose exchange improves consistency most; None if none does.
 
-    An exchange adds d = y_a - y_b to a and takes it from b. With b = sum of the remainder along
-    the pattern of d and A = the sum of its squares, undoing it lowers the sum of squares by
-    2 b - A; what noise alone adds to both is taken off, so that channels that move alike, which
-    no exchange can be seen on, say nothing. Geometry alone is blind to v of sun and ring mesh of a
-    planet exchanged: that is a planet that moves otherwise, and x and u know better.
+    A swap of a and b adds the recorded difference d of the two to a and subtracts it from b.
+    Undoing it lowers the sum of squared residuals by 2 b - A, with b the inner product of the
+    residuals and the pattern of d, and A its square; the expectation of both by noise is
+    subtracted. Relations of v alone can't show a swap of sun and ring mesh of one planet; those
+    between x and v do.
     """
     names = sensor_names(runs[0].model.layout)
     pairs = [(i, j) for i, j in combinations(range(len(names)), 2) if names[i][:2] == names[j][:2]]
@@ -33,14 +33,11 @@ def find_swap(runs: Sequence[PreparedRun]) -> tuple[Group | None, float]:
     for run in runs:
         fall += _falls(run, a, b)
     best = int(fall.argmax())
-    members = np.zeros(len(names), dtype=bool)
-    members[[a[best], b[best]]] = True
-    swapped = (names[a[best]], names[b[best]])
-    group = Group(swapped[0][0], "all", "all", "all", swapped, members)
-    return (group, float(fall[best])) if fall[best] > 0.0 else (None, 0.0)
+    return (names[a[best]], names[b[best]]) if fall[best] > 0.0 else None
 
 
 def _falls(run: PreparedRun, a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+    """Decrease (p,) of the sum of squared residuals by the exchange of channels a[p] and b[p]."""
     values, sigma = channel_arrays(run)
     known = np.isfinite(sigma)
     values, variance = np.where(known, values, 0.0), np.where(known, sigma, 0.0) ** 2
@@ -55,7 +52,7 @@ def _falls(run: PreparedRun, a: NDArray[np.int64], b: NDArray[np.int64]) -> Arra
         noise = np.einsum(
             "dp,dp->p", pattern, one.columns[:, a] * own[a] - one.columns[:, b] * own[b]
         )
-        along = np.einsum("tp,tp->p", one.left @ pattern, d) - len(d) * noise
+        along = np.einsum("tp,tp->p", one.residual @ pattern, d) - len(d) * noise
         size = np.sum(pattern**2, axis=0)
         square = size * (np.sum(d**2, axis=0) - len(d) * (own[a] + own[b]))
         falls += 2.0 * along - square

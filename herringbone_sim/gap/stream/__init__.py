@@ -1,1 +1,1 @@
-"""The residual of a rig while it runs."""
+"""Residual of a rig, and comparison with a simulator, while both run."""

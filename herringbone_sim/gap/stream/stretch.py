@@ -1,4 +1,4 @@
-"""What a stretch of samples says of the gap, in sums that add up over stretches."""
+"""Residual and motion statistics of a stretch of samples, as sums that can be added."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CONTACTS = ("back", "apart", "drive")
-QUIET = 1.15  # mean square of residual over floor up to which a place counts as noise
-NEAR = {"delta_T": 1.0, "K": 0.01}  # operating points that count as one
+NOISE_LIMIT = 1.15  # mean square of residual over noise up to which a place counts as noise
+POINT_TOLERANCE = {"delta_T": 1.0, "K": 0.01}  # of one operating point: [K], -
 
 
 @dataclass(frozen=True)
 class Residual:
-    """Sums over a stretch of samples; those of several stretches add up, see ``join``.
+    """Residual of the samples of a stretch, as sums; stretches are added by ``join``.
 
     Attributes:
         metric: ``force_law`` [N], or ``torque_balance`` [m/s^2] where no force is measured.
@@ -26,12 +26,13 @@ class Residual:
         t_s: time of the last sample.
         point: operating point delta_T [K], K, T_1 [N m], Omega.
         count: samples.
-        square: (k,) sum of residual^2 over floor^2.
-        nominal, recalibrated, floor, signal: (k,) sums of squares of the residual before and
-            after recalibration inside the tolerances, of its floor, of what was measured.
-        contact_square, contact_count: (3,) sums of residual^2 over floor^2 and samples in back
-            contact, apart, in drive contact; zero where unknown.
-        remarks: what is missing or odd.
+        square: (k,) sum of residual^2 over its noise variance.
+        nominal, recalibrated: (k,) sum of squares of the residual before and after recalibration.
+        floor: (k,) sum of the noise variance of the residual.
+        signal: (k,) sum of squares of the measured quantity.
+        contact_square, contact_count: (3,) ``square`` and number of samples in back contact,
+            apart and in drive contact; zero where unknown.
+        remarks: sentences on missing channels and other limits.
     """
 
     metric: str
@@ -50,17 +51,17 @@ class Residual:
 
     @property
     def chi(self) -> Array:
-        """RMS (k,) of the residual over its floor: 1 is noise."""
+        """RMS (k,) of the residual over its noise: 1 for noise alone."""
         return np.asarray(np.sqrt(self.square / self.count), dtype=np.float64)
 
     @property
     def shares(self) -> Array:
-        """Share (k,) of each place in the energy above the floor; 0 where it is noise."""
+        """Share (k,) of each place in the energy above noise; 0 below ``NOISE_LIMIT``."""
         return _shares(self.square, np.full(self.square.shape, float(self.count)))
 
     @property
     def total_chi(self) -> float:
-        """RMS of all residuals over their floors."""
+        """RMS of all residuals over their noise."""
         return float(np.sqrt(self.square.sum() / (self.count * len(self.places))))
 
     def rms(self, what: str) -> float:
@@ -89,8 +90,8 @@ class Residual:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """Statistics of a motion, as sums; meshes whose channel is absent have NaN.
+class MotionStatistics:
+    """Statistics of a motion, as sums; NaN for meshes without the channel.
 
     Attributes:
         meshes: n names.
@@ -118,15 +119,15 @@ class Motion:
 
 
 def join(stretches: Sequence[Residual]) -> Residual:
-    """Stretches of one operating point, metric and set of places as one; the last one's head."""
+    """Add stretches that are ``joinable``; point, time and remarks are those of the last."""
     of_contact = ("contact_square", "contact_count")
     sums = ("square", "nominal", "recalibrated", "floor", "signal", *of_contact)
     added: dict[str, Any] = {n: np.sum([getattr(s, n) for s in stretches], axis=0) for n in sums}
     return replace(stretches[-1], count=sum(s.count for s in stretches), **added)
 
 
-def join_motions(stretches: Sequence[Motion]) -> Motion:
-    """The same for statistics."""
+def join_motions(stretches: Sequence[MotionStatistics]) -> MotionStatistics:
+    """Add motion statistics that are ``joinable``."""
     return replace(
         stretches[-1],
         count=sum(s.count for s in stretches),
@@ -135,23 +136,24 @@ def join_motions(stretches: Sequence[Motion]) -> Motion:
     )
 
 
-def belongs(new: Residual | Motion, old: Residual | Motion) -> bool:
-    """Whether two stretches may be joined."""
+def joinable(new: Residual | MotionStatistics, old: Residual | MotionStatistics) -> bool:
+    """Whether two stretches have the same places (or meshes), metric and operating point."""
     if isinstance(new, Residual) and isinstance(old, Residual):
         same = (new.metric, new.places) == (old.metric, old.places)
     else:
         same = getattr(new, "meshes", None) == getattr(old, "meshes", None)
-    return same and alike(new.point, old.point)
+    return same and same_operating_point(new.point, old.point)
 
 
-def alike(a: Mapping[str, float], b: Mapping[str, float]) -> bool:
-    """Whether two operating points are one: within 1 K, 0.01 of K, 1 % of T_1 and Omega."""
-    near = all(abs(a[name] - b[name]) <= least for name, least in NEAR.items())
+def same_operating_point(a: Mapping[str, float], b: Mapping[str, float]) -> bool:
+    """Whether two points agree within 1 K of delta_T, 0.01 of K and 1 % of T_1 and Omega."""
+    near = all(abs(a[q] - b[q]) <= tolerance for q, tolerance in POINT_TOLERANCE.items())
     return near and all(abs(a[q] - b[q]) <= 0.01 * abs(a[q]) for q in ("T_1", "Omega"))
 
 
 def _shares(square: Array, count: Array) -> Array:
-    above = np.where(square > QUIET * count, square - count, 0.0)
+    """Shares of places or contact states in the energy above noise."""
+    above = np.where(square > NOISE_LIMIT * count, square - count, 0.0)
     return np.asarray(above / max(float(above.sum()), 1e-300), dtype=np.float64)
 
 

@@ -1,1 +1,1 @@
-"""From evidence to probabilities, and what to measure next."""
+"""Verdict from probabilities, its location on the gear, and the next experiment."""

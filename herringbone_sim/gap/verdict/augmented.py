@@ -1,12 +1,12 @@
-"""The augmented model: nominal parameters moved inside their tolerance, with effects.
+"""The augmented model: the nominal gear, recalibrated, with the effects of a verdict.
 
-What a diagnosis finds is a gear that the node runs. The file that says so holds nothing but
-parameters of the simulation, and a campaign can be measured against it again.
+It is written as a parameter file of the simulation, so that the node runs it and further campaigns
+can be measured against it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,21 +22,21 @@ from herringbone_sim.recording.parameter_file import save_parameters
 Array = NDArray[np.float64]
 
 TITLE = """\
-The augmented model of {campaign}: what the diagnosis of its gap made of the nominal one.
-Against the nominal file: k_m_sp, k_m_rp, c_factor and e_factor as the force law has them, I_s,
-I_p, I_c and m_p as the torque balance has them, all inside their tolerance; omega_n stays the
-nominal one, that Omega and K refer to; control_on holds K to the nominal torque on the carrier."""
+The augmented model of {campaign}: the nominal gear, recalibrated, with the effects of the verdict.
+Changed inside tolerances: k_m_sp, k_m_rp, c_factor and e_factor by the force law, I_s, I_p, I_c
+and m_p by the torque balance. omega_n stays nominal, as Omega and K refer to it; control_on keeps
+the control torque on the carrier nominal."""
 
 
 @dataclass(frozen=True)
 class Augmented:
-    """What a verdict changes.
+    """Changes of the nominal gear.
 
     Attributes:
         factors: (6,) on k, c and e of the sun and of the ring meshes, see ``recalibrate.NAMES``.
         inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
-        actives: effects with size and place.
-        motion: whether there were no forces, so that accelerations alone speak.
+        actives: effects with parameters and locus.
+        motion: whether no forces are measured, so that residuals are accelerations.
     """
 
     factors: Array
@@ -46,23 +46,23 @@ class Augmented:
 
 
 def nominal_model() -> Augmented:
-    """The nominal gear: nothing is changed."""
+    """The nominal gear without changes."""
     return Augmented(np.ones(6), np.ones(3))
 
 
 def parameters_of(nominal: Parameters, model: Augmented) -> Parameters:
-    """Parameters (full model) of a gear that is changed like this.
+    """Parameters (full model) of the changed gear; its effects are not parameters.
 
-    The control is a torque on the carrier, worked out with its nominal inertia: what it does to
-    the accelerations goes with the inverse of the own one.
+    The control torque is computed with the nominal inertia of the carrier, so that the
+    acceleration that it causes is scaled by ``inverse`` of the carrier.
 
     Raises:
-        ParameterError: factors that no gear can have.
+        ParameterError: factors out of the range of the parameters.
     """
     full = nominal.changed({"model": "full"})
     n = full.layout.n_mesh
     s, p, c = (1.0 / one for one in model.inverse)
-    moved: dict[str, Any] = {
+    changes: dict[str, Any] = {
         "k_m_sp": full.k_m_sp * model.factors[0],
         "k_m_rp": full.k_m_rp * model.factors[1],
         "I_s": full.I_s * s,
@@ -72,48 +72,52 @@ def parameters_of(nominal: Parameters, model: Augmented) -> Parameters:
         "omega_n": build(full).scales.omega_n,
         "control_on": [share / c for share in full.control_on],
     }
-    before, after = build(full), build(full.changed(moved))
-    wanted = before.damping_n_s_per_m * np.repeat(model.factors[2:4], n // 2)
-    is_now = np.where(after.damping_n_s_per_m > 0.0, after.damping_n_s_per_m, 1.0)
+    before, after = build(full), build(full.changed(changes))
+    target = before.damping_n_s_per_m * np.repeat(model.factors[2:4], n // 2)
+    damping = np.where(after.damping_n_s_per_m > 0.0, after.damping_n_s_per_m, 1.0)
     e = np.array(spread(full.e_factor, n)) * np.repeat(model.factors[4:6], n // 2)
-    c_factor = np.array(spread(full.c_factor, n)) * wanted / is_now
-    return full.changed({**moved, "c_factor": c_factor.tolist(), "e_factor": e.tolist()})
+    c_factor = np.array(spread(full.c_factor, n)) * target / damping
+    return full.changed({**changes, "c_factor": c_factor.tolist(), "e_factor": e.tolist()})
 
 
 def from_parameters(
     nominal: Parameters, own: Parameters, actives: Sequence[Active], motion: bool = False
 ) -> Augmented:
-    """What a gear changes against the nominal one: the inverse of ``parameters_of``."""
-    one, other = (build(p.changed({"model": "full"})) for p in (nominal, own))
-    factors = np.concatenate([_of_kinds(one, other, of) for of in (_k, _c, _e)])
+    """Changes of a gear with parameters ``own`` and effects; the inverse of ``parameters_of``."""
+    before, after = (build(p.changed({"model": "full"})) for p in (nominal, own))
+    factors = np.concatenate([_kind_ratios(before, after, of) for of in (_k, _c, _e)])
     masses = [
-        (m.packed.inv_M_s.mean(), m.packed.inv_M_p.mean(), m.packed.inv_M_c) for m in (one, other)
+        (m.packed.inv_M_s.mean(), m.packed.inv_M_p.mean(), m.packed.inv_M_c)
+        for m in (before, after)
     ]
     inverse = np.array(masses[1]) / np.array(masses[0])
     return Augmented(factors, inverse, tuple(actives), motion)
 
 
 def save_augmented(path: Path, nominal: Parameters, model: Augmented, campaign: str) -> None:
-    """Write the parameter file of the augmented gear; OSError where that can't be."""
+    """Write the parameter file of the augmented gear; raises OSError if it can't be written."""
     own = parameters_of(nominal, model)
     save_parameters(path, own, TITLE.format(campaign=campaign), model.actives)
 
 
 def _k(model: Model) -> Array:
+    """Mean stiffness (n_mesh,)."""
     return mean_stiffness(model.parameters)
 
 
 def _c(model: Model) -> Array:
+    """Damping (n_mesh,) [N s/m]."""
     return model.damping_n_s_per_m
 
 
 def _e(model: Model) -> Array:
+    """Amplitude of the mesh error (n_mesh,)."""
     p = model.parameters
     return p.e_m * np.array(spread(p.e_factor, model.layout.n_mesh))
 
 
-def _of_kinds(one: Model, other: Model, of: Any) -> Array:
-    """Ratio (2,) of a quantity of sun and ring meshes; 1 where the nominal one is zero."""
-    before, after = of(one).reshape(2, -1).mean(axis=1), of(other).reshape(2, -1).mean(axis=1)
-    ratio: Array = np.divide(after, before, out=np.ones(2), where=before != 0.0)
+def _kind_ratios(before: Model, after: Model, quantity: Callable[[Model], Array]) -> Array:
+    """Ratio (2,) after / before of a quantity of sun and of ring meshes; 1 where it was zero."""
+    old, new = (quantity(m).reshape(2, -1).mean(axis=1) for m in (before, after))
+    ratio: Array = np.divide(new, old, out=np.ones(2), where=old != 0.0)
     return ratio

@@ -1,4 +1,4 @@
-"""From the chances of all explanations to a verdict: none, unknown, ambiguous, or an effect."""
+"""Verdict of a diagnosis from the probabilities of all explanations."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ from dataclasses import dataclass
 from herringbone_sim.diagnosis.judge import Chance
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.gap.named import LearnedLaw, Named
+from herringbone_sim.gap.learned_law import LearnedLaw
+from herringbone_sim.gap.named import NamedEffect
 
 MOST_NAMED = 4  # effects of an ambiguous class, contract of the report
-HALF = 0.5  # an explanation that is likelier than all others together
-SQUARES = 4.0  # two standard deviations
-SURE = 0.9  # what a class of effects must hold together, as an interval of 90 % does
+HALF = 0.5  # probability above which an effect is more probable than all others together
+SAME_CHI2 = 4.0  # difference of chi2 below which two explanations fit equally well: 2 sigma
+CLASS_PROBABILITY = 0.9  # least probability of an ambiguous class, among all effects
 
 
 @dataclass(frozen=True)
-class Option:
-    """One way to explain a gap.
+class Explanation:
+    """One or two effects that explain a gap.
 
     Attributes:
-        actives: one or two effects with parameters.
+        actives: effects with parameters.
         intervals: 90 % interval of each parameter of each effect.
-        laws: learned curves of those that have a shape.
-        harmonics: other orders of learned waves, which go into the augmented model too.
+        laws: learned curves, of effects that have one.
+        harmonics: further orders of learned waves, which the augmented model includes.
     """
 
     actives: tuple[Active, ...]
@@ -35,71 +36,74 @@ class Option:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is there, and how sure that is.
+    """Result of a diagnosis.
 
     Attributes:
-        verdict: ``none``, ``unknown``, ``ambiguous`` or an effect.
-        effects: ids of what is there.
+        verdict: ``none``, ``unknown``, ``ambiguous`` or the id of an effect.
+        effects: ids of the effects found, at most two.
         probabilities: of every effect, ``none`` and ``unknown``; sums to 1.
-        best: option of each effect that its probability comes from most, and its place there.
-        ambiguous_with: ids of the class when ambiguous.
-        metric: residual that counts.
-        chosen: what makes up the augmented model; None where nothing does.
-        runner_up: best option of other effects.
-        chances: of all explanations, best first.
+        best: most probable explanation of each effect, and the index of the effect in it.
+        ambiguous_with: ids of the ambiguous class; empty unless ambiguous.
+        metric: observation in which the gap is measured.
+        chosen: explanation in the augmented model; None without effects.
+        runner_up: most probable explanation by other effects.
+        chances: probabilities of all explanations, best first.
     """
 
     verdict: str
     effects: tuple[str, ...]
     probabilities: Mapping[str, float]
-    best: Mapping[str, tuple[Option, int]]
+    best: Mapping[str, tuple[Explanation, int]]
     ambiguous_with: tuple[str, ...]
     metric: str
-    chosen: Option | None
-    runner_up: Option | None
+    chosen: Explanation | None
+    runner_up: Explanation | None
     chances: tuple[Chance, ...]
 
 
-def option_of(found: Sequence[Named]) -> Option:
-    return Option(
-        tuple(n.active for n in found),
-        tuple(n.intervals for n in found),
-        tuple(n.law for n in found if n.law is not None),
-        tuple(one for n in found for one in n.harmonics),
+def explanation_of(effects: Sequence[NamedEffect]) -> Explanation:
+    """Join named effects to an explanation."""
+    return Explanation(
+        tuple(n.active for n in effects),
+        tuple(n.intervals for n in effects),
+        tuple(n.law for n in effects if n.law is not None),
+        tuple(one for n in effects for one in n.harmonics),
     )
 
 
-def decide(chances: Sequence[Chance], options: Mapping[int, Option], metric: str) -> Verdict:
-    """The verdict of some chances.
+def decide(
+    chances: Sequence[Chance], explanations: Mapping[int, Explanation], metric: str
+) -> Verdict:
+    """Decide the verdict from the probabilities of all explanations.
 
     An effect with something unknown beside it gives half to each, as a pair does.
 
     Args:
-        chances: best first.
-        options: by the place in ``chances``, of explanations with effects alone.
-        metric: residual that counts.
+        chances: probabilities of all explanations, best first.
+        explanations: those with effects, complete and with effects, by their index in ``chances``.
+        metric: observation in which the gap is measured.
     """
     probabilities = {name: 0.0 for name in (*known_effects(), "none", "unknown")}
-    best: dict[str, tuple[Option, int]] = {}
+    best: dict[str, tuple[Explanation, int]] = {}
     for i, one in enumerate(chances):
         for j, name in enumerate(one.effects or ("none",)):
             probabilities[name] += one.probability / max(len(one.effects), 1)
-            if i in options:
-                best.setdefault(name, (options[i], j))
+            if i in explanations:
+                best.setdefault(name, (explanations[i], j))
     top = max(probabilities, key=lambda name: probabilities[name])
     whole = (i for i, c in enumerate(chances) if c.whole and top in (c.effects or ("none",)))
     first = next(whole, 0)
-    chosen = options.get(first)
+    chosen = explanations.get(first)
     if top == "unknown":
-        chosen = next((options[i] for i in sorted(options)), None)
+        chosen = next((explanations[i] for i in sorted(explanations)), None)
     named = () if chosen is None else tuple(a.effect.id for a in chosen.actives)
     effects = () if top in ("none", "unknown") else tuple(dict.fromkeys((top, *named)))[:2]
-    alike = _class(probabilities, top) or _same(chances, first)
+    alike = _ambiguous_class(probabilities, top) or _equal_fits(chances, first)
     runner = next(
         (
-            options[i]
-            for i in sorted(options)
-            if not set(named) & {a.effect.id for a in options[i].actives}
+            explanations[i]
+            for i in sorted(explanations)
+            if not set(named) & {a.effect.id for a in explanations[i].actives}
         ),
         None,
     )
@@ -116,10 +120,10 @@ def decide(chances: Sequence[Chance], options: Mapping[int, Option], metric: str
     )
 
 
-def _same(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
-    """Single effects that leave what the first one leaves, to two standard deviations.
+def _equal_fits(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
+    """Single effects that fit as well as the first one, to two standard deviations.
 
-    One with more coefficients may hold the first one as a part, which tells nothing.
+    Effects with more coefficients don't count: they may contain the first one.
     """
     best = chances[first].candidate
     if best is None or len(best.effects) != 1:
@@ -130,25 +134,28 @@ def _same(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
         if c.candidate is not None
         and len(c.effects) == 1
         and c.candidate.size <= best.size
-        and abs(c.candidate.energy - best.energy) < SQUARES
+        and abs(c.candidate.energy - best.energy) < SAME_CHI2
     ]
     found = tuple(dict.fromkeys((*best.effects, *alike)))[:MOST_NAMED]
     return found if len(found) > 1 else ()
 
 
-def _class(probabilities: Mapping[str, float], top: str) -> tuple[str, ...]:
-    """Effects that hold nine tenths together where none is likelier than all others."""
+def _ambiguous_class(probabilities: Mapping[str, float], top: str) -> tuple[str, ...]:
+    """The most probable effects that together have ``CLASS_PROBABILITY`` of that of all effects.
+
+    Empty if ``top``, the most probable of all, is no effect or exceeds ``HALF``.
+    """
     if top in ("none", "unknown") or probabilities[top] > HALF:
         return ()
     ranked = sorted(
         (n for n in probabilities if n not in ("none", "unknown")),
         key=lambda n: -probabilities[n],
     )
-    held, found = 0.0, []
+    total, found = 0.0, []
     whole = sum(probabilities[n] for n in ranked)
     for name in ranked[:MOST_NAMED]:
         found.append(name)
-        held += probabilities[name]
-        if held >= SURE * whole:
+        total += probabilities[name]
+        if total >= CLASS_PROBABILITY * whole:
             break
     return tuple(found) if len(found) > 1 else ()

@@ -1,10 +1,12 @@
-"""The operating point that would tell the leading rivals of a verdict apart.
+"""Design of the next experiment: the operating point that best separates the explanations.
 
-Two explanations that fit the same runs alike differ at another point, or they don't. For each
-point in reach the calibrated gear says how it would move; there one rival's forces, after the best
-fit of the other to the runs so far and that one together, leave a rest. The point with the largest
-rest, in units of the noise floor, is the next experiment. One point alone would not do: two
-effects that only temperature tells apart are one effect at any single temperature.
+Two explanations that fit the same runs equally well may differ at another operating point. For
+candidate points the motion of the calibrated gear is simulated; there the forces of one
+explanation are compared with those of the other after its best fit to the runs so far and the new
+run together. The point with the largest remaining difference, in units of the noise, is chosen.
+The
+runs so far have to be included: two effects that differ only in their dependence on temperature
+can't be separated by one run at a single temperature.
 """
 
 from __future__ import annotations
@@ -16,45 +18,58 @@ from itertools import permutations
 import numpy as np
 
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.gap.attribution.bodies import balances_known
+from herringbone_sim.gap.attribution.bodies import balance_measured
 from herringbone_sim.gap.attribution.hypothesis import Case
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
-from herringbone_sim.gap.verdict.decide import Option, Verdict
-from herringbone_sim.gap.verdict.rivals import BALANCE, FORCES, MOTION, Rest, Rival, rest, shown
-from herringbone_sim.gap.verdict.trial import Trial, candidates, trial
+from herringbone_sim.gap.verdict.candidate_points import (
+    PredictedRun,
+    candidate_points,
+    predict_run,
+)
+from herringbone_sim.gap.verdict.decide import Explanation, Verdict
+from herringbone_sim.gap.verdict.separation import (
+    BALANCE,
+    FORCES,
+    MOTION,
+    FittedExplanation,
+    Separation,
+    linear_predictions,
+    separation,
+)
 
-HARSHEST = 2.0  # of the largest mesh force so far: no point is asked for beyond it
+MOST_FORCE = 2.0  # largest mesh force at a designed point, over that in the fit runs
 
 
 @dataclass(frozen=True)
 class Design:
-    """The point at which the rivals differ most.
+    """The operating point at which the explanations differ most.
 
     Attributes:
-        names: of the rivals.
+        names: of the explanations.
         point: delta_T [K], K, T_1 [N m], Omega.
-        there, so_far: RMS over the noise floor by which those two rivals that are least apart
-            differ, at the point and in the fit runs.
-        known, enough: whether the fit runs alone tell them apart, and those with the point.
-        harder: largest mesh force there over that of the fit runs.
+        separation_at_point, separation_so_far: RMS difference of the two explanations that are
+            hardest to separate over the noise, at the point and in the fit runs.
+        separated_so_far: whether the fit runs alone separate all explanations.
+        separated_with_point: whether they do so together with a run at the point.
+        force_ratio: largest mesh force at the point over that in the fit runs.
     """
 
     names: tuple[str, ...]
     point: dict[str, float]
-    there: float
-    so_far: float
-    known: bool = False
-    enough: bool = False
-    harder: float = 1.0
+    separation_at_point: float
+    separation_so_far: float
+    separated_so_far: bool = False
+    separated_with_point: bool = False
+    force_ratio: float = 1.0
 
 
-def leading(verdict: Verdict) -> tuple[Option, ...]:
-    """The members of an ambiguous class; else the verdict's option and the best of other effects.
+def leading_explanations(verdict: Verdict) -> tuple[Explanation, ...]:
+    """Explanations to separate: an ambiguous class, or the chosen one and the runner-up.
 
-    Empty where nothing was found, or nothing else was tried.
+    Empty where nothing was found, or no other effect was tried.
     """
     if verdict.verdict in ("none", "unknown") or verdict.chosen is None:
         return ()
@@ -64,56 +79,72 @@ def leading(verdict: Verdict) -> tuple[Option, ...]:
 
 
 def design(
-    campaign: PreparedCampaign, found: Calibrated, verdict: Verdict, model: Augmented
+    campaign: PreparedCampaign, calibrated: Calibrated, verdict: Verdict, model: Augmented
 ) -> Design | None:
-    """The best point for the leading rivals; None without rivals or a way to predict them."""
-    options = leading(verdict)
-    where = _where(found, verdict, options)
-    if len(options) < 2 or where is None:
+    """Choose the candidate point that best separates the leading explanations of a verdict.
+
+    Args:
+        campaign: whose fit runs the verdict rests on.
+        calibrated: fit runs and calibration.
+        verdict: of the campaign.
+        model: augmented model, whose calibration is used.
+
+    Returns:
+        None with fewer than two explanations, or where they can't be predicted.
+    """
+    explanations = leading_explanations(verdict)
+    quantity = _predictable_quantity(calibrated, verdict, explanations)
+    if len(explanations) < 2 or quantity is None:
         return None
     model = replace(model, actives=())
     try:
         gear = parameters_of(campaign.nominal, model)
     except ParameterError:
         return None
-    rivals = [Rival(o.actives, model.factors, model.inverse) for o in options]
-    cases = [c for c in found.cases if where != BALANCE or balances_known((c,))]
-    points = candidates([run.point for run in campaign.of_role("fit")])
-    tried = (trial(cases, campaign.nominal, gear, model.factors, point) for point in points)
-    most = max(_largest(c) for c in cases)
-    safe = [one for one in tried if one is not None and one.peak_n < HARSHEST * most]
+    fitted = [FittedExplanation(e.actives, model.factors, model.inverse) for e in explanations]
+    cases = [c for c in calibrated.cases if quantity != BALANCE or balance_measured((c,))]
+    points = candidate_points([run.point for run in campaign.of_role("fit")])
+    runs = (predict_run(cases, campaign.nominal, gear, model.factors, point) for point in points)
+    most = max(_largest_force(c) for c in cases)
+    safe = [run for run in runs if run is not None and run.peak_n < MOST_FORCE * most]
     if not safe:
         return None
-    known = _sum([_rests(c, rivals, where) for c in cases])
-    tested = [(one, _rests(one.case, rivals, where)) for one in safe]
+    so_far = _sum([_separations(c, fitted, quantity) for c in cases])
+    tested = [(run, _separations(run.case, fitted, quantity)) for run in safe]
     designed = [
-        _designed(rivals, known, one, rests, len(cases), most)
-        for one, rests in tested
-        if all(rest.finite and rest.count > 0 for rest in (*known, *rests))
+        _designed(fitted, so_far, run, at_point, len(cases), most)
+        for run, at_point in tested
+        if all(s.finite and s.count > 0 for s in (*so_far, *at_point))
     ]
-    return max(designed, key=lambda one: one.there, default=None)
+    return max(designed, key=lambda d: d.separation_at_point, default=None)
 
 
-def _where(found: Calibrated, verdict: Verdict, options: Sequence[Option]) -> str | None:
-    """The residual in which rivals can be predicted, if there is one."""
-    actives = [a for o in options for a in o.actives]
-    machine = all(a.effect.level != "sensor" for a in actives)
-    forces = all(bool(np.isfinite(c.run.F.values).all()) for c in found.cases)
+def _predictable_quantity(
+    calibrated: Calibrated, verdict: Verdict, explanations: Sequence[Explanation]
+) -> str | None:
+    """Quantity in which the explanations can be predicted, see ``separation``; None if none."""
+    actives = [a for e in explanations for a in e.actives]
+    no_sensor = all(a.effect.level != "sensor" for a in actives)
+    forces = all(bool(np.isfinite(c.run.F.values).all()) for c in calibrated.cases)
     if not forces:
-        return MOTION if machine and verdict.metric == "torque_balance" else None
+        return MOTION if no_sensor and verdict.metric == "torque_balance" else None
     if verdict.metric == "force_law":
-        told = [n for a in actives for n in dict(a.options).get("channels", ())]
-        return FORCES if all(n.startswith("F") for n in told) else None
-    whole = any(balances_known((c,)) for c in found.cases)
-    return BALANCE if machine and whole and verdict.metric == "torque_balance" else None
+        channels = [n for a in actives for n in dict(a.options).get("channels", ())]
+        return FORCES if all(n.startswith("F") for n in channels) else None
+    whole = any(balance_measured((c,)) for c in calibrated.cases)
+    return BALANCE if no_sensor and whole and verdict.metric == "torque_balance" else None
 
 
-def _rests(one: Case, rivals: Sequence[Rival], where: str) -> list[Rest]:
-    """Of every rival after every other one."""
-    return [rest(of, after) for of, after in permutations(shown(one, rivals, where), 2)]
+def _separations(
+    one: Case, explanations: Sequence[FittedExplanation], quantity: str
+) -> list[Separation]:
+    """Of each ordered pair of explanations in a run."""
+    predictions = linear_predictions(one, explanations, quantity)
+    return [separation(target, fitted) for target, fitted in permutations(predictions, 2)]
 
 
-def _sum(runs: Sequence[list[Rest]]) -> list[Rest]:
+def _sum(runs: Sequence[list[Separation]]) -> list[Separation]:
+    """Sum over runs, for each pair."""
     total = runs[0]
     for one in runs[1:]:
         total = [a + b for a, b in zip(total, one, strict=True)]
@@ -121,41 +152,51 @@ def _sum(runs: Sequence[list[Rest]]) -> list[Rest]:
 
 
 def _designed(
-    rivals: Sequence[Rival],
-    known: Sequence[Rest],
-    one: Trial,
-    rests: Sequence[Rest],
-    runs: int,
+    explanations: Sequence[FittedExplanation],
+    so_far: Sequence[Separation],
+    run: PredictedRun,
+    at_point: Sequence[Separation],
+    n_runs: int,
     most: float,
 ) -> Design:
-    """What a point would add: as long a run as the others."""
-    found = []
-    for before, new in zip(known, rests, strict=True):
-        new = new.times(before.count / runs / new.count)
+    """The design with one candidate point, for a new run as long as the mean of the fit runs.
+
+    Args:
+        explanations: to separate.
+        so_far: separation of each pair by the fit runs.
+        run: predicted run at the point.
+        at_point: separation of each pair by that run.
+        n_runs: number of fit runs.
+        most: largest mesh force in the fit runs [N].
+    """
+    pairs = []
+    for before, new in zip(so_far, at_point, strict=True):
+        new = new.times(before.count / n_runs / new.count)
         both = before + new
         old, least = before.least, both.least
-        there = np.sqrt(max(least - old, 0.0) / new.count)
-        so_far = np.sqrt(old / before.count)
-        found.append((float(there), float(so_far), least / both.count > _chance(both.count)))
-    there, so_far, _ = min(found)
+        by_point = np.sqrt(max(least - old, 0.0) / new.count)
+        by_runs = np.sqrt(old / before.count)
+        separated = least / both.count > _chance(both.count)
+        pairs.append((float(by_point), float(by_runs), separated))
+    by_point, by_runs, _ = min(pairs)
     return Design(
-        names=tuple(rival.name for rival in rivals),
-        point=one.point,
-        there=there,
-        so_far=so_far,
-        known=all(s**2 > _chance(known[0].count) for _, s, _ in found),
-        enough=all(enough for _, _, enough in found),
-        harder=one.peak_n / most,
+        names=tuple(explanation.name for explanation in explanations),
+        point=run.point,
+        separation_at_point=by_point,
+        separation_so_far=by_runs,
+        separated_so_far=all(s**2 > _chance(so_far[0].count) for _, s, _ in pairs),
+        separated_with_point=all(separated for _, _, separated in pairs),
+        force_ratio=run.peak_n / most,
     )
 
 
 def _chance(count: float) -> float:
-    """Excess of a mean square of so many values that noise alone passes once in a thousand."""
+    """Mean square of ``count`` values that noise alone exceeds once in a thousand, minus 1."""
     return float(3.1 * np.sqrt(2.0 / count))
 
 
-def _largest(one: Case) -> float:
-    """Largest mesh force [N] of a run, by its law where it is not measured."""
+def _largest_force(one: Case) -> float:
+    """Largest mesh force [N] of a run; that of the force law where none is measured."""
     force = one.run.F.values
     if not np.isfinite(force).any():
         force = force_law(one.run, one.fused, np.ones(6)).modelled_n

@@ -1,1 +1,1 @@
-"""How far the gap shrinks: residual, short prediction, attractor."""
+"""Size of the gap before and after: as residual, short-horizon prediction and attractor."""

@@ -1,9 +1,8 @@
-"""Where a motion lives rather than where it goes: statistics that chaos does not spoil.
+"""Comparison of attractors: statistics of long motions, which chaos does not affect.
 
-A model is run on from the first measured state over as many cycles as were recorded, and what it
-does is held against what the rig did: which flanks touch, how planets and sides share the load,
-spectra, the density of the Poincare section. Half a recording against the other half says how far
-two pieces of the same motion lie apart.
+A model is simulated from the first measured state over the length of the recording. Its contact
+states, load sharing, spectra and Poincare sections are compared with those of the rig. The
+distance between the two halves of the recording is the floor of these comparisons.
 """
 
 from __future__ import annotations
@@ -22,19 +21,19 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
-from herringbone_sim.gap.verification.machine import Machine, turn_of
+from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
 
 Array = NDArray[np.float64]
 
-SETTLE = 20  # mesh cycles before what is compared
-BANDS = 12  # of half a mesh order
-SECTIONS = 4  # mesh phases
+SETTLE = 20  # mesh cycles of transient before the compared motion
+BANDS = 12  # frequency bands, each half a mesh order wide
+SECTIONS = 4  # Poincare sections, at equidistant mesh phases
 UNITS = {"contact": "share of time", "load_sharing": "-", "spectrum": "dB", "section": "sigma"}
 
 
 @dataclass(frozen=True)
-class Path:
-    """A motion at the samples of a recording, as its sensors would show it.
+class SampledMotion:
+    """A motion at the samples of a recording, as its sensors would record it.
 
     Attributes:
         z, z_rate: (n, n_coordinate) [m], [m/s].
@@ -45,24 +44,24 @@ class Path:
     z_rate: Array
     force_n: Array
 
-    def half(self, number: int) -> Path:
-        """The first (0) or second (1) half."""
+    def half(self, number: int) -> SampledMotion:
+        """First (0) or second (1) half of the samples."""
         middle = len(self.z) // 2
         rows = slice(number * middle, (number + 1) * middle)
-        return Path(self.z[rows], self.z_rate[rows], self.force_n[rows])
+        return SampledMotion(self.z[rows], self.z_rate[rows], self.force_n[rows])
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """What is compared.
+    """Statistics of a motion.
 
     Attributes:
         contact: (n_mesh, 3) share of time on the driving flank, apart, on the back flank, by the
-            displacement as recorded and the nominal backlash.
-        sharing: (n_mesh,) mean force over that of all meshes of its kind.
-        bands: (BANDS, n_mesh) logarithmic power [dB] of the displacements around half mesh orders.
-        points: (SECTIONS, m, 2 n_coordinate) section at some mesh phases, in standard deviations
-            of the measured motion.
+            recorded displacement and the nominal backlash.
+        sharing: (n_mesh,) mean force over the sum of those of its kind.
+        bands: (BANDS, n_mesh) power of the displacements in bands around half mesh orders [dB].
+        points: (SECTIONS, m, 2 n_coordinate) Poincare sections, in standard deviations of the
+            measured motion.
     """
 
     contact: Array
@@ -71,58 +70,66 @@ class Statistics:
     points: Array
 
 
-def measured_path(run: PreparedRun, fused: Fused) -> Path:
-    """The rig's own motion."""
-    return Path(fused.z, fused.z_rate, run.F.values)
+def measured_motion(run: PreparedRun, fused: Fused) -> SampledMotion:
+    """The measured motion."""
+    return SampledMotion(fused.z, fused.z_rate, run.F.values)
 
 
-def model_path(
-    run: PreparedRun, fused: Fused, noise: Fused, machine: Machine, actives: Sequence[Active]
-) -> Path:
-    """The motion of a model, from the first measured state on, noise and sensor errors added.
+def model_motion(
+    run: PreparedRun,
+    fused: Fused,
+    noise: Fused,
+    simulator: GearSimulator,
+    actives: Sequence[Active],
+) -> SampledMotion:
+    """Simulated motion from the first measured state, with noise and errors of force sensors.
 
     Args:
+        run, fused: the run and its fused motion.
         noise: a realisation of the noise of ``fused``, see ``motion.fused_noise``.
-        actives: those of sensors change the forces that are shown.
+        simulator: of the model.
+        actives: effects, of which those on force sensors are used here.
     """
-    turn = turn_of(run)
+    turn = phase_step(run)
     before = SETTLE * round(2.0 * np.pi / turn)
     start = run.phase[:1] - before * turn
-    found = machine.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
+    found = simulator.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
     force = found.force_n[0, before:]
     names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
     sensors = on_channels(names, actives)
     if sensors:
         force = distort(TimeSeries(run.times, force, names), sensors).columns(names)
-    return Path(
+    return SampledMotion(
         found.z[0, before:] + noise.z,
         found.z_rate[0, before:] + noise.z_rate,
         np.where(np.isfinite(run.F.values), force, np.nan),
     )
 
 
-def statistics(run: PreparedRun, path: Path, first: int, scale: Array) -> Statistics:
+def statistics(run: PreparedRun, motion: SampledMotion, first: int, scale: Array) -> Statistics:
     """Statistics of a motion.
 
     Args:
-        path: (n, ...), at the samples of the run from number ``first`` on.
+        run: whose sample times and nominal waves are used.
+        motion: at the samples of the run from ``first`` on.
+        first: index of a sample.
         scale: (2 n_coordinate,) standard deviations of the measured motion.
     """
-    rows = slice(first, first + len(path.z))
-    x = path.z @ coordinates_to_meshes(run.model.layout).T - run.waves.e[rows]
+    rows = slice(first, first + len(motion.z))
+    x = motion.z @ coordinates_to_meshes(run.model.layout).T - run.waves.e[rows]
     b = run.model.half_backlash_m
     drive, back = np.mean(x > b, axis=0), np.mean(x < -b, axis=0)
-    mean = path.force_n.mean(axis=0).reshape(2, -1)
+    mean = motion.force_n.mean(axis=0).reshape(2, -1)
     return Statistics(
         contact=np.stack([drive, 1.0 - drive - back, back], axis=1),
         sharing=(mean / mean.sum(axis=1, keepdims=True)).ravel(),
-        bands=_bands(x, turn_of(run)),
-        points=_sections(np.hstack([path.z, path.z_rate]) / scale, run.phase[rows]),
+        bands=_bands(x, phase_step(run)),
+        points=_sections(np.hstack([motion.z, motion.z_rate]) / scale, run.phase[rows]),
     )
 
 
 def distances(one: Statistics, other: Statistics) -> dict[str, float]:
-    """How far two motions lie apart, see ``UNITS``; NaN where nothing is measured."""
+    """Distances of two motions in each statistic, see ``UNITS``; NaN where nothing is measured."""
     contact = 0.5 * np.abs(one.contact - other.contact).sum(axis=1)
     return {
         "contact": float(contact.mean()),
@@ -132,16 +139,20 @@ def distances(one: Statistics, other: Statistics) -> dict[str, float]:
     }
 
 
-def halves(run: PreparedRun, path: Path, scale: Array) -> tuple[Statistics, Statistics]:
+def half_statistics(
+    run: PreparedRun, motion: SampledMotion, scale: Array
+) -> tuple[Statistics, Statistics]:
     """Statistics of both halves of a motion."""
-    first, second = (statistics(run, path.half(i), i * (len(path.z) // 2), scale) for i in (0, 1))
+    first, second = (
+        statistics(run, motion.half(i), i * (len(motion.z) // 2), scale) for i in (0, 1)
+    )
     return first, second
 
 
-def apart(
+def mean_distances(
     one: tuple[Statistics, Statistics], other: tuple[Statistics, Statistics]
 ) -> dict[str, float]:
-    """Distances of two motions: mean over the halves of one against those of the other."""
+    """Distances of two motions, mean over all pairs of halves of one and the other."""
     found = [distances(a, b) for a in one for b in other]
     return {name: float(np.mean([d[name] for d in found])) for name in UNITS}
 
@@ -152,20 +163,20 @@ def scale_of(fused: Fused) -> Array:
     return np.where(spread > 0.0, spread, 1.0)
 
 
-def plain(found: Statistics, meshes: Sequence[str]) -> dict[str, object]:
-    """Contact and load sharing by mesh, for a report."""
+def statistics_to_dict(stats: Statistics, meshes: Sequence[str]) -> dict[str, object]:
+    """Contact and load sharing of each mesh as plain data for the report."""
     names = ("driving_flank", "apart", "back_flank")
     return {
         "contact": {
             mesh: dict(zip(names, (float(v) for v in row), strict=True))
-            for mesh, row in zip(meshes, found.contact, strict=True)
+            for mesh, row in zip(meshes, stats.contact, strict=True)
         },
-        "load_share": {m: float(v) for m, v in zip(meshes, found.sharing, strict=True)},
+        "load_share": {m: float(v) for m, v in zip(meshes, stats.sharing, strict=True)},
     }
 
 
 def _bands(x: Array, turn: float) -> Array:
-    """Power (BANDS, n_mesh) [dB] in bands of half a mesh order, Hann window."""
+    """Power (BANDS, n_mesh) [dB] of x (n, n_mesh) in bands of half a mesh order, Hann window."""
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(len(x)) / len(x))
     lines = np.abs(np.fft.rfft((x - x.mean(axis=0)) * window[:, None], axis=0)) ** 2
     order = np.arange(len(lines)) * 2.0 * np.pi / turn / len(x)
@@ -177,7 +188,7 @@ def _bands(x: Array, turn: float) -> Array:
 
 
 def _sections(states: Array, phase: Array) -> Array:
-    """States (SECTIONS, m, ...) at mesh phases spread over a cycle, linear between samples."""
+    """States (SECTIONS, m, ...) at equidistant mesh phases, by linear interpolation."""
     turns = phase / (2.0 * np.pi)
     cuts = []
     for part in range(SECTIONS):

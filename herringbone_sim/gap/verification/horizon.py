@@ -1,9 +1,8 @@
-"""Prediction over a horizon that is short against the Lyapunov time, from measured states.
+"""Prediction error over a horizon that is short against the Lyapunov time.
 
-A recording is a few thousand measured states. From many of them the model runs on for a mesh
-cycle, or for half a Lyapunov time where that is shorter, and is held against what was measured
-there. What the noise of start and end gives is found with the same model: started from states that
-are off by a realisation of the noise, it ends where it would not have.
+From many measured states of a recording the model is simulated over one mesh cycle, or half a
+Lyapunov time where that is shorter, and compared with the measurement. The error by noise alone is
+estimated with the same model, from initial states changed by a realisation of the noise.
 """
 
 from __future__ import annotations
@@ -19,26 +18,26 @@ from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.verification.machine import Machine, turn_of
+from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LONGEST = 1.0  # mesh cycles
-LYAPUNOV_TIMES = 0.5
-STARTS = 80  # a run
-SETTLED = 5.0  # mesh cycles that an effect's own states are given
-SUBSTEPS = 4
-CLOSE = 1e-6  # of a second run beside the first, in units of b_c
+LONGEST = 1.0  # largest horizon, mesh cycles
+LYAPUNOV_TIMES = 0.5  # horizon of a chaotic motion
+STARTS = 80  # predictions per run
+SETTLED = 5.0  # mesh cycles before the first prediction, for states of effects to settle
+SUBSTEPS = 4  # of a sample, for states of effects
+SEPARATION = 1e-6  # of two neighbouring runs, in units of b_c
 
 
 @dataclass(frozen=True)
 class Horizon:
-    """Where predictions start, and how far they reach.
+    """Starts and length of predictions.
 
     Attributes:
-        starts: (s,) samples.
-        samples: from a start to the last predicted sample.
+        starts: (s,) indices of samples.
+        samples: length of a prediction in samples.
         cycles: the same in mesh cycles.
     """
 
@@ -48,8 +47,8 @@ class Horizon:
 
 
 def horizon_of(run: PreparedRun, exponent: float) -> Horizon:
-    """Starts spread over a run, and a horizon by its largest exponent [1 / mesh cycle]."""
-    turn = turn_of(run)
+    """Starts spread over a run, and the horizon by its largest exponent [1 / mesh cycle]."""
+    turn = phase_step(run)
     longest = min(LONGEST, LYAPUNOV_TIMES / exponent) if exponent > 0.0 else LONGEST
     samples = max(int(longest * 2.0 * np.pi / turn + 1e-6), 1)
     first = int(SETTLED * 2.0 * np.pi / turn)
@@ -60,89 +59,95 @@ def horizon_of(run: PreparedRun, exponent: float) -> Horizon:
     return Horizon(starts, samples, samples * turn / (2.0 * np.pi))
 
 
-def prediction_error(run: PreparedRun, fused: Fused, machine: Machine, ahead: Horizon) -> float:
+def prediction_error(
+    run: PreparedRun, fused: Fused, simulator: GearSimulator, horizon: Horizon
+) -> float:
     """RMS error of the predicted mesh displacements [m], over starts, samples and meshes."""
-    found = _run_on(
-        run, fused.z, fused.z_rate, machine, ahead, own_states(run, fused, machine, ahead.starts)
-    )
-    return _rms(found - _measured(fused.z, ahead), run)
+    own = states_of_effects(run, fused, simulator, horizon.starts)
+    predicted = _predict(run, fused.z, fused.z_rate, simulator, horizon, own)
+    return _rms(predicted - _after_starts(fused.z, horizon), run)
 
 
 def prediction_floor(
-    run: PreparedRun, fused: Fused, noise: Fused, machine: Machine, ahead: Horizon
+    run: PreparedRun, fused: Fused, noise: Fused, simulator: GearSimulator, horizon: Horizon
 ) -> float:
-    """What the noise of start and end would give if the model were right [m].
+    """Prediction error of a perfect model by the noise of initial and final states [m].
 
     Args:
+        run, fused: the run and its fused motion.
         noise: a realisation of the noise of ``fused``, see ``motion.fused_noise``.
+        simulator: of the model.
+        horizon: of the predictions.
     """
-    own = own_states(run, fused, machine, ahead.starts)
-    right = _run_on(run, fused.z, fused.z_rate, machine, ahead, own)
-    off = _run_on(run, fused.z + noise.z, fused.z_rate + noise.z_rate, machine, ahead, own)
-    return _rms(off - right - _measured(noise.z, ahead), run)
+    own = states_of_effects(run, fused, simulator, horizon.starts)
+    plain = _predict(run, fused.z, fused.z_rate, simulator, horizon, own)
+    noisy = _predict(run, fused.z + noise.z, fused.z_rate + noise.z_rate, simulator, horizon, own)
+    return _rms(noisy - plain - _after_starts(noise.z, horizon), run)
 
 
 def largest_exponent(
-    run: PreparedRun, fused: Fused, machine: Machine, rng: np.random.Generator
+    run: PreparedRun, fused: Fused, simulator: GearSimulator, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """Largest Lyapunov exponent of the model at a run's operating point, and its error.
+    """Largest Lyapunov exponent of the model at the operating point of a run, and its error.
 
-    Two runs from the first measured state on, brought back to their distance each mesh cycle
-    (Benettin et al. 1980), over as many cycles as were recorded; the first fifth is left out.
+    Growth of the distance of two simulations from the first measured state, rescaled each mesh
+    cycle (Benettin et al. 1980), over the length of the run; its first fifth is left out.
 
     Returns:
         Value and standard error of the mean, per mesh cycle; NaN where the motion diverges.
     """
-    s = machine.model.scales
-    m = machine.model.layout.n_coordinate
+    s = simulator.model.scales
+    m = simulator.model.layout.n_coordinate
     unit = np.repeat([s.b_c, s.velocity_m_per_s], m)
     cycles = max(int((run.phase[-1] - run.phase[0]) / (2.0 * np.pi)), 10)
     state = np.concatenate([fused.z[0], fused.z_rate[0]])
-    own = np.zeros((2, machine.laws.n_own))
+    own = np.zeros((2, simulator.laws.n_own))
     tangent = rng.normal(size=2 * m)
     growth = np.empty(cycles)
-    tangent *= CLOSE / np.linalg.norm(tangent)
+    tangent *= SEPARATION / np.linalg.norm(tangent)
     for cycle in range(cycles):
         pair = np.stack([state, state + tangent * unit])
         phase = np.full(2, run.phase[0] + 2.0 * np.pi * cycle)
-        found = machine.run(pair[:, :m], pair[:, m:], phase, 2.0 * np.pi, 2, own)
+        found = simulator.run(pair[:, :m], pair[:, m:], phase, 2.0 * np.pi, 2, own)
         ends = np.hstack([found.z[:, 1], found.z_rate[:, 1]])
         state, own = ends[0], found.own[:1, 1].repeat(2, axis=0)
         tangent = (ends[1] - ends[0]) / unit
         length = float(np.linalg.norm(tangent))
         if not np.isfinite(length) or length == 0.0:
             return float("nan"), float("nan")
-        growth[cycle] = np.log(length / CLOSE)
-        tangent *= CLOSE / length
+        growth[cycle] = np.log(length / SEPARATION)
+        tangent *= SEPARATION / length
     kept = growth[cycles // 5 :]
     batches = np.array([part.mean() for part in np.array_split(kept, min(10, len(kept)))])
     return float(kept.mean()), float(batches.std(ddof=1) / np.sqrt(len(batches)))
 
 
-def own_states(run: PreparedRun, fused: Fused, machine: Machine, starts: Index) -> Array:
-    """Effects' own states (s, n_own) at some samples, driven by the forces of the run until there.
+def states_of_effects(
+    run: PreparedRun, fused: Fused, simulator: GearSimulator, starts: Index
+) -> Array:
+    """States of effects (s, n_own) at the samples ``starts``, integrated along the run.
 
-    Measured forces, or those of the nominal law where they are not measured.
+    They are driven by the measured forces, or those of the nominal law where none are measured.
     """
-    n_own = machine.laws.n_own
-    found = np.zeros((len(starts), n_own))
+    n_own = simulator.laws.n_own
+    result = np.zeros((len(starts), n_own))
     if not n_own:
-        return found
+        return result
     law = force_law(run, fused, np.ones(6)).modelled_n
     force = np.where(np.isfinite(run.F.values), run.F.values, law)
     p = run.model.parameters
     columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
     now = np.stack([np.broadcast_to(one, run.phase.shape) for one in columns], axis=1)
     own, before = np.zeros(n_own), 0
-    work, gear = scratch(machine.model, n_own), gear_table(machine.model)
+    work, gear = scratch(simulator.model, n_own), gear_table(simulator.model)
     with pointers_allowed():
         for i, start in enumerate(starts):
             rows = slice(before, start + 1)
             count = start + 1 - before
             recorded(
-                machine.laws.kernel,
-                machine.laws.site,
-                machine.laws.theta,
+                simulator.laws.kernel,
+                simulator.laws.site,
+                simulator.laws.theta,
                 gear,
                 run.times[rows],
                 np.ascontiguousarray(now[rows], dtype=float),
@@ -153,26 +158,35 @@ def own_states(run: PreparedRun, fused: Fused, machine: Machine, starts: Index) 
                 work,
                 SUBSTEPS,
                 np.empty((count, force.shape[1])),
-                np.empty((count, len(machine.model.layout.bodies))),
+                np.empty((count, len(simulator.model.layout.bodies))),
             )
-            found[i], before = own, start
-    return found
+            result[i], before = own, start
+    return result
 
 
-def _run_on(
-    run: PreparedRun, z: Array, z_rate: Array, machine: Machine, ahead: Horizon, own: Array
+def _predict(
+    run: PreparedRun,
+    z: Array,
+    z_rate: Array,
+    simulator: GearSimulator,
+    horizon: Horizon,
+    own: Array,
 ) -> Array:
-    at = ahead.starts
-    found = machine.run(z[at], z_rate[at], run.phase[at], turn_of(run), ahead.samples + 1, own)
+    """Simulated coordinates (s, samples, n_coordinate) [m] after each start, without the start."""
+    at = horizon.starts
+    found = simulator.run(
+        z[at], z_rate[at], run.phase[at], phase_step(run), horizon.samples + 1, own
+    )
     return found.z[:, 1:]
 
 
-def _measured(z: Array, ahead: Horizon) -> Array:
-    """(s, samples, n_coordinate) after each start."""
-    after: Array = z[ahead.starts[:, None] + np.arange(1, ahead.samples + 1)]
+def _after_starts(z: Array, horizon: Horizon) -> Array:
+    """The samples (s, samples, n_coordinate) of z (n, n_coordinate) after each start."""
+    after: Array = z[horizon.starts[:, None] + np.arange(1, horizon.samples + 1)]
     return after
 
 
 def _rms(error: Array, run: PreparedRun) -> float:
+    """RMS of the errors of mesh displacements, from those of coordinates."""
     x = error @ coordinates_to_meshes(run.model.layout).T
     return float(np.sqrt(np.mean(x**2)))

@@ -1,4 +1,4 @@
-"""Many short runs of a gear with effects, from measured states at whatever phase: compiled."""
+"""Compiled integration of many runs of a gear with effects, each from its own state and phase."""
 
 from __future__ import annotations
 
@@ -9,11 +9,19 @@ from herringbone_sim.effects.run import at_instant, slope_of
 
 @law
 def roll(e, site, theta, gear, p, si, now, y, cycle, phase, h, parts, w, g, states, force):
-    """Fill states (s, k, size) and mesh forces (s, k, n) [N] of s runs of k samples.
+    """Integrate s runs of k samples by Runge-Kutta steps.
 
-    Each starts at y (s, size), which is worked on, at a whole number of mesh cycles (s,) and a
-    phase (s,) [rad] beyond; a sample is ``parts`` Runge-Kutta steps of h (in 1 / omega_n) after
-    the last.
+    Args:
+        e, site, theta: compiled laws of the effects, their loci and parameters.
+        gear, p, si: ``gear_table``, packed model and SI scales.
+        now: (5,) instant, which is overwritten.
+        y: (s, size) initial states, which are overwritten.
+        cycle, phase: (s,) initial mesh phase as whole mesh cycles and a rest [rad].
+        h: step in 1 / omega_n.
+        parts: steps per sample.
+        w, g: work arrays.
+        states: (s, k, size) output, dimensionless states at the samples.
+        force: (s, k, n) output, mesh forces at the samples [N].
     """
     samples = states.shape[1]
     for i in range(y.shape[0]):
@@ -32,7 +40,7 @@ def roll(e, site, theta, gear, p, si, now, y, cycle, phase, h, parts, w, g, stat
 
 @law
 def rk4(e, site, theta, gear, p, si, now, cycle, phase, h, y, w, g):
-    """Advance y (size,) by h in place."""
+    """Advance y (size,) in place by one classical Runge-Kutta step of h; arguments as ``roll``."""
     for stage in range(4):
         part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
         for k in range(y.size):

@@ -1,7 +1,7 @@
-"""The gap in three senses: residual, short-horizon prediction, attractor; before and after.
+"""The gap in three senses: as residual, as short-horizon prediction and as attractor.
 
-Prediction and attractor ask what the residual can't: whether the augmented model moves as the rig
-does, over a horizon short against the Lyapunov time, and in the statistics of long motion.
+Prediction and attractor show whether the augmented model moves like the rig, over a horizon short
+against the Lyapunov time and in the statistics of long motion; the residual can't.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from herringbone_sim.gap.residuals.motion import SEED, fused_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verification.attractor import (
     Statistics,
-    apart,
     distances,
-    halves,
-    measured_path,
-    model_path,
-    plain,
+    half_statistics,
+    mean_distances,
+    measured_motion,
+    model_motion,
     scale_of,
     statistics,
+    statistics_to_dict,
 )
 from herringbone_sim.gap.verification.horizon import (
     horizon_of,
@@ -35,8 +35,8 @@ from herringbone_sim.gap.verification.horizon import (
     prediction_error,
     prediction_floor,
 )
-from herringbone_sim.gap.verification.machine import Machine, machine_of
-from herringbone_sim.gap.verification.verify import Gap, Mend, RunGap
+from herringbone_sim.gap.verification.simulator import GearSimulator, simulator_of
+from herringbone_sim.gap.verification.verify import Correction, Gap, RunGap
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -45,17 +45,17 @@ MODELS = ("nominal", "augmented", "runner_up")
 
 @dataclass(frozen=True)
 class Senses:
-    """How far runs are from their models in every sense.
+    """The gap of all runs in three senses.
 
     Attributes:
-        residual: of the metric that counts, force law, torque balance or consistency.
+        residual: in the metric of the verdict.
         prediction: RMS error of the mesh displacements over a short horizon [m].
-        attractor: distance of the densities of the Poincare sections [sigma].
-        horizon_cycles: of each run [mesh cycles].
-        exponents: largest Lyapunov exponent of the augmented model at each run and its standard
-            error [1 / mesh cycle].
+        attractor: distance of the Poincare sections [sigma].
+        horizon_cycles: horizon of each run [mesh cycles].
+        exponents: largest Lyapunov exponent of the augmented model at the operating point of each
+            run, and its standard error [1 / mesh cycle].
         numbers: statistics and distances of the attractors by model and run.
-        unknown: why a run has no prediction and attractor.
+        unknown: sentences on runs without prediction and attractor.
     """
 
     residual: Gap
@@ -68,8 +68,8 @@ class Senses:
 
 
 @dataclass(frozen=True)
-class _Told:
-    """Of one run: prediction, attractor, and what is told beside."""
+class _RunSenses:
+    """Prediction and attractor of one run; attributes as of ``Senses``."""
 
     prediction: RunGap
     attractor: RunGap
@@ -80,53 +80,55 @@ class _Told:
 
 def measure_senses(
     runs: Sequence[PreparedRun],
-    mend: Mend,
+    correct: Correction,
     residual: Gap,
     model: Augmented,
     other: Augmented | None = None,
     say: Say = lambda text: None,
 ) -> Senses:
-    """Prediction and attractor of some runs beside their residual.
+    """Measure the gap of runs as prediction and attractor, beside their residual.
 
     Args:
-        runs: as recorded; the nominal model is held against them as they are.
-        mend: takes from a run what the sensors were found to add.
-        residual: gap of the same runs in the residual that counts.
-        model, other: augmented model, and the runner-up as a control.
-        say: told of each run.
+        runs: as recorded; the nominal model is compared with uncorrected runs.
+        correct: removes the sensor effects of the verdict from a run.
+        residual: gap of the same runs in the metric of the verdict.
+        model: augmented model.
+        other: model of the runner-up, as a control.
+        say: called with a line of progress for each run.
     """
-    told, unknown = [], []
+    measured, unknown = [], []
     for run in runs:
         say(f"{run.name}: prediction and attractor")
-        right = mend(run)
-        fused = fuse(right)
-        raw = fused if right is run else fuse(run)
-        if _seen(fused):
-            raw = raw if _seen(raw) else fused
-            told.append(_of_run(run, right, raw, fused, model, other))
+        corrected = correct(run)
+        fused = fuse(corrected)
+        raw = fused if corrected is run else fuse(run)
+        if _motion_known(fused):
+            raw = raw if _motion_known(raw) else fused
+            measured.append(_senses_of_run(run, corrected, raw, fused, model, other))
         else:
             unknown.append(run.name)
-            told.append(_nothing(run))
+            measured.append(_unknown_senses(run))
     names = ("measured", "floor", *MODELS[: 2 if other is None else 3])
     return Senses(
         residual=residual,
-        prediction=Gap("prediction", tuple(one.prediction for one in told)),
-        attractor=Gap("attractor", tuple(one.attractor for one in told)),
-        horizon_cycles={r.name: one.horizon for r, one in zip(runs, told, strict=True)},
-        exponents={r.name: one.exponent for r, one in zip(runs, told, strict=True)},
+        prediction=Gap("prediction", tuple(one.prediction for one in measured)),
+        attractor=Gap("attractor", tuple(one.attractor for one in measured)),
+        horizon_cycles={r.name: one.horizon for r, one in zip(runs, measured, strict=True)},
+        exponents={r.name: one.exponent for r, one in zip(runs, measured, strict=True)},
         numbers={
             name: {
                 r.name: one.numbers[name]
-                for r, one in zip(runs, told, strict=True)
+                for r, one in zip(runs, measured, strict=True)
                 if name in one.numbers
             }
             for name in names
         },
-        unknown=_why(unknown),
+        unknown=_unknown_reasons(unknown),
     )
 
 
-def _why(unknown: Sequence[str]) -> tuple[str, ...]:
+def _unknown_reasons(unknown: Sequence[str]) -> tuple[str, ...]:
+    """A sentence on runs, given by name, without prediction and attractor."""
     if not unknown:
         return ()
     return (
@@ -135,83 +137,115 @@ def _why(unknown: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _seen(fused: Fused) -> bool:
+def _motion_known(fused: Fused) -> bool:
+    """Whether all coordinates and rates are known."""
     return bool(np.isfinite(fused.z).all() and np.isfinite(fused.z_rate).all())
 
 
-def _nothing(run: PreparedRun) -> _Told:
+def _unknown_senses(run: PreparedRun) -> _RunSenses:
+    """NaN for a run whose motion is not known."""
     nan = float("nan")
     none = RunGap(run.name, run.role, nan, nan, nan)
-    return _Told(none, none, nan, (nan, nan), {})
+    return _RunSenses(none, none, nan, (nan, nan), {})
 
 
-def _of_run(
+def _senses_of_run(
     run: PreparedRun,
-    right: PreparedRun,
+    corrected: PreparedRun,
     raw: Fused,
     fused: Fused,
     model: Augmented,
     other: Augmented | None,
-) -> _Told:
-    noise = fused_noise(right, np.random.default_rng(SEED))
-    sides = {"nominal": (run, raw, nominal_model()), "augmented": (right, fused, model)}
+) -> _RunSenses:
+    """Prediction and attractor of a run.
+
+    Args:
+        run: as recorded.
+        corrected: without sensor effects.
+        raw, fused: fused motion of ``run`` and of ``corrected``.
+        model: augmented model.
+        other: model of the runner-up.
+    """
+    noise = fused_noise(corrected, np.random.default_rng(SEED))
+    models = {"nominal": (run, raw, nominal_model()), "augmented": (corrected, fused, model)}
     if other is not None:
-        sides["runner_up"] = (right, fused, other)
-    machines = {name: machine_of(r, m) for name, (r, _, m) in sides.items()}
-    exponent = largest_exponent(right, fused, machines["augmented"], np.random.default_rng(SEED))
-    ahead = horizon_of(right, exponent[0])
+        models["runner_up"] = (corrected, fused, other)
+    simulators = {name: simulator_of(r, m) for name, (r, _, m) in models.items()}
+    exponent = largest_exponent(
+        corrected, fused, simulators["augmented"], np.random.default_rng(SEED)
+    )
+    horizon = horizon_of(corrected, exponent[0])
     predicted = {
-        name: prediction_error(r, f, machines[name], ahead) for name, (r, f, _) in sides.items()
+        name: prediction_error(r, f, simulators[name], horizon)
+        for name, (r, f, _) in models.items()
     }
-    floor = prediction_floor(right, fused, noise, machines["augmented"], ahead)
-    numbers = _attractors(sides, machines, noise)
+    floor = prediction_floor(corrected, fused, noise, simulators["augmented"], horizon)
+    numbers = _attractors(models, simulators, noise)
     numbers["augmented"] |= {"exponent": {"value": exponent[0], "sigma": exponent[1]}}
-    section = {name: numbers[name]["distance"]["section"] for name in ("floor", *sides)}
-    return _Told(
+    section = {name: numbers[name]["distance"]["section"] for name in ("floor", *models)}
+    return _RunSenses(
         _gap(run, predicted, floor),
         _gap(run, section, section["floor"]),
-        ahead.cycles,
+        horizon.cycles,
         exponent,
         numbers,
     )
 
 
-def _gap(run: PreparedRun, found: Mapping[str, float], floor: float) -> RunGap:
-    nominal, augmented = found["nominal"], found["augmented"]
-    other = found.get("runner_up", float("nan"))
+def _gap(run: PreparedRun, values: Mapping[str, float], floor: float) -> RunGap:
+    """Gap of a run from its values by model."""
+    nominal, augmented = values["nominal"], values["augmented"]
+    other = values.get("runner_up", float("nan"))
     return RunGap(run.name, run.role, nominal, augmented, floor, other)
 
 
 def _attractors(
-    sides: Mapping[str, tuple[PreparedRun, Fused, Augmented]],
-    machines: Mapping[str, Machine],
+    models: Mapping[str, tuple[PreparedRun, Fused, Augmented]],
+    simulators: Mapping[str, GearSimulator],
     noise: Fused,
 ) -> dict[str, Any]:
-    """Statistics and distances by model; ``measured`` and ``floor`` beside."""
-    run, fused, _ = sides["augmented"]
+    """Statistics of each model's motion and its distance to the rig's, for the report.
+
+    Args:
+        models: run, fused motion and model, by name of the model.
+        simulators: of each model.
+        noise: a realisation of the noise of the fused motion.
+
+    Returns:
+        By name of the model; the rig under ``measured``, the distance of its halves under
+        ``floor``.
+    """
+    run, fused, _ = models["augmented"]
     scale = scale_of(fused)
-    rig = measured_path(run, fused)
-    pieces = halves(run, rig, scale)
+    rig = measured_motion(run, fused)
+    pieces = half_statistics(run, rig, scale)
     whole = statistics(run, rig, 0, scale)
     meshes = run.model.layout.meshes
-    found: dict[str, Any] = {
-        "measured": {**plain(whole, meshes), "exponent": _of_data(whole, fused, scale)},
+    result: dict[str, Any] = {
+        "measured": {
+            **statistics_to_dict(whole, meshes),
+            "exponent": _exponent_of_data(whole, fused, scale),
+        },
         "floor": {"distance": distances(*pieces)},
     }
-    for name, (its, start, model) in sides.items():
-        path = model_path(its, start, noise, machines[name], model.actives)
+    for name, (its_run, start, model) in models.items():
+        motion = model_motion(its_run, start, noise, simulators[name], model.actives)
         own = scale if start is fused else scale_of(start)
-        against = pieces if start is fused else halves(its, measured_path(its, start), own)
-        found[name] = {
-            **plain(statistics(its, path, 0, own), meshes),
-            "distance": apart(halves(its, path, own), against),
+        against = (
+            pieces
+            if start is fused
+            else half_statistics(its_run, measured_motion(its_run, start), own)
+        )
+        result[name] = {
+            **statistics_to_dict(statistics(its_run, motion, 0, own), meshes),
+            "distance": mean_distances(half_statistics(its_run, motion, own), against),
         }
-    return found
+    return result
 
 
-def _of_data(whole: Statistics, fused: Fused, scale: Array) -> dict[str, Any]:
-    """Largest exponent of the measured section by data alone, or why there is none."""
+def _exponent_of_data(stats: Statistics, fused: Fused, scale: Array) -> dict[str, Any]:
+    """Largest Lyapunov exponent of the measured Poincare section, or the reason for none."""
     variance = np.concatenate([np.diag(fused.z_cov), np.diag(fused.z_rate_cov)]) / scale**2
     noise = float(np.sqrt(variance.mean()))
-    found = exponent_of_data(whole.points[0], np.random.default_rng(SEED), noise)
+    found = exponent_of_data(stats.points[0], np.random.default_rng(SEED), noise)
     return {"value": found.value, "low": found.low, "high": found.high, "reason": found.reason}

@@ -1,4 +1,4 @@
-"""How far the gap shrinks on runs that no choice and no fit has seen."""
+"""The gap in a residual, for the nominal gear and for the augmented model."""
 
 from __future__ import annotations
 
@@ -8,19 +8,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.gap.attribution.bodies import balance_of, response
-from herringbone_sim.gap.attribution.hypothesis import Case, added, case, expected, with_law_forces
+from herringbone_sim.gap.attribution.bodies import balance_with_effects, effect_accelerations
+from herringbone_sim.gap.attribution.hypothesis import (
+    Case,
+    case,
+    effect_contributions,
+    expected_forces,
+    with_law_forces,
+)
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.motion import SEED, WIDTH, fused_noise, motion_balance
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.sensors.consistency import consistency
-from herringbone_sim.gap.sensors.corrected import motion_sensor
+from herringbone_sim.gap.sensors.consistency import consistency_chi2
+from herringbone_sim.gap.sensors.correction import is_motion_sensor_effect
 from herringbone_sim.gap.verdict.augmented import Augmented
 
 Array = NDArray[np.float64]
-Mend = Callable[[PreparedRun], PreparedRun]
+Correction = Callable[[PreparedRun], PreparedRun]
 
 UNITS = {
     "force_law": "N",
@@ -34,16 +40,15 @@ UNITS = {
 
 @dataclass(frozen=True)
 class RunGap:
-    """How far a run is from its model: nominal, with the effects of a verdict, and by noise alone.
-
-    In the unit of the gap; NaN where the channels can't give it.
+    """Difference of a run from its model, RMS in the unit of the gap; NaN where unknown.
 
     Attributes:
         name, role: of the run.
-        nominal, augmented: before and after.
-        floor: what the noise alone would give.
-        runner_up: with the best other effect in the place of the verdict, as a control.
-        recalibrated: with the tolerances put right, without any effect.
+        nominal: for the nominal gear.
+        augmented: for the augmented model.
+        floor: expected from noise alone.
+        runner_up: for the model with the best other effect instead of the verdict, as a control.
+        recalibrated: for the recalibrated gear without effects.
     """
 
     name: str
@@ -57,20 +62,27 @@ class RunGap:
 
 @dataclass(frozen=True)
 class Gap:
-    """The gap in a metric: of each run, over those held out, over all."""
+    """The gap of all runs.
+
+    Attributes:
+        metric: key of ``UNITS``.
+        runs: gap of each run.
+    """
 
     metric: str
     runs: tuple[RunGap, ...]
 
     @property
     def unit(self) -> str:
-        """Of the runs' numbers."""
+        """Unit of the gap."""
         return UNITS[self.metric]
 
-    def over(self, what: str, role: str | None = "held_out") -> float:
-        """RMS of ``nominal``, ``augmented``, ``floor`` or ``runner_up`` over the runs of a role.
+    def rms(self, what: str, role: str | None = "held_out") -> float:
+        """RMS over the runs of a role, or over all (None), where it is known.
 
-        None as the role means all; runs where it is not known don't count.
+        Args:
+            what: attribute of ``RunGap``, such as ``nominal``.
+            role: ``fit``, ``held_out`` or None.
         """
         chosen = [run for run in self.runs if role in (run.role, None)]
         values = np.array([getattr(run, what) for run in chosen])
@@ -79,51 +91,55 @@ class Gap:
 
     @property
     def closure(self) -> float:
-        """Part of the gap above the noise that the effects close on held-out runs."""
+        """Share of the gap above the noise that the augmented model closes on held-out runs."""
         return self.closed()
 
     def closed(self, what: str = "augmented", role: str | None = "held_out") -> float:
-        """Part of what calibration leaves above the noise that is closed; NaN if nothing is."""
-        known = np.isfinite(self.over("recalibrated", role))
+        """Share of the gap of the recalibrated gear above the noise that a model closes.
+
+        1: down to the noise. Without recalibration, the gap of the nominal gear is taken.
+
+        Args:
+            what: the model, an attribute of ``RunGap``.
+            role: of the runs; None: all.
+        """
+        known = np.isfinite(self.rms("recalibrated", role))
         return self.closed_from("recalibrated" if known else "nominal", what, role)
 
     def closed_from(self, start: str, what: str, role: str | None) -> float:
-        """Part of the gap above the noise that is closed over the runs of a role."""
-        before, floor = self.over(start, role), self.over("floor", role)
+        """Share of the gap of ``start`` above noise that ``what`` closes; NaN without a gap."""
+        before, floor = self.rms(start, role), self.rms("floor", role)
         above = before - floor
-        return (before - self.over(what, role)) / above if above > 0.0 else float("nan")
-
-    def with_runner_up(self, control: Gap | None) -> Gap:
-        """The same with what another model leaves as the runner-up."""
-        if control is None:
-            return self
-        pairs = zip(self.runs, control.runs, strict=True)
-        return replace(
-            self, runs=tuple(replace(one, runner_up=other.augmented) for one, other in pairs)
-        )
+        return (before - self.rms(what, role)) / above if above > 0.0 else float("nan")
 
 
-def measure(runs: Sequence[PreparedRun], mend: Mend, metric: str, model: Augmented) -> Gap:
-    """The gap of all runs in the residual that counts, before and after.
+def residual_gap(
+    runs: Sequence[PreparedRun], correct: Correction, metric: str, model: Augmented
+) -> Gap:
+    """The gap of runs in a residual, for the nominal gear and the augmented model.
 
     Args:
         runs: as recorded.
-        mend: takes from a run what the sensors were found to add.
+        correct: removes the sensor effects of the verdict from a run.
         metric: ``force_law``, ``torque_balance`` or ``consistency``.
+        model: augmented model.
     """
     if metric == "consistency":
-        return Gap(metric, tuple(_consistent(run, mend) for run in runs))
-    model = replace(model, actives=tuple(a for a in model.actives if not motion_sensor(a)))
-    cases = [(run, case(m, fuse(m))) for run in runs for m in (mend(run),)]
+        return Gap(metric, tuple(_consistency_gap(run, correct) for run in runs))
+    model = replace(
+        model, actives=tuple(a for a in model.actives if not is_motion_sensor_effect(a))
+    )
+    cases = [(run, case(m, fuse(m))) for run in runs for m in (correct(run),)]
     if model.motion:
-        return Gap(metric, tuple(_moved(run, c, model) for run, c in cases))
-    one = _balance if metric == "torque_balance" else _law
-    return Gap(metric, tuple(one(run, c, model) for run, c in cases))
+        return Gap(metric, tuple(_motion_gap(run, c, model) for run, c in cases))
+    run_gap = _balance_gap if metric == "torque_balance" else _force_law_gap
+    return Gap(metric, tuple(run_gap(run, c, model) for run, c in cases))
 
 
-def _law(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+def _force_law_gap(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+    """Gap in the force law [N]."""
     law = force_law(c.run, c.fused, np.ones(6))
-    after = expected(c, model.factors, model.actives)
+    after = expected_forces(c, model.factors, model.actives)
     on = c.usable
     return RunGap(
         run.name,
@@ -134,17 +150,18 @@ def _law(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     )
 
 
-def _balance(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+def _balance_gap(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+    """Gap in the torque balance with measured forces [m/s^2]."""
     sensors = tuple(a for a in model.actives if a.effect.level == "sensor")
-    error = expected(c, model.factors, sensors) - expected(c, model.factors, ())
-    before = balance_of(c, model.factors)
-    balance = balance_of(c, model.factors, c.run.F.values - error, model.actives)
+    error = expected_forces(c, model.factors, sensors) - expected_forces(c, model.factors, ())
+    before = balance_with_effects(c, model.factors)
+    balance = balance_with_effects(c, model.factors, c.run.F.values - error, model.actives)
     after = balance.measured - np.tensordot(model.inverse, balance.parts, axes=1)
     return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(before.sigma))
 
 
-def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
-    """Accelerations against the law's forces; NaN where x or v is not there."""
+def _motion_gap(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+    """Gap in the torque balance with forces of the law [m/s^2]; NaN where x or v is missing."""
     if not (np.isfinite(c.fused.x).all() and np.isfinite(c.fused.v).all()):
         return RunGap(run.name, run.role, *(float("nan"),) * 3)
     noise = fused_noise(c.run, np.random.default_rng(SEED))
@@ -156,16 +173,16 @@ def _moved(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     through = np.tensordot(model.inverse, inertia_parts(c.run.model), axes=1)
     for one in model.actives:
         if one.effect.level == "body":
-            after = after - response(c, model.factors, law, one, WIDTH)
+            after = after - effect_accelerations(c, model.factors, law, one, WIDTH)
         elif one.effect.level == "mesh":
-            more = added(c, model.factors, law, (one,))[0]
-            after = after - window_of(c.run, WIDTH).average(more) @ through.T
+            force = effect_contributions(c, model.factors, law, (one,))[0]
+            after = after - window_of(c.run, WIDTH).average(force) @ through.T
     return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(balance.sigma))
 
 
-def _consistent(run: PreparedRun, mend: Mend) -> RunGap:
-    better = mend(run)
-    before, after = (consistency([r]).chi2 for r in (run, better))
+def _consistency_gap(run: PreparedRun, correct: Correction) -> RunGap:
+    """Gap in the consistency of the motion sensors [sigma], before and after their correction."""
+    before, after = (consistency_chi2([r]) for r in (run, correct(run)))
     return RunGap(run.name, run.role, float(np.sqrt(before)), float(np.sqrt(after)), 1.0)
 
 

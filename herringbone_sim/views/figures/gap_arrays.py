@@ -8,7 +8,7 @@ import numpy as np
 
 from herringbone_sim.core.timeseries import Array
 from herringbone_sim.gap.calibrated import Calibrated
-from herringbone_sim.gap.residuals.recalibrate import Law, force_law
+from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
 from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.pages.gap.words import figure
 from herringbone_sim.views.pages.gear_drawing import MESHES
@@ -47,7 +47,7 @@ def mean_over_phase(phase: Array, residual: Array) -> Array:
     return mean
 
 
-def _excess(law: Law) -> float:
+def _excess(law: ForceLaw) -> float:
     """Mean square of the residual above the noise floor, over the known meshes [N^2]."""
     return max(float(np.nanmean(law.residual_n**2 - law.sigma_n**2)), 0.0)
 
@@ -60,7 +60,7 @@ def _by(values: Sequence[float], excess: Sequence[float]) -> dict[str, float]:
     return shares
 
 
-def _contact(laws: Sequence[Law]) -> Array:
+def _contact(laws: Sequence[ForceLaw]) -> Array:
     """Share of time (n_mesh, 3) on the driving flank, apart, on the back flank."""
     on = np.concatenate([law.contact for law in laws])
     drives = np.concatenate([law.x_m > 0.0 for law in laws])

@@ -9,7 +9,7 @@ import numpy as np
 
 from herringbone_sim.core.layout import KINDS, Layout
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.stream.listening import Picture
+from herringbone_sim.gap.stream.comparison import ComparisonResult
 from herringbone_sim.views.mirror.live_text import headline, table
 
 MEMORY = "1GB"
@@ -40,7 +40,7 @@ class LiveMirror:
         except (HerringboneError, ModuleNotFoundError) as error:
             self._fail(error)
 
-    def show(self, picture: Picture, topics: tuple[str, ...] = ()) -> None:
+    def show(self, picture: ComparisonResult, topics: tuple[str, ...] = ()) -> None:
         """Send a comparison; ``topics`` is not used."""
         if self._sink is None:
             return
@@ -71,7 +71,7 @@ class LiveMirror:
         self.state = f"failed: {error}"
         self._sink = None
 
-    def _send(self, picture: Picture) -> None:
+    def _send(self, picture: ComparisonResult) -> None:
         import rerun as rr
 
         from herringbone_sim.views.mirror.gear import send_shares

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from herringbone_sim.gap.stream.listening import Heard, Picture
-from herringbone_sim.gap.stream.stretch import QUIET, Motion, Residual
+from herringbone_sim.gap.stream.comparison import ComparisonResult, StreamStatus
+from herringbone_sim.gap.stream.stretch import NOISE_LIMIT, MotionStatistics, Residual
 
 SCHEMA = "herringbone_sim/gap-live/1"
 BAR = 20
@@ -16,7 +16,7 @@ METRICS = {"force_law": "force law", "torque_balance": "accelerations"}
 FACTORS = ("kind", "side", "planet", "contact")
 
 
-def table(picture: Picture) -> str:
+def table(picture: ComparisonResult) -> str:
     """The whole comparison as text, one line per mesh."""
     lines = [_source_line("rig", picture.rig), _source_line("simulator", picture.simulator)]
     residual = picture.residual
@@ -36,7 +36,7 @@ def table(picture: Picture) -> str:
     return "\n".join(lines)
 
 
-def line(picture: Picture) -> str:
+def line(picture: ComparisonResult) -> str:
     """One line: size and largest shares of the residual, or why there is none."""
     residual = picture.residual
     if residual is None:
@@ -62,7 +62,7 @@ def exceeds_noise(residual: Residual) -> bool:
     return bool(residual.shares.any())
 
 
-def data(picture: Picture) -> dict[str, Any]:
+def data(picture: ComparisonResult) -> dict[str, Any]:
     """The comparison as plain data for the topic ``~/place``, without what is not known."""
     content: dict[str, Any] = {
         "schema": SCHEMA,
@@ -107,7 +107,7 @@ def bar(share: float, width: int = BAR) -> str:
     return (EIGHTHS[8] * whole + (EIGHTHS[part] if part else "")).ljust(width)
 
 
-def _source_line(name: str, heard: Heard) -> str:
+def _source_line(name: str, heard: StreamStatus) -> str:
     if heard.age_s is None:
         return f"{name:9s} {heard.topic}: waiting"
     state = "" if heard.fresh else f", silent for {heard.age_s:.0f} s"
@@ -125,7 +125,7 @@ def _point(residual: Residual) -> str:
     )
 
 
-def _rows(picture: Picture, residual: Residual) -> list[str]:
+def _rows(picture: ComparisonResult, residual: Residual) -> list[str]:
     """One line per place; bars are relative to the largest share."""
     unit = UNITS[residual.metric]
     title = (
@@ -143,21 +143,21 @@ def _rows(picture: Picture, residual: Residual) -> list[str]:
     return rows
 
 
-def _motions(picture: Picture) -> list[str]:
+def _motions(picture: ComparisonResult) -> list[str]:
     motion = picture.rig_motion
     meshes = motion.meshes if motion else ()
     rows = [f"{mesh:6s}{_motion_cells(picture, mesh)}" for mesh in meshes]
     return [f"{'mesh':6s}{_motion_title(picture)}", *rows]
 
 
-def _motion_title(picture: Picture) -> str:
+def _motion_title(picture: ComparisonResult) -> str:
     if picture.rig_motion is None:
         return ""
     beside = " sim" if picture.comparable else ""
     return f"  F RMS rig{beside} [N]   contact rig{beside}   back rig{beside}"
 
 
-def _motion_cells(picture: Picture, mesh: str) -> str:
+def _motion_cells(picture: ComparisonResult, mesh: str) -> str:
     rig, other = picture.rig_motion, picture.simulator_motion if picture.comparable else None
     if rig is None or mesh not in rig.meshes:
         return ""
@@ -180,7 +180,7 @@ def _factor_line(residual: Residual) -> str:
         if any(shares.values()):
             text = "  ".join(f"{name} {share:.0%}" for name, share in shares.items())
             parts.append(f"{factor}: {text}")
-    return "   ".join(parts) or f"no place above {math.sqrt(QUIET):.2f} floors"
+    return "   ".join(parts) or f"no place above {math.sqrt(NOISE_LIMIT):.2f} floors"
 
 
 def _largest_shares(residual: Residual) -> str:
@@ -194,7 +194,7 @@ def _shares(residual: Residual) -> dict[str, float]:
     return {place: float(s) for place, s in zip(residual.places, residual.shares, strict=True)}
 
 
-def _source_data(heard: Heard) -> dict[str, Any]:
+def _source_data(heard: StreamStatus) -> dict[str, Any]:
     content: dict[str, Any] = {"topic": heard.topic, "fresh": heard.fresh}
     content |= {"samples": heard.received, "lost": heard.lost, "restarts": heard.restarts}
     if math.isfinite(heard.t_s):
@@ -202,7 +202,7 @@ def _source_data(heard: Heard) -> dict[str, Any]:
     return content | ({"trouble": heard.trouble} if heard.trouble else {})
 
 
-def _statistics(rig: Motion, simulator: Motion, j: int) -> dict[str, float]:
+def _statistics(rig: MotionStatistics, simulator: MotionStatistics, j: int) -> dict[str, float]:
     """RMS force and contact shares of one mesh in both motions; without those not known."""
     values: dict[str, float] = {}
     for name, motion in (("rig", rig), ("simulator", simulator)):

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 
 from herringbone_sim.gap.planning.plan import NAMED, SIZES, Plan
 from herringbone_sim.gap.planning.summary import (
-    by_worth,
-    gain,
+    effect_summaries,
     named_effects,
     place_text,
-    rows,
+    ranked_runs,
     sensors_text,
+    size_reduction,
 )
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, DPI, GREEN, GREY, INK, ORANGE, STYLE
@@ -112,15 +112,15 @@ def effect_rows(plan: Plan) -> list[list[str]]:
     return [
         [
             escape(row.effect),
-            *(escape(cell) for cell in (size(row.best, row.unit), place_text(row.where))),
+            *(escape(cell) for cell in (size(row.best, row.unit), place_text(row.best_place))),
             size(row.median, row.unit),
             size(row.worst, row.unit),
-            f"{row.placed:.0%}",
+            f"{row.placed_share:.0%}",
             escape(row.rival),
-            f"{row.apart:.1%}",
-            f"run {row.settles + 1}",
+            f"{row.rival_leaves:.1%}",
+            f"run {row.best_run + 1}",
         ]
-        for row in rows(plan)
+        for row in effect_summaries(plan)
     ]
 
 
@@ -132,14 +132,14 @@ def point_rows(plan: Plan, points: Sequence[Mapping[str, float]]) -> list[list[s
             *(number(points[r][n], 4) for n in ("delta_T", "K", "T_1", "Omega")),
             f"{share:.0%}",
         ]
-        for r, share in by_worth(plan)
+        for r, share in ranked_runs(plan)
     ]
 
 
 def _others(plan: Plan) -> str:
     lines = []
-    if plan.left_out:
-        names = ", ".join(plan.left_out)
+    if plan.not_sought:
+        names = ", ".join(plan.not_sought)
         lines.append(f"These sensors give the diagnosis no way to seek {names}.")
     if plan.not_planned:
         names = ", ".join(plan.not_planned)
@@ -150,12 +150,12 @@ def _others(plan: Plan) -> str:
 def _also(plan: Plan, also: Mapping[str, Plan]) -> str:
     if not also:
         return ""
-    ordered = sorted(also, key=lambda n: (-named_effects(also[n]), -gain(plan, also[n])))
+    ordered = sorted(also, key=lambda n: (-named_effects(also[n]), -size_reduction(plan, also[n])))
     cells = [
         [
             escape(name),
             f"{named_effects(also[name])} of {len(also[name].effects)}",
-            number(gain(plan, also[name]), 3),
+            number(size_reduction(plan, also[name]), 3),
             escape(", ".join(also[name].observations)),
         ]
         for name in ordered
@@ -176,7 +176,7 @@ def _length(plan: Plan) -> str:
 def plan_figure(plan: Plan, also: Mapping[str, Plan]) -> Figure:
     """Per effect a line from its size at the best place to that at the worst, relative."""
     plans = [(sensors_text(plan), plan), *((f"+ {n}", p) for n, p in also.items())]
-    order = [row.effect for row in rows(plan)]
+    order = [row.effect for row in effect_summaries(plan)]
     order += [e for _, p in plans[1:] for e in p.effects if e not in order]
     order = list(dict.fromkeys(order))
     colours = (BLUE, *COLOURS)
@@ -189,7 +189,7 @@ def plan_figure(plan: Plan, also: Mapping[str, Plan]) -> Figure:
             colour = colours[k % len(colours)]
             offset = (k - 0.5 * (len(plans) - 1)) / (1.0 + len(plans))
             panel.plot([], [], "o-", color=colour, label=name, ms=4)
-            for row in rows(one):
+            for row in effect_summaries(one):
                 y = order.index(row.effect) + offset
                 of = np.array([row.best, row.median, row.worst]) / row.moderate
                 low, half, high = np.minimum(of, 1.3 * last)

@@ -1,4 +1,4 @@
-"""Parts of a run, so that something can be left out where there is but one."""
+"""Folds for leave-one-out scores: the fit runs, or thirds of a single run."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from herringbone_sim.gap.data.waves import Waves
 PARTS = 3
 
 
-def to_leave_out(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
-    """Runs as they are, or the parts of a single one.
+def leave_out_folds(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
+    """Return the runs; a single run is cut into ``PARTS`` parts of equal length.
 
-    Parts share load, temperature and speed: what differs between those is not put to the test.
+    Parts share load, temperature and speed: how an effect depends on these is not tested.
     """
     if len(runs) != 1:
         return tuple(runs)
     edges = np.linspace(0, len(runs[0]), PARTS + 1).astype(int)
     return tuple(
-        part_of(runs[0], slice(int(a), int(b)), f"{runs[0].name} part {i + 1}")
+        slice_run(runs[0], slice(int(a), int(b)), f"{runs[0].name} part {i + 1}")
         for i, (a, b) in enumerate(pairwise(edges))
     )
 
 
-def part_of(run: PreparedRun, rows: slice, name: str) -> PreparedRun:
-    """Some samples in a row as a run of their own."""
+def slice_run(run: PreparedRun, rows: slice, name: str) -> PreparedRun:
+    """Return the samples ``rows`` of a run as a run called ``name``."""
 
     def cut(measured: Measured) -> Measured:
         return replace(measured, values=measured.values[rows])

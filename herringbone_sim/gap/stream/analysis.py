@@ -1,8 +1,8 @@
-"""The gap while it runs: residual and place of a stretch of samples, and how two motions differ.
+"""Residual and motion statistics of a stretch of samples.
 
-The steps of a diagnosis before attribution, on one stretch at a time: fusion by geometry,
-recalibration inside the tolerances, the force law mesh by mesh. No trajectory is computed. Two
-chaotic motions never match, so rig and simulator are compared by statistics alone.
+A stretch is fused, recalibrated inside the tolerances and compared with the force law, as in a
+diagnosis; no effects are sought. Two chaotic motions diverge, so rig and simulator are compared by
+statistics.
 """
 
 from __future__ import annotations
@@ -21,44 +21,51 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.hypothesis import case
-from herringbone_sim.gap.data.prepared import Measured, PreparedRun, prepare_run
+from herringbone_sim.gap.data.prepare import prepare_run
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
-from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance, recalibrate_motion
+from herringbone_sim.gap.residuals.motion import (
+    fused_noise,
+    motion_balance,
+    recalibrate_motion,
+)
 from herringbone_sim.gap.residuals.recalibrate import force_law, recalibrate
-from herringbone_sim.gap.stream.stretch import Motion, Residual
+from herringbone_sim.gap.stream.stretch import MotionStatistics, Residual
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
 
 Array = NDArray[np.float64]
 
-NOISELESS = 1e-4  # least noise as a share of a channel's RMS: a converter of 14 bits
-ROUNDS = 3  # of a recalibration
-SEED = 20  # of the noise that gives the floor of the accelerations
+NOISELESS = 1e-4  # least noise over RMS of a channel, that of a converter of 14 bits
+ROUNDS = 3  # Gauss-Newton steps of a recalibration
+SEED = 20  # of the noise realisation for the noise of the accelerations
 
 
-def of_layout(nominal: Parameters, names: Iterable[str]) -> Parameters:
-    """The nominal gear as the reduced or the full model, by the channels' names."""
+def model_of_channels(nominal: Parameters, names: Iterable[str]) -> Parameters:
+    """The nominal gear as reduced model if channels have no planet numbers, else as full model."""
     plain = any(re.fullmatch(r"[xvF]_(sp|rp)_[LR]", name) for name in names)
     return nominal.changed({"model": "reduced" if plain else "full"})
 
 
-def point_of(
-    series: TimeSeries, nominal: Parameters, told: Mapping[str, Any]
+def operating_point(
+    series: TimeSeries, nominal: Parameters, declared: Mapping[str, Any]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Operating point of a stretch, and what of it was not recorded.
+    """Operating point of a stretch, and remarks on quantities without a channel.
 
     Args:
-        told: parameters that the topic ``channels`` holds.
+        series: samples.
+        nominal: parameters of the data sheet, for quantities that are known nowhere else.
+        declared: parameters that the topic ``channels`` holds.
     """
     point, remarks = {}, []
     for name in ("delta_T", "K", "T_1"):
         if name in series:
             point[name] = float(np.median(series[name]))
         else:
-            from_where = told if name in told else vars(nominal)
+            from_where = declared if name in declared else vars(nominal)
             point[name] = float(from_where[name])
-            source = "the topic channels" if name in told else "the nominal gear"
+            source = "the topic channels" if name in declared else "the nominal gear"
             remarks.append(f"no channel {name}: {point[name]:g} of {source} is taken")
     turned = float(series["phase"][-1] - series["phase"][0])
     frequency = turned / float(series.times[-1] - series.times[0])
@@ -70,44 +77,44 @@ def residual(
     series: TimeSeries,
     nominal: Parameters,
     noise_share: float | None = None,
-    told: Mapping[str, Any] | None = None,
+    declared: Mapping[str, Any] | None = None,
 ) -> Residual:
-    """Residual of a stretch of equidistant samples and where it sits.
+    """Residual of a stretch of equidistant samples, by mesh or coordinate.
 
     Args:
-        series: channels of the recording contract, any subset.
-        nominal: the rig as its data sheet has it.
-        noise_share: RMS of the noise as a share of each channel's RMS; None: from the spectra,
-            which is an upper bound.
-        told: parameters that the topic ``channels`` holds.
+        series: samples of any channels of a recording.
+        nominal: parameters of the data sheet.
+        noise_share: RMS of the noise over that of each channel; None: estimated from spectra, an
+            upper bound.
+        declared: parameters that the topic ``channels`` holds.
 
     Raises:
-        AnalysisError: channels from which no residual follows.
-        ParameterError: an operating point at which the nominal gear can't exist.
+        AnalysisError: the channels don't allow a residual.
+        ParameterError: the operating point is out of the range of the parameters.
     """
     if "phase" not in series:
         raise AnalysisError("no residual without a channel phase: k(t) and e(t) are not known")
-    gear = of_layout(nominal, series.names)
-    point, remarks = point_of(series, gear, told or {})
+    gear = model_of_channels(nominal, series.names)
+    point, remarks = operating_point(series, gear, declared or {})
     recording = Recording(Path("stream"), "stream", series, Channels(), (), True, ())
     with np.errstate(invalid="ignore"):
         run = prepare_run(CampaignRun(Path("stream"), point, "fit"), recording, gear, noise_share)
-        x, v, F, u = (_with_floor(one) for one in (run.x, run.v, run.F, run.u))
+        x, v, F, u = (_with_least_noise(one) for one in (run.x, run.v, run.F, run.u))
         run = replace(run, x=x, v=v, F=F, u=u)
         fused = fuse(run)
         remarks += tuple(finding.text for finding in run.findings)
         if case(run, fused).usable.any():
-            return _of_forces(run, fused, float(series.times[-1]), remarks)
+            return _force_law_residual(run, fused, float(series.times[-1]), remarks)
         if np.isfinite(fused.x).all() and np.isfinite(fused.v).all():
-            return _of_motion(run, fused, float(series.times[-1]), remarks)
+            return _motion_residual(run, fused, float(series.times[-1]), remarks)
     raise AnalysisError(
         "no residual: it needs x (or u), v and F of a mesh, or x (or u) and v of all, got "
         f"{_kinds(series.names)}"
     )
 
 
-def motion(series: TimeSeries, model: Model) -> Motion:
-    """Statistics of a stretch; the contact by the model's half-backlash at its delta_T."""
+def motion_statistics(series: TimeSeries, model: Model) -> MotionStatistics:
+    """Statistics of a stretch; contact is determined by the half-backlash of the model."""
     meshes = model.layout.meshes
     p = model.parameters
     point = {name: float(getattr(p, name)) for name in ("delta_T", "K", "T_1", "Omega")}
@@ -120,25 +127,41 @@ def motion(series: TimeSeries, model: Model) -> Motion:
             x, b = series[f"x_{mesh}"], model.half_backlash_m[j]
             back, drive = int(np.sum(x < -b)), int(np.sum(x > b))
             contact[j] = back, len(x) - back - drive, drive
-    return Motion(meshes, point, len(series), force, contact)
+    return MotionStatistics(meshes, point, len(series), force, contact)
 
 
-def motion_of(
-    series: TimeSeries, nominal: Parameters, told: Mapping[str, Any] | None = None
-) -> Motion:
-    """``motion`` against the nominal gear at the operating point of the stretch.
+def motion_at_operating_point(
+    series: TimeSeries, nominal: Parameters, declared: Mapping[str, Any] | None = None
+) -> MotionStatistics:
+    """Statistics of a stretch, with the nominal gear at its operating point.
+
+    Args:
+        series: samples.
+        nominal: parameters of the data sheet.
+        declared: parameters that the topic ``channels`` holds.
 
     Raises:
-        AnalysisError: no phase.
-        ParameterError: an operating point at which the nominal gear can't exist.
+        AnalysisError: no channel phase.
+        ParameterError: the operating point is out of the range of the parameters.
     """
     if "phase" not in series:
         raise AnalysisError("no channel phase: the operating point is not known")
-    gear = of_layout(nominal, series.names)
-    return motion(series, build(gear.changed(point_of(series, gear, told or {})[0])))
+    gear = model_of_channels(nominal, series.names)
+    return motion_statistics(
+        series, build(gear.changed(operating_point(series, gear, declared or {})[0]))
+    )
 
 
-def _of_forces(run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, ...]) -> Residual:
+def _force_law_residual(
+    run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, ...]
+) -> Residual:
+    """Residual of the force law of meshes with x, v and F.
+
+    Args:
+        run, fused: the stretch as a run, and its fused motion.
+        t_s: time of its last sample [s].
+        remarks: so far.
+    """
     calibration = recalibrate([run], [fused], ROUNDS)
     before = force_law(run, fused, np.ones(6))
     law = force_law(run, fused, calibration.factors)
@@ -166,13 +189,16 @@ def _of_forces(run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, .
     )
 
 
-def _of_motion(run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, ...]) -> Residual:
+def _motion_residual(
+    run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, ...]
+) -> Residual:
+    """Residual of the torque balance with the forces of the law."""
     rng = np.random.default_rng(SEED)
     calibration, inertias = recalibrate_motion([run], [fused], rng, 2)
     noise = fused_noise(run, rng)
     before = motion_balance(run, fused, noise, np.ones(6), np.ones(3))
     balance = motion_balance(run, fused, noise, calibration.factors, inertias.inverse)
-    n = len(balance.at)
+    n = len(balance.measured)
     unknown = "no forces: by accelerations a mesh can't be told from others on the same body"
     return Residual(
         metric="torque_balance",
@@ -191,10 +217,12 @@ def _of_motion(run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, .
     )
 
 
-def _with_floor(measured: Measured) -> Measured:
+def _with_least_noise(measured: Measured) -> Measured:
+    """Raise the noise to ``NOISELESS`` of the RMS where it is less."""
     rms = np.sqrt(np.mean(measured.values**2, axis=0))
     return replace(measured, sigma=np.maximum(measured.sigma, NOISELESS * rms))
 
 
 def _kinds(names: Iterable[str]) -> str:
+    """Prefixes of the channel names, listed."""
     return ", ".join(sorted({name.partition("_")[0] for name in names}))

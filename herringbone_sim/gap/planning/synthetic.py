@@ -1,4 +1,4 @@
-"""What a choice of sensors would record of the nominal gear."""
+"""Simulated campaigns of the nominal gear, recorded by a choice of sensors."""
 
 from __future__ import annotations
 
@@ -21,41 +21,42 @@ from herringbone_sim.gap.observations.body_motion import body_loads, inverse_mas
 from herringbone_sim.gap.observations.window_channels import pin_names, pin_weights
 
 Array = NDArray[np.float64]
-LEAST_CYCLES = round(BLOCK_CYCLES)  # of a run: longer than what a mesh remembers
-TRANSIENT = 80  # mesh cycles before a recording, as of practice rigs
+LEAST_CYCLES = round(BLOCK_CYCLES)  # shortest run in mesh cycles: a block of the diagnosis
+TRANSIENT = 80  # mesh cycles before a recording, as for practice rigs
 
 
 @dataclass(frozen=True)
-class Noise:
-    """RMS of the noise of each channel.
+class SensorNoise:
+    """Standard deviation of the noise of each channel.
 
     Attributes:
-        share: of the channel's RMS, where nothing else is said.
-        shares, values: by the beginning of a channel's name; a share of its RMS, or in SI units.
+        share: noise over RMS of the channel, unless given below.
+        shares: noise over RMS by prefix of the channel name.
+        values: noise [SI] by prefix of the channel name.
     """
 
     share: float = 0.01
     shares: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
 
-    def of(self, channel: str, rms: float) -> float:
-        """Of a channel with some RMS; the longest beginning of its name counts."""
-        told = [n for n in (*self.shares, *self.values) if channel.startswith(n)]
-        longest = max(told, key=len, default="")
+    def sigma(self, channel: str, rms: float) -> float:
+        """Noise of a channel [SI] with an RMS of ``rms`` [SI]; its longest prefix counts."""
+        prefixes = [n for n in (*self.shares, *self.values) if channel.startswith(n)]
+        longest = max(prefixes, key=len, default="")
         if longest in self.values:
             return self.values[longest]
         return rms * self.shares.get(longest, self.share)
 
 
 def known_sensors(layout: Layout) -> tuple[str, ...]:
-    """Names of all channels that sensors may have."""
+    """Names of all channels that can be recorded."""
     found = [f"{q}_{mesh}" for q in "xvF" for mesh in layout.meshes]
     found += [f"{q}_{body}" for q in "ua" for body in layout.bodies]
     return (*found, *(f"F_{pin}" for pin in pin_names(layout)))
 
 
 def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
-    """ParameterError for none, or for a channel that there is not."""
+    """Raise ParameterError if there are no sensors, or an unknown one."""
     known = known_sensors(layout)
     foreign = [name for name in sensors if name not in known]
     if foreign or not sensors:
@@ -66,31 +67,33 @@ def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
         )
 
 
-def sensed(
+def simulate_campaign(
     nominal: Parameters,
     points: Sequence[Mapping[str, float]],
     sensors: Sequence[str],
-    noise: Noise,
+    noise: SensorNoise,
     cycles: int,
     seed: int = 0,
 ) -> PreparedCampaign:
-    """A campaign of the nominal gear, as these sensors record it; all runs are fit runs.
+    """Simulate a campaign of the nominal gear; all runs are fit runs.
 
     Args:
-        nominal: of the full model.
+        nominal: parameters of the full model.
         points: delta_T [K], K, T_1 [N m], Omega of each run.
-        sensors: channels.
+        sensors: names of the recorded channels.
+        noise: of the sensors.
         cycles: mesh cycles of a run.
+        seed: of initial states and noise.
 
     Raises:
-        ParameterError: no such sensor, or a point at which the gear can't run.
-        DivergenceError: the motion left the range of any gear.
+        ParameterError: an unknown sensor, a run that is too short, or a point out of range.
+        DivergenceError: the motion diverges.
     """
     check_sensors(nominal.layout, sensors)
     if cycles < LEAST_CYCLES:
         raise ParameterError(
-            f"a run has {LEAST_CYCLES} mesh cycles or more, got {cycles}: record longer than "
-            "what a mesh remembers"
+            f"a run has {LEAST_CYCLES} mesh cycles or more, got {cycles}: record at least "
+            "one block of the diagnosis"
         )
     rng = np.random.default_rng(seed)
     runs = tuple(
@@ -105,10 +108,11 @@ def _run(
     nominal: Parameters,
     point: Mapping[str, float],
     sensors: Sequence[str],
-    noise: Noise,
+    noise: SensorNoise,
     cycles: int,
     rng: np.random.Generator,
 ) -> PreparedRun:
+    """Simulate and record one run at an operating point."""
     start = {"initial_noise": 0.05, "seed": int(rng.integers(2**31 - 1))}
     model = build(nominal.changed({**point, **start}))
     _, settled = simulate(model, TRANSIENT)
@@ -120,10 +124,10 @@ def _run(
     clean["a"] = accelerations(model, phase, clean["F"])
     clean["pin"] = clean["F"] @ pin_weights(layout).T
 
-    def seen(q: str, names: Sequence[str]) -> Measured:
+    def record(q: str, names: Sequence[str]) -> Measured:
         there = np.array([n in sensors for n in names])
         rms = np.sqrt(np.mean(clean[q] ** 2, axis=0))
-        sigma = np.array([noise.of(n, r) for n, r in zip(names, rms, strict=True)])
+        sigma = np.array([noise.sigma(n, r) for n, r in zip(names, rms, strict=True)])
         values = clean[q] + sigma * rng.normal(size=clean[q].shape)
         return Measured(np.where(there, values, np.nan), there, np.where(there, sigma, np.nan))
 
@@ -133,12 +137,12 @@ def _run(
         point=dict(point),
         times=series.times - series.times[0],
         phase=phase,
-        x=seen("x", [f"x_{mesh}" for mesh in layout.meshes]),
-        v=seen("v", [f"v_{mesh}" for mesh in layout.meshes]),
-        F=seen("F", [f"F_{mesh}" for mesh in layout.meshes]),
-        u=seen("u", [f"u_{body}" for body in layout.bodies]),
-        a=seen("a", [f"a_{body}" for body in layout.bodies]),
-        pin=seen("pin", [f"F_{p}" for p in pin_names(layout)]),
+        x=record("x", [f"x_{mesh}" for mesh in layout.meshes]),
+        v=record("v", [f"v_{mesh}" for mesh in layout.meshes]),
+        F=record("F", [f"F_{mesh}" for mesh in layout.meshes]),
+        u=record("u", [f"u_{body}" for body in layout.bodies]),
+        a=record("a", [f"a_{body}" for body in layout.bodies]),
+        pin=record("pin", [f"F_{p}" for p in pin_names(layout)]),
         model=model,
         waves=waves(model, phase, omega),
         recorded_point={},
@@ -147,6 +151,6 @@ def _run(
 
 
 def accelerations(model: Model, phase: Array, force: Array) -> Array:
-    """(n, 9) of the bodies [m/s^2] of the nominal gear by its mesh forces (n, n_mesh) [N]."""
+    """Accelerations (n, n_bodies) [m/s^2] of the nominal gear by mesh forces (n, n_mesh) [N]."""
     G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
     return np.asarray(inverse_masses(model) * (body_loads(model, phase) - force @ G))

@@ -1,4 +1,4 @@
-"""A recording put right: what sensor effects of known size did to x, v, u and clock, undone."""
+"""Remove sensor effects of known size from x, v, u and the clock of a run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 
 Array = NDArray[np.float64]
-Undo = Callable[[float, Array, Array], Array]  # size, times, values -> values
+Undo = Callable[[float, Array, Array], Array]  # size, times, values -> corrected values
 
 UNDO: Mapping[str, Undo] = {
     "sensor_gain": lambda size, times, values: values / size,
@@ -24,41 +24,50 @@ UNDO: Mapping[str, Undo] = {
 }
 
 
-def corrected(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
-    """The run without what sensor effects of these sizes add to x, v, u or the clock.
+def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
+    """Remove sensor effects from x, v, u and the clock of a run.
 
-    Force sensors are left as they are: what they show is part of what a law expects. Channels
-    under an effect that can't be undone are left out.
+    Forces are not changed: effects on force sensors are part of ``expected_forces``. Channels with
+    an effect that can't be undone are marked as not recorded.
     """
     for one in actives:
         if one.effect.id == "clock_drift":
             run = _with_times(run, run.times / (1.0 + 1e-6 * one.theta[0]))
         elif one.effect.level == "sensor":
-            names = _channels(run, one)
+            names = _affected_channels(run, one)
             if one.effect.id == "channel_swap":
                 run = _swapped(run, names)
             elif one.effect.id in UNDO:
                 undo = UNDO[one.effect.id]
                 for name in names:
-                    run = _undone(run, name, undo, one.theta[0])
+                    run = _with_undo(run, name, undo, one.theta[0])
             else:
-                run = drop(run, names)
+                run = without_channels(run, names)
     return run
 
 
-def undone(run: PreparedRun, kind: str, names: Sequence[str], size: float) -> PreparedRun:
-    """The run without an error of one channel: gain error, bias [SI], delay [s], clock, swap."""
+def without_sensor_error(
+    run: PreparedRun, kind: str, names: Sequence[str], size: float
+) -> PreparedRun:
+    """Remove an error of one channel, or undo a swap of two.
+
+    Args:
+        run: the run.
+        kind: ``gain``, ``bias``, ``delay``, ``clock`` or ``swap``.
+        names: the channel; two for a swap.
+        size: relative error of the gain, bias [SI], delay [s] or relative error of the clock.
+    """
     if kind == "swap":
         return _swapped(run, names)
     if kind == "clock":
         late: Undo = lambda s, times, values: between(times, values, times * (1.0 + s))  # noqa: E731
-        return _undone(run, names[0], late, size)
+        return _with_undo(run, names[0], late, size)
     undo = UNDO[f"sensor_{kind}"]
-    return _undone(run, names[0], undo, 1.0 + size if kind == "gain" else size)
+    return _with_undo(run, names[0], undo, 1.0 + size if kind == "gain" else size)
 
 
-def motion_sensor(one: Active) -> bool:
-    """Whether an effect is on a sensor, and not on that of a force alone."""
+def is_motion_sensor_effect(one: Active) -> bool:
+    """Whether an effect is on a sensor of x, v, u or on the clock, and so can be corrected."""
     wanted = one.chosen.get("channels", ())
     names = (wanted,) if isinstance(wanted, str) else tuple(wanted)
     return one.effect.level == "sensor" and not (
@@ -66,26 +75,25 @@ def motion_sensor(one: Active) -> bool:
     )
 
 
-def _channels(run: PreparedRun, one: Active) -> tuple[str, ...]:
-    names = _names(run)
-    shown = TimeSeries(run.times, np.zeros((len(run), len(names))), names)
-    return tuple(n for n in channels_of(shown, one) if not n.startswith("F"))
-
-
-def _names(run: PreparedRun) -> tuple[str, ...]:
+def _affected_channels(run: PreparedRun, one: Active) -> tuple[str, ...]:
+    """Names of the channels x, v and u that a sensor effect acts on."""
     layout = run.model.layout
     meshes = tuple(f"{q}_{m}" for q in "xvF" for m in layout.meshes)
-    return (*meshes, *(f"u_{body}" for body in layout.bodies))
+    names = (*meshes, *(f"u_{body}" for body in layout.bodies))
+    empty = TimeSeries(run.times, np.zeros((len(run), len(names))), names)
+    return tuple(n for n in channels_of(empty, one) if not n.startswith("F"))
 
 
-def _place(run: PreparedRun, name: str) -> tuple[str, int]:
+def _column(run: PreparedRun, name: str) -> tuple[str, int]:
+    """Quantity of a channel and its column in the values of it."""
     quantity, _, rest = name.partition("_")
     layout = run.model.layout
     return quantity, (layout.bodies if quantity == "u" else layout.meshes).index(rest)
 
 
-def _undone(run: PreparedRun, name: str, undo: Undo, size: float) -> PreparedRun:
-    quantity, j = _place(run, name)
+def _with_undo(run: PreparedRun, name: str, undo: Undo, size: float) -> PreparedRun:
+    """Replace the values of one channel by ``undo`` of them."""
+    quantity, j = _column(run, name)
     measured: Measured = getattr(run, quantity)
     if not measured.there[j]:
         return run
@@ -97,9 +105,10 @@ def _undone(run: PreparedRun, name: str, undo: Undo, size: float) -> PreparedRun
 
 
 def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
+    """Exchange the values of two channels."""
     if len(names) != 2:
         return run
-    (one, i), (other, j) = (_place(run, name) for name in names)
+    (one, i), (other, j) = (_column(run, name) for name in names)
     a, b = getattr(run, one), getattr(run, other)
     first, second = a.values[:, i].copy(), b.values[:, j].copy()
     for quantity, column, values in ((one, i, second), (other, j, first)):
@@ -111,25 +120,30 @@ def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
 
 
 def _with(run: PreparedRun, quantity: str, measured: Measured) -> PreparedRun:
+    """Replace one quantity of a run."""
     changed: dict[str, Measured] = {quantity: measured}
     return PreparedRun(**{**vars(run), **changed})
 
 
 def _with_times(run: PreparedRun, times: Array) -> PreparedRun:
+    """Replace the time stamps (n,) of a run."""
     omega = float((run.phase[-1] - run.phase[0]) / (times[-1] - times[0]))
     return replace(run, times=times, waves=waves(run.model, run.phase, omega))
 
 
-def drop(run: PreparedRun, channels: Sequence[str]) -> PreparedRun:
-    """The run without some channels of x, v or u, as if they had not been recorded."""
+def without_channels(run: PreparedRun, channels: Sequence[str]) -> PreparedRun:
+    """Mark channels of x, v or u, given by their names, as not recorded."""
     layout = run.model.layout
     names = {"x": layout.meshes, "v": layout.meshes, "u": layout.bodies}
-    kept = {q: _drop(getattr(run, q), [f"{q}_{n}" in channels for n in names[q]]) for q in names}
-    return replace(run, x=kept["x"], v=kept["v"], u=kept["u"])
+    rest = {
+        q: _without(getattr(run, q), [f"{q}_{n}" in channels for n in names[q]]) for q in names
+    }
+    return replace(run, x=rest["x"], v=rest["v"], u=rest["u"])
 
 
-def _drop(measured: Measured, gone: Sequence[bool]) -> Measured:
-    out = np.array(gone)
+def _without(measured: Measured, columns: Sequence[bool]) -> Measured:
+    """Mark columns (k,) as not recorded."""
+    out = np.array(columns)
     values, sigma = measured.values.copy(), measured.sigma.copy()
     values[:, out] = np.nan
     sigma[out] = np.nan

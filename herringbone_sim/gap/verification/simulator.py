@@ -1,4 +1,4 @@
-"""A gear with effects that is run on from measured states, in SI units."""
+"""Simulation of a gear with effects from measured states, in SI units."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from herringbone_sim.gap.verification.rollout import roll
 
 Array = NDArray[np.float64]
 
-STEPS = 128  # of the method a natural period: its error stays far below the noise of a recording
+STEPS = 128  # Runge-Kutta steps per natural period; their error is far below recording noise
 
 
 class _Scratch(NamedTuple):
-    """Of a step; n = n_mesh, s = size of the state with the effects' own."""
+    """Work arrays of a step; n = n_mesh, s = size of the state including states of effects."""
 
     x: Array  # (n,) deflection [m]
     v: Array  # (n,) its rate [m/s]
@@ -35,13 +35,13 @@ class _Scratch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Rolled:
-    """Runs of a gear; s runs of k samples.
+class SimulatedRuns:
+    """s simulated runs of k samples.
 
     Attributes:
         z, z_rate: (s, k, n_coordinate) coordinates (q, r) [m], [m/s].
         force_n: (s, k, n_mesh) [N].
-        own: (s, k, n_own) states of the effects themselves.
+        own: (s, k, n_own) states of effects.
     """
 
     z: Array
@@ -50,12 +50,12 @@ class Rolled:
     own: Array
 
 
-class Machine:
-    """Runs a gear on from states; holds the scratch, nothing of the runs.
+class GearSimulator:
+    """Simulates a gear with effects; holds work arrays, but no state.
 
     Args:
         model: built at the operating point.
-        actives: effects; those of sensors are passed over.
+        actives: effects; those of sensors are ignored.
     """
 
     def __init__(self, model: Model, actives: Sequence[Active] = ()) -> None:
@@ -80,15 +80,15 @@ class Machine:
         turn: float,
         samples: int,
         own: Array | None = None,
-    ) -> Rolled:
-        """Samples of s runs, the first one at the start itself.
+    ) -> SimulatedRuns:
+        """Simulate s runs; the first sample is the initial state.
 
         Args:
-            z, z_rate: (s, n_coordinate) starts [m], [m/s].
-            phase: (s,) mesh phase of the starts [rad], unwrapped.
+            z, z_rate: (s, n_coordinate) initial states [m], [m/s].
+            phase: (s,) initial mesh phase [rad], unwrapped.
             turn: mesh phase from sample to sample [rad].
-            samples: k.
-            own: (s, n_own) own states of the effects at the starts; None: at rest.
+            samples: per run.
+            own: (s, n_own) initial states of effects; None: zero.
         """
         p, n_own, m = self.model.parameters, self.laws.n_own, self.model.layout.n_coordinate
         own = np.zeros((len(z), n_own)) if own is None else own
@@ -118,18 +118,18 @@ class Machine:
                 force,
             )
         moved = states[:, :, : 2 * m] * self._unit
-        return Rolled(moved[:, :, :m], moved[:, :, m:], force, states[:, :, 2 * m :])
+        return SimulatedRuns(moved[:, :, :m], moved[:, :, m:], force, states[:, :, 2 * m :])
 
 
-def machine_of(run: PreparedRun, model: Augmented) -> Machine:
-    """The changed gear at the operating point of a run.
+def simulator_of(run: PreparedRun, model: Augmented) -> GearSimulator:
+    """Simulator of the augmented model at the operating point of a run.
 
     Raises:
-        ParameterError: factors that no gear can have, or an effect where it can't sit.
+        ParameterError: factors out of range, or an effect at a locus that it can't have.
     """
-    return Machine(build(parameters_of(run.model.parameters, model)), model.actives)
+    return GearSimulator(build(parameters_of(run.model.parameters, model)), model.actives)
 
 
-def turn_of(run: PreparedRun) -> float:
+def phase_step(run: PreparedRun) -> float:
     """Mesh phase from sample to sample [rad]."""
     return float((run.phase[-1] - run.phase[0]) / (len(run) - 1))

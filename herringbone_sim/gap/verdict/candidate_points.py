@@ -1,4 +1,4 @@
-"""Operating points that could be run next, and what the calibrated gear would record there."""
+"""Candidate operating points of the next run, and the recording predicted at one of them."""
 
 from __future__ import annotations
 
@@ -23,54 +23,57 @@ Array = NDArray[np.float64]
 NAMES = ("delta_T", "K", "T_1", "Omega")
 DIGITS = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}
 LEVELS = 16
-GENERATORS = (3, 7, 5, 6)  # of the lattice: every level of every quantity once
-BEYOND = 0.2  # of the range of the runs, on either side of it
-LEAST_BEYOND = {"delta_T": 20.0, "K": 0.1}  # [K], [-]
-LEAST_SHARE = {"T_1": 0.4, "Omega": 0.2}  # of the mean
-LOWEST_SHARE = 0.5  # of the least torque and speed that were run
+GENERATORS = (3, 7, 5, 6)  # of the lattice: each level of each quantity occurs once
+MARGIN = 0.2  # beyond the values of the runs on either side, over their range
+LEAST_MARGIN = {"delta_T": 20.0, "K": 0.1}  # [K], [-]
+LEAST_MARGIN_SHARE = {"T_1": 0.4, "Omega": 0.2}  # of the mean
+LOWEST_SHARE = 0.5  # of the smallest torque and speed of the runs
 TRANSIENT, CYCLES = 60, 80  # mesh cycles: one turn of every member against the carrier
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A point that was not run: the case that it would be, and its largest mesh force [N]."""
+class PredictedRun:
+    """A run predicted at an operating point, and its largest mesh force [N]."""
 
     point: dict[str, float]
     case: Case
     peak_n: float
 
 
-def reach(points: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value of each quantity: those that were run and somewhat beyond."""
+def value_ranges(points: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float]]:
+    """Range of each quantity to try: that of the runs with a margin on either side."""
     found = {}
     for name in NAMES:
         values = [float(p[name]) for p in points if name in p] or [0.0]
         low, high = min(values), max(values)
-        least = LEAST_BEYOND.get(name, LEAST_SHARE.get(name, 0.0) * float(np.mean(values)))
-        margin = max(BEYOND * (high - low), least)
-        floor = min(low, LOWEST_SHARE * low if name in LEAST_SHARE else 0.0)
+        share = LEAST_MARGIN_SHARE.get(name, 0.0)
+        margin = max(MARGIN * (high - low), LEAST_MARGIN.get(name, share * float(np.mean(values))))
+        floor = min(low, LOWEST_SHARE * low if name in LEAST_MARGIN_SHARE else 0.0)
         found[name] = (max(low - margin, floor), high + margin)
     return found
 
 
-def candidates(points: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
-    """Operating points (LEVELS) in reach, every level of each quantity once; half of them K = 0.
+def candidate_points(points: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+    """``LEVELS`` operating points in ``value_ranges``; each level of a quantity occurs once.
 
-    Torques are spread evenly in their logarithm. A rank-1 lattice modulo a prime: Korobov, Number-
-    Theoretic Methods in Approximate Analysis (1963).
+    Half of them have K = 0.
+
+    Levels of torque are equidistant in its logarithm. A rank-1 lattice modulo a prime: Korobov,
+    Number-Theoretic Methods in Approximate Analysis (1963).
     """
-    ranges = reach(points)
+    ranges = value_ranges(points)
     found = []
     for i in range(1, LEVELS + 1):
         shares = {
             name: ((i * g) % (LEVELS + 1) - 1) / (LEVELS - 1)
             for name, g in zip(NAMES, GENERATORS, strict=True)
         }
-        found.append({n: round(_between(n, s, *ranges[n]), DIGITS[n]) for n, s in shares.items()})
+        found.append({n: round(_level(n, s, *ranges[n]), DIGITS[n]) for n, s in shares.items()})
     return found
 
 
-def _between(name: str, share: float, low: float, high: float) -> float:
+def _level(name: str, share: float, low: float, high: float) -> float:
+    """Value of a quantity at a share 0 ... 1 of its range."""
     if name == "K":
         return max(2.0 * share - 1.0, 0.0) * high
     if name == "T_1" and low > 0.0:
@@ -78,23 +81,24 @@ def _between(name: str, share: float, low: float, high: float) -> float:
     return low + share * (high - low)
 
 
-def trial(
+def predict_run(
     cases: Sequence[Case],
     nominal: Parameters,
     gear: Parameters,
     factors: Array,
     point: dict[str, float],
-) -> Trial | None:
-    """What the sensors of some runs would record at another point.
-
-    None where the gear can't run, or stands still.
+) -> PredictedRun | None:
+    """Simulate the calibrated gear at an operating point and record it as the fit runs were.
 
     Args:
-        cases: fit runs: which channels there are, and their noise as a share of the RMS.
-        nominal: of the full model.
-        gear: the calibrated one, which moves.
-        factors: (6,) its factors on k, c and e.
-        point: where.
+        cases: fit runs, for the recorded channels and their noise over the RMS.
+        nominal: parameters of the nominal gear, full model.
+        gear: parameters of the calibrated gear, which is simulated.
+        factors: (6,) of the calibrated gear on k, c and e.
+        point: delta_T [K], K, T_1 [N m], Omega.
+
+    Returns:
+        None where the gear can't be simulated.
     """
     try:
         model = build(gear.changed(point))
@@ -102,7 +106,7 @@ def trial(
         series, _ = simulate(model, CYCLES, settled)
         run = _recorded([c.run for c in cases], series, build(nominal.changed(point)), factors)
         forces = series.columns(tuple(f"F_{mesh}" for mesh in model.layout.meshes))
-        return Trial(point, case(run, fuse(run)), float(np.abs(forces).max()))
+        return PredictedRun(point, case(run, fuse(run)), float(np.abs(forces).max()))
     except (HerringboneError, np.linalg.LinAlgError):
         return None
 
@@ -110,7 +114,10 @@ def trial(
 def _recorded(
     runs: Sequence[PreparedRun], series: TimeSeries, model: Model, factors: Array
 ) -> PreparedRun:
-    """A clean motion as encoders with the nominal e(t) show it, with the channels of the runs."""
+    """A simulated motion as a run without noise, with the channels of the fit runs.
+
+    Recorded x and v are relative to the nominal e(t), those of the simulation to the calibrated.
+    """
     phase, layout = series["phase"], model.layout
     omega = model.parameters.Omega * model.scales.omega_n
     w = waves(model, phase, omega)
@@ -119,14 +126,14 @@ def _recorded(
     u = series.columns(tuple(f"u_{body}" for body in layout.bodies))
     return replace(
         runs[0],
-        name="trial",
+        name="predicted",
         point={name: getattr(model.parameters, name) for name in NAMES},
         times=series.times - series.times[0],
         phase=phase.copy(),
-        x=_seen(x + e * w.e, [r.x for r in runs]),
-        v=_seen(v + e * w.e_rate, [r.v for r in runs]),
-        F=_seen(force, [r.F for r in runs]),
-        u=_seen(u, [r.u for r in runs]),
+        x=_as_recorded(x + e * w.e, [r.x for r in runs]),
+        v=_as_recorded(v + e * w.e_rate, [r.v for r in runs]),
+        F=_as_recorded(force, [r.F for r in runs]),
+        u=_as_recorded(u, [r.u for r in runs]),
         model=model,
         waves=w,
         recorded_point={},
@@ -134,8 +141,8 @@ def _recorded(
     )
 
 
-def _seen(values: Array, runs: Sequence[Measured]) -> Measured:
-    """Clean values (n, k) with the channels and the noise shares that the runs have."""
+def _as_recorded(values: Array, runs: Sequence[Measured]) -> Measured:
+    """Values (n, k) restricted to channels recorded in all runs, with their median noise share."""
     there = np.logical_and.reduce([m.there for m in runs])
     rms = [np.sqrt(np.mean(np.nan_to_num(m.values) ** 2, axis=0)) for m in runs]
     shares = [m.sigma / np.maximum(r, 1e-300) for m, r in zip(runs, rms, strict=True)]

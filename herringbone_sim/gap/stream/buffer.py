@@ -1,4 +1,4 @@
-"""The newest unbroken stretch of a stream of samples."""
+"""Buffer of the newest unbroken stretch of a stream of samples."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from herringbone_sim.errors import RecordingError, listed
 
 Array = NDArray[np.float64]
 
-MOST, LEAST = 2048, 64
-HELD = {"delta_T": 1.0, "K": 0.01, "T_1": 0.01}  # [K], -, share: less is drift, not a change
-TURN = 0.05  # share by which the mesh frequency may wander in a stretch
+MOST, LEAST = 2048, 64  # samples of a stretch
+POINT_TOLERANCE = {"delta_T": 1.0, "K": 0.01, "T_1": 0.01}  # drift in a stretch: [K], -, relative
+SPEED_TOLERANCE = 0.05  # relative drift of the mesh frequency in a stretch
 
 
-class Intake:
-    """Takes blocks as they come and hands out what lies behind the last break.
+class SampleBuffer:
+    """Collects blocks of samples and returns those after the last break.
 
     A break is a lost block, a clock that goes back, other channels, or a change of the operating
-    point: nothing is ever computed across one.
+    point; a stretch never contains one.
 
     Args:
-        most, least: samples of a stretch.
+        most, least: largest and smallest number of samples of a stretch.
 
     Attributes:
         names: channels of the newest block.
-        received, lost, restarts: samples that came, samples missing between blocks, times at
-            which the clock went back or the channels changed.
-        t_s: time of the newest sample, NaN before the first.
+        received: number of samples received.
+        lost: number of samples missing between blocks.
+        restarts: how often the clock went back or the channels changed.
+        t_s: time of the newest sample [s], NaN before the first.
     """
 
     def __init__(self, most: int = MOST, least: int = LEAST) -> None:
@@ -42,10 +43,14 @@ class Intake:
         self._step = float("nan")
 
     def put(self, names: tuple[str, ...], rows: Array) -> None:
-        """Take a block (n, c).
+        """Add a block of samples.
+
+        Args:
+            names: of the c channels.
+            rows: (n, c) samples.
 
         Raises:
-            RecordingError: no ``t`` among the channels, or a time that is no number.
+            RecordingError: no channel ``t``, or a time that is not finite.
         """
         if "t" not in names:
             raise RecordingError(f"a block of samples needs a channel t, got {listed(names)}")
@@ -53,7 +58,7 @@ class Intake:
             return
         times = rows[:, names.index("t")]
         if not np.isfinite(times).all():
-            raise RecordingError("a block holds a time t that is no number: mend the rig's clock")
+            raise RecordingError("a block holds a time t that is no number: check the rig's clock")
         self.received += len(rows)
         if names != self.names:
             self.restarts += bool(self.names)
@@ -66,7 +71,7 @@ class Intake:
             self._blocks.popleft()
 
     def take(self) -> TimeSeries | None:
-        """The newest samples since the last call; None as long as they are too few."""
+        """Return and remove the newest stretch; None while it has fewer than ``least`` samples."""
         if not self._blocks:
             return None
         rows = np.vstack(self._blocks)[-self.most :]
@@ -77,7 +82,7 @@ class Intake:
         return TimeSeries(rows[:, self.names.index("t")].copy(), rows, self.names)
 
     def _after_breaks(self, times: Array) -> int:
-        """Index of the first sample of the block behind its last break; counts what is lost."""
+        """Index of the first sample after the last break of a block; counts the breaks."""
         steps = np.diff(times, prepend=self.t_s)
         forward = steps[steps > 0.0]
         if len(forward) >= 3:
@@ -94,15 +99,15 @@ class Intake:
 
 
 def _last_change(names: tuple[str, ...], rows: Array) -> int:
-    """Index of the first row (n, c) at the operating point of the last one."""
+    """Index of the row (n, c) from which on all are at the operating point of the last one."""
     other = np.zeros(len(rows), dtype=bool)
-    for name, least in HELD.items():
+    for name, tolerance in POINT_TOLERANCE.items():
         if name in names:
             values = rows[:, names.index(name)]
-            limit = least * abs(values[-1]) if name == "T_1" else least
+            limit = tolerance * abs(values[-1]) if name == "T_1" else tolerance
             other |= np.abs(values - values[-1]) > limit
     if "phase" in names and len(rows) > 16:
-        turn = np.diff(rows[:, names.index("phase")]) / np.diff(rows[:, names.index("t")])
-        last = float(np.median(turn[-16:]))
-        other[:-1] |= np.abs(turn - last) > TURN * abs(last)
+        speed = np.diff(rows[:, names.index("phase")]) / np.diff(rows[:, names.index("t")])
+        last = float(np.median(speed[-16:]))
+        other[:-1] |= np.abs(speed - last) > SPEED_TOLERANCE * abs(last)
     return int(np.flatnonzero(other)[-1]) + 1 if other.any() else 0

@@ -1,0 +1,207 @@
+"""Read the runs of a campaign and lay them out as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.core.layout import PREFIX_UNITS, Layout
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import AnalysisError, HerringboneError, listed
+from herringbone_sim.gap.data.breaks import longest_part, unwrap_phase
+from herringbone_sim.gap.data.noise import resolution, spectral_floor
+from herringbone_sim.gap.data.prepared import (
+    Measured,
+    PreparedCampaign,
+    PreparedRun,
+    mesh_table,
+)
+from herringbone_sim.gap.data.screen import Finding, screen
+from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.recording.campaign import CampaignRun, read_campaign
+from herringbone_sim.recording.reader import Recording, read_recording
+
+Array = NDArray[np.float64]
+
+
+def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
+    """Read a campaign and lay it out as arrays.
+
+    A run that can't be read is listed in ``missing`` of the result with the reason.
+
+    Args:
+        folder: with ``campaign.yaml``.
+        nominal: parameters of the data sheet; they are used in the full model.
+
+    Raises:
+        RecordingError: the folder holds no campaign.
+        AnalysisError: no run can be read.
+    """
+    campaign = read_campaign(folder)
+    full = nominal.changed({"model": "full"})
+    runs, missing = [], list(campaign.faults)
+    for run in campaign.runs:
+        try:
+            recording = read_recording(run.path, cut_at_jump=True)
+            runs.append(prepare_run(run, recording, full, campaign.noise_share))
+        except HerringboneError as error:
+            missing.append((run.path.name, str(error)))
+    if not runs:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in missing)
+        raise AnalysisError(f"no run of {folder} can be read: {reasons}")
+    return PreparedCampaign(
+        campaign.rig,
+        full,
+        tuple(runs),
+        mesh_table(full.layout),
+        tuple(missing),
+        campaign.noise_share is not None,
+        gain_tolerances(full.layout, campaign.sensors),
+    )
+
+
+def gain_tolerances(
+    layout: Layout, sensors: Mapping[str, Mapping[str, float]]
+) -> tuple[float, ...]:
+    """Relative gain tolerance (n_mesh,) of the force sensors in campaign.yaml; 0 without."""
+    return tuple(
+        float(sensors.get(f"F_{m}", {}).get("gain_tolerance", 0.0)) for m in layout.meshes
+    )
+
+
+def prepare_run(
+    run: CampaignRun, recording: Recording, nominal: Parameters, noise_share: float | None
+) -> PreparedRun:
+    """Lay out one run as arrays: its longest unbroken part, without unusable channels.
+
+    Args:
+        run: path, role and operating point.
+        recording: of the run.
+        nominal: parameters of the data sheet.
+        noise_share: RMS of the noise over that of each channel; None: estimated from spectra.
+
+    Raises:
+        AnalysisError: no phase that increases, or fewer than two samples.
+        ParameterError: the operating point is out of the range of the parameters.
+    """
+    name, whole = run.path.name, recording.samples
+    _check_phase(name, whole)
+    whole, wrap_findings = unwrap_phase(name, whole)
+    part, break_findings = longest_part(name, whole)
+    series, findings = screen(name, part, declared_units(recording))
+    if len(series) < 2:
+        raise AnalysisError(
+            f"{name} needs two samples or more in a row, got {len(series)}: record more cycles"
+        )
+    model = build(nominal.changed(run.point))
+    phase = series["phase"].copy()
+    omega = float((phase[-1] - phase[0]) / (series.times[-1] - series.times[0]))
+    layout = model.layout
+    x, v, F = (
+        _measured(series, tuple(f"{q}_{m}" for m in layout.meshes), noise_share) for q in "xvF"
+    )
+    u = _measured(series, tuple(f"u_{body}" for body in layout.bodies), noise_share)
+    return PreparedRun(
+        name=name,
+        role=run.role,
+        point=run.point,
+        times=series.times - whole.times[0],
+        phase=phase,
+        x=x,
+        v=v,
+        F=F,
+        u=u,
+        a=_measured(series, tuple(f"a_{body}" for body in layout.bodies), noise_share),
+        pin=_measured(series, tuple(f"F_pin{p}" for p in layout.planets), noise_share),
+        model=model,
+        waves=waves(model, phase, omega),
+        recorded_point={q: series[q].copy() for q in ("K", "delta_T", "T_1") if q in series},
+        findings=(
+            *_reader_findings(name, recording),
+            *wrap_findings,
+            *break_findings,
+            *_unknown_channels(name, series, layout),
+            *findings,
+        ),
+    )
+
+
+def _check_phase(name: str, series: TimeSeries) -> None:
+    """Raise AnalysisError unless the series has a phase that increases."""
+    if "phase" not in series:
+        raise AnalysisError(
+            f"{name} needs a channel phase, got {listed(series.names)}: record the mesh phase "
+            "with the run"
+        )
+    turns = np.diff(series["phase"])
+    known = turns[np.isfinite(turns)]
+    if not turns.size:
+        return
+    turn = float(np.median(known)) if known.size else float("nan")
+    if not turn > 0.0:
+        what = (
+            "runs backwards" if turn < 0.0 else "stands still" if turn == 0.0 else "is no number"
+        )
+        raise AnalysisError(
+            f"the mesh phase of {name} {what}, got {turn:.6g} rad from sample to sample: k(t) and "
+            "e(t) depend on it; correct channel phase"
+        )
+
+
+def declared_units(recording: Recording) -> dict[str, str]:
+    """Unit of each channel that the ``channels`` topic declares one for."""
+    return {name: unit for name, unit in recording.channels.units.items() if unit}
+
+
+def _reader_findings(name: str, recording: Recording) -> list[Finding]:
+    """Notes of the reader as findings: damaged or missing parts, a clock that jumps back."""
+    times = recording.samples.times
+    findings = []
+    for note in recording.notes:
+        jumped = recording.jump_s is not None and note is recording.notes[-1]
+        what, channels = ("clock", ("t",)) if jumped else ("recording", ())
+        at = recording.jump_s if jumped else None
+        findings.append(Finding(what, name, channels, at, f"{name}: {note}"))
+    if not recording.complete:
+        text = f"{name} is not whole and ends at {times[-1]:.6g} s: it is used as far as it goes"
+        findings.append(Finding("cut_off", name, ("t",), float(times[-1]), text))
+    return findings
+
+
+def _unknown_channels(name: str, series: TimeSeries, layout: Layout) -> list[Finding]:
+    """Channels of meshes and bodies that the nominal gear does not have."""
+    known = {*layout.channels, *(f"{q}_{body}" for q in "ua" for body in layout.bodies)}
+    known |= {f"F_pin{planet}" for planet in layout.planets}
+    others = tuple(n for n in series.names if n.split("_")[0] in PREFIX_UNITS and n not in known)
+    if not others:
+        return []
+    text = (
+        f"{listed(others[:3])}{', ...' if len(others) > 3 else ''} of {name} belong to no mesh "
+        f"or body of the nominal gear, which has {len(layout.planets)} planets: the nominal file, "
+        "or the recording, is that of another gear or of the reduced model; they are not used"
+    )
+    return [Finding("foreign", name, others, None, text)]
+
+
+def _measured(series: TimeSeries, names: tuple[str, ...], noise_share: float | None) -> Measured:
+    """Values (n, k) of the channels ``names``, NaN where absent, and the noise of each.
+
+    Args:
+        noise_share: RMS of the noise over that of the channel, mean included; quantisation noise
+            of the converter is added. None: all noise is estimated from the spectrum.
+    """
+    values = np.full((len(series), len(names)), np.nan)
+    there = np.array([name in series for name in names])
+    for j in np.flatnonzero(there):
+        values[:, j] = series[names[j]]
+    if noise_share is None:
+        return Measured(values, there, spectral_floor(values))
+    known = np.maximum(np.isfinite(values).sum(axis=0), 1)
+    power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
+    sigma = np.sqrt(noise_share**2 * power + resolution(values) ** 2 / 12.0)
+    return Measured(values, there, np.where(there, sigma, np.nan))

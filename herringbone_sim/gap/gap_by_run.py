@@ -1,0 +1,116 @@
+"""The gap of every run in one observation, by the residuals of the engine.
+
+Each run is compared with the nominal gear, with the calibrated gear and with the calibrated gear
+with effects; all coefficients are those fitted to the fit runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.examine import FittedExplanation
+from herringbone_sim.diagnosis.search import amplitudes
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.verification.verify import Gap, RunGap
+
+Array = NDArray[np.float64]
+
+
+def metric_of(none: FittedExplanation, best: FittedExplanation | None, counts: Mapping[str, float]) -> str:
+    """The observation in which the best explanation lowers chi2 most.
+
+    Where it lowers chi2 in none, that with the largest chi2 above the expectation by noise.
+
+    Args:
+        none: fit of the calibrated gear.
+        best: fit of the best explanation, if there is one.
+        counts: number of whitened values, by observation.
+    """
+    before = {o: float(rows.sum()) for o, rows in none.score.energy_by_row.items()}
+    falls: dict[str, float] = {}
+    if best is not None:
+        falls = {o: before[o] - float(best.score.energy_by_row[o].sum()) for o in before}
+    if max(falls.values(), default=0.0) <= 0.0:
+        falls = {o: before[o] - counts[o] for o in before}
+    return max(falls, key=lambda o: falls[o])
+
+
+def gap_of(
+    machine: GearMachine,
+    runs: Sequence[PreparedRun],
+    metric: str,
+    none: FittedExplanation,
+    best: FittedExplanation | None,
+    other: FittedExplanation | None = None,
+    noise: Array | float = 1.0,
+) -> Gap:
+    """The gap of runs in one observation.
+
+    Args:
+        machine: gear and fit runs as the engine has them.
+        runs: runs of the campaign, at every sample.
+        metric: name of the observation.
+        none: fit of the calibrated gear.
+        best: fit of the verdict's explanation.
+        other: fit of the runner-up.
+        noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
+    """
+    whole = machine.for_runs(runs)
+    after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
+    row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
+    rms = {
+        name: _residual_rms(whole, metric, fit, row_noise)
+        for name, fit in after.items()
+        if fit is not None
+    }
+    before = _residual_rms(whole, metric, None, row_noise)
+    nan = [(float("nan"),) * 2] * len(runs)
+    return Gap(
+        metric,
+        tuple(
+            RunGap(run.name, run.role, n[0], a[0], n[1], r[0], c[0])
+            for run, n, a, r, c in zip(
+                runs,
+                before,
+                rms["augmented"],
+                rms.get("runner_up", nan),
+                rms["recalibrated"],
+                strict=True,
+            )
+        ),
+    )
+
+
+def _residual_rms(
+    machine: GearMachine, metric: str, fit: FittedExplanation | None, noise: Array
+) -> list[tuple[float, float]]:
+    """RMS of the residual of each run after a fit (None: nominal gear), and of its noise.
+
+    Args:
+        machine: with the runs.
+        metric: name of the observation.
+        fit: of an explanation.
+        noise: (R,) actual over assumed noise of each row of the observation.
+    """
+    extended, hypotheses = machine.transferred(() if fit is None else fit.hypotheses)
+    fitted: Mapping[str, Mapping[str, Array]] = {}
+    if fit is not None:
+        coefficients = (*extended.base, *(c for h in hypotheses for c in h.coefficients))
+        fitted = amplitudes(coefficients, fit.score.mean, extended.runs, extended.rows)
+    result = []
+    for block in extended.blocks(fitted, {}, (metric,)):
+        if metric not in block:
+            result.append((float("nan"), float("nan")))
+            continue
+        b = block[metric]
+        known = np.any(b.residual != 0.0, axis=0)
+        result.append((_rms(b.residual[:, known]), _rms((b.sigma * noise)[:, known])))
+    return result
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

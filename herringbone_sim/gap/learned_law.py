@@ -1,0 +1,179 @@
+"""Learned laws: curves that a diagnosis fits to effects with a free shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.gap.observations import balance
+from herringbone_sim.gap.observations.basis import LOADS_M
+from herringbone_sim.gap.observations.events import BUMP, KNOTS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LearnedLaw:
+    """The curve of an effect as fitted to the data.
+
+    Attributes:
+        effect: id.
+        x_name, x_unit, y_name, y_unit: of the axes.
+        x, y: (n,) points of the curve.
+        low, high: (n,) its 90 % band.
+    """
+
+    effect: str
+    x_name: str
+    x_unit: str
+    y_name: str
+    y_unit: str
+    x: Array
+    y: Array
+    low: Array
+    high: Array
+
+    def to_dict(self) -> dict[str, object]:
+        """The curve as plain data for the report."""
+        return {
+            "effect": self.effect,
+            "x": {"name": self.x_name, "unit": self.x_unit, "values": self.x.tolist()},
+            "y": {
+                "name": self.y_name,
+                "unit": self.y_unit,
+                "values": self.y.tolist(),
+                "low": self.low.tolist(),
+                "high": self.high.tolist(),
+            },
+        }
+
+
+def learned_law(h: Hypothesis, mean: Array, draws: Array) -> LearnedLaw | None:
+    """The fitted curve of an effect; None if it has no free shape.
+
+    Args:
+        h: hypothesis with the coefficients of the curve.
+        mean: (k,) fitted coefficients.
+        draws: (n, k) random draws of them, for the band.
+    """
+    make = CURVES.get(h.effect)
+    if make is None:
+        return None
+    x, matrix, axes = make(h)
+    y = matrix @ mean
+    band = np.quantile(draws @ matrix.T, [0.05, 0.95], axis=0)
+    return LearnedLaw(h.effect, *axes, x, y, np.minimum(band[0], y), np.maximum(band[1], y))
+
+
+# x (n,), matrix (n, k) from the coefficients to y, and names and units of the axes
+Curve = tuple[Array, Array, tuple[str, str, str, str]]
+PHASES = np.linspace(0.0, 2.0 * np.pi, 97)
+
+
+def _trig(name: str) -> Array:
+    """Cosine or sine over ``PHASES`` for a coefficient named such as ``2 sin``."""
+    order, _, trig = name.partition(" ")
+    return np.asarray({"cos": np.cos, "sin": np.sin}[trig](float(order) * PHASES))
+
+
+def _over_phase(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
+    """Function that makes the curve over the mesh phase from a hypothesis."""
+
+    def make(h: Hypothesis) -> Curve:
+        order = dict(h.options)["order"]
+        names = [c.name if " " in c.name else f"{order} {c.name}" for c in h.coefficients]
+        matrix = np.stack([_trig(n) for n in names], axis=1)
+        return PHASES, matrix, ("mesh phase", "rad", y_name, y_unit)
+
+    return make
+
+
+def _over_turn(h: Hypothesis) -> Curve:
+    """Curve over a turn of a member."""
+    matrix = np.stack([_trig(c.name) for c in h.coefficients], axis=1)
+    member = str(dict(h.options)["member"])
+    return PHASES, matrix, (f"turn of the {member}", "rad", "displacement", "m")
+
+
+def _over_shaft(h: Hypothesis) -> Curve:
+    """Curve over a turn of the input shaft, times the order."""
+    matrix = np.stack([_trig(c.name) for c in h.coefficients], axis=1)
+    order = dict(h.options)["order"]
+    return (
+        PHASES,
+        matrix,
+        (f"{order} times the turn of the input shaft", "rad", "torque share", "-"),
+    )
+
+
+def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
+    """Function that makes the curve over the window of a tooth event from a hypothesis."""
+
+    def make(h: Hypothesis) -> Curve:
+        matrix: Array = np.column_stack([BUMP, np.eye(len(KNOTS))])
+        return KNOTS, matrix, ("mesh cycles from the event", "cycles", y_name, y_unit)
+
+    return make
+
+
+def _over_load(h: Hypothesis) -> Curve:
+    """Curve of the stiffness factor minus 1 over the deflection."""
+    slope = np.log(LOADS_M / 1e-5)
+    matrix = np.column_stack([slope, np.ones(len(LOADS_M)), np.eye(len(LOADS_M))])
+    return LOADS_M, matrix, ("deflection", "m", "stiffness factor less 1", "-")
+
+
+def _damping(h: Hypothesis) -> Curve:
+    """Curve of the damping factor minus 1 over the deflection."""
+    main = np.zeros(len(LOADS_M)) if dict(h.options)["law"] == "contact" else LOADS_M / 1e-5 - 1.0
+    matrix = np.column_stack([main, np.eye(len(LOADS_M))])
+    return LOADS_M, matrix, ("deflection", "m", "damping factor less 1", "-")
+
+
+TEMPERATURES = np.linspace(0.0, 100.0, 21)
+
+
+def _over_temperature(y_name: str, y_unit: str, sign: float) -> Callable[[Hypothesis], Curve]:
+    """Function that makes the curve over the temperature rise from a hypothesis."""
+
+    def make(h: Hypothesis) -> Curve:
+        T = TEMPERATURES
+        columns = [T, T * (T / 50.0 - 1.0), *(0.0 * T for _ in h.coefficients[2:])]
+        matrix = sign * np.stack(columns, axis=1)
+        return T, matrix, ("temperature rise", "K", y_name, y_unit)
+
+    return make
+
+
+def _friction(h: Hypothesis) -> Curve:
+    """Curve of the coefficient of friction over the mesh phase."""
+    s = np.linspace(-np.pi, np.pi, 96)
+    shapes = {
+        "sin 1": np.sin(s),
+        "sin 2": np.sin(2 * s),
+        "sin 3": np.sin(3 * s),
+        "cos 1": np.cos(s),
+        "cos 2": np.cos(2 * s),
+    }
+    columns = [np.sign(s), *(shapes[g] for g in balance.FRICTION[2:])]
+    matrix = np.stack(columns, axis=1)
+    return s, matrix, ("mesh phase from the pitch point", "rad", "coefficient of friction", "-")
+
+
+CURVES: Mapping[str, Callable[[Hypothesis], Curve]] = {
+    "stiffness_harmonic": _over_phase("stiffness share of the mean", "-"),
+    "profile_error": _over_phase("displacement", "m"),
+    "runout": _over_turn,
+    "torque_ripple": _over_shaft,
+    "tooth_crack": _over_window("stiffness share lost", "-"),
+    "tooth_spall": _over_window("displacement", "m"),
+    "contact_nonlinearity": _over_load,
+    "damping_law": _damping,
+    "thermal_backlash": _over_temperature("half-backlash", "m", 1.0),
+    "thermal_stiffness": _over_temperature("stiffness factor less 1", "-", -1.0),
+    "tooth_friction": _friction,
+}

@@ -1,0 +1,74 @@
+"""Delay and attenuation by a low-pass filter that is common to all channels.
+
+Recorded x contains the nominal e(t), Eqs. (15), (16), but the rotations u don't. Behind a common
+filter, D B u - x is e(t) with a delay and an attenuation that grows with the square of the
+frequency; both are estimated from its component at the mesh frequency. They are applied to the
+nominal k(t) and e(t) instead of the channels, if they are within the bounds of the data sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.waves import waves
+
+LONGEST_S = 5e-6  # longest common delay beside the filter, data sheet
+CORNER = 10.0  # lowest corner frequency of a common filter in omega_n, data sheet
+HALF = 0.5  # largest remaining share of the squared error of e(t), or the delay is not applied
+
+
+def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
+    """Delay and attenuate the nominal waves of the runs as a filter common to all channels does.
+
+    Without rotations and displacements, or where no delay explains them, runs are returned as they
+    are.
+    """
+    ratios = [(run, _e_ratio(run)) for run in runs if run.u.complete and run.x.there.any()]
+    if not ratios:
+        return tuple(runs)
+    omegas = np.array([run.omega_rad_per_s for run, _ in ratios])
+    middle = np.array([np.median(s.real) + 1j * np.median(s.imag) for _, s in ratios])
+    turns = -np.angle(middle)
+    delay = float(omegas @ turns / (omegas @ omegas))
+    if not 0.0 < delay <= longest_delay(runs[0]):
+        return tuple(runs)
+    before = sum(float(np.sum(np.abs(s - 1.0) ** 2)) for _, s in ratios)
+    after = sum(
+        float(np.sum(np.abs(s - np.exp(-1j * run.omega_rad_per_s * delay)) ** 2))
+        for run, s in ratios
+    )
+    if after >= HALF * before:
+        return tuple(runs)
+    squares = omegas**2
+    fall = float(squares @ (1.0 - np.abs(middle)) / (squares @ squares))
+    most = 1.0 / (CORNER * runs[0].model.scales.omega_n) ** 2
+    fall = float(np.clip(fall, -most, most))
+    return tuple(
+        with_delayed_waves(run, delay, 1.0 - fall * run.omega_rad_per_s**2) for run in runs
+    )
+
+
+def _e_ratio(run: PreparedRun) -> NDArray[np.complex128]:
+    """Component of D B u - x at the mesh frequency over that of the nominal e(t) (k,)."""
+    through = coordinates_to_meshes(run.model.layout) @ bodies_to_coordinates(run.model)
+    e = (run.u.values @ through.T - run.x.values)[:, run.x.there]
+    wave = np.exp(-1j * run.phase)
+    return np.asarray(wave @ (e - e.mean(axis=0)) / (wave @ run.waves.e[:, run.x.there]))
+
+
+def longest_delay(run: PreparedRun) -> float:
+    """Longest delay common to all channels [s]; a second-order filter delays by 2 / corner."""
+    return float(LONGEST_S + 2.0 / (CORNER * run.model.scales.omega_n))
+
+
+def with_delayed_waves(run: PreparedRun, delay: float, e_share: float = 1.0) -> PreparedRun:
+    """Delay the nominal k(t) and e(t) of a run by ``delay`` [s]; scale e(t) by ``e_share``."""
+    late = run.omega_rad_per_s * delay
+    moved = waves(run.model, run.phase - late, run.omega_rad_per_s, e_share)
+    return replace(run, waves=moved, late_rad=late, e_share=e_share)

@@ -1,0 +1,86 @@
+"""Location of the residual: its share at each mesh, and its distribution by ``locate``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
+from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.residuals.locate import Share, locate
+from herringbone_sim.gap.residuals.recalibrate import force_law
+from herringbone_sim.gap.verdict.decide import Verdict
+
+Array = NDArray[np.float64]
+
+SEED = 21  # of the permutations
+PERMUTATIONS = 200
+
+
+def residual_by_mesh(
+    campaign: PreparedCampaign, calibrated: Calibrated, verdict: Verdict
+) -> list[tuple[Locus, float]]:
+    """Share of each mesh in the residual of the recalibrated force law above noise, largest first.
+
+    Without a force-law residual, the probability that the cause is at the mesh: that of each
+    effect, divided equally among the meshes of its most probable locus, and among planets that the
+    data can't distinguish. Empty where no effect is named either.
+    """
+    weight = calibrated.per_mesh
+    if weight is None:
+        weight = _cause_probability(campaign, verdict)
+        if weight is not None and planets_indistinguishable(calibrated.cases):
+            planets = campaign.nominal.layout.n_classes
+            weight = np.repeat(weight.reshape(-1, planets).mean(axis=1), planets)
+    else:
+        weight = np.maximum(weight - 1.0, 0.0)
+    if weight is None:
+        return []
+    shares = weight / weight.sum() if weight.sum() > 0.0 else weight
+    layout = calibrated.cases[0].run.model.layout
+    places = [
+        Locus(mesh, planet, side)
+        for mesh in ("sp", "rp")
+        for side in ("L", "R")
+        for planet in (layout.planets if layout.numbered else ("all",))
+    ]
+    shared = zip(places, (float(s) for s in shares), strict=True)
+    return sorted(shared, key=lambda pair: -pair[1])
+
+
+def _cause_probability(campaign: PreparedCampaign, verdict: Verdict) -> Array | None:
+    """Probability of a cause at each mesh (n_mesh,); None where no effect is named."""
+    if not verdict.effects:
+        return None
+    layout = campaign.nominal.layout
+    total = np.zeros(layout.n_mesh)
+    for effect, (option, place) in verdict.best.items():
+        on = option.actives[place].locus.mask(layout) if option.actives else np.zeros(len(total))
+        if on.any():
+            total += verdict.probabilities[effect] * on / on.sum()
+    return total
+
+
+def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> dict[str, Any]:
+    """Result of ``locate`` as plain data for the report; empty without a force-law residual."""
+    if calibrated.per_mesh is None:
+        return {}
+    cases = calibrated.cases
+    laws = [force_law(c.run, c.fused, calibrated.factors) for c in cases]
+    rng = np.random.default_rng(SEED)
+    located = locate([c.run for c in cases], laws, campaign.meshes, rng, PERMUTATIONS)
+    return {
+        "shares": {factor: _share(share) for factor, share in located.shares.items()},
+        "teeth": {member: list(one.beyond) for member, one in located.teeth.items()},
+        "shaft_orders": list(located.shaft.beyond),
+    }
+
+
+def _share(one: Share) -> list[dict[str, Any]]:
+    """Rows of a share as plain data."""
+    rows = zip(one.labels, one.share, one.chi2, strict=True)
+    return [{"at": at, "share": float(s), "chi2": float(c)} for at, s, c in rows]

@@ -1,0 +1,107 @@
+"""Operating point to run next, and why."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.verdict.candidate_points import DIGITS, value_ranges
+from herringbone_sim.gap.verdict.decide import Verdict
+from herringbone_sim.gap.verdict.design import Design, leading_explanations
+from herringbone_sim.gap.verdict.undecidable import LEAST_VALUES
+from herringbone_sim.gap.verdict.words import effect_names, in_words
+
+WORDS = {"delta_T": ("temperature rise", " K"), "T_1": ("load", " N m"), "Omega": ("speed", "")}
+
+
+def next_experiment(
+    campaign: PreparedCampaign, verdict: Verdict, design: Design | None = None
+) -> dict[str, Any]:
+    """Operating point delta_T [K], K, T_1 [N m], Omega to run next, and why.
+
+    The designed point where it separates the leading explanations, else one where nothing has been
+    run.
+
+    Args:
+        campaign: whose fit runs the verdict rests on.
+        verdict: of the campaign.
+        design: designed point; None where explanations can't be predicted.
+    """
+    if design is not None and (design.separated_so_far or design.separated_with_point):
+        return {**design.point, "why": _why_designed(design)}
+    points = [run.point for run in campaign.of_role("fit")]
+    values = {n: sorted({round(float(p[n]), 6) for p in points if n in p}) for n in LEAST_VALUES}
+    ranges = value_ranges(points)
+    chosen = {n: _new_value(n, values[n], ranges[n]) for n in LEAST_VALUES}
+    new = f"no {in_words([text for _, text in chosen.values()], ' or ')} has been run"
+    return {
+        "delta_T": chosen["delta_T"][0],
+        "K": 0.0,
+        "T_1": chosen["T_1"][0],
+        "Omega": chosen["Omega"][0],
+        "why": f"{_why_not_designed(verdict, design)}: {new}",
+    }
+
+
+def _why_designed(design: Design) -> str:
+    """Reason for a designed point."""
+    first, *others = design.names
+    if design.separated_so_far:
+        text = f"checks that it is {first} and not {in_words(others)}"
+    elif len(others) == 1:
+        text = f"tells {first} from {others[0]}"
+    else:
+        text = f"tells {in_words(design.names)} apart"
+    text += (
+        f": what one leaves of the other is {design.separation_at_point:.2g} times the noise "
+        f"floor there, {design.separation_so_far:.2g} times in the runs so far"
+    )
+    if design.force_ratio > 1.0:
+        text += f"; the largest mesh force there is {design.force_ratio:.1f} times theirs"
+    return text
+
+
+def _why_not_designed(verdict: Verdict, design: Design | None) -> str:
+    """Reason why the point is not a designed one."""
+    if design is not None:
+        return (
+            f"no operating point in reach tells {in_words(design.names)} apart "
+            f"({design.separation_at_point:.2g} times the noise floor at best, "
+            f"{design.separation_so_far:.2g} times in the runs so far); this one is where nothing "
+            "has been run"
+        )
+    if verdict.verdict == "none":
+        return "nothing was found; this point is where nothing has been run"
+    if verdict.verdict == "unknown":
+        return (
+            "no effect explains the gap, so no point can be worked out; where nothing has been "
+            "run, how the gap goes with load, temperature and speed shows"
+        )
+    names = [effect_names(option.actives) for option in leading_explanations(verdict)]
+    if len(names) < 2:
+        return "no other effect is left to tell it from; this point is where nothing has been run"
+    return (
+        f"where {in_words(names)} differ most was not worked out; this point is where nothing has "
+        "been run"
+    )
+
+
+def _new_value(name: str, values: list[float], span: tuple[float, float]) -> tuple[float, str]:
+    """A new value of a quantity, and words for the values that have not been run.
+
+    The middle of the widest gap between the sorted ``values``, or the upper end of ``span`` where
+    there are fewer than two.
+    """
+    digits, (word, unit) = DIGITS[name], WORDS[name]
+    if not values:
+        return round(span[1], digits), f"{word} that the campaign names"
+    if len(values) == 1:
+        return round(span[1], digits), f"{word} but {values[0]:g}{unit}"
+    i = int(np.argmax(np.diff(values)))
+    low, high = values[i], values[i + 1]
+    return (
+        round(0.5 * (low + high), digits),
+        f"{word} between {low:g} and {high:g}{unit}",
+    )

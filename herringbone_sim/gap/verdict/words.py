@@ -1,0 +1,17 @@
+"""Names of effects and lists in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from herringbone_sim.effects.effect import Active
+
+
+def effect_names(actives: Sequence[Active]) -> str:
+    """Ids of effects that act together, ``a with b``; ``none`` without effects."""
+    return " with ".join(a.effect.id for a in actives) or "none"
+
+
+def in_words(names: Sequence[str], last: str = " and ") -> str:
+    """The names as ``a, b and c``."""
+    return last.join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -1,0 +1,81 @@
+"""Gaps as plain data for the report, and a check of such data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from herringbone_sim.gap.verification.attractor import UNITS as DISTANCE_UNITS
+from herringbone_sim.gap.verification.senses import Senses
+from herringbone_sim.gap.verification.verify import Gap
+
+SENSES = ("residual", "prediction", "attractor")
+ROLE = "held_out"
+NUMBERS = ("nominal", "augmented", "noise_floor", "closure")
+
+
+def gap_to_dict(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
+    """A gap over the runs of a role (None: all), and of every run, by the keys of the report."""
+    return {
+        "metric": gap.metric,
+        "unit": gap.unit,
+        "nominal": gap.rms("nominal", role),
+        "augmented": gap.rms("augmented", role),
+        "noise_floor": gap.rms("floor", role),
+        "recalibrated": gap.rms("recalibrated", role),
+        "closure": gap.closed("augmented", role),
+        "closure_with_calibration": gap.closed_from("nominal", "augmented", role),
+        "runner_up": gap.rms("runner_up", role),
+        "closure_runner_up": gap.closed("runner_up", role),
+        "runs": [
+            {
+                "path": run.name,
+                "role": run.role,
+                "nominal": run.nominal,
+                "augmented": run.augmented,
+                "noise_floor": run.floor,
+                "runner_up": run.runner_up,
+                "recalibrated": run.recalibrated,
+            }
+            for run in gap.runs
+        ],
+    }
+
+
+def senses_to_dict(senses: Senses, role: str | None = ROLE) -> dict[str, Any]:
+    """The gap as residual, prediction and attractor; predictions with horizon and exponent."""
+    data = {name: gap_to_dict(getattr(senses, name), role) for name in SENSES}
+    for run in data["prediction"]["runs"]:
+        value, sigma = senses.exponents.get(run["path"], (float("nan"),) * 2)
+        run["horizon_cycles"] = senses.horizon_cycles.get(run["path"], float("nan"))
+        run["exponent"] = {"value": value, "sigma": sigma, "unit": "1/mesh cycle"}
+    return data
+
+
+def attractor_to_dict(senses: Senses | None) -> dict[str, Any]:
+    """Statistics of the motions by model and run, with distances to the rig; empty if unknown."""
+    if senses is None:
+        return {"nominal": {}, "augmented": {}}
+    return {
+        **{"nominal": {}, "augmented": {}},
+        **{name: dict(runs) for name, runs in senses.numbers.items()},
+        "units": {**DISTANCE_UNITS, "exponent": "1/mesh cycle"},
+    }
+
+
+def senses_errors(gap: Mapping[str, Any]) -> list[str]:
+    """Violations of the report's contract in ``senses`` of a gap; empty if there are none."""
+    senses = gap.get("senses")
+    if senses is None:
+        return []
+    errors = [f"senses lacks {name}" for name in SENSES if name not in senses]
+    runs = [run["path"] for run in gap["runs"]]
+    for name, sense in senses.items():
+        missing = {*NUMBERS, "metric", "unit", "runner_up", "runs"} - set(sense)
+        if missing:
+            errors.append(f"{name} lacks {', '.join(sorted(missing))}")
+        elif [run["path"] for run in sense["runs"]] != runs:
+            errors.append(f"{name} must have the same runs as the gap")
+    if "residual" in senses and any(senses["residual"].get(k) != gap[k] for k in NUMBERS):
+        errors.append("the residual among the senses must be the gap itself")
+    return errors
