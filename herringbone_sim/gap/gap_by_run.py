@@ -20,7 +20,9 @@ from herringbone_sim.gap.verification.verify import Gap, RunGap
 Array = NDArray[np.float64]
 
 
-def metric_of(none: FittedExplanation, best: FittedExplanation | None, counts: Mapping[str, float]) -> str:
+def metric_of(
+    none: FittedExplanation, best: FittedExplanation | None, counts: Mapping[str, float]
+) -> str:
     """The observation in which the best explanation lowers chi2 most.
 
     Where it lowers chi2 in none, that with the largest chi2 above the expectation by noise.

@@ -58,7 +58,7 @@ class ReportContent:
         senses: the gap in three senses; None where not measured.
         channels: names of all channels of a full recording, for those at a locus.
         structure: distribution of the residual, see ``location.residual_structure``.
-        noise: of each recorded channel, see ``observations.shown.noise_shown``.
+        noise: of each recorded channel, see ``observations.recorded_noise``.
         observations: names of the observations used.
     """
 

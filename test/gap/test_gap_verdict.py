@@ -92,7 +92,7 @@ def test_an_effect_with_something_beside_it_is_named_alone_and_half_is_unknown()
     said = undecidable(nothing, Calibrated((), np.ones(6), None), found)
     assert "something beside runout that was not found is not excluded: probability 50%" in said
     assert not any("outside the catalogue" in one for one in said)
-    made = report("rig", found, [(Locus(), 1.0)], GAP, [], {"delta_T": 20.0})
+    made = report(ReportContent("rig", found, [(Locus(), 1.0)], GAP, [], {"delta_T": 20.0}))
     assert check_report(made) == []
     assert made["hypotheses"][0]["effects"] == ["runout", "unknown"]
 
