@@ -94,7 +94,7 @@ class Chance(Explanation):
 
 
 @dataclass(frozen=True)
-class Lesson:
+class LabelledCampaign:
     """A practice campaign as the fit of weights sees it.
 
     Attributes:
@@ -195,10 +195,10 @@ def are_true(every: Sequence[Explanation], truth: Sequence[str]) -> NDArray[np.b
     return np.array([not one.whole and one.effects[0] in truth for one in every])
 
 
-def lesson(evidence: Evidence, truth: Sequence[str]) -> Lesson:
+def labelled_campaign(evidence: Evidence, truth: Sequence[str]) -> LabelledCampaign:
     """A campaign and its truth (as of ``are_true``) as the fit sees it."""
     every, table = numbers(evidence)
-    return Lesson(table, are_true(every, truth))
+    return LabelledCampaign(table, are_true(every, truth))
 
 
 def fit(evidence: Sequence[Evidence], truths: Sequence[tuple[str, ...]], penalty: float) -> Array:
@@ -210,17 +210,21 @@ def fit(evidence: Sequence[Evidence], truths: Sequence[tuple[str, ...]], penalty
         truths: effects of each campaign; empty for none, ``("unknown",)``.
         penalty: precision of the prior of the weights about zero.
     """
-    return learned([lesson(e, t) for e, t in zip(evidence, truths, strict=True)], penalty)
+    return fit_labelled(
+        [labelled_campaign(e, t) for e, t in zip(evidence, truths, strict=True)], penalty
+    )
 
 
-def learned(lessons: Sequence[Lesson], penalty: float, start: Array | None = None) -> Array:
-    """Weights by lessons, as ``fit``; a ``start`` of the search saves time alone."""
-    lessons = [one for one in lessons if one.true.any()]
-    if not lessons:
+def fit_labelled(
+    labelled: Sequence[LabelledCampaign], penalty: float, start: Array | None = None
+) -> Array:
+    """Weights by labelled campaigns, as ``fit``; a ``start`` of the search saves time alone."""
+    labelled = [one for one in labelled if one.true.any()]
+    if not labelled:
         return np.zeros(len(NAMES))
-    table = np.concatenate([one.table for one in lessons])
-    true = np.concatenate([one.true for one in lessons])
-    sizes = np.array([len(one.true) for one in lessons])
+    table = np.concatenate([one.table for one in labelled])
+    true = np.concatenate([one.true for one in labelled])
+    sizes = np.array([len(one.true) for one in labelled])
     starts = np.cumsum(sizes) - sizes
 
     def loss(w: Array) -> tuple[float, Array]:

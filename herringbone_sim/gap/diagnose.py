@@ -31,7 +31,7 @@ from herringbone_sim.gap.report import ReportContent, report
 from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
-from herringbone_sim.gap.verdict.decide import Explanation, Verdict, decide, explanation_of
+from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide, explanation_of
 from herringbone_sim.gap.verdict.design import design
 from herringbone_sim.gap.verdict.location import residual_by_mesh, residual_structure
 from herringbone_sim.gap.verdict.next_experiment import next_experiment
@@ -171,7 +171,7 @@ def _fit_of(examined: Examination, evidence: Evidence, chance: Chance) -> Fitted
     return every[at]
 
 
-def augmented(fit: FittedExplanation, explanation: Explanation | None) -> Augmented:
+def augmented(fit: FittedExplanation, explanation: NamedExplanation | None) -> Augmented:
     """The nominal model with the calibration of a fit and the effects of an explanation."""
     values = {c.name: v for c, v in zip(fit.score.coefficients, fit.score.mean, strict=True)}
     factors = np.array(

@@ -15,7 +15,7 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.verdict.decide import Explanation, Verdict
+from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.serialise import (
     attractor_to_dict,
@@ -159,7 +159,7 @@ def check_report(data: Mapping[str, Any]) -> list[str]:
 
 
 def _cause(
-    name: str, chance: float, best: tuple[Explanation, int] | None, channels: Sequence[str]
+    name: str, chance: float, best: tuple[NamedExplanation, int] | None, channels: Sequence[str]
 ) -> dict[str, Any]:
     """An effect with probability, locus and parameters.
 
@@ -207,7 +207,7 @@ def _hypotheses(verdict: Verdict) -> list[dict[str, Any]]:
     ]
 
 
-def _effects(explanation: Explanation | None) -> list[str]:
+def _effects(explanation: NamedExplanation | None) -> list[str]:
     """Ids of the effects of an explanation."""
     return [] if explanation is None else [one.effect.id for one in explanation.actives]
 

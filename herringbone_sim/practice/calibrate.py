@@ -149,9 +149,9 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
         raise AnalysisError(
             f"calibration needs {2 * FOLDS} campaigns or more, got {len(campaigns)}: run more"
         )
-    lessons = [judge.lesson(c.evidence, c.truth) for c in campaigns]
-    penalty = best_penalty(lessons)
-    weights = judge.learned(lessons, penalty)
+    labelled = [judge.labelled_campaign(c.evidence, c.truth) for c in campaigns]
+    penalty = best_penalty(labelled)
+    weights = judge.fit_labelled(labelled, penalty)
     sizes = [np.array(c.sizes).reshape(-1, 3) for c in campaigns]
     fold = np.arange(len(campaigns)) % FOLDS
     held = []
@@ -165,7 +165,7 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
     return Calibration(
         weights,
         penalty,
-        by_stratum(campaigns, [left_out(campaigns, lessons, draw) for draw in range(DRAWS)]),
+        by_stratum(campaigns, [left_out(campaigns, labelled, draw) for draw in range(DRAWS)]),
         model_error(np.concatenate(sizes)),
         covered,
     )
@@ -223,16 +223,16 @@ def by_stratum(
     return found
 
 
-def best_penalty(lessons: Sequence[judge.Lesson]) -> float:
-    """The one of ``PENALTIES`` with the best predictions of left-out lessons."""
-    fold = folds(len(lessons))
+def best_penalty(labelled: Sequence[judge.LabelledCampaign]) -> float:
+    """The one of ``PENALTIES`` with the best predictions of left-out campaigns."""
+    fold = folds(len(labelled))
     lost = dict.fromkeys(PENALTIES, 0.0)
     for f in range(FOLDS):
-        others = [one for one, k in zip(lessons, fold, strict=True) if k != f]
+        others = [one for one, k in zip(labelled, fold, strict=True) if k != f]
         weights = None
         for penalty in sorted(PENALTIES, reverse=True):
-            weights = judge.learned(others, penalty, weights)
-            for one in (lessons[i] for i in np.flatnonzero(fold == f).tolist()):
+            weights = judge.fit_labelled(others, penalty, weights)
+            for one in (labelled[i] for i in np.flatnonzero(fold == f).tolist()):
                 if one.true.any():
                     score = one.table @ weights
                     lost[penalty] += float(logsumexp(score) - logsumexp(score[one.true]))
@@ -245,19 +245,19 @@ def folds(n: int, draw: int = 0) -> NDArray[np.int64]:
 
 
 def left_out(
-    campaigns: Sequence[CaseEvidence], lessons: Sequence[judge.Lesson], draw: int = 0
+    campaigns: Sequence[CaseEvidence], labelled: Sequence[judge.LabelledCampaign], draw: int = 0
 ) -> Array:
     """(n, 4) rows of ``judged``: each campaign by weights and a penalty of the other folds.
 
     Args:
-        lessons: of the campaigns.
+        labelled: numbers and truths of the campaigns.
         draw: of the folds.
     """
     fold = folds(len(campaigns), draw)
     found = np.zeros((len(campaigns), 4))
     for f in range(FOLDS):
-        others = [one for one, k in zip(lessons, fold, strict=True) if k != f]
-        weights = judge.learned(others, best_penalty(others))
+        others = [one for one, k in zip(labelled, fold, strict=True) if k != f]
+        weights = judge.fit_labelled(others, best_penalty(others))
         for i in np.flatnonzero(fold == f).tolist():
             found[i] = judged(campaigns[i], weights)
     return found

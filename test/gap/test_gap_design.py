@@ -21,7 +21,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import nominal_model
 from herringbone_sim.gap.verdict.candidate_points import LEVELS, candidate_points, value_ranges
-from herringbone_sim.gap.verdict.decide import Explanation, Verdict
+from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verdict.design import Design, design, leading_explanations
 from herringbone_sim.gap.verdict.next_experiment import next_experiment
 from herringbone_sim.gap.verdict.separation import (
@@ -72,7 +72,7 @@ def calibrated(campaign: PreparedCampaign) -> Calibrated:
 
 def between(truth: Active, rival: Active) -> Verdict:
     """Two explanations that the runs so far leave alike."""
-    options = {one.effect.id: Explanation((one,)) for one in (truth, rival)}
+    options = {one.effect.id: NamedExplanation((one,)) for one in (truth, rival)}
     first, second = options
     chances = {first: 0.5, second: 0.5}
     best = {name: (option, 0) for name, option in options.items()}
@@ -126,7 +126,7 @@ def test_points_in_reach_hold_the_range_of_the_runs_and_more() -> None:
 
 def test_leading_are_the_class_or_the_verdict_and_its_runner_up() -> None:
     first, second, other = (
-        Explanation((planted(n),)) for n in ("mean_stiffness", "runout", "stagger")
+        NamedExplanation((planted(n),)) for n in ("mean_stiffness", "runout", "stagger")
     )
     best = {"mean_stiffness": (first, 0), "runout": (second, 0), "stagger": (other, 0)}
     one = Verdict("runout", ("runout",), {}, best, (), "force_law", second, other, ())

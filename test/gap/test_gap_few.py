@@ -24,7 +24,7 @@ from herringbone_sim.gap.attribution.channel_sets import (
 from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.verdict.decide import Explanation, decide
+from herringbone_sim.gap.verdict.decide import NamedExplanation, decide
 from herringbone_sim.gap.verdict.location import residual_by_mesh
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -53,7 +53,7 @@ def test_a_share_is_spread_over_planets_that_are_alike() -> None:
     cases = tuple(case(run, fuse(run)) for run in map(of_shafts, campaign.runs))
     pin = Active(effects()["pin_position"], (1e-5,), Locus(planet="2"))
     verdict = decide(
-        [Chance(("pin_position",), None, 1.0)], {0: Explanation((pin,))}, "trajectory"
+        [Chance(("pin_position",), None, 1.0)], {0: NamedExplanation((pin,))}, "trajectory"
     )
     shares = residual_by_mesh(campaign, Calibrated(cases, np.ones(6), None), verdict)
     assert [share for _, share in shares] == pytest.approx([1.0 / 12.0] * 12)

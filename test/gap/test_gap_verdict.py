@@ -19,7 +19,7 @@ from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.gap_by_run import metric_of
 from herringbone_sim.gap.report import ReportContent, check_report, report
-from herringbone_sim.gap.verdict.decide import Explanation, Verdict, decide
+from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide
 from herringbone_sim.gap.verdict.undecidable import undecidable
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
@@ -30,14 +30,14 @@ def verdict_of(*told: tuple[tuple[str, ...], float]) -> Verdict:
     """The verdict of explanations by their effects; none and unknown have no option."""
     chances = sorted((Chance(e, None, p) for e, p in told), key=lambda c: -c.probability)
     options = {
-        i: Explanation(tuple(active(effect(name)) for name in c.effects))
+        i: NamedExplanation(tuple(active(effect(name)) for name in c.effects))
         for i, c in enumerate(chances)
         if c.effects and "unknown" not in c.effects
     }
     return decide(chances, options, "force_law")
 
 
-def ids(option: Explanation | None) -> tuple[str, ...]:
+def ids(option: NamedExplanation | None) -> tuple[str, ...]:
     return () if option is None else tuple(a.effect.id for a in option.actives)
 
 
@@ -120,7 +120,7 @@ def test_report_follows_the_contract(name: str) -> None:
 
 def test_a_clock_is_told_with_the_channel_that_it_is() -> None:
     drift = active(effect("clock_drift"), values={"ppm": 200.0})
-    option = Explanation((drift,), (((190.0, 210.0),),))
+    option = NamedExplanation((drift,), (((190.0, 210.0),),))
     verdict = decide([Chance(("clock_drift",), None, 1.0)], {0: option}, "consistency")
     told = report(ReportContent("rig", verdict, [], GAP, [], {"delta_T": 20.0}))["causes"]
     assert told[0]["effect"] == "clock_drift"

@@ -60,7 +60,7 @@ def test_a_pair_of_which_one_effect_was_tried_teaches(campaigns: list[CaseEviden
         if len(c.truth) == 2
         and not any(sorted(d.effects) == sorted(c.truth) for d in c.evidence.candidates)
     ]
-    taught = [judge.lesson(c.evidence, c.truth).true.any() for c in missed]
+    taught = [judge.labelled_campaign(c.evidence, c.truth).true.any() for c in missed]
     assert sum(taught) > 10
     few, more = (
         np.mean([_beside(c) for c in campaigns if (c.stratum[2] == "few") == on and c.truth])

@@ -21,7 +21,7 @@ from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.run_views import mesh_shares, run_views
 from herringbone_sim.gap.verdict.augmented import Augmented
-from herringbone_sim.gap.verdict.decide import Explanation, Verdict
+from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -38,7 +38,7 @@ def found(campaign: PreparedCampaign) -> Diagnosis:
     """A verdict with the planted cause, put together by hand."""
     stiff = active(effects()["mean_stiffness"], Locus("sp"), {"factor": 1.1})
     cases = tuple(case(run, fuse(run)) for run in campaign.of_role("fit"))
-    name, option = "mean_stiffness", Explanation((stiff,))
+    name, option = "mean_stiffness", NamedExplanation((stiff,))
     verdict = Verdict(name, (name,), {name: 1.0}, {}, (), "force_law", option, None, ())
     gap = Gap("force_law", tuple(RunGap(r.name, r.role, 3.0, 1.1, 1.0) for r in campaign.runs))
     place = {"mesh": "sp", "planet": "all", "side": "all"}

@@ -18,7 +18,7 @@ CLASS_PROBABILITY = 0.9  # least probability of an ambiguous class, among all ef
 
 
 @dataclass(frozen=True)
-class Explanation:
+class NamedExplanation:
     """One or two effects that explain a gap.
 
     Attributes:
@@ -53,17 +53,17 @@ class Verdict:
     verdict: str
     effects: tuple[str, ...]
     probabilities: Mapping[str, float]
-    best: Mapping[str, tuple[Explanation, int]]
+    best: Mapping[str, tuple[NamedExplanation, int]]
     ambiguous_with: tuple[str, ...]
     metric: str
-    chosen: Explanation | None
-    runner_up: Explanation | None
+    chosen: NamedExplanation | None
+    runner_up: NamedExplanation | None
     chances: tuple[Chance, ...]
 
 
-def explanation_of(effects: Sequence[NamedEffect]) -> Explanation:
+def explanation_of(effects: Sequence[NamedEffect]) -> NamedExplanation:
     """Join named effects to an explanation."""
-    return Explanation(
+    return NamedExplanation(
         tuple(n.active for n in effects),
         tuple(n.intervals for n in effects),
         tuple(n.law for n in effects if n.law is not None),
@@ -72,7 +72,7 @@ def explanation_of(effects: Sequence[NamedEffect]) -> Explanation:
 
 
 def decide(
-    chances: Sequence[Chance], explanations: Mapping[int, Explanation], metric: str
+    chances: Sequence[Chance], explanations: Mapping[int, NamedExplanation], metric: str
 ) -> Verdict:
     """Decide the verdict from the probabilities of all explanations.
 
@@ -80,11 +80,11 @@ def decide(
 
     Args:
         chances: probabilities of all explanations, best first.
-        explanations: those with effects, complete and with effects, by their index in ``chances``.
+        explanations: complete ones with effects, by their index in ``chances``.
         metric: observation in which the gap is measured.
     """
     probabilities = {name: 0.0 for name in (*known_effects(), "none", "unknown")}
-    best: dict[str, tuple[Explanation, int]] = {}
+    best: dict[str, tuple[NamedExplanation, int]] = {}
     for i, one in enumerate(chances):
         for j, name in enumerate(one.effects or ("none",)):
             probabilities[name] += one.probability / max(len(one.effects), 1)

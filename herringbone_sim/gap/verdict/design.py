@@ -29,7 +29,7 @@ from herringbone_sim.gap.verdict.candidate_points import (
     candidate_points,
     predict_run,
 )
-from herringbone_sim.gap.verdict.decide import Explanation, Verdict
+from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verdict.separation import (
     BALANCE,
     FORCES,
@@ -66,7 +66,7 @@ class Design:
     force_ratio: float = 1.0
 
 
-def leading_explanations(verdict: Verdict) -> tuple[Explanation, ...]:
+def leading_explanations(verdict: Verdict) -> tuple[NamedExplanation, ...]:
     """Explanations to separate: an ambiguous class, or the chosen one and the runner-up.
 
     Empty where nothing was found, or no other effect was tried.
@@ -120,7 +120,7 @@ def design(
 
 
 def _predictable_quantity(
-    calibrated: Calibrated, verdict: Verdict, explanations: Sequence[Explanation]
+    calibrated: Calibrated, verdict: Verdict, explanations: Sequence[NamedExplanation]
 ) -> str | None:
     """Quantity in which the explanations can be predicted, see ``separation``; None if none."""
     actives = [a for e in explanations for a in e.actives]
