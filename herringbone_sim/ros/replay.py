@@ -99,7 +99,8 @@ def publish(recording: Recording, playing: Playing, node_name: str = "herringbon
             subscribers.
 
     Raises:
-        ParameterError: an invalid name, a start after the end, or another publisher of ``/clock``.
+        ParameterError: an invalid name, a start after the end, or another publisher of ``/clock``, also
+            one that is discovered while the run is sent.
     """
     series = recording.samples
     length_s = float(series.times[-1] - series.times[0])
@@ -203,16 +204,19 @@ class _Player:
 
     def _open_clock(self) -> None:
         """Create the publisher of ``/clock``; ParameterError if another node has one."""
-        limit, others = time.monotonic() + DISCOVERY_S, 0
-        while not others and time.monotonic() < limit and not self.stop.number:
+        limit = time.monotonic() + DISCOVERY_S
+        while time.monotonic() < limit and not self.stop.number:
             time.sleep(TURN_S)
-            others = self.node.count_publishers("/clock")
-        if others:
+            self._refuse_clocks(0)
+        self.clock = self.node.create_publisher(Clock, "/clock", 10)
+
+    def _refuse_clocks(self, own: int) -> None:
+        """Raise ParameterError if ``/clock`` has more publishers than ``own``."""
+        if self.node.count_publishers("/clock") > own:
             raise ParameterError(
                 "another node publishes /clock: two of them make time jump; stop that one, or "
                 "leave --clock out"
             )
-        self.clock = self.node.create_publisher(Clock, "/clock", 10)
 
     def _round(self, bar: tqdm) -> None:
         """Send the recording once, paced by wall time."""
@@ -229,9 +233,10 @@ class _Player:
             rclpy.spin_once(self.node, timeout_sec=turn_s)
 
     def _tick(self, t_s: float) -> None:
-        """Publish the time if it is due."""
+        """Publish the time if it is due; ParameterError if another node publishes it too."""
         now = time.monotonic()
         if self.clock is not None and now >= self.clock_due_s:
+            self._refuse_clocks(1)
             self.clock_due_s = now + 1.0 / self.playing.clock_hz
             seconds, part = divmod(stamp_ns(t_s), 10**9)
             self.clock.publish(Clock(clock=Time(sec=seconds, nanosec=part)))

@@ -133,11 +133,21 @@ def test_its_clock_is_the_time_of_the_recording(bench: Bench, run: Path) -> None
 
 def test_two_clocks_are_refused(bench: Bench, run: Path) -> None:
     bench.client.create_publisher(Clock, "/clock", 10)
-    player = start(bench, run, "--clock")
+    player = start(bench, run, "--clock", "--speed", "0.05")  # 40 s: discovery may be late
     _, errors = player.communicate(timeout=60)
     assert player.returncode == 2
     assert "/clock" in errors
     assert "Traceback" not in errors
+
+
+def test_a_second_clock_ends_it_while_it_is_sent(bench: Bench, run: Path) -> None:
+    got = listen(bench)
+    player = start(bench, run, "--clock", "--speed", "0.05")
+    wait_until(lambda: got, 60.0)
+    bench.client.create_publisher(Clock, "/clock", 10)
+    _, errors = player.communicate(timeout=60)
+    assert player.returncode == 2
+    assert "another node publishes /clock" in errors
 
 
 @pytest.mark.parametrize(
