@@ -23,14 +23,17 @@ stage() {
 
 # Each of two processes has half of the files, as the tests of a file share what is slow to make, and
 # takes tests from the other once it is done. Tests of the node run alone afterwards: it keeps its
-# time, and they wait for it. Only the folders whose
-# coverage is asked for are traced: tracing slows numerical code by half.
+# time, and they wait for it. Only the tests of the folders whose coverage is asked for are traced:
+# tracing slows compilation by a third.
 tests() {
   local result=0
-  local traced=(--cov --cov-report=)
-  python -m pytest -n 2 --dist worksteal --ignore=test/ros --ignore=test/faults --durations=40 \
-    "${traced[@]}" | tee "$work/pytest.txt" || result=1
-  python -m pytest test/ros test/faults "${traced[@]}" --cov-append |
+  local traced=(test/core test/recording test/ros test/faults)
+  local shared=(-n 2 --dist worksteal --durations=40)
+  local cover=(--cov --cov-report=)
+  python -m pytest "${shared[@]}" "${traced[@]/#/--ignore=}" | tee "$work/pytest.txt" || result=1
+  python -m pytest "${shared[@]}" test/core test/recording "${cover[@]}" |
+    tee -a "$work/pytest.txt" || result=1
+  python -m pytest test/ros test/faults "${cover[@]}" --cov-append |
     tee -a "$work/pytest.txt" || result=1
   return $result
 }

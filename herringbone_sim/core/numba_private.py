@@ -5,6 +5,7 @@ To take a new one, change ``TESTED`` and that line together once the tests pass.
 
 - ``COMPILED``: option ``_nrt=False`` disables Numba's reference counting. Nothing can then be
   allocated in compiled code. Counting a dozen arrays a call took a third of the kernel's time.
+- ``UNWRAPPED``: options that leave out the wrappers by which Python and C call a function.
 - ``ir``, ``cgutils``, ``make_array``: vectors of sixteen float64 as a type, for
   ``core.lanes.vector``. Numba has no public type of that kind, and its compiler does not
   vectorise loops over lanes.
@@ -31,6 +32,7 @@ from numba.np.arrayobj import make_array
 __all__ = [
     "COMPILED",
     "TESTED",
+    "UNWRAPPED",
     "Conversion",
     "NumbaExperimentalFeatureWarning",
     "cgutils",
@@ -43,6 +45,7 @@ __all__ = [
 
 TESTED = "0.68"  # minor version of Numba, as in requirements.txt
 COMPILED: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+UNWRAPPED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def entry_point(function: Any, kinds: tuple[Any, ...]) -> Any:

@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from herringbone_sim.core.cache import compiled_from, forget_stale
-from herringbone_sim.core.numba_private import COMPILED
+from herringbone_sim.core.numba_private import COMPILED, UNWRAPPED
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -27,8 +27,13 @@ LIMIT = 1e6  # b_c: deflection beyond which the motion counts as diverged
 PACKAGE = Path(__file__).parents[1]
 forget_stale(PACKAGE, *compiled_from(PACKAGE))
 
+# Compiled code that Python may call; ``exposed`` is also inlined into compiled callers.
 compiled: Any = njit(cache=True, **COMPILED)
-inlined: Any = njit(cache=True, forceinline=True, **COMPILED)
+exposed: Any = njit(cache=True, forceinline=True, **COMPILED)
+# Code that only compiled code calls: without the wrappers by which Python and C would call it, as
+# these take a third of the time of compilation. A call from Python would crash the process.
+called: Any = njit(cache=True, **COMPILED, **UNWRAPPED)
+inlined: Any = njit(cache=True, forceinline=True, **COMPILED, **UNWRAPPED)
 # Inlined into its callers before they are compiled; not compiled by itself.
 embedded: Any = njit(inline="always", **COMPILED)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.packed import TWO_PI, compiled, inlined
+from herringbone_sim.core.packed import TWO_PI, compiled, exposed, inlined
 
 ON_EDGE = 1e-12  # mesh cycles: rounding error of the end of a step after some thousand cycles
 
@@ -20,7 +20,7 @@ def deflections(p, coordinate, x):
             x[2 * c + m] = coordinate[2 + m]
 
 
-@inlined
+@exposed
 def accelerate(p, force, acceleration):
     """Subtract the accelerations by the mesh forces (Eqs. 12-14, in the form of 18), in place."""
     c = len(p.classes)
@@ -242,7 +242,7 @@ def mesh_forces(p, w, y, phase, cycle):
             w.force[m] = force_law(p, m, w.k[m], f, v)
 
 
-@inlined
+@exposed
 def right_hand_side(p, w, y, phase, cycle, dy):
     """Write dy/dtau of Eqs. (18), (22) at a phase, including the kinks of f."""
     m = 2 + 2 * len(p.classes)

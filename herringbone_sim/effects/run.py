@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.packed import TWO_PI, inlined
+from herringbone_sim.core.packed import TWO_PI, exposed
 from herringbone_sim.core.right_hand_side import accelerate, control_angle, deflections
 from herringbone_sim.effects.instant import instant, own_slopes
 from herringbone_sim.effects.law import HARMONICS, MEAN_E, PHASE
@@ -12,7 +12,7 @@ from herringbone_sim.effects.law import HARMONICS, MEAN_E, PHASE
 LENGTH, RATE, FORCE, TILT, FREQUENCY_N = range(5)
 
 
-@inlined
+@exposed
 def at_instant(e, site, theta, gear, p, si, now, y, w, g):
     """Compute deflections, rates, forces and torques of a state into ``g`` and ``w``, SI units.
 
@@ -36,7 +36,7 @@ def at_instant(e, site, theta, gear, p, si, now, y, w, g):
     instant(e, site, theta, gear, now, y[2 * m :], g.x, g.v, w)
 
 
-@inlined
+@exposed
 def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
     """Write dy/dtau: Eqs. (18), (22) with the forces and torques of effects, then their states."""
     now[PHASE] = TWO_PI * cycle + phase

@@ -99,8 +99,8 @@ def publish(recording: Recording, playing: Playing, node_name: str = "herringbon
             subscribers.
 
     Raises:
-        ParameterError: an invalid name, a start after the end, or another publisher of ``/clock``, also
-            one that is discovered while the run is sent.
+        ParameterError: an invalid name, a start after the end, or another publisher of ``/clock``,
+            also one that is discovered while the run is sent.
     """
     series = recording.samples
     length_s = float(series.times[-1] - series.times[0])

@@ -52,7 +52,7 @@ from herringbone_sim.core.lanes.vector import (
     store,
     without,
 )
-from herringbone_sim.core.packed import compiled, inlined
+from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.core.switching import leaves_at, polynomial
 
 MOST_MOVES = 4000  # within a step of the grid; a lane that has made them is let through
@@ -69,7 +69,7 @@ def bends(w, a, lane):
     return get(w.constants, row + EXPONENT, a, lane) != 1.0 or other
 
 
-@compiled
+@called
 def touch_depth(w):
     """Depth of the meshes of lanes that begin a step of the grid, after ``touch``."""
     for a in range(w.k.shape[1]):
@@ -80,7 +80,7 @@ def touch_depth(w):
                 put(w.mesh, DEEP, a, lane, 1.0 if deep else 0.0)
 
 
-@compiled
+@called
 def find_events(w):
     """How far each lane goes, 1 or up to its first event, into ``w.lane``."""
     order, n = w.x.shape[0], w.x.shape[1]
@@ -119,7 +119,7 @@ def may_switch(w, a):
     return bits(seen | (other & without(deep)))
 
 
-@compiled
+@called
 def locate(x, w, a, lane):
     """Where mesh a makes or loses contact, or its law begins or ceases to bend, in one lane."""
     if get(w.lane, SWITCHES, 0, lane) >= MOST_MOVES:
@@ -176,7 +176,7 @@ def law_force(w, a, lane, k, x, v):
     return k * spring + get(w.constants, DAMPING, a, lane) * damper * v
 
 
-@compiled
+@called
 def meet(w):
     """Deflection, its rate and the stiffness of every mesh at the end of the moves, kept in
     ``w.mesh`` and ``own.other`` while tangent vectors use their series.
@@ -197,7 +197,7 @@ def meet(w):
                 put(w.own.met, 0, a, lane, polynomial(k, column, move))
 
 
-@compiled
+@called
 def switch(w):
     """Switch all that does so at the end of the moves; returns whether a force jumps."""
     jumps = False
@@ -227,7 +227,7 @@ def switch(w):
     return jumps
 
 
-@compiled
+@called
 def move_any(shape, w, near, inverse, controlled):
     """One move of every lane: to the end of its step, an event, or where the series end."""
     stop_at_pitch(w)

@@ -40,7 +40,7 @@ from herringbone_sim.core.lanes.vector import (
     store,
     without,
 )
-from herringbone_sim.core.packed import compiled, inlined
+from herringbone_sim.core.packed import called, inlined
 
 # Where |f| is below this, in b_c (10 nm for b_c = 10 um), a law with a power of |f| is taken
 # linear, of the same work: a power has no series at 0.
@@ -65,7 +65,7 @@ def power_of(w, out, i, a, row):
     store(out, i, a, total / (load(depth, 0, a) * float(i)))
 
 
-@compiled
+@called
 def set_factors(w):
     """Factors on f and c v of every mesh, from its contact.
 
@@ -146,7 +146,7 @@ def mesh_force(w, i, a):
     store(w.forces, i, a, fma(load(w.constants, DAMPING, a), slow, total))
 
 
-@compiled
+@called
 def logarithms(w, which, a, sign):
     """Order 0 of a corner of the play of the seat in column a.
 
@@ -167,7 +167,7 @@ def logarithms(w, which, a, sign):
         put(g, (which + 2) * p, j, lane, max(u, 0.0) + np.log1p(e))
 
 
-@compiled
+@called
 def corner(w, which, i, a, sign):
     """Order i of a corner, see ``logarithms``."""
     if i == 0:
@@ -243,7 +243,7 @@ def push(shape, w, i, forced, coupled, controlled, inverse):
     accelerate(shape, w, i, forced, coupled, controlled, scale)
 
 
-@compiled
+@called
 def expand_any_motion(shape, w, controlled, inverse):
     """Series of the state over what is left of each lane's step."""
     last = w.k.shape[0] - 1
@@ -262,7 +262,7 @@ def expand_any_motion(shape, w, controlled, inverse):
         store(w.forces, last, a, 0.0)
 
 
-@compiled
+@called
 def expand_derivatives(w):
     """Series of the derivatives of all forces by deflections and rates, for tangent vectors."""
     o, row = w.own, law_row(w)
@@ -324,7 +324,7 @@ def quotient(o, series, i, a):
     return total / load(o.depth, 0, a)
 
 
-@compiled
+@called
 def expand_any_tangent(shape, w, row, coupled, inverse):
     """Series of a tangent vector over the step of ``expand_derivatives``."""
     o, last = w.own, w.k.shape[0] - 1
@@ -346,7 +346,7 @@ def expand_any_tangent(shape, w, row, coupled, inverse):
         push(shape, w, i, False, coupled, False, inverse)
 
 
-@compiled
+@called
 def shorten(w):
     """Rewrite all series for the part of each lane's step over which they hold."""
     o, last = w.own, w.q.shape[0] - 1

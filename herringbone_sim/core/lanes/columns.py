@@ -31,7 +31,7 @@ from herringbone_sim.core.lanes.packed import (
 )
 from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state
 from herringbone_sim.core.lanes.vector import choose, fma, get, load, put, store
-from herringbone_sim.core.packed import compiled, inlined
+from herringbone_sim.core.packed import called, inlined
 
 Flags = NDArray[np.bool_]
 
@@ -87,7 +87,7 @@ def work_with(w, constants, y):
     )
 
 
-@compiled
+@called
 def take_columns(near, lane, value):
     """Put a value's columns and the constants of its neighbours into a lane."""
     for c in range(near.table.shape[1]):
@@ -100,7 +100,7 @@ def take_columns(near, lane, value):
             put(near.columns, c, j, lane, near.starts[value, c, j])
 
 
-@compiled
+@called
 def tell_columns(near, lane, value):
     """Columns of a value that is done."""
     for c in range(near.columns.shape[0]):
@@ -128,7 +128,7 @@ def neighbour(w, near, i):
     return other
 
 
-@compiled
+@called
 def copy_excitation(run, w):
     """Series of k, e and the loads from one scratch to another."""
     for i in range(w.k.shape[0]):
@@ -139,7 +139,7 @@ def copy_excitation(run, w):
             store(w.load, i, k, load(run.load, i, k))
 
 
-@compiled
+@called
 def move_columns(shape, w, near, inverse, controlled):
     """Advance columns by the move of each lane beside motions that are affine, from ``w.y`` on."""
     follow(w, near)
@@ -167,7 +167,7 @@ def move_columns(shape, w, near, inverse, controlled):
                     store(near.columns, c, j, difference / (eps + eps))
 
 
-@compiled
+@called
 def push_columns(shape, w, near, inverse, controlled):
     """What the parameters alone make of the moves, into ``near.more``, and of the switches at
     their end, into ``near.moved``.
@@ -193,7 +193,7 @@ def push_columns(shape, w, near, inverse, controlled):
                     store(near.more, c, j, difference * scale)
 
 
-@compiled
+@called
 def put_moved(w, near, other, c, scale, fresh):
     """Add to ``near.moved`` what one neighbour's errors and borders are at the end of the move."""
     first = w.q.shape[1] - w.shape[4]
@@ -228,7 +228,7 @@ def jump_columns(shape, w, near):
         jump_rows(shape, w, near.columns, c, True, near.moved)
 
 
-@compiled
+@called
 def move_any_columns(shape, w, near, inverse):
     """Advance columns with the series of the moves, after ``expand_derivatives``."""
     of_columns = work_with(w, w.constants, near.columns)

@@ -34,7 +34,7 @@ from herringbone_sim.core.lanes.packed import (
 )
 from herringbone_sim.core.lanes.rows import window_row
 from herringbone_sim.core.lanes.vector import absolute, bits, choose, fma, load, nearest, store
-from herringbone_sim.core.packed import TWO_PI, compiled, inlined
+from herringbone_sim.core.packed import TWO_PI, called, inlined
 from herringbone_sim.core.right_hand_side import ON_EDGE
 
 
@@ -243,7 +243,7 @@ def without_zero(a):
     return a != 0.0
 
 
-@compiled
+@called
 def jump_tangents(shape, w):
     """Saltation of tangent vectors where a mesh force jumps at the end of a move."""
     for row in range(1, w.y.shape[0]):

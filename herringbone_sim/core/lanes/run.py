@@ -58,7 +58,7 @@ from herringbone_sim.core.lanes.switching import (
     touch,
 )
 from herringbone_sim.core.lanes.vector import bits, choose, get, load, n_lanes, put, store, without
-from herringbone_sim.core.packed import LIMIT, TWO_PI, compiled, embedded, inlined
+from herringbone_sim.core.packed import LIMIT, TWO_PI, called, compiled, embedded, inlined
 from herringbone_sim.core.right_hand_side import ON_EDGE, angle_of
 
 IDLE = -1
@@ -121,7 +121,7 @@ def least(a, b):
     return choose(b < a, b, a)
 
 
-@compiled
+@called
 def take_value(w, lane, value, table, starts):
     """Put a value's constants and initial state into a lane."""
     for row in range(table.shape[1]):
@@ -134,7 +134,7 @@ def take_value(w, lane, value, table, starts):
     put(w.lane, SWITCHES, 0, lane, 0.0)
 
 
-@compiled
+@called
 def normalise(w, lane, growth, last):
     """Bring the tangents of a lane back to length 1; growth takes the logarithms."""
     for t in range(1, w.y.shape[0]):
@@ -183,7 +183,7 @@ def begin_cycle(w, lane, now):
         put(w.turned, w.shape[0] + j, 0, lane, angle_of(order, 0.0, now))
 
 
-@compiled
+@called
 def end_cycle(w, lane, cycle, before, length, results, value):
     """All that happens to a lane at phase 0; returns whether its value is done.
 

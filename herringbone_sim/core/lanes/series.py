@@ -60,12 +60,12 @@ from herringbone_sim.core.lanes.vector import (
     store,
     without,
 )
-from herringbone_sim.core.packed import TWO_PI, compiled, inlined
+from herringbone_sim.core.packed import TWO_PI, called, exposed, inlined
 
 HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 
 
-@inlined
+@exposed
 def sine_cosine(angle):
     """Sine and cosine of angles up to some thousand, to the last bit or two."""
     quarter = nearest(angle * 0.6366197723675814)
@@ -114,7 +114,7 @@ def add_harmonic(w, out, m, cosine, sine, fresh):
         cosine, sine = sine, 0.0 - cosine
 
 
-@compiled
+@called
 def expand_excitation(w, inverse, controlled):
     """Series of k(t) (Eq. 7), e(t) (Eq. 9) and the control over what is left of the step."""
     n = w.k.shape[1]
@@ -149,7 +149,7 @@ def cycles_from_event(w, row):
     return s - period * nearest(s / period)
 
 
-@compiled
+@called
 def expand_window(w, row, turn, inverse):
     """Apply an event to the series of k and e of the lanes whose step is in it."""
     width = load(w.constants, row + WIDTH, 0)
@@ -181,7 +181,7 @@ def expand_window(w, row, turn, inverse):
             store(w.error, i, m, error - displacement * load(w.bump, i, 0))
 
 
-@compiled
+@called
 def expand_load(w, j, turn, inverse):
     """Take the series of a further torque off ``w.load``."""
     row = load_row(w, j)
@@ -231,7 +231,7 @@ def cauchy(w, i, m):
     store(w.force, 0, m + 1, odd)
 
 
-@compiled
+@called
 def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
     """Series of the state (row 0) or of a tangent vector over what is left of the step.
 
@@ -361,7 +361,7 @@ def advance(w, i, coordinate, acceleration, row, entry, forced, controlled, scal
     store(w.q, i + 1, coordinate, load(w.v, i, coordinate) * scale)
 
 
-@compiled
+@called
 def take_state(shape, w, row):
     """State or tangent at the end of each lane's move, by Horner's rule, into ``w.y``."""
     move = load(w.lane, MOVE, 0)

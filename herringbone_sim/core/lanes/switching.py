@@ -33,7 +33,7 @@ from herringbone_sim.core.lanes.vector import (
     store,
     without,
 )
-from herringbone_sim.core.packed import compiled, inlined
+from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.core.switching import leaves_at
 
 MAX_SUBSTEPS = 400  # switches within a step of the grid, before a lane is let through
@@ -122,7 +122,7 @@ def watch_mesh(w, m):
     return bits(seen | other) & ~bits(plain)
 
 
-@compiled
+@called
 def locate(x, w, m, lane):
     """Where mesh m switches in one lane (2: nowhere) and to what, into ``w.mesh``."""
     contact, b = get(w.mesh, CONTACT, m, lane), get(w.constants, BORDER, m, lane)
@@ -167,7 +167,7 @@ def watch_sign(w, m):
     store(w.lane, MOVE, 0, choose(at < move, at, move))
 
 
-@compiled
+@called
 def locate_sign(w, m, lane):
     """Where the force of mesh m changes its sign in one lane (2: nowhere), into ``w.mesh``."""
     forces = w.forces.reshape(w.forces.shape[0], w.forces.size // w.forces.shape[0])
@@ -182,7 +182,7 @@ def locate_sign(w, m, lane):
     )
 
 
-@compiled
+@called
 def find_moves(w):
     """How far each lane goes in its step, 1 or up to its first switch, into ``w.lane``.
 
@@ -253,7 +253,7 @@ def touch_mesh(w, m, x, begins):
     store(w.mesh, CONTACT, m, choose(begins, contact, load(w.mesh, CONTACT, m)))
 
 
-@compiled
+@called
 def count_contact(w):
     """Add the time of this move to the contact that each mesh was in, in parts of a grid step."""
     time = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0) * (1.0 - load(w.lane, DONE, 0))
