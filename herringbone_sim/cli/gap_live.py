@@ -71,7 +71,7 @@ def gap_live(args: argparse.Namespace) -> int:
     if target is not None:
         from herringbone_sim.views.mirror.live import LiveMirror
 
-        mirror = LiveMirror(target.mode, target.address, target.path)
+        mirror = LiveMirror(target)
         outputs.append(mirror.show)
 
     def show(picture: Any, topics: tuple[str, ...]) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from herringbone_sim.cli.rerun_option import MirrorTarget
 from herringbone_sim.cli.show import wait_for_interrupt
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
+from herringbone_sim.views.mirror.target import MirrorTarget
 
-MEMORY = "1GB"
 CLOSE_S = 60.0
 
 
@@ -17,7 +16,7 @@ def mirror_gap(target: MirrorTarget, campaign: PreparedCampaign, diagnosis: Diag
         from herringbone_sim.views.mirror.gap import mirror
         from herringbone_sim.views.mirror.sink import open_sink
 
-        sink = open_sink(target.mode, target.address, target.path, MEMORY)
+        sink = open_sink(target.mode, target.address, target.path, target.memory_limit)
         try:
             mirror(campaign, diagnosis, sink)
             if target.mode == "serve":

@@ -3,28 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
 
 from herringbone_sim.errors import ParameterError
+from herringbone_sim.views.mirror.target import MirrorTarget
 
 FORMS = "spawn, connect[=HOST:PORT], serve[=[HOST:]PORT], save[=FILE.rrd]"
 MODES = tuple(form.partition("[")[0] for form in FORMS.split(", "))
-
-
-@dataclass(frozen=True)
-class MirrorTarget:
-    """Where a mirror sends to.
-
-    Attributes:
-        mode: ``spawn``, ``connect``, ``serve`` or ``save``.
-        address: of a viewer; empty for the default.
-        path: file that ``save`` writes.
-    """
-
-    mode: str
-    address: str
-    path: Path
 
 
 def add_rerun_option(parser: argparse.ArgumentParser, default: str, file: str) -> None:

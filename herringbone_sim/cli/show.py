@@ -87,19 +87,16 @@ def mode_of(args: argparse.Namespace) -> str:
 def mirror_run(args: argparse.Namespace, mode: str, rrd: Path) -> None:
     """Send a recording through the mirror; raises HerringboneError when that fails."""
     from herringbone_sim.recording.reader import read_recording
+    from herringbone_sim.views.mirror.block import Drawing
     from herringbone_sim.views.mirror.mirror import RerunMirror
     from herringbone_sim.views.mirror.replay import prepare, replay_blocks
+    from herringbone_sim.views.mirror.target import MirrorTarget
 
     recording = read_recording(args.run)
     replay = prepare(recording, args.nominal)
     mirror = RerunMirror(
-        mode,
-        replay.layout,
-        address=args.connect or args.serve or "",
-        path=rrd,
-        scale=replay.scale,
-        burst_cycles=args.burst,
-        mesh=args.mesh or "",
+        MirrorTarget(mode, args.connect or args.serve or "", rrd),
+        Drawing(replay.layout, replay.scale, args.burst, args.mesh or ""),
         report=lambda text: print(f"warning: mirror {text}", file=sys.stderr),
     )
     for block in replay_blocks(recording, replay, args.burst, args.blocks):

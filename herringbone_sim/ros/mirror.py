@@ -13,8 +13,9 @@ from herringbone_sim.analysis.monitor import Regime
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import live_names
 from herringbone_sim.runtime import Delivery
-from herringbone_sim.views.mirror.block import MirrorBlock, Scale
+from herringbone_sim.views.mirror.block import Drawing, MirrorBlock, Scale
 from herringbone_sim.views.mirror.mirror import RerunMirror
+from herringbone_sim.views.mirror.target import MirrorTarget
 
 
 class Mirror:
@@ -32,17 +33,14 @@ class Mirror:
             report: called with messages on failures.
         """
         s = model.scales
-        return cls(
-            RerunMirror(
-                options["mirror"],
-                model.layout,
-                address=options["mirror_address"],
-                path=Path(options["mirror_path"]) if options["mirror"] == "save" else None,
-                memory_limit=options["mirror_memory"],
-                scale=Scale(s.b_c, half_backlash(model), s.omega_n),
-                report=lambda text: report(f"mirror {text}"),
-            )
+        target = MirrorTarget(
+            options["mirror"],
+            options["mirror_address"],
+            Path(options["mirror_path"]) if options["mirror"] == "save" else None,
+            options["mirror_memory"],
         )
+        drawing = Drawing(model.layout, Scale(s.b_c, half_backlash(model), s.omega_n))
+        return cls(RerunMirror(target, drawing, report=lambda text: report(f"mirror {text}")))
 
     @property
     def state(self) -> str:

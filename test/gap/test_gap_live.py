@@ -20,6 +20,7 @@ from herringbone_sim.gap.stream.buffer import SampleBuffer
 from herringbone_sim.gap.stream.comparison import Comparison, SampleStream
 from herringbone_sim.recording.messages import encode_samples
 from herringbone_sim.views.mirror.live_text import bar, data, line, table
+from herringbone_sim.views.mirror.target import MirrorTarget
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 STIFF = {"k_m_sp": 1.1 * NOMINAL.k_m_sp}
@@ -271,7 +272,7 @@ def test_pictures_go_to_a_file_and_a_missing_viewer_is_said_once(
     from herringbone_sim.views.mirror.sink import rerun_binary
 
     bench, file = Bench(), tmp_path / "live.rrd"
-    mirror = LiveMirror("save", "", file)
+    mirror = LiveMirror(MirrorTarget("save", path=file))
     mirror.show(bench.comparison.update())
     bench.send(bench.rig, stiff)
     bench.send(bench.sim, sampled({}, POINTS[0], 40))
@@ -281,7 +282,7 @@ def test_pictures_go_to_a_file_and_a_missing_viewer_is_said_once(
     said = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
     for entity in ("/text", "/gear/spots", "/floors/rp", "/force/sp/rig", "/force/sp/sim"):
         assert entity in said
-    gone = LiveMirror("connect", "127.0.0.1:9", file)
+    gone = LiveMirror(MirrorTarget("connect", "127.0.0.1:9"))
     gone.show(bench.comparison.update())
     assert gone.close().startswith("mirror failed: no viewer answers")
 
@@ -292,7 +293,7 @@ def test_without_forces_the_viewer_gets_the_bodies(stiff: TimeSeries, tmp_path: 
 
     bench = Bench()
     bench.send(bench.rig, only(stiff, "x_", "v_", "u_"))
-    mirror = LiveMirror("save", "", tmp_path / "live.rrd")
+    mirror = LiveMirror(MirrorTarget("save", path=tmp_path / "live.rrd"))
     picture = bench.comparison.update()
     mirror.show(picture)
     assert mirror.state == "running"
@@ -308,7 +309,7 @@ def test_a_picture_that_cannot_be_drawn_is_told_and_the_next_is(
 
     bench = Bench()
     bench.send(bench.rig, stiff)
-    mirror = LiveMirror("save", "", tmp_path / "live.rrd")
+    mirror = LiveMirror(MirrorTarget("save", path=tmp_path / "live.rrd"))
 
     def fail(*_: object) -> None:
         raise ValueError("math domain error")

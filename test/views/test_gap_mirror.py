@@ -11,7 +11,6 @@ import pytest
 from gap_support import NOMINAL, rig
 
 from herringbone_sim.cli.gap_rerun import mirror_gap
-from herringbone_sim.cli.rerun_option import MirrorTarget
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.attribution.hypothesis import case
@@ -23,6 +22,7 @@ from herringbone_sim.gap.run_views import mesh_shares, run_views
 from herringbone_sim.gap.verdict.augmented import Augmented
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verification.verify import Gap, RunGap
+from herringbone_sim.views.mirror.target import MirrorTarget
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 importlib.import_module("rerun")

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,14 +19,17 @@ import pytest
 
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.views.mirror.block import MirrorBlock, Scale
+from herringbone_sim.views.mirror.block import Drawing, MirrorBlock, Scale
 from herringbone_sim.views.mirror.mirror import RerunMirror
+from herringbone_sim.views.mirror.target import MirrorTarget
 
 importlib.import_module("rerun")
 
 REDUCED = Layout(1, numbered=False)
 FULL = Layout(3, numbered=True)
 SCALE = Scale(1e-4, {"sp": 5e-5, "rp": 5e-5}, 3.2e4)
+PLAIN = Drawing(REDUCED)
+SCALED = Drawing(REDUCED, SCALE)
 FREQUENCY_HZ = 5000.0
 SAMPLES = 16
 TIMELINES = ("sim_time", "wall_time")
@@ -53,8 +57,8 @@ def make_block(
     )
 
 
-def save(path: Path, blocks: list[MirrorBlock], layout: Layout = REDUCED, **more: object) -> None:
-    mirror = RerunMirror("save", layout, path=path, scale=SCALE, **more)
+def save(path: Path, blocks: list[MirrorBlock], drawing: Drawing = SCALED) -> None:
+    mirror = RerunMirror(MirrorTarget("save", path=path), drawing)
     for block in blocks:
         assert mirror.put(block, wait_s=30.0)
     mirror.close(60.0)
@@ -105,7 +109,8 @@ def wait_for(mirror: RerunMirror, start: str) -> None:
 @pytest.mark.parametrize("layout", [REDUCED, FULL], ids=["reduced", "full"])
 def test_saved_file_is_read_by_rerun_and_holds_every_view(tmp_path: Path, layout: Layout) -> None:
     path = tmp_path / "deep" / "run.rrd"
-    save(path, [make_block(layout, 480 * i, events=(f"block {i}",)) for i in range(3)], layout)
+    blocks = [make_block(layout, 480 * i, events=(f"block {i}",)) for i in range(3)]
+    save(path, blocks, Drawing(layout, SCALE))
     rrd("verify", path)
     assert "no footer" not in rrd("stats", path).lower()
     found = read(path)
@@ -117,7 +122,7 @@ def test_saved_file_is_read_by_rerun_and_holds_every_view(tmp_path: Path, layout
 
 def test_time_courses_hold_the_last_cycles_in_micrometres(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
-    save(path, [make_block(cycles=30)], burst_cycles=10)
+    save(path, [make_block(cycles=30)], Drawing(REDUCED, SCALE, burst_cycles=10))
     rows = [row for row in read(path)["/displacement/sp"] if row.get("Scalars:scalars")]
     assert len(rows) == 10 * SAMPLES + 1
     last = rows[-1]["sim_time"]
@@ -185,7 +190,7 @@ def test_a_block_that_fails_is_told_once_and_the_next_is_shown(
     monkeypatch.setattr(rerun_stream.RerunStream, "send", fragile)
     told: list[str] = []
     path = tmp_path / "run.rrd"
-    mirror = RerunMirror("save", REDUCED, path=path, scale=SCALE, report=told.append)
+    mirror = RerunMirror(MirrorTarget("save", path=path), SCALED, report=told.append)
     for i in range(8):
         assert mirror.put(make_block(start=480 * i, events=(f"block {i}",)), wait_s=30.0)
         if i == 3:
@@ -205,7 +210,7 @@ def test_a_file_that_can_be_written_later_is_written(tmp_path: Path) -> None:
     (tmp_path / "here").write_text("in the way")
     told: list[str] = []
     path = tmp_path / "here" / "run.rrd"
-    mirror = RerunMirror("save", REDUCED, path=path, report=told.append)
+    mirror = RerunMirror(MirrorTarget("save", path=path), PLAIN, report=told.append)
     wait_for(mirror, "failed")
     (tmp_path / "here").unlink()
     deadline = time.monotonic() + 30
@@ -231,7 +236,7 @@ def test_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyP
         go_on.wait(60)
 
     monkeypatch.setattr(RerunStream, "send", slow)
-    mirror = RerunMirror("save", REDUCED, path=tmp_path / "run.rrd", queue_blocks=2)
+    mirror = RerunMirror(MirrorTarget("save", path=tmp_path / "run.rrd"), PLAIN, queue_blocks=2)
     assert mirror.put(make_block())
     assert taken.wait(60)
     assert [mirror.put(make_block(start=i)) for i in range(5)] == [True, True, False, False, False]
@@ -242,7 +247,7 @@ def test_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_dead_address_fails_without_raising_and_close_returns() -> None:
-    mirror = RerunMirror("connect", REDUCED, address=f"127.0.0.1:{free_port()}")
+    mirror = RerunMirror(MirrorTarget("connect", f"127.0.0.1:{free_port()}"), PLAIN)
     wait_for(mirror, "failed: no viewer answers")
     before = mirror.dropped
     assert not mirror.put(make_block())
@@ -255,7 +260,7 @@ def test_connect_finds_a_viewer_that_starts_later() -> None:
     from herringbone_sim.views.mirror.sink import rerun_binary
 
     port = free_port()
-    mirror = RerunMirror("connect", REDUCED, address=str(port))
+    mirror = RerunMirror(MirrorTarget("connect", str(port)), PLAIN)
     wait_for(mirror, "failed")
     server = subprocess.Popen(
         [rerun_binary(), "--serve-grpc", "--port", str(port)],
@@ -287,7 +292,7 @@ def test_server_hands_its_blocks_to_a_viewer(tmp_path: Path) -> None:
     from herringbone_sim.views.mirror.sink import answers, rerun_binary
 
     port = free_port()
-    mirror = RerunMirror("serve", REDUCED, address=str(port), scale=SCALE)
+    mirror = RerunMirror(MirrorTarget("serve", str(port)), SCALED)
     assert mirror.put(make_block(), wait_s=30.0)
     deadline = time.monotonic() + 60
     while not answers("127.0.0.1", port) and time.monotonic() < deadline:
@@ -311,7 +316,7 @@ def test_port_that_is_taken_is_said() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        mirror = RerunMirror("serve", REDUCED, address=str(taken.getsockname()[1]))
+        mirror = RerunMirror(MirrorTarget("serve", str(taken.getsockname()[1])), PLAIN)
         wait_for(mirror, "failed: port")
         mirror.close(60.0)
 
@@ -334,7 +339,7 @@ def listens(host: str, port: int) -> bool:
 )
 def test_a_server_listens_where_it_was_asked_to(address: str, open_at: set[str]) -> None:
     port = free_port()
-    mirror = RerunMirror("serve", REDUCED, address=address.format(port=port))
+    mirror = RerunMirror(MirrorTarget("serve", address.format(port=port)), PLAIN)
     assert mirror.put(make_block(), wait_s=30.0)
     try:
         deadline = time.monotonic() + 60
@@ -350,7 +355,7 @@ def test_a_server_listens_where_it_was_asked_to(address: str, open_at: set[str])
 
 @pytest.mark.parametrize("host", ["192.0.2.1", "no.such.host.invalid"])
 def test_an_address_of_another_machine_is_not_served_at(host: str) -> None:
-    mirror = RerunMirror("serve", REDUCED, address=f"{host}:{free_port()}")
+    mirror = RerunMirror(MirrorTarget("serve", f"{host}:{free_port()}"), PLAIN)
     wait_for(mirror, "failed")
     mirror.close(60.0)
     assert host in mirror.state
@@ -390,7 +395,7 @@ def test_what_a_viewer_said_lies_in_no_folder(
 def test_a_server_that_ends_is_told_and_started_again() -> None:
     port = free_port()
     told: list[str] = []
-    mirror = RerunMirror("serve", REDUCED, address=str(port), report=told.append)
+    mirror = RerunMirror(MirrorTarget("serve", str(port)), PLAIN, report=told.append)
     assert mirror.put(make_block(), wait_s=30.0)
     wait_for(mirror, "running")
     deadline = time.monotonic() + 60
@@ -416,32 +421,32 @@ def pids() -> list[tuple[int, str]]:
 
 def test_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    mirror = RerunMirror("save", REDUCED, path=tmp_path / "file" / "run.rrd")
+    mirror = RerunMirror(MirrorTarget("save", path=tmp_path / "file" / "run.rrd"), PLAIN)
     wait_for(mirror, "failed: can't write")
     mirror.close(60.0)
     assert mirror.state.startswith("failed")
 
 
 def test_off_takes_nothing_and_counts_nothing() -> None:
-    mirror = RerunMirror("off", REDUCED)
+    mirror = RerunMirror(MirrorTarget("off"), PLAIN)
     assert not mirror.put(make_block())
     assert (mirror.state, mirror.dropped) == ("off", 0)
     mirror.close()
 
 
 @pytest.mark.parametrize(
-    ("mode", "options", "match"),
+    ("make", "match"),
     [
-        ("show", {}, "mode"),
-        ("save", {}, "path"),
-        ("off", {"burst_cycles": 0}, "burst_cycles"),
-        ("off", {"queue_blocks": 0}, "queue_blocks"),
-        ("off", {"mesh": "sp9_L"}, "mesh"),
+        (lambda: MirrorTarget("show"), "mode"),
+        (lambda: MirrorTarget("save"), "path"),
+        (lambda: Drawing(REDUCED, burst_cycles=0), "burst_cycles"),
+        (lambda: Drawing(REDUCED, mesh="sp9_L"), "mesh"),
+        (lambda: RerunMirror(MirrorTarget("off"), PLAIN, queue_blocks=0), "queue_blocks"),
     ],
 )
-def test_impossible_options_are_refused(mode: str, options: dict[str, object], match: str) -> None:
+def test_impossible_options_are_refused(make: Callable[[], object], match: str) -> None:
     with pytest.raises(ParameterError, match=match):
-        RerunMirror(mode, REDUCED, **options)
+        make()
 
 
 def test_block_of_wrong_shape_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""Input of the mirror: blocks of samples, and the units in which they are drawn."""
+"""Input of the mirror: blocks of samples, and how they are drawn."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.core.layout import Layout
 from herringbone_sim.errors import ParameterError, listed
 
 Array = NDArray[np.float64]
@@ -45,6 +46,38 @@ class Scale:
     def velocity(self) -> tuple[float, str]:
         """Unit of velocity [m/s], and its text behind the name of the quantity."""
         return (self.b_c * self.omega_n, " / (b_c ω_n)") if self.omega_n > 0 else (1.0, " [m/s]")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What of each block is drawn, and in which units.
+
+    Attributes:
+        layout: names of the meshes.
+        scale: units and backlash; without it displacements are in micrometres and there is no
+            contact state.
+        burst_cycles: mesh cycles at the end of each block that are shown at full rate.
+        mesh: the mesh of the phase plane, the first of the layout that has data when empty.
+
+    Raises:
+        ParameterError: an unknown mesh, or ``burst_cycles`` below 1.
+    """
+
+    layout: Layout
+    scale: Scale | None = None
+    burst_cycles: int = 20
+    mesh: str = ""
+
+    def __post_init__(self) -> None:
+        if self.burst_cycles < 1:
+            raise ParameterError(
+                f"burst_cycles must be at least 1, got {self.burst_cycles}: choose a larger one"
+            )
+        meshes = self.layout.meshes
+        if self.mesh and self.mesh not in meshes:
+            raise ParameterError(
+                f"mesh must be one of {', '.join(meshes)}, got {self.mesh!r}: choose one of them"
+            )
 
 
 @dataclass(frozen=True)

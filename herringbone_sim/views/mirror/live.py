@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,8 @@ from herringbone_sim.core.layout import KINDS, Layout
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.stream.comparison import ComparisonResult
 from herringbone_sim.views.mirror.live_text import headline, table
+from herringbone_sim.views.mirror.target import MirrorTarget
 
-MEMORY = "1GB"
 CLOSE_S = 5.0
 SMALL = 1e-2
 EVERY_MESH = tuple(m for layout in (Layout(1, False), Layout(3, True)) for m in layout.meshes)
@@ -22,13 +21,13 @@ class LiveMirror:
     """Sends comparisons to a viewer; after a failure of the viewer it sends nothing more.
 
     Args:
-        mode, address, path: see ``sink.open_sink``.
+        target: where it sends to; not ``off``.
 
     Attributes:
         state: ``running`` or ``failed: reason``.
     """
 
-    def __init__(self, mode: str, address: str, path: Path) -> None:
+    def __init__(self, target: MirrorTarget) -> None:
         self.state = "running"
         self._sink: Any = None
         self._places: tuple[str, ...] = ()
@@ -36,7 +35,7 @@ class LiveMirror:
         try:
             from herringbone_sim.views.mirror.sink import open_sink
 
-            self._sink = open_sink(mode, address, path, MEMORY)
+            self._sink = open_sink(target.mode, target.address, target.path, target.memory_limit)
         except (HerringboneError, ModuleNotFoundError) as error:
             self._fail(error)
 

@@ -9,21 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from queue import Empty, Full, Queue
 from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from herringbone_sim.core.layout import Layout
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.views.mirror.block import MirrorBlock, Scale
+from herringbone_sim.views.mirror.block import Drawing, MirrorBlock
+from herringbone_sim.views.mirror.target import MirrorTarget
 
 if TYPE_CHECKING:
     from herringbone_sim.views.mirror.sink import Sink
     from herringbone_sim.views.mirror.stream import RerunStream
 
-MODES = ("off", "spawn", "connect", "serve", "save")
 POLL_S = 0.1
 RETRY_S = 2.0
 LONGEST_RETRY_S = 60.0
@@ -35,61 +33,46 @@ FLUSH_S = 5.0
 class RerunMirror:
     """Mirror of the motion in the Rerun viewer, which does not delay its caller.
 
+    With ``connect`` it tries again every two seconds when no viewer answers. Another target that
+    can't be opened is tried again at growing intervals; a started viewer that the user closes is
+    not started again.
+
     Args:
-        mode: ``off``; ``spawn`` starts a viewer; ``connect`` sends to the viewer at ``address``
-            and tries again every two seconds when none answers; ``serve`` waits for viewers at
-            ``address``; ``save`` writes ``path``. A target that can't be opened is tried again
-            at growing intervals; a started viewer that the user closes is not started again.
-        layout: names of the meshes.
-        address: ``HOST:PORT``, ``PORT`` or ``rerun+http://HOST:PORT/proxy``; empty for Rerun's
-            own 127.0.0.1:9876.
-        path: the .rrd file to write.
-        memory_limit: above which a started viewer or server drops its oldest data, as ``1GB``.
-        scale: units and backlash; without it displacements are in micrometres and there is no
-            contact state.
-        burst_cycles: mesh cycles at the end of each block that are shown at full rate.
+        target: where it sends to.
+        drawing: what of each block is drawn.
         queue_blocks: blocks that may wait.
-        mesh: the mesh of the phase plane, the first of the layout when empty.
         report: called in the mirror's thread with each failure, and with one that repeats every
             ``REPEAT_S`` seconds with its count.
 
     Raises:
-        ParameterError: an unknown mode or mesh, ``save`` without a path, a size below 1.
+        ParameterError: ``queue_blocks`` below 1.
     """
 
     def __init__(
         self,
-        mode: str,
-        layout: Layout,
+        target: MirrorTarget,
+        drawing: Drawing,
         *,
-        address: str = "",
-        path: Path | None = None,
-        memory_limit: str = "1GB",
-        scale: Scale | None = None,
-        burst_cycles: int = 20,
         queue_blocks: int = 8,
-        mesh: str = "",
         report: Callable[[str], None] = lambda _: None,
     ) -> None:
-        check_options(mode, path, burst_cycles, queue_blocks)
-        if mesh and mesh not in layout.meshes:
+        if queue_blocks < 1:
             raise ParameterError(
-                f"mesh must be one of {', '.join(layout.meshes)}, got {mesh!r}: choose one of them"
+                f"queue_blocks must be at least 1, got {queue_blocks}: choose a larger one"
             )
-        self.mode = mode
+        self.mode = target.mode
         self.dropped = 0
-        self.address = address
-        self._path = path
-        self._memory_limit = memory_limit
-        self._drawing = (layout, scale, burst_cycles, mesh)
-        self._state = "off" if mode == "off" else "running"
+        self.address = target.address
+        self._target = target
+        self._drawing = drawing
+        self._state = "off" if self.mode == "off" else "running"
         self._reporter = FailureReporter(report)
         # Blocks are queued until the target is open, and while it is.
         self._accepts_blocks = True
         self._queue: Queue[MirrorBlock] = Queue(maxsize=queue_blocks)
         self._closing = Event()
         self._thread = Thread(target=self._run, name="rerun-mirror", daemon=True)
-        if mode != "off":
+        if self.mode != "off":
             self._thread.start()
 
     @property
@@ -131,7 +114,7 @@ class RerunMirror:
         try:
             from herringbone_sim.views.mirror.sink import open_sink
 
-            sink = open_sink(self.mode, self.address, self._path, self._memory_limit)
+            sink = open_sink(self.mode, self.address, self._target.path, self._target.memory_limit)
             opened = True
             self._mirror(sink)
         except Exception as error:
@@ -178,7 +161,7 @@ class RerunMirror:
     def _stream(self, sink: Sink) -> RerunStream:
         from herringbone_sim.views.mirror.stream import RerunStream
 
-        return RerunStream(sink.recording, *self._drawing)
+        return RerunStream(sink.recording, self._drawing)
 
     def _fail(self, error: Exception) -> None:
         self._state = failure(error)
@@ -221,16 +204,3 @@ class FailureReporter:
         if new or monotonic() - self._last_s >= REPEAT_S:
             self._last_s = monotonic()
             self._report(text if new else f"{text} ({self._count} times)")
-
-
-def check_options(mode: str, path: Path | None, burst_cycles: int, queue_blocks: int) -> None:
-    """ParameterError for a wrong mode, a missing path, or a size below 1."""
-    if mode not in MODES:
-        raise ParameterError(
-            f"the mirror's mode must be one of {', '.join(MODES)}, got {mode!r}: choose one"
-        )
-    if mode == "save" and path is None:
-        raise ParameterError("mode 'save' needs a path, got none: name the .rrd file to write")
-    for name, value in (("burst_cycles", burst_cycles), ("queue_blocks", queue_blocks)):
-        if value < 1:
-            raise ParameterError(f"{name} must be at least 1, got {value}: choose a larger one")

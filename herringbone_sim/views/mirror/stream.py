@@ -11,8 +11,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from herringbone_sim.core.layout import KINDS, Layout
-from herringbone_sim.views.mirror.block import Array, MirrorBlock, Scale
+from herringbone_sim.core.layout import KINDS
+from herringbone_sim.views.mirror.block import Array, Drawing, MirrorBlock
 from herringbone_sim.views.mirror.blueprint import AvailableViews, Plane, blueprint
 from herringbone_sim.views.mirror.lanes import Lanes
 from herringbone_sim.views.mirror.palette import BORDER, mesh_colours
@@ -52,23 +52,18 @@ class RerunStream:
 
     Args:
         recording: a ``rerun.RecordingStream``.
-        layout: names of the meshes.
-        scale: units and backlash, or None.
-        burst_cycles: mesh cycles at the end of a block that are sent at full rate.
-        mesh: the mesh of the planes, the first that has data when empty.
+        drawing: what of each block is sent.
     """
 
-    def __init__(
-        self, recording: Any, layout: Layout, scale: Scale | None, burst_cycles: int, mesh: str
-    ) -> None:
+    def __init__(self, recording: Any, drawing: Drawing) -> None:
         recording.set_log_tick_enabled(False)
         recording.set_log_time_enabled(False)
         self.recording = recording
-        self.layout = layout
-        self.scale = scale
-        self.burst_cycles = burst_cycles
-        self.mesh = mesh
-        self._colours = mesh_colours(layout)
+        self.layout = drawing.layout
+        self.scale = drawing.scale
+        self.burst_cycles = drawing.burst_cycles
+        self.mesh = drawing.mesh
+        self._colours = mesh_colours(self.layout)
         self._planes: Planes | None = None
         self._lanes: Lanes | None = None
         self._available: AvailableViews | None = None
