@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from herringbone_sim.practice.campaign import make_campaign
-from herringbone_sim.practice.plan import draw_plan
+from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 
 SEEDS = range(9100, 9106)
 TRUTHS = ("none", "single", "pair", "random_physics")
@@ -23,7 +23,7 @@ def row(truth: str, noise: str) -> tuple[list[float], list[float], int]:
     """Seconds of each campaign, d of each cause over that asked for, causes that fall short."""
     seconds, ratios, short = [], [], 0
     for seed in SEEDS:
-        plan = draw_plan(seed, truth, DETECTABILITIES[seed % 2], noise=noise)
+        plan = draw_plan(seed, truth, DETECTABILITIES[seed % 2], noise=RequestedNoise(noise))
         start = time.process_time()
         label = make_campaign(plan).label
         seconds.append(time.process_time() - start)
@@ -36,7 +36,7 @@ def row(truth: str, noise: str) -> tuple[list[float], list[float], int]:
 def main() -> None:
     """Print a row for each kind of campaign."""
     for noise in ("white", "filtered"):  # compile
-        make_campaign(draw_plan(104, "none", noise=noise))
+        make_campaign(draw_plan(104, "none", noise=RequestedNoise(noise)))
     print("| campaign | noise | seconds: median, most | d over that asked for | too small |")
     print("| --- | --- | --- | --- | --- |")
     for truth in TRUTHS:

@@ -8,6 +8,7 @@ longer linear. Between the two lies a plateau, which ``over_distances`` shows.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -23,14 +24,39 @@ DISTANCE = 1e-7
 DISTANCES = tuple(10.0**e for e in range(-14, 0))
 
 
+@dataclass(frozen=True)
+class Offset:
+    """How the second trajectory differs from the first at the start.
+
+    Attributes:
+        distance: in the units of the state.
+        direction: (n,) of any length; random by default. One that keeps a symmetry of the flow
+            gives the exponent within it.
+
+    Raises:
+        AnalysisError: the distance is not positive.
+    """
+
+    distance: float = DISTANCE
+    direction: Array | None = None
+
+    def __post_init__(self) -> None:
+        if not self.distance > 0.0:
+            raise AnalysisError(
+                f"distance must be positive, got {self.distance}: try {DISTANCE:g}"
+            )
+
+
+OFFSET = Offset()
+
+
 def two_trajectory_exponent(
     flow: Flow,
     y: Array,
     periods: int = 1000,
     transient: int = 200,
-    distance: float = DISTANCE,
+    offset: Offset = OFFSET,
     every: int = 1,
-    direction: Array | None = None,
     at: int = 0,
 ) -> Growth:
     """Largest Lyapunov exponent of the motion from y on.
@@ -41,20 +67,16 @@ def two_trajectory_exponent(
         periods: number of periods averaged over.
         transient: periods left out first, in which the difference aligns with the fastest
             direction.
-        distance: of the second trajectory, in the units of the state.
+        offset: of the second trajectory at the start, and its distance after each rescaling.
         every: periods between two rescalings.
-        direction: (n,) of the initial difference; random by default. One that keeps a symmetry of
-            the flow gives the exponent within it.
         at: periods that have passed before y, see ``Flow``.
 
     Raises:
-        AnalysisError: the distance is not positive, or the two trajectories became equal.
+        AnalysisError: the two trajectories became equal.
         DivergenceError: the motion left the range of the flow.
     """
-    if not distance > 0.0:
-        raise AnalysisError(f"distance must be positive, got {distance}: try {DISTANCE:g}")
     path = _path(flow, y, (transient + periods) // every, every, at)
-    logarithms = _growth(flow, path, distance, every, direction, at)[transient // every :]
+    logarithms = _growth(flow, path, offset, every, at)[transient // every :]
     return Growth(logarithms[:, None], every * flow.period, path[-1])
 
 
@@ -73,7 +95,7 @@ def over_distances(
     path = _path(flow, y, transient + periods, at=at)
     for i, distance in enumerate(distances):
         try:
-            logarithms = _growth(flow, path, distance, at=at)[transient:]
+            logarithms = _growth(flow, path, Offset(distance), at=at)[transient:]
         except AnalysisError:
             continue
         growth = Growth(logarithms[:, None], flow.period, path[-1])
@@ -89,16 +111,11 @@ def _path(flow: Flow, y: Array, steps: int, every: int = 1, at: int = 0) -> Arra
     return np.array(path)
 
 
-def _growth(
-    flow: Flow,
-    path: Array,
-    distance: float,
-    every: int = 1,
-    direction: Array | None = None,
-    at: int = 0,
-) -> Array:
+def _growth(flow: Flow, path: Array, offset: Offset, every: int = 1, at: int = 0) -> Array:
     """Log growth (steps,) of the distance of the second trajectory between states of the first."""
-    apart = np.random.default_rng(0).normal(size=flow.n) if direction is None else direction
+    distance, apart = offset.distance, offset.direction
+    if apart is None:
+        apart = np.random.default_rng(0).normal(size=flow.n)
     apart = distance * apart / np.linalg.norm(apart)
     logarithms = np.empty(len(path) - 1)
     for i, (y, ahead) in enumerate(pairwise(path)):

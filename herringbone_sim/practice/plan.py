@@ -50,6 +50,22 @@ FIT_RUNS = 5
 
 
 @dataclass(frozen=True)
+class RequestedNoise:
+    """Noise that a campaign shall have; what of it is random is drawn with the campaign.
+
+    Attributes:
+        kind: of ``noise.NOISES``.
+        snr_dB: RMS of a channel over that of its noise.
+    """
+
+    kind: str = "white"
+    snr_dB: float = 40.0
+
+
+WHITE_NOISE = RequestedNoise()
+
+
+@dataclass(frozen=True)
 class Plan:
     """Everything that is drawn before sizes are solved for.
 
@@ -85,10 +101,9 @@ def draw_plan(
     seed: int,
     truth: str | None = None,
     d: float | None = None,
-    snr_dB: float = 40.0,
+    noise: RequestedNoise = WHITE_NOISE,
     channels: str = "full",
     regime: str = "varied",
-    noise: str = "white",
     law: str = "both",
 ) -> Plan:
     """Draw a campaign; the truth, if not given, by the shares of ``TRUTHS``.
@@ -96,15 +111,17 @@ def draw_plan(
     Args:
         truth: none, single, pair, unknown, unseen, random_physics or a kind of effect.
         d: detectability; one of 1, 3, 10 if not given.
+        noise: its kind and its level.
         channels: a set of ``record.CHANNEL_SETS``.
-        noise: a kind of ``noise.NOISES``.
+        regime: ``varied`` or ``quiet`` operating points.
         law: catalogue, other or both: whose curves the effects of the catalogue have.
 
     Raises:
         ParameterError: an unknown truth, channel set, regime, noise or law.
     """
     _check(truth, channels, regime, law)
-    measures = draw_noise(np.random.default_rng([seed, 0x9B]), noise, 10.0 ** (-snr_dB / 20.0))
+    share = 10.0 ** (-noise.snr_dB / 20.0)
+    measures = draw_noise(np.random.default_rng([seed, 0x9B]), noise.kind, share)
     names = drawn_channels(np.random.default_rng([seed, 0x9C]), channels)
     rng = np.random.default_rng([seed, 0x9A])
     shares = np.array(list(TRUTHS.values()))
@@ -117,7 +134,7 @@ def draw_plan(
     return Plan(
         seed=seed,
         d=(drawn_d if d is None else d) if causes else 0.0,
-        snr_dB=snr_dB,
+        snr_dB=noise.snr_dB,
         noise=measures,
         channels=channels,
         names=names,

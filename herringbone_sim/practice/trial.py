@@ -33,7 +33,7 @@ from herringbone_sim.practice.campaign import (
 )
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.noise import NOISES
-from herringbone_sim.practice.plan import Plan, draw_plan
+from herringbone_sim.practice.plan import Plan, RequestedNoise, draw_plan
 from herringbone_sim.practice.rivals import rivals
 
 FAILED = "failed"
@@ -44,7 +44,8 @@ class Setting:
     """Values that campaigns are drawn from; each seed draws one of each list.
 
     Attributes:
-        snr_dB, channels, d, regime, noise, law: as in ``plan.draw_plan``.
+        snr_dB, noise: level and kind of the noise, see ``plan.RequestedNoise``.
+        channels, d, regime, law: as in ``plan.draw_plan``.
         truth: none, single, pair, unknown, unseen or a kind of effect; None draws it.
     """
 
@@ -70,16 +71,11 @@ class Setting:
 def plan_of(setting: Setting, seed: int) -> Plan:
     """Plan of a seed; ParameterError for an unknown value."""
     rng = np.random.default_rng([seed, 0xBE])
-    return draw_plan(
-        seed,
-        setting.truth,
-        d=float(rng.choice(setting.d)),
-        snr_dB=float(rng.choice(setting.snr_dB)),
-        channels=str(rng.choice(setting.channels)),
-        regime=str(rng.choice(setting.regime)),
-        noise=str(rng.choice(setting.noise)),
-        law=setting.law,
-    )
+    # The order of the draws decides what a seed means.
+    d, snr_dB = float(rng.choice(setting.d)), float(rng.choice(setting.snr_dB))
+    channels, regime = str(rng.choice(setting.channels)), str(rng.choice(setting.regime))
+    noise = RequestedNoise(str(rng.choice(setting.noise)), snr_dB)
+    return draw_plan(seed, setting.truth, d, noise, channels, regime, setting.law)
 
 
 def label_of_seed(seed: int, setting: Setting) -> tuple[str | None, str]:

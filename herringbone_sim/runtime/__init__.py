@@ -2,7 +2,16 @@
 
 from herringbone_sim.runtime.delivery import Change, Delivery
 from herringbone_sim.runtime.loop import Loop
-from herringbone_sim.runtime.pace import Pace, check_pace, sample_period_s
+from herringbone_sim.runtime.pace import Pace, WallTime, check_pace, sample_period_s
 from herringbone_sim.runtime.stepping import Stepped
 
-__all__ = ["Change", "Delivery", "Loop", "Pace", "Stepped", "check_pace", "sample_period_s"]
+__all__ = [
+    "Change",
+    "Delivery",
+    "Loop",
+    "Pace",
+    "Stepped",
+    "WallTime",
+    "check_pace",
+    "sample_period_s",
+]

@@ -8,7 +8,6 @@ On overload it slips and goes on from now, never bursts to catch up.
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -26,7 +25,14 @@ from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.runtime.delivery import Change, Delivery
-from herringbone_sim.runtime.pace import LATEST_BLOCK_S, Pace, check_pace, sample_period_s
+from herringbone_sim.runtime.pace import (
+    LATEST_BLOCK_S,
+    WALL_TIME,
+    Pace,
+    WallTime,
+    check_pace,
+    sample_period_s,
+)
 from herringbone_sim.runtime.stepping import Step, Stepped
 
 BLOCK_WALL_S = 0.02
@@ -58,7 +64,7 @@ class Loop:
         actives: effects of the gear and of its sensors.
         real_time_factor: simulation over wall time, 0 as fast as possible.
         paused: start paused.
-        clock, sleep: wall clock [s] and wait; handed in for tests.
+        wall: clock and wait; handed in for tests.
         fail: called with a text when the motion diverged or the loop broke.
     """
 
@@ -70,16 +76,15 @@ class Loop:
         actives: Sequence[Active] = (),
         real_time_factor: float = 1.0,
         paused: bool = False,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], object] | None = None,
+        wall: WallTime = WALL_TIME,
         fail: Callable[[str], None] = print,
     ) -> None:
         check_pace(model, real_time_factor)
         self.pace = Pace()
         self._deliver = deliver
-        self._clock = clock
+        self._clock = wall.now
         self._stop = threading.Event()
-        self._sleep = sleep or self._stop.wait
+        self._sleep = wall.sleep or self._stop.wait
         self._fail = fail
         self._lock = threading.Condition()
         self._factor = real_time_factor

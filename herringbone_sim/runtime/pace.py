@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from herringbone_sim.core.model import Model
@@ -10,6 +12,22 @@ from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.errors import ParameterError
 
 LATEST_BLOCK_S = 0.1  # wall time between samples, at most: so late a viewer still moves
+
+
+@dataclass(frozen=True)
+class WallTime:
+    """The clock that a loop runs against, and how it waits.
+
+    Attributes:
+        now: wall time [s], from any origin.
+        sleep: waits so many seconds; None for a wait that ends when the loop is closed.
+    """
+
+    now: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], object] | None = None
+
+
+WALL_TIME = WallTime()
 
 
 @dataclass

@@ -13,7 +13,11 @@ from herringbone_sim.analysis.lyapunov import largest_exponent as from_series
 from herringbone_sim.core.model import build
 from herringbone_sim.dynamics.flow import GearFlow, settle
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
-from herringbone_sim.dynamics.two_trajectories import over_distances, two_trajectory_exponent
+from herringbone_sim.dynamics.two_trajectories import (
+    Offset,
+    over_distances,
+    two_trajectory_exponent,
+)
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import load_parameters
 
@@ -82,7 +86,7 @@ def test_the_paper_s_runge_kutta_steps_over_the_kinks_and_agrees(gear):
     exact = GearFlow(gear(delta_T=20.0))
     rough = GearFlow(gear(delta_T=20.0, method="rk4", steps_per_cycle=200))
     y = settle(exact, exact.start(), 300)
-    one, two = (two_trajectory_exponent(f, y, 800, distance=1e-4) for f in (exact, rough))
+    one, two = (two_trajectory_exponent(f, y, 800, offset=Offset(1e-4)) for f in (exact, rough))
     assert two.exponents[0] == pytest.approx(
         one.exponents[0], abs=4.0 * np.hypot(one.errors[0], two.errors[0])
     )
@@ -90,6 +94,6 @@ def test_the_paper_s_runge_kutta_steps_over_the_kinks_and_agrees(gear):
 
 def test_wrong_input():
     with pytest.raises(AnalysisError, match="positive"):
-        two_trajectory_exponent(Henon(), np.zeros(2), distance=0.0)
+        two_trajectory_exponent(Henon(), np.zeros(2), offset=Offset(0.0))
     with pytest.raises(AnalysisError, match="became one"):
-        two_trajectory_exponent(Henon(), np.full(2, 0.1), distance=1e-30)
+        two_trajectory_exponent(Henon(), np.full(2, 0.1), offset=Offset(1e-30))

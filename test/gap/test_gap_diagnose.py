@@ -16,7 +16,7 @@ from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.outcome import Outcome, outcome
-from herringbone_sim.practice.plan import draw_plan
+from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 
 Json = dict[str, Any]
 SURE = 0.5  # likelier than all else together
@@ -25,7 +25,9 @@ SURE = 0.5  # likelier than all else together
 @cache
 def diagnosed(truth: str, channels: str = "full", noise: str = "white") -> tuple[Json, Outcome]:
     """Report of a campaign at ten times what is detectable, and how it compares to the truth."""
-    plan = draw_plan(1, truth, d=10.0, channels=channels, noise=noise, law="catalogue")
+    plan = draw_plan(
+        1, truth, d=10.0, channels=channels, noise=RequestedNoise(noise), law="catalogue"
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         made = make_campaign(plan)

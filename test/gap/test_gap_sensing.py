@@ -24,7 +24,7 @@ from herringbone_sim.gap.sensors.filter_delay import longest_delay
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
-from herringbone_sim.practice.plan import draw_plan
+from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 from herringbone_sim.practice.trial import Setting, plan_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -108,7 +108,9 @@ def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
     truth: str, noise: str, channels: str
 ) -> None:
     """A filter delays all channels, beside a large effect too; a stagger only some."""
-    plan = draw_plan(3, truth, d=10.0, channels=channels, noise=noise, law="catalogue")
+    plan = draw_plan(
+        3, truth, d=10.0, channels=channels, noise=RequestedNoise(noise), law="catalogue"
+    )
     runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
     found = remove_common_delay([drop_copies(run) for run in runs], ())
     late = [
@@ -124,7 +126,9 @@ def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
 def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     """Behind a filter the calibrated gear of a healthy rig leaves its noise, its column is what
     its corner says, and x holds as much of e(t) as a filter of that order passes."""
-    plan = draw_plan(5, "none", d=0.0, channels="full", noise="filtered", law="catalogue")
+    plan = draw_plan(
+        5, "none", d=0.0, channels="full", noise=RequestedNoise("filtered"), law="catalogue"
+    )
     part = dict(plan.noise.parts["filter"], order=1, corner=10.5)
     plan = replace(plan, noise=replace(plan.noise, parts={"filter": part}))
     runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
@@ -148,7 +152,14 @@ def _without_filters(machine: GearMachine) -> GearMachine:
 
 def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:
     """Rates are slopes of a spline through rotations, but one has a gain of 1.2."""
-    plan = draw_plan(3, "sensor_gain", d=10.0, channels="full", noise="encoders", law="catalogue")
+    plan = draw_plan(
+        3,
+        "sensor_gain",
+        d=10.0,
+        channels="full",
+        noise=RequestedNoise("encoders"),
+        law="catalogue",
+    )
     made = make_campaign(plan)
     channels = made.label["effects"][0]["locus"]["channels"]
     assert channels == ["v_rp1_L"]

@@ -16,7 +16,7 @@ from herringbone_sim.practice.cause import at, mesh_mask
 from herringbone_sim.practice.label import read_label, seal
 from herringbone_sim.practice.laws import window
 from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
-from herringbone_sim.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, draw_plan
+from herringbone_sim.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, RequestedNoise, draw_plan
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import (
     CHANNEL_SETS,
@@ -40,7 +40,7 @@ WRONG = (
     {"truth": "gremlins"},
     {"channels": "most"},
     {"regime": "loud"},
-    {"noise": "pink"},
+    {"noise": RequestedNoise("pink")},
     {"law": "mine"},
 )
 EVENT = {"peak": 0.3, "plateau": 0.2, "rise": 1.5, "fall": 1.0, "dip": 0.3}

@@ -17,7 +17,7 @@ from herringbone_sim.practice.chain import (
     turns,
 )
 from herringbone_sim.practice.noise import NOISES, Noise, draw_noise
-from herringbone_sim.practice.plan import draw_plan
+from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 from herringbone_sim.practice.record import (
     COS_BETA,
     Sampling,
@@ -169,7 +169,7 @@ def test_a_converter_spans_the_campaign_by_its_bits():
 
 
 def test_gauges_are_off_by_five_per_cent_and_told_where_calibrated(tmp_path):
-    made = make_campaign(draw_plan(3, "none", noise="gains"))
+    made = make_campaign(draw_plan(3, "none", noise=RequestedNoise("gains")))
     plain = make_campaign(draw_plan(3, "none"))
     gains = made.label["noise"]["gains"]["of"]
     for name in ("F_sp1_L", "F_rp3_R"):
@@ -179,7 +179,9 @@ def test_gauges_are_off_by_five_per_cent_and_told_where_calibrated(tmp_path):
     assert made.campaign.noise_share is None
     assert plain.campaign.noise_share == pytest.approx(0.01)
     assert not made.sensors
-    by_counts = make_campaign(draw_plan(3, "none", noise="encoders", channels="half_forces"))
+    by_counts = make_campaign(
+        draw_plan(3, "none", noise=RequestedNoise("encoders"), channels="half_forces")
+    )
     write_campaign(tmp_path / "c", tmp_path / "labels", by_counts)
     told = yaml.safe_load((tmp_path / "c" / "campaign.yaml").read_text())
     assert "noise" not in told
@@ -190,11 +192,16 @@ def test_gauges_are_off_by_five_per_cent_and_told_where_calibrated(tmp_path):
 
 def test_kinds_are_drawn_from_the_seed_and_told_only_if_white():
     for kind in NOISES:
-        one, other = (draw_plan(11, "none", noise=kind).noise for _ in range(2))
+        one, other = (draw_plan(11, "none", noise=RequestedNoise(kind)).noise for _ in range(2))
         assert one == other
         assert one.share_given is (kind == "white")
-        assert draw_plan(12, "none", noise=kind).noise.parts != one.parts or not one.parts
-    mixed = [draw_plan(seed, "none", noise="mixture").noise.parts for seed in range(30)]
+        assert (
+            draw_plan(12, "none", noise=RequestedNoise(kind)).noise.parts != one.parts
+            or not one.parts
+        )
+    mixed = [
+        draw_plan(seed, "none", noise=RequestedNoise("mixture")).noise.parts for seed in range(30)
+    ]
     assert all(len(parts) >= 2 for parts in mixed)
     assert set().union(*mixed) == {"drift", "hum", "filter", "encoders", "gains", "converter"}
     with pytest.raises(ParameterError, match="noise must be one of"):

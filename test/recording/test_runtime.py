@@ -15,7 +15,7 @@ from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.errors import HerringboneError, ParameterError
-from herringbone_sim.runtime import Delivery, Loop, Stepped, check_pace, sample_period_s
+from herringbone_sim.runtime import Delivery, Loop, Stepped, WallTime, check_pace, sample_period_s
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -47,8 +47,7 @@ class Run:
         self.loop = Loop(
             model,
             self._take,
-            clock=self.clock,
-            sleep=self.clock.sleep,
+            wall=WallTime(self.clock, self.clock.sleep),
             fail=self.faults.append,
             **options,
         )
