@@ -203,7 +203,6 @@ def write(
     axis, out = nominal.axis, args.out
     ways = [way for way in nominal.results if way in MATCHED]
     by_way = {way: match_boundaries(nominal, augmented, way) for way in ways}
-    pictures = draw(out, nominal, augmented, ways[0])
     unit = meaning(axis.name).unit
     comparison = Comparison(
         name=axis.name if unit == "-" else f"{axis.name} [{unit}]",
@@ -211,7 +210,7 @@ def write(
         moves=by_way,
         shares=shares(nominal, augmented, ways[0]),
         coexisting={side.name: coexisting(side) for side in (nominal, augmented)},
-        pictures=pictures,
+        pictures=draw(out, nominal, augmented, ways[0]),
     )
     (out / "report.html").write_text(compare_page(comparison), encoding="utf-8")
     write_tables(out, nominal, augmented, by_way)
@@ -287,9 +286,8 @@ def text(comparison: Comparison) -> list[str]:
     for way, moves in comparison.moves.items():
         lines.append(f"{way_words(way)}: {headline(moves)}")
         lines += [_line(move) for move in moves]
-    pairs = comparison.shares.items()
-    percentages = ", ".join(f"{name} {a:.1%} / {b:.1%}" for name, (a, b) in pairs)
-    lines.append(f"share of the values, nominal / augmented: {percentages}")
+    percentages = [f"{name} {a:.1%} / {b:.1%}" for name, (a, b) in comparison.shares.items()]
+    lines.append(f"share of the values, nominal / augmented: {', '.join(percentages)}")
     for gear, stretches in comparison.coexisting.items():
         spans = [f"{s.low:g} to {s.high:g} {' and '.join(s.motions)}" for s in stretches]
         lines.append(f"coexisting motions, {gear}: {'; '.join(spans) or 'none for long'}")

@@ -10,13 +10,8 @@ from herringbone_sim.cli.options import add_file, add_seeds, add_workers, worker
 from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.bench import check_seeds, run_bench
-from herringbone_sim.practice.calibrate import (
-    bench_evidence,
-    calibrate,
-    read_evidence,
-    write_evidence,
-    write_weights,
-)
+from herringbone_sim.practice.calibrate import calibrate, write_weights
+from herringbone_sim.practice.case_evidence import bench_evidence, read_evidence, write_evidence
 from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.seeds import parse_seeds
 from herringbone_sim.practice.trial import sources

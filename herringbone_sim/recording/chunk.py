@@ -1,4 +1,4 @@
-"""Decompress a chunk of an MCAP file within limits on memory."""
+"""Chunks and checksums of an MCAP file, read within limits on memory."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
+from typing import BinaryIO
 
 import lz4.frame
 import numpy as np
@@ -135,3 +136,12 @@ def _split(content: memoryview, most: int) -> Iterator[tuple[int, memoryview]]:
             raise ValueError(f"record {n} in it, with opcode {opcode}, belongs into no chunk")
         yield opcode, content[at : at + length]
         at += length
+
+
+def checksum(stream: BinaryIO, start: int, end: int) -> int:
+    """CRC-32 of the bytes start .. end of a file."""
+    stream.seek(start)
+    crc, left = 0, end - start
+    while left > 0 and (piece := stream.read(min(left, 1 << 20))):
+        crc, left = zlib.crc32(piece, crc), left - len(piece)
+    return crc

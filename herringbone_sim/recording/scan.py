@@ -6,7 +6,6 @@ The readers of ``mcap`` stop at the first invalid byte; this one skips damaged c
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -27,6 +26,7 @@ from herringbone_sim.recording.chunk import (
     RECORD,
     UnknownCompressionError,
     UnpackBudget,
+    checksum,
     records,
 )
 from herringbone_sim.recording.files import check_file
@@ -148,7 +148,7 @@ class Scan:
             summary, _, crc = _FOOTER.unpack_from(tail, RECORD.size)
             self.complete = summary == 0 or start <= summary <= at
             if summary and self.complete and crc:
-                self.complete = _checksum(stream, summary, self.size - _BEHIND_CRC) == crc
+                self.complete = checksum(stream, summary, self.size - _BEHIND_CRC) == crc
             if summary and self.complete:
                 stream.seek(summary)
                 for opcode, body in self._records(stream, _OF_SUMMARY):
@@ -288,15 +288,6 @@ class Scan:
             f"the file {self.path.name} was not finished: {left_out if tail else ''}'python -m "
             "herringbone_sim recover' rebuilds its index"
         ]
-
-
-def _checksum(stream: BinaryIO, start: int, end: int) -> int:
-    """CRC-32 of the bytes start .. end."""
-    stream.seek(start)
-    crc, left = 0, end - start
-    while left > 0 and (piece := stream.read(min(left, 1 << 20))):
-        crc, left = zlib.crc32(piece, crc), left - len(piece)
-    return crc
 
 
 def _fields(body: memoryview) -> ReadDataStream:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import numbers
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar
@@ -281,21 +280,3 @@ def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:
     """
     steps = KERNEL | ({"steps_per_cycle": base.steps} if base.method == "rk4" else {})
     return base.changed({name: value for name, value in steps.items() if name not in chosen})
-
-
-def differences(first: Sweep, second: Sweep) -> list[str]:
-    """Differences between two sweeps, as texts ``name: value, value``."""
-    pairs = zip(_flat(first).items(), _flat(second).values(), strict=True)
-    return [f"{name}: {_short(a)}, {_short(b)}" for (name, a), b in pairs if a != b]
-
-
-def _flat(sweep: Sweep) -> dict[str, Any]:
-    base = to_mapping(sweep.base) | asdict(sweep.observation)
-    more = {name: getattr(sweep, name) for name in ("axes", "start", "chunk", "effects")}
-    return base | more
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, tuple) and value and isinstance(value[0], Axis):
-        return " x ".join(f"{a.name}={a.values[0]:g}:{a.values[-1]:g}:{len(a)}" for a in value)
-    return f"{value:g}" if isinstance(value, numbers.Real) else str(value)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import numbers
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from herringbone_sim.core.parameters import to_mapping
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
 from herringbone_sim.sweeps.array_cache import digest
-from herringbone_sim.sweeps.grid import Axis, Sweep, differences, sweep_from_json
+from herringbone_sim.sweeps.grid import Axis, Sweep, sweep_from_json
 from herringbone_sim.sweeps.observe import SCALARS, Array, Table
 from herringbone_sim.sweeps.output import make_folder, whole_file
 
@@ -160,6 +162,24 @@ def open_store(folder: Path | str, sweep: Sweep) -> Store:
     with whole_file(described) as file:
         file.write(_described(store).encode())
     return store
+
+
+def differences(first: Sweep, second: Sweep) -> list[str]:
+    """Differences between two sweeps, as texts ``name: value, value``."""
+    pairs = zip(_flat(first).items(), _flat(second).values(), strict=True)
+    return [f"{name}: {_short(a)}, {_short(b)}" for (name, a), b in pairs if a != b]
+
+
+def _flat(sweep: Sweep) -> dict[str, Any]:
+    base = to_mapping(sweep.base) | asdict(sweep.observation)
+    more = {name: getattr(sweep, name) for name in ("axes", "start", "chunk", "effects")}
+    return base | more
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, tuple) and value and isinstance(value[0], Axis):
+        return " x ".join(f"{a.name}={a.values[0]:g}:{a.values[-1]:g}:{len(a)}" for a in value)
+    return f"{value:g}" if isinstance(value, numbers.Real) else str(value)
 
 
 def _complete_by_other_version(store: Store) -> bool:

@@ -10,13 +10,8 @@ import pytest
 
 from herringbone_sim.diagnosis import judge
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.practice.calibrate import (
-    CaseEvidence,
-    calibrate,
-    judged,
-    read_evidence,
-    write_evidence,
-)
+from herringbone_sim.practice.calibrate import calibrate, judged
+from herringbone_sim.practice.case_evidence import CaseEvidence, read_evidence, write_evidence
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "evidence.jsonl"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "diagnosis.md"
