@@ -3,6 +3,8 @@
 One thread owns the state. Others submit changes and commands, which act between blocks, so at a
 sample, so at a step boundary; the loop tells with the block at which simulation time they did.
 On overload it slips and goes on from now, never bursts to catch up.
+
+Over 300 lines: the thread and all calls that change its state share one lock.
 """
 
 from __future__ import annotations

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from herringbone_sim.core.lanes.vector import LANES, choose, fma, give, load, root, store, take
 from herringbone_sim.core.packed import inlined
+from herringbone_sim.effects.crossing import ON_BORDER, START
 from herringbone_sim.effects.dormand_prince import APART
 from herringbone_sim.effects.lanes.places import JUMPS, NOW, PACE, STALE, SWITCHED
 from herringbone_sim.effects.lanes.slope import slope
 from herringbone_sim.effects.lanes.step import begin_phase, hold_of, margins
 from herringbone_sim.effects.law import PLAY, SHIFT, law
-from herringbone_sim.effects.located import JUMP, ON_BORDER, START
+from herringbone_sim.effects.located import JUMP
 
 SPARE = 4  # row of ``gap`` and ``pace``
 

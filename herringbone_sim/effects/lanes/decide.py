@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 
 from herringbone_sim.core.packed import inlined
+from herringbone_sim.effects.crossing import END, START, dip, guess, keep, passed
+from herringbone_sim.effects.crossing import HIGH as AT_HIGH
+from herringbone_sim.effects.crossing import LOW as AT_LOW
 from herringbone_sim.effects.lanes.places import (
     COUNT,
     DONE,
@@ -19,9 +22,7 @@ from herringbone_sim.effects.lanes.places import (
     WANT,
 )
 from herringbone_sim.effects.law import law
-from herringbone_sim.effects.located import END, SHORTEST, START, TRIALS, dip, guess, keep, passed
-from herringbone_sim.effects.located import HIGH as AT_HIGH
-from herringbone_sim.effects.located import LOW as AT_LOW
+from herringbone_sim.effects.located import SHORTEST, TRIALS
 
 WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # what is tried, ``lane[MODE]``
 

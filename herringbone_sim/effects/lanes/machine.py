@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.lanes.vector import LANES, choose, give, load, store, take
 from herringbone_sim.core.packed import LIMIT, TWO_PI, inlined
 from herringbone_sim.core.right_hand_side import angle_of
+from herringbone_sim.effects.crossing import END, START, passed
 from herringbone_sim.effects.dormand_prince import FAR
 from herringbone_sim.effects.lanes.contact import begin
 from herringbone_sim.effects.lanes.decide import WAIT, decide, plan
@@ -40,15 +41,7 @@ from herringbone_sim.effects.lanes.places import (
 )
 from herringbone_sim.effects.lanes.step import attempt, carry
 from herringbone_sim.effects.law import law
-from herringbone_sim.effects.located import (
-    END,
-    FIRST,
-    INSIDE,
-    RESIDUE,
-    START,
-    passed,
-    to_edge,
-)
+from herringbone_sim.effects.located import FIRST, INSIDE, RESIDUE, to_edge
 
 Array = NDArray[np.float64]
 

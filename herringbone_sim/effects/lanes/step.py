@@ -15,13 +15,13 @@ from herringbone_sim.core.lanes.vector import (
     without,
 )
 from herringbone_sim.core.packed import inlined
+from herringbone_sim.effects.crossing import END
 from herringbone_sim.effects.dormand_prince import APART, NODE, TOLERANCE, A
 from herringbone_sim.effects.dormand_prince import ERROR as SHARES
 from herringbone_sim.effects.lanes.gear import OMEGA, SI
 from herringbone_sim.effects.lanes.places import DONE, ERROR, NOW, PIECE, TAKEN, TRIED
 from herringbone_sim.effects.lanes.slope import inside, slope, slope_of
 from herringbone_sim.effects.law import PLAY, SHIFT, law
-from herringbone_sim.effects.located import END
 from herringbone_sim.effects.run import FORCE, LENGTH, RATE
 
 

@@ -1,0 +1,86 @@
+"""Where margins of a step fall below zero, from their values and rates at two of its points.
+
+``gap`` (4, 2 n) holds distances of the n meshes from their next backlash edges, then those of
+their forces from zero; ``pace`` (4, n) the rates of the former, see ``located.margins``. Rows:
+start of the step, both ends of the bracket, end of the step.
+"""
+
+from __future__ import annotations
+
+import math
+
+from herringbone_sim.core.packed import inlined
+from herringbone_sim.effects.law import law
+
+START, LOW, HIGH, END = range(4)
+ON_BORDER = 1e-10  # b_c: overshoot of a step that ends at an edge
+ON_ZERO = 1e-7  # overshoot of a force, b_c omega_n^2 kg over the projection
+
+
+@law
+def root(a, b, slope_a, slope_b):
+    """Zero in 0 .. 1 of the cubic with values a > 0 > b and given slopes at its ends."""
+    at = a / (a - b)
+    for _ in range(4):
+        c2 = 3.0 * (b - a) - 2.0 * slope_a - slope_b
+        c3 = 2.0 * (a - b) + slope_a + slope_b
+        value = a + at * (slope_a + at * (c2 + at * c3))
+        slope_at = slope_a + at * (2.0 * c2 + 3.0 * c3 * at)
+        if slope_at == 0.0:
+            break
+        at = min(max(at - value / slope_at, 0.0), 1.0)
+    return at
+
+
+@law
+def passed(gap):
+    """Whether any margin is negative at the end of the step that was tried last."""
+    found = False
+    for i in range(gap.shape[1]):
+        found = found or (gap[END, i] < 0.0 and gap[END, i] < gap[START, i])
+    return found
+
+
+@law
+def dip(gap, pace, h):
+    """Fraction of a step at which a margin, positive at both ends, is smallest, if negative; else
+    1.
+    """
+    first = 1.0
+    for j in range(pace.shape[1]):
+        a, b = gap[START, j], gap[END, j]
+        p, q = h * pace[START, j], h * pace[END, j]
+        if p < 0.0 < q and a >= 0.0 and b >= 0.0:
+            c2, c3 = 3.0 * (b - a) - 2.0 * p - q, 2.0 * (a - b) + p + q
+            square = c2 * c2 - 3.0 * c3 * p
+            if square > 0.0:
+                at = -p / (c2 + math.sqrt(square)) if c2 > 0.0 else 1.0
+                least = a + at * (p + at * (c2 + at * c3))
+                if at < first and least < -ON_BORDER:
+                    first = at
+    return first
+
+
+@inlined
+def keep(gap, pace, of, into):
+    """Copy margins and rates from one row to another."""
+    for i in range(gap.shape[1]):
+        gap[into, i] = gap[of, i]
+    for j in range(pace.shape[1]):
+        pace[into, j] = pace[of, j]
+
+
+@law
+def guess(gap, pace, width):
+    """Fraction of the bracket at which the first edge is passed, and the overshoot at its end."""
+    n, part, worst = pace.shape[1], 1.0, 0.0
+    for i in range(2 * n):
+        if gap[HIGH, i] < 0.0 and gap[HIGH, i] < gap[START, i]:
+            on = ON_BORDER if i < n else ON_ZERO
+            worst = max(worst, -gap[HIGH, i] / on)
+            a, b = max(gap[LOW, i], 0.0) + on, min(gap[HIGH, i] + on, -1e-3 * on)
+            at = a / (a - b)
+            if i < n:
+                at = root(a, b, width * pace[LOW, i], width * pace[HIGH, i])
+            part = min(part, at)
+    return part, worst
