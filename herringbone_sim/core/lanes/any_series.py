@@ -4,6 +4,8 @@ A gear with ``powers`` has force laws with powers of |f|, or seats with rounded 
 ``Packed``. The recurrences are those of ``series`` with the products and powers of series that
 such laws ask for (Jorba and Zou, Exp. Math. 14, 99, 2005); how far the series hold is read off
 their last terms.
+
+Over 300 lines: the series of the forces, of a motion and of its tangents are one recurrence.
 """
 
 from __future__ import annotations

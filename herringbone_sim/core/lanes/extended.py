@@ -3,6 +3,8 @@
 Friction on the flanks, further coordinates on seats of their own (a ring or pins that move), and
 damping that hangs on contact; a gear without them, see ``Packed.extended``, compiles without it.
 A seat is one more row like a mesh, of constant stiffness; see ``Packed.push`` for its forces.
+
+Over 300 lines: what effects add to a motion is read together with what they add to tangents.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """What the kernel reads and scribbles on; the last axis of every array is the lane, if any.
 
 A motion whose halves are alike is integrated as one half (``sides`` 1): its meshes stand for two.
+
+Over 300 lines: the rows of the arrays stand beside the functions that fill them.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Every lane steps through its own phases and switches: none waits for another. When a value is
 done, its lane takes the next one.
+
+Over 300 lines: all that a lane does, from taking a value to telling its results, in order.
 """
 
 from __future__ import annotations

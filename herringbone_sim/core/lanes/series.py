@@ -3,6 +3,8 @@
 Between two switches of contact the model is linear with periodic coefficients, so the series
 follows from a short recurrence: the stiffness series times the deflection series (a Cauchy product
 per mesh), then Newton's law. The series is dense output at no cost.
+
+Over 300 lines: the series of the excitation and of the motion are one recurrence.
 """
 
 from __future__ import annotations

@@ -89,22 +89,14 @@ def _truth_everywhere(context: Any, builder: Any, kind: Any, _: Any, value: Any)
     return _everywhere(builder, _BITS, value)
 
 
-def _pointer(context: Any, builder: Any, kind: Any, array: Any, i: Any, j: Any) -> Any:
+def _pointer(context: Any, builder: Any, kind: Any, array: Any, *place: Any) -> Any:
+    """Pointer to the number of an entry, or to its lanes if the array has one axis more."""
     struct = make_array(kind)(context, builder, array)
-    if kind.ndim == 2:
-        return cgutils.get_item_pointer(context, builder, kind, struct, [i, j])
+    if kind.ndim == len(place):
+        return cgutils.get_item_pointer(context, builder, kind, struct, list(place))
     zero = context.get_constant(types.intp, 0)
-    place = cgutils.get_item_pointer(context, builder, kind, struct, [i, j, zero])
-    return builder.bitcast(place, _DOUBLES.as_pointer())
-
-
-def _entry(context: Any, builder: Any, kind: Any, array: Any, i: Any) -> Any:
-    struct = make_array(kind)(context, builder, array)
-    if kind.ndim == 1:
-        return cgutils.get_item_pointer(context, builder, kind, struct, [i])
-    zero = context.get_constant(types.intp, 0)
-    place = cgutils.get_item_pointer(context, builder, kind, struct, [i, zero])
-    return builder.bitcast(place, _DOUBLES.as_pointer())
+    first = cgutils.get_item_pointer(context, builder, kind, struct, [*place, zero])
+    return builder.bitcast(first, _DOUBLES.as_pointer())
 
 
 @intrinsic
@@ -135,7 +127,7 @@ def take(typing: Any, array: Any, i: Any) -> Any:
     """Lanes ``array[i, :]``, or the number ``array[i]``."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.load(_entry(context, builder, array, *args), align=8)
+        return builder.load(_pointer(context, builder, array, *args), align=8)
 
     return (types.float64 if array.ndim == 1 else lanes)(array, types.intp), code
 
@@ -145,7 +137,7 @@ def give(typing: Any, array: Any, i: Any, value: Any) -> Any:
     """Put lanes into ``array[i, :]``, or a number into ``array[i]``."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        builder.store(args[2], _entry(context, builder, array, *args[:2]), align=8)
+        builder.store(args[2], _pointer(context, builder, array, *args[:2]), align=8)
         return context.get_dummy_value()
 
     kind = types.float64 if array.ndim == 1 else lanes
