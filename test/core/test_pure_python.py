@@ -7,6 +7,7 @@ fused the interpreter rounds twice: Runge-Kutta agrees to the bit, series nearly
 
 from __future__ import annotations
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -19,22 +20,44 @@ import pytest
 HERE = Path(__file__).resolve().parents[1]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def both(tmp_path_factory):
-    """(compiled, interpreted) results of all cases."""
-    out = tmp_path_factory.mktemp("interpreted") / "out.npz"
+    """(compiled, interpreted) results of all cases; processes that share the tests make them
+    once.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    results = folder / "compiled.npz", folder / "interpreted.npz"
+    with (folder / "both.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not results[1].exists():
+            np.savez(results[0], **compiled())
+            interpret(results[1])
+    return tuple(dict(np.load(one)) for one in results)
+
+
+def interpret(out):
+    """Save what the interpreter makes of all cases."""
     path = os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
     command = [sys.executable, str(HERE / "interpreted.py"), str(out)]
     subprocess.run(command, env=environment, check=True, timeout=600)
-    with np.load(out) as found:
-        cases, batches = interpreted.ready(), interpreted.lane_models()
-        compiled = interpreted.results(cases) | interpreted.whole_cycles(cases)
-        compiled |= interpreted.with_effects(interpreted.ready_with_effects())
-        compiled |= interpreted.lanes_with_effects(interpreted.batches_with_effects())
-        beside = interpreted.ready_with_columns()
-        compiled |= interpreted.with_columns(beside) | interpreted.lanes_with_columns(beside)
-        return compiled | interpreted.lanes(batches), dict(found)
+
+
+def compiled():
+    """The same of the compiled kernel."""
+    cases, batches = interpreted.ready(), interpreted.lane_models()
+    beside = interpreted.ready_with_columns()
+    return (
+        interpreted.results(cases)
+        | interpreted.whole_cycles(cases)
+        | interpreted.with_effects(interpreted.ready_with_effects())
+        | interpreted.lanes_with_effects(interpreted.batches_with_effects())
+        | interpreted.with_columns(beside)
+        | interpreted.lanes_with_columns(beside)
+        | interpreted.lanes(batches)
+    )
 
 
 @pytest.mark.parametrize("part", ["rows", "end", "tangents", "counts"])
