@@ -101,7 +101,7 @@ def without(m: Measured, names: Sequence[str], gone: Sequence[str]) -> Measured:
     """Channels without some of them."""
     out = np.array([name in gone for name in names])
     values = np.where(out, np.nan, m.values)
-    return Measured(values, m.there & ~out, np.where(out, np.nan, m.sigma))
+    return Measured(values, m.recorded & ~out, np.where(out, np.nan, m.sigma))
 
 
 def of_shafts(run: PreparedRun) -> PreparedRun:

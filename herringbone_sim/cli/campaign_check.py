@@ -69,7 +69,7 @@ def table(folder: Path, campaign: PreparedCampaign) -> str:
 def _line(run: PreparedRun, path: Path) -> str:
     cycles = float(run.phase[-1] - run.phase[0]) / (2.0 * np.pi)
     quantities = (run.x, run.v, run.F, run.u, run.a, run.pin)
-    counts = (f"{int(q.there.sum())}/{len(q.there)}" for q in quantities)
+    counts = (f"{int(q.recorded.sum())}/{len(q.recorded)}" for q in quantities)
     layout = run.model.layout
     known = {"t", "phase", *layout.channels, *(f"F_pin{planet}" for planet in layout.planets)}
     known |= {f"{q}_{body}" for q in "ua" for body in layout.bodies}

@@ -52,7 +52,7 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
         in_si.append(run)
     runs = _without_fatal(in_si, runs_with_other_geometry(in_si), findings)
     fused = {run.name: fuse(run) for run in runs}
-    shares = {r.name: _finite_shares(r, fused[r.name]) for r in runs if r.F.there.any()}
+    shares = {r.name: _finite_shares(r, fused[r.name]) for r in runs if r.F.recorded.any()}
     shares = {name: share for name, share in shares.items() if share.size}
     forced = [r for r in runs if r.name in shares]
     runs = _without_fatal(runs, runs_with_other_force_law(forced, shares), findings)
@@ -148,8 +148,8 @@ def _other_operating_point(run: PreparedRun) -> list[Finding]:
 def _wrong_torque(run: PreparedRun) -> list[Finding]:
     """A finding if the mean force of the sun meshes does not balance the input torque."""
     p, s = run.model.parameters, run.model.scales
-    half = run.F.there.size // 2
-    if not run.F.there[:half].all():
+    half = run.F.recorded.size // 2
+    if not run.F.recorded[:half].all():
         return []
     expected = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
     sun = run.F.values[:, :half]
@@ -202,7 +202,7 @@ def _same_channel_class(
             names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
             text = f"most runs lack forces: those of {run.name} are not used"
             new.append(Finding("channels", run.name, names, None, text))
-            run = mark_not_recorded(run, "F", np.ones_like(run.F.there))
+            run = mark_not_recorded(run, "F", np.ones_like(run.F.recorded))
         restricted.append(run)
     return _without_fatal(restricted, new, findings)
 
@@ -210,7 +210,7 @@ def _same_channel_class(
 def _channel_class(run: PreparedRun, fused: Fused) -> int:
     """``FORCED``, ``MOVING`` or ``FEW``."""
     known = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
-    if (known & run.F.there).any():
+    if (known & run.F.recorded).any():
         return FORCED
     return MOVING if known.all() else FEW
 
@@ -244,24 +244,24 @@ def _limits(campaign: PreparedCampaign) -> list[Finding]:
 def _quantity_limits(runs: Sequence[PreparedRun]) -> list[Finding]:
     """Limits by quantities that were not recorded."""
     limits = []
-    forced = any(run.F.there.any() or run.pin.there.any() for run in runs)
+    forced = any(run.F.recorded.any() or run.pin.recorded.any() for run in runs)
     if runs and not forced:
         limits.append(
             "there are no mesh forces: law and balance show only together, by accelerations; "
             "errors of force sensors can't be seen, nor a single mesh on its own"
         )
-    elif runs and not all(run.F.complete or run.pin.there.any() for run in runs):
+    elif runs and not all(run.F.complete or run.pin.recorded.any() for run in runs):
         names = runs[0].model.layout.meshes
         absent = [
-            n for n, *on in zip(names, *(r.F.there for r in runs), strict=True) if not all(on)
+            n for n, *on in zip(names, *(r.F.recorded for r in runs), strict=True) if not all(on)
         ]
         limits.append(
             f"forces of {', '.join(absent)} are not there in every run: less can be told of these "
             "meshes"
         )
-    if runs and not all(run.v.complete or not run.x.there.any() for run in runs):
+    if runs and not all(run.v.complete or not run.x.recorded.any() for run in runs):
         limits.append("rates are not all there: damping rests on differences of displacements")
-    if runs and not any(run.x.there.any() and run.u.there.any() for run in runs):
+    if runs and not any(run.x.recorded.any() and run.u.recorded.any() for run in runs):
         limits.append(
             "x and u don't check each other: an error of a motion sensor shows against the law of "
             "the gear alone"

@@ -68,7 +68,7 @@ def test_nan_is_named_with_its_time_and_the_mesh_is_still_known(
     kept, (finding,) = with_first(prepared(bad, POINTS[0]), others)
     assert (finding.what, finding.channels) == ("nan", ("x_sp2_R",))
     assert finding.time_s == series.times[100]
-    assert not kept.runs[0].x.there[4]
+    assert not kept.runs[0].x.recorded[4]
     assert np.isfinite(fuse(kept.runs[0]).x).all()
 
 
@@ -105,7 +105,7 @@ def test_a_wrong_unit(
     assert {c[0] for f in units for c in f.channels} == {prefix}
     assert {len(f.channels) for f in units} == {12}
     for run in kept.runs:
-        assert getattr(run, prefix).there.all() == (run.name != "run_00")
+        assert getattr(run, prefix).recorded.all() == (run.name != "run_00")
 
 
 def test_a_clock_that_jumps_leaves_the_longer_part(
@@ -190,7 +190,7 @@ def test_a_unit_that_the_recorder_declares(series: TimeSeries) -> None:
     run = prepare_run(CampaignRun(Path("run"), POINTS[0], "fit"), recording, NOMINAL, 0.01)
     (finding,) = run.findings
     assert (finding.what, finding.channels) == ("unit", ("x_sp1_L",))
-    assert not run.x.there[0]
+    assert not run.x.recorded[0]
 
 
 def test_channels_of_another_gear(series: TimeSeries) -> None:

@@ -37,7 +37,7 @@ def without_forces(campaign: PreparedCampaign) -> PreparedCampaign:
             run,
             F=Measured(
                 np.full_like(run.F.values, np.nan),
-                np.zeros_like(run.F.there),
+                np.zeros_like(run.F.recorded),
                 np.full_like(run.F.sigma, np.nan),
             ),
         )

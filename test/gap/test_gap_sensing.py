@@ -50,14 +50,14 @@ def test_rates_of_a_spline_through_rotations_are_no_second_measurement() -> None
     run = rig({}, cycles=20).runs[0]
     names = run.model.layout.bodies
     run = without_channels(run, tuple(f"u_{name}" for name in names))
-    assert drop_copies(run).v.there.all()
+    assert drop_copies(run).v.recorded.all()
     times = np.arange(len(run)) * run.step_s
     rate = CubicSpline(times, run.x.values).derivative()(times)
     copied = replace(run, v=replace(run.v, values=rate))
-    assert not drop_copies(copied).v.there.any()
+    assert not drop_copies(copied).v.recorded.any()
     wrong = rate * np.where(np.arange(rate.shape[1]) == 4, 1.2, 1.0)
     off = replace(run, v=replace(run.v, values=wrong))
-    assert np.flatnonzero(drop_copies(off).v.there).tolist() == [4]
+    assert np.flatnonzero(drop_copies(off).v.recorded).tolist() == [4]
 
 
 def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements() -> None:
@@ -114,7 +114,7 @@ def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
     runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
     found = remove_common_delay([drop_copies(run) for run in runs], ())
     late = [
-        (b.late_rad - a.late_rad) / a.omega_rad_per_s for a, b in zip(runs, found, strict=True)
+        (b.delay_rad - a.delay_rad) / a.omega_rad_per_s for a, b in zip(runs, found, strict=True)
     ]
     if noise == "white":
         assert late == [0.0] * len(runs)

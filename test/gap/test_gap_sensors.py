@@ -140,7 +140,7 @@ def test_an_exchange_of_channels_is_seen_where_they_differ(
 
 def test_dropped_channels_are_gone(clean: list[TimeSeries]) -> None:
     run = without_channels(prepared(clean[0], POINTS[0]), ("x_sp1_L", "u_c"))
-    assert not run.x.there[0]
-    assert not run.u.there[2]
+    assert not run.x.recorded[0]
+    assert not run.u.recorded[2]
     assert np.isnan(run.x.values[:, 0]).all()
-    assert run.x.there[1:].all()
+    assert run.x.recorded[1:].all()

@@ -34,7 +34,7 @@ def channel_set(cases: Sequence[Case]) -> str:
 
 def motion_channels(one: Case) -> int:
     """Number of recorded displacements and rotations."""
-    return int(one.run.u.there.sum() + one.run.x.there.sum())
+    return int(one.run.u.recorded.sum() + one.run.x.recorded.sum())
 
 
 def undecidable_by_channels(cases: Sequence[Case]) -> list[str]:
@@ -51,7 +51,7 @@ def undecidable_by_channels(cases: Sequence[Case]) -> list[str]:
         "no force is recorded: errors of force sensors can't be told, and the scale of all "
         "forces only from that of the inertias and the torque"
     )
-    forced = any(c.run.F.there.any() or c.run.pin.there.any() for c in cases)
+    forced = any(c.run.F.recorded.any() or c.run.pin.recorded.any() for c in cases)
     limits = [] if forced else [no_force]
     if kind == NO_FORCE:
         limits.append(
@@ -59,7 +59,7 @@ def undecidable_by_channels(cases: Sequence[Case]) -> list[str]:
             "and the ring mesh of one planet that balance each other, and friction against "
             "other torques on the bodies, are told by their shape over time alone"
         )
-        if not all(c.run.u.there.any() for c in cases):
+        if not all(c.run.u.recorded.any() for c in cases):
             limits.append(
                 "no rotation of a body is recorded: errors of the displacement sensors are told "
                 "by the rates alone, a constant one not at all"
@@ -95,8 +95,8 @@ def planets_indistinguishable(cases: Sequence[Case]) -> bool:
     of_planets = [j for j, body in enumerate(layout.bodies) if body.startswith("p")]
     return all(
         has_equal_planets(run.model)
-        and not any(m.there.any() for m in (run.x, run.v, run.F, run.pin))
-        and not any(m.there[of_planets].any() for m in (run.u, run.a))
+        and not any(m.recorded.any() for m in (run.x, run.v, run.F, run.pin))
+        and not any(m.recorded[of_planets].any() for m in (run.u, run.a))
         for run in (one.run for one in cases)
     )
 

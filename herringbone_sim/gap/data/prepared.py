@@ -25,18 +25,18 @@ class Measured:
 
     Attributes:
         values: (n, k) [SI]; NaN where a channel was not recorded.
-        there: (k,) whether each channel was recorded.
+        recorded: (k,) whether each channel was recorded.
         sigma: (k,) standard deviation of the noise, same unit; NaN where not recorded.
     """
 
     values: Array
-    there: Mask
+    recorded: Mask
     sigma: Array
 
     @property
     def complete(self) -> bool:
         """Whether every channel was recorded."""
-        return bool(self.there.all())
+        return bool(self.recorded.all())
 
 
 SHAFTS = ("s_L", "s_R", "c")
@@ -60,7 +60,7 @@ class PreparedRun:
         waves: nominal k(t), e(t) and its derivatives at the recorded phase.
         recorded_point: (n,) recorded channels among K, delta_T and T_1.
         findings: problems of the recording, such as channels left out and breaks of the clock.
-        late_rad: delay common to all channels in mesh phase, see ``sensors.filter_delay``.
+        delay_rad: delay common to all channels in mesh phase, see ``sensors.filter_delay``.
         e_share: factor that a filter common to all channels puts on e(t) in x.
     """
 
@@ -79,7 +79,7 @@ class PreparedRun:
     waves: Waves
     recorded_point: Mapping[str, Array]
     findings: tuple[Finding, ...]
-    late_rad: float = 0.0
+    delay_rad: float = 0.0
     e_share: float = 1.0
 
     def __len__(self) -> int:
@@ -94,7 +94,7 @@ class PreparedRun:
         at = [self.model.layout.bodies.index(name) for name in SHAFTS]
         u = self.u.values[:, at]
         wound_up = np.abs(u.mean(axis=0)) > NO_MEAN * np.abs(u).max(axis=0)
-        return bool((wound_up | self.a.there[at]).all())
+        return bool((wound_up | self.a.recorded[at]).all())
 
     @property
     def step_s(self) -> float:

@@ -62,7 +62,7 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
             "than SI, throughout; left out of this run, not rescaled"
         )
         findings.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
-        run = mark_not_recorded(run, q, np.ones_like(run.u.there) if q == "u" else off)
+        run = mark_not_recorded(run, q, np.ones_like(run.u.recorded) if q == "u" else off)
     return run, findings
 
 
@@ -70,7 +70,7 @@ def mark_not_recorded(run: PreparedRun, q: str, off: Mask) -> PreparedRun:
     """Mark channels (k,) of the quantity x, v, F or u as not recorded."""
     old: Measured = getattr(run, q)
     values = np.where(off, np.nan, old.values)
-    fewer = Measured(values, old.there & ~off, np.where(off, np.nan, old.sigma))
+    fewer = Measured(values, old.recorded & ~off, np.where(off, np.nan, old.sigma))
     parts = {"x": run.x, "v": run.v, "F": run.F, "u": run.u, q: fewer}
     return replace(run, x=parts["x"], v=parts["v"], F=parts["F"], u=parts["u"])
 

@@ -36,7 +36,7 @@ def rigid_momentum(run: PreparedRun, phase: Array) -> Array:
     sc, packed = run.model.scales, run.model.packed
     push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
     turn = packed.control_order * run.omega_rad_per_s
-    wave = np.cos(packed.control_order * (phase - run.late_rad) + packed.control_phase)
+    wave = np.cos(packed.control_order * (phase - run.delay_rad) + packed.control_phase)
     return np.asarray(-push * wave / turn**2)
 
 
@@ -84,7 +84,7 @@ def shaft_rotations(run: PreparedRun) -> Array:
     rest = static_rotations(run)
     found = np.empty((n, len(at)))
     for i, b in enumerate(at):
-        if run.u.there[b]:
+        if run.u.recorded[b]:
             found[:, i] = run.u.values[:, b]
         else:
             power = np.fft.rfft(run.a.values[:, b])

@@ -38,7 +38,7 @@ def remove_common_delay(
     Args:
         gain_tolerance: (n_mesh,) of force sensors; empty: none.
     """
-    if all(run.u.complete and run.x.there.any() for run in runs):
+    if all(run.u.complete and run.x.recorded.any() for run in runs):
         return compensate_filter(runs)
     fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:N_STRETCHES]
     some = [_stretch(run) for run in fastest]

@@ -63,7 +63,7 @@ def _disagreement(
         of_x: (n_mesh,) their variance.
     """
     h = run.step_s
-    known = run.v.there & np.isfinite(x).all(axis=0)
+    known = run.v.recorded & np.isfinite(x).all(axis=0)
     found = np.full(len(known), np.inf)
     if not known.any():
         return found

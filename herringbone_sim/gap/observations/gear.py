@@ -164,7 +164,7 @@ class Gear:
                 np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
             )
             for q in "xvu"
-            if any(getattr(g.run, q).there.any() for g in self.runs)
+            if any(getattr(g.run, q).recorded.any() for g in self.runs)
         }
 
     @cached_property

@@ -45,11 +45,11 @@ def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, dict
         ("a", layout.bodies),
     ):
         for j, name in enumerate(names):
-            there = [g for g in runs if getattr(g.run, quantity).there[j]]
+            there = [g for g in runs if getattr(g.run, quantity).recorded[j]]
             if there:
                 found[f"{quantity}_{name}"] = _channel_noise(there, quantity, j, noise_known)
     for j, planet in enumerate(layout.planets):
-        there = [g for g in runs if g.run.pin.there[j]]
+        there = [g for g in runs if g.run.pin.recorded[j]]
         if there:
             found[f"F_pin{planet}"] = _channel_noise(there, "pin", j, noise_known)
     return found
@@ -77,7 +77,7 @@ def _channel_noise(
         "colour": colour,
         "lines_hz": lines,
         "step": step,
-        "delay_s": float(np.mean([g.run.late_rad / g.run.omega_rad_per_s for g in runs])),
+        "delay_s": float(np.mean([g.run.delay_rad / g.run.omega_rad_per_s for g in runs])),
         "told": sigma if noise_known else None,
     }
 

@@ -59,7 +59,9 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     gear = builder.gear
     if not gear.n_relations:
         return
-    recorded = [np.concatenate([g.run.x.there, g.run.v.there, g.run.u.there]) for g in gear.runs]
+    recorded = [
+        np.concatenate([g.run.x.recorded, g.run.v.recorded, g.run.u.recorded]) for g in gear.runs
+    ]
     groups = groups_of(gear.model.layout, np.logical_and.reduce(recorded))
     for kind, effect in zip(consistency.ERROR_KINDS, MOTION_EFFECTS, strict=True):
         for group in groups:

@@ -174,7 +174,7 @@ def symmetric_starts(s: Windows) -> Array:
     u[:, :3] = shaft_rotations(run)[:n]
     phase = s.phase[:: 2 * s.steps_per_sample][:n]
     mean = (rigid_momentum(run, phase) - 2.0 * u[:, :2] @ M[:2] - u[:, 2] * M[2]) / M[3:].sum()
-    planets = run.u.there[3:]
+    planets = run.u.recorded[3:]
     u[:, 3:] = np.where(planets, np.nan_to_num(run.u.values[:n, 3:]), mean[:, None])
     width, order = 7, 4
     smooth = savgol_filter(u, width, order, axis=0)

@@ -83,7 +83,7 @@ STATE_PRIOR_SD = 1e3  # prior of scaled start states, practically none
 
 def trajectory(run: PreparedRun) -> Trajectory:
     """Windows of a run, with or without ``with_rigid_swing``, whichever fits better."""
-    if run.model.packed.K == 0.0 or not run.u.there.any():
+    if run.model.packed.K == 0.0 or not run.u.recorded.any():
         return Trajectory(run)
     found = Trajectory(run), Trajectory(with_rigid_swing(run))
     return min(found, key=lambda one: one.nominal.cost)
@@ -142,7 +142,7 @@ class Trajectory:
     def _nominal(self) -> tuple[Array, Array, Array]:
         """Nominal k, e and its rate at every half step."""
         s = self.windows
-        w = waves(s.run.model, s.phase - s.run.late_rad, s.run.omega_rad_per_s)
+        w = waves(s.run.model, s.phase - s.run.delay_rad, s.run.omega_rad_per_s)
         return w.k, w.e, w.e_rate
 
     def forcing(
@@ -159,7 +159,7 @@ class Trajectory:
         k, e, rate = self._nominal
         m = self.model
         one = np.ones_like(k)
-        tau = body_loads(m, s.phase - s.run.late_rad)
+        tau = body_loads(m, s.phase - s.run.delay_rad)
         for push, a in pushes:
             tau = tau + a * push.size[:, None] * push.direction
         return Forcing(
@@ -178,7 +178,7 @@ class Trajectory:
     def motion(self, states: Array, phase: Array) -> MeshMotion:
         """Mesh motion at states (n, 18) and phases (n,), without noise."""
         s, m = self.windows, self.model
-        w = waves(m, phase - s.run.late_rad, s.run.omega_rad_per_s)
+        w = waves(m, phase - s.run.delay_rad, s.run.omega_rad_per_s)
         half = STATES // 2
         n, meshes = len(states), m.layout.n_mesh
         nothing = np.zeros(meshes)
@@ -197,7 +197,7 @@ class Trajectory:
             w.k,
             w.e,
             w.e_rate,
-            waves_of(m, s.run.omega_rad_per_s, s.run.late_rad),
+            waves_of(m, s.run.omega_rad_per_s, s.run.delay_rad),
             mean_stiffness(m.parameters),
             m.damping_n_s_per_m,
             m.half_backlash_m,

@@ -56,7 +56,7 @@ def window_channels(run: PreparedRun) -> WindowChannels:
     parts: dict[str, list[Array]] = {"u": [], "F": [], "a": []}
     values, sigma = [], []
     for kind, places, m, weights in kinds:
-        for i in np.flatnonzero(m.there):
+        for i in np.flatnonzero(m.recorded):
             names.append(f"{kind}_{places[i]}")
             for q, of in parts.items():
                 of.append(

@@ -109,7 +109,7 @@ def window_columns(
             for j in of:
                 i = place[f"{f.name} of {j}"]
                 add(i, -inverse * s.G[j], g[:, j], each_mesh[j])
-    total = body_loads(s.run.model, s.phase - s.run.late_rad)[::2] - now.force @ s.G
+    total = body_loads(s.run.model, s.phase - s.run.delay_rad)[::2] - now.force @ s.G
     for mass, bodies in (("M_s", (0, 1)), ("M_c", (2,)), ("M_p", range(3, len(inverse)))):
         if mass in place:
             for b in bodies:

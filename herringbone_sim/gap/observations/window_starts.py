@@ -49,7 +49,7 @@ def initial_states(s: Windows) -> Array:
     """Initial states (K, 18): planets in step, then with random differences, fixed seed."""
     rng = np.random.default_rng(0)
     in_step = symmetric_starts(s)[0]
-    hidden = 3 + np.flatnonzero(~s.run.u.there[3:])
+    hidden = 3 + np.flatnonzero(~s.run.u.recorded[3:])
     found = [in_step]
     for share in OUT_OF_STEP if len(hidden) > 1 else ():
         off = np.zeros((2, STATES // 2))

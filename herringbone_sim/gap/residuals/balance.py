@@ -212,7 +212,7 @@ def load_accelerations(run: PreparedRun) -> Array:
     load = np.zeros((3, len(run), model.layout.n_coordinate))
     load[0, :, :2] = p.T_1 / (2.0 * s.r_bs) * s.cos_beta * packed.inv_M_s
     output = s.T_2 * s.cos_beta / (s.r_bc * s.M_c)
-    wave = np.cos(packed.control_order * (run.phase - run.late_rad) + packed.control_phase)
+    wave = np.cos(packed.control_order * (run.phase - run.delay_rad) + packed.control_phase)
     control = -packed.K * s.b_c * s.omega_n**2 * wave[:, None]
     per_planet = model.layout.n_classes
     load[2, :, :2] = 2.0 * output + control * packed.control_q

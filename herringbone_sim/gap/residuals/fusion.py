@@ -57,9 +57,9 @@ def fuse(run: PreparedRun) -> Fused:
         z, P = smooth(z, P, rate, V, run.step_s)
     x, sigma_x = _to_meshes(D, z) - run.waves.e, _mesh_sigma(D, P)
     v, sigma_v = _to_meshes(D, rate) - run.waves.e_rate, _mesh_sigma(D, V)
-    alone = np.isnan(sigma_x) & run.x.there
+    alone = np.isnan(sigma_x) & run.x.recorded
     x[:, alone], sigma_x[alone] = run.x.values[:, alone], run.x.sigma[alone]
-    alone = np.isnan(sigma_v) & run.v.there
+    alone = np.isnan(sigma_v) & run.v.recorded
     v[:, alone], sigma_v[alone] = run.v.values[:, alone], run.v.sigma[alone]
     return Fused(
         z=z,
@@ -77,16 +77,16 @@ def displacement(run: PreparedRun) -> tuple[Array, Array]:
     """Coordinates z (n, m) [m] from x and u by geometry, with their noise covariance (m, m)."""
     D = coordinates_to_meshes(run.model.layout)
     B = bodies_to_coordinates(run.model)
-    rows = np.vstack([(D @ B)[run.x.there], np.eye(B.shape[1])[run.u.there]])
-    sigma = np.concatenate([run.x.sigma[run.x.there], run.u.sigma[run.u.there]])
-    seen = (run.x.values + run.waves.e)[:, run.x.there]
-    return least_squares(rows, sigma, np.hstack([seen, run.u.values[:, run.u.there]]), B)
+    rows = np.vstack([(D @ B)[run.x.recorded], np.eye(B.shape[1])[run.u.recorded]])
+    sigma = np.concatenate([run.x.sigma[run.x.recorded], run.u.sigma[run.u.recorded]])
+    seen = (run.x.values + run.waves.e)[:, run.x.recorded]
+    return least_squares(rows, sigma, np.hstack([seen, run.u.values[:, run.u.recorded]]), B)
 
 
 def velocity(run: PreparedRun) -> tuple[Array, Array]:
     """Rates dz/dt (n, m) [m/s] from v by geometry, with their noise covariance (m, m)."""
     D = coordinates_to_meshes(run.model.layout)
-    there = run.v.there
+    there = run.v.recorded
     seen = (run.v.values + run.waves.e_rate)[:, there]
     return least_squares(D[there], run.v.sigma[there], seen, np.eye(D.shape[1]))
 

@@ -86,13 +86,13 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     A delay between x and u is fitted too. The noise of u is subtracted from the normal equations,
     as it would bias g. NaN where u is incomplete, or its motion too small or collinear with e.
     """
-    if not (run.u.complete and run.x.there.any()):
+    if not (run.u.complete and run.x.recorded.any()):
         return np.nan, np.nan
     G = coordinates_to_meshes(run.model.layout) @ bodies_to_coordinates(run.model)
     given = run.u.values @ G.T
     noise = (G**2) @ run.u.sigma**2
     pairs = []
-    for j in np.flatnonzero(run.x.there):
+    for j in np.flatnonzero(run.x.recorded):
         s, e, late = given[:, j], run.waves.e[:, j], run.waves.e_rate[:, j]
         J = np.stack([s, e, late * run.cycle_s, np.gradient(s)], axis=1)
         J = J - J.mean(axis=0)

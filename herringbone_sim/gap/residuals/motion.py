@@ -55,7 +55,7 @@ def motion_balance(
         inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
     """
     law = force_law(run, fused, factors)
-    half = factors.repeat(run.x.there.size // 2).reshape(6, -1)
+    half = factors.repeat(run.x.recorded.size // 2).reshape(6, -1)
     k, c = run.waves.k * np.concatenate(half[:2]), run.model.damping_n_s_per_m
     force_noise = k * law.contact * noise.x + c * noise.v
     force = averaged_law_force(window_of(run, WIDTH), law.modelled_n, force_noise)
@@ -66,7 +66,7 @@ def motion_balance(
 
 def fused_noise(run: PreparedRun, rng: np.random.Generator) -> Fused:
     """Fuse a realisation of the sensor noise alone: the noise of fused z, x and v."""
-    none = np.zeros((len(run), run.x.there.size))
+    none = np.zeros((len(run), run.x.recorded.size))
 
     def drawn(measured: Measured) -> Measured:
         values = measured.sigma * rng.normal(size=measured.values.shape)

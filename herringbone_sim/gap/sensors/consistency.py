@@ -34,7 +34,7 @@ def consistency_chi2(runs: Sequence[PreparedRun]) -> float:
     """Mean square of all residuals of the sensors over their noise: 1 where the sensors agree."""
     energy = count = 0.0
     for run in runs:
-        J = sum(m.there.size for m in (run.x, run.v, run.u))
+        J = sum(m.recorded.size for m in (run.x, run.v, run.u))
         for relation in relations(run, np.zeros((len(run), J, 1))):
             energy += float(np.sum(relation.residual**2))
             count += _degrees_of_freedom(relation.residual, relation.columns)
@@ -60,7 +60,7 @@ def error_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
     B = bodies_to_coordinates(run.model)
     rigid = np.ones(B.shape[1])
     rigid[:2] = 2.0
-    whole = np.where(run.u.there, run.u.values, 0.0)
+    whole = np.where(run.u.recorded, run.u.values, 0.0)
     z = np.nan_to_num(fused.z)
     inverse = np.linalg.pinv(B)
     # z lacks the rigid rotation; it is taken from u, whose noise is averaged over the bodies.
@@ -71,7 +71,7 @@ def error_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
     n = fused.x.shape[1]
     slope[:, :n] = y[:, n : 2 * n]
     kinds = [y, np.ones_like(y), -slope, -slope * run.times[:, None]]
-    there = np.concatenate([run.x.there, run.v.there, run.u.there])
+    there = np.concatenate([run.x.recorded, run.v.recorded, run.u.recorded])
     signals: Array = np.stack(kinds, axis=2) * scale * there[:, None]
     return signals
 
@@ -84,7 +84,7 @@ def geometric_residuals(run: PreparedRun) -> list[tuple[Array, Array]]:
     D, B = coordinates_to_meshes(run.model.layout), bodies_to_coordinates(run.model)
     n, nu = D.shape[0], B.shape[1]
     place = np.eye(2 * n + nu)
-    at, on = np.concatenate([run.x.there, run.u.there]), run.v.there
+    at, on = np.concatenate([run.x.recorded, run.u.recorded]), run.v.recorded
     sigma = np.concatenate([run.x.sigma, run.u.sigma])[at]
     seen = np.hstack([run.x.values + run.waves.e, run.u.values])[:, at]
     rows = np.vstack([D @ B, np.eye(nu)])[at]
@@ -126,7 +126,7 @@ def relations(run: PreparedRun, signals: Array) -> list[Relation]:
     rate, V = velocity(run)
     known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
     if known.any():
-        h, n = run.step_s, run.x.there.size
+        h, n = run.step_s, run.x.recorded.size
         of_rate = h**2 * float(np.sum(QUADRATURE**2))
         spread = 2.0 * P + of_rate * V
         white = np.linalg.inv(np.linalg.cholesky(spread[np.ix_(known, known)]))
@@ -143,12 +143,12 @@ def relations(run: PreparedRun, signals: Array) -> list[Relation]:
 
 def _sensitivity(run: PreparedRun) -> Array:
     """Derivative (m, J) of z with respect to x and u, and of -dz/dt with respect to v."""
-    without_e = replace(run, waves=Waves(*(np.zeros((1, run.x.there.size)),) * 4))
-    n, nu = run.x.there.size, run.u.there.size
+    without_e = replace(run, waves=Waves(*(np.zeros((1, run.x.recorded.size)),) * 4))
+    n, nu = run.x.recorded.size, run.u.recorded.size
     place = np.eye(2 * n + nu)
 
     def unit(measured: Measured, values: Array) -> Measured:
-        return replace(measured, values=np.where(measured.there, values, np.nan))
+        return replace(measured, values=np.where(measured.recorded, values, np.nan))
 
     unit_values = replace(
         without_e,

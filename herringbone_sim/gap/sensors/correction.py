@@ -95,7 +95,7 @@ def _with_undo(run: PreparedRun, name: str, undo: Undo, size: float) -> Prepared
     """Replace the values of one channel by ``undo`` of them."""
     quantity, j = _column(run, name)
     measured: Measured = getattr(run, quantity)
-    if not measured.there[j]:
+    if not measured.recorded[j]:
         return run
     values, sigma = measured.values.copy(), measured.sigma.copy()
     values[:, j] = undo(size, run.times, values[:, j])
@@ -147,4 +147,4 @@ def _without(measured: Measured, columns: Sequence[bool]) -> Measured:
     values, sigma = measured.values.copy(), measured.sigma.copy()
     values[:, out] = np.nan
     sigma[out] = np.nan
-    return Measured(values, measured.there & ~out, sigma)
+    return Measured(values, measured.recorded & ~out, sigma)

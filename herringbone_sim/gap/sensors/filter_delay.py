@@ -29,7 +29,7 @@ def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     Without rotations and displacements, or where no delay explains them, runs are returned as they
     are.
     """
-    ratios = [(run, _e_ratio(run)) for run in runs if run.u.complete and run.x.there.any()]
+    ratios = [(run, _e_ratio(run)) for run in runs if run.u.complete and run.x.recorded.any()]
     if not ratios:
         return tuple(runs)
     omegas = np.array([run.omega_rad_per_s for run, _ in ratios])
@@ -57,9 +57,9 @@ def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 def _e_ratio(run: PreparedRun) -> NDArray[np.complex128]:
     """Component of D B u - x at the mesh frequency over that of the nominal e(t) (k,)."""
     through = coordinates_to_meshes(run.model.layout) @ bodies_to_coordinates(run.model)
-    e = (run.u.values @ through.T - run.x.values)[:, run.x.there]
+    e = (run.u.values @ through.T - run.x.values)[:, run.x.recorded]
     wave = np.exp(-1j * run.phase)
-    return np.asarray(wave @ (e - e.mean(axis=0)) / (wave @ run.waves.e[:, run.x.there]))
+    return np.asarray(wave @ (e - e.mean(axis=0)) / (wave @ run.waves.e[:, run.x.recorded]))
 
 
 def longest_delay(run: PreparedRun) -> float:
@@ -71,4 +71,4 @@ def with_delayed_waves(run: PreparedRun, delay: float, e_share: float = 1.0) -> 
     """Delay the nominal k(t) and e(t) of a run by ``delay`` [s]; scale e(t) by ``e_share``."""
     late = run.omega_rad_per_s * delay
     moved = waves(run.model, run.phase - late, run.omega_rad_per_s, e_share)
-    return replace(run, waves=moved, late_rad=late, e_share=e_share)
+    return replace(run, waves=moved, delay_rad=late, e_share=e_share)

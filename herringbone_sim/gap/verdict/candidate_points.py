@@ -143,7 +143,7 @@ def _recorded(
 
 def _as_recorded(values: Array, runs: Sequence[Measured]) -> Measured:
     """Values (n, k) restricted to channels recorded in all runs, with their median noise share."""
-    there = np.logical_and.reduce([m.there for m in runs])
+    there = np.logical_and.reduce([m.recorded for m in runs])
     rms = [np.sqrt(np.mean(np.nan_to_num(m.values) ** 2, axis=0)) for m in runs]
     shares = [m.sigma / np.maximum(r, 1e-300) for m, r in zip(runs, rms, strict=True)]
     share = np.median(shares, axis=0)
