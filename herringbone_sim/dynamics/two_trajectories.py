@@ -90,12 +90,16 @@ def over_distances(
 ) -> Array:
     """Exponent and standard error (m, 2) at each distance; NaN where the trajectories became
     equal.
+
+    Raises:
+        AnalysisError: a distance is not positive.
     """
+    offsets = [Offset(distance) for distance in distances]
     found = np.full((len(distances), 2), np.nan)
     path = _path(flow, y, transient + periods, at=at)
-    for i, distance in enumerate(distances):
+    for i, offset in enumerate(offsets):
         try:
-            logarithms = _growth(flow, path, Offset(distance), at=at)[transient:]
+            logarithms = _growth(flow, path, offset, at=at)[transient:]
         except AnalysisError:
             continue
         growth = Growth(logarithms[:, None], flow.period, path[-1])

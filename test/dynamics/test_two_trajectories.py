@@ -95,5 +95,7 @@ def test_the_paper_s_runge_kutta_steps_over_the_kinks_and_agrees(gear):
 def test_wrong_input():
     with pytest.raises(AnalysisError, match="positive"):
         two_trajectory_exponent(Henon(), np.zeros(2), offset=Offset(0.0))
+    with pytest.raises(AnalysisError, match="positive, got -1e-08"):
+        over_distances(Henon(), np.zeros(2), (1e-7, -1e-8))
     with pytest.raises(AnalysisError, match="became one"):
         two_trajectory_exponent(Henon(), np.full(2, 0.1), offset=Offset(1e-30))
