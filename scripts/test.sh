@@ -24,7 +24,7 @@ stage() {
 # Each of two processes has half of the files, as the tests of a file share what is slow to make, and
 # takes tests from the other once it is done. Tests of the node run alone afterwards: it keeps its
 # time, and they wait for it. Only the tests of the folders whose coverage is asked for are traced:
-# tracing slows compilation by a third.
+# tracing slows compilation.
 tests() {
   local result=0
   local traced=(test/core test/recording test/ros test/faults)

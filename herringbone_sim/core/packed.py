@@ -30,8 +30,8 @@ forget_stale(PACKAGE, *compiled_from(PACKAGE))
 # Compiled code that Python may call; ``exposed`` is also inlined into compiled callers.
 compiled: Any = njit(cache=True, **COMPILED)
 exposed: Any = njit(cache=True, forceinline=True, **COMPILED)
-# Code that only compiled code calls: without the wrappers by which Python and C would call it, as
-# these take a third of the time of compilation. A call from Python would crash the process.
+# Code that only compiled code calls: without the wrappers by which Python and C would call it,
+# which take long to compile. A call from Python would crash the process; a test finds such calls.
 called: Any = njit(cache=True, **COMPILED, **UNWRAPPED)
 inlined: Any = njit(cache=True, forceinline=True, **COMPILED, **UNWRAPPED)
 # Inlined into its callers before they are compiled; not compiled by itself.
