@@ -123,10 +123,16 @@ def examine(
         first = _simplest_equivalent(none, singles)
         flexible["single"] = _predictable_remainder(search, singles[0], left)
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.
-        far_off = first.score.in_sample > NONLINEAR_CHI2 * count
-        if far_off or _predicted_energy(flexible["single"]) > MIN_GAIN_PER_VALUE * count:
+        in_sample = first.score.in_sample
+        lacks_one = (
+            in_sample > NONLINEAR_CHI2 * count
+            or _predicted_energy(flexible["single"]) > MIN_GAIN_PER_VALUE * count
+        )
+        more_than_noise = in_sample > (1.0 + MIN_GAIN_PER_VALUE) * count and not idle
+        if lacks_one or more_than_noise:
             say("pairs")
-            pairs = _fit_pairs(search, catalogue, first)
+            least = 0.0 if lacks_one else MIN_GAIN_PER_VALUE * count
+            pairs = _fit_pairs(search, catalogue, first, least)
             if pairs:
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
             second = _refit_second_alone(search, singles, pairs)
@@ -139,7 +145,7 @@ def examine(
                 second is not None
                 and _predicted_energy(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
-                more = _fit_pairs(search, catalogue, second)
+                more = _fit_pairs(search, catalogue, second, 0.0)
                 pairs = tuple(sorted((*pairs, *more), key=lambda f: f.energy))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
     screened: dict[str, float] = {}
@@ -247,13 +253,18 @@ def _fit_best(
 
 
 def _fit_pairs(
-    search: Search, catalogue: Sequence[Hypothesis], first: FittedExplanation
+    search: Search, catalogue: Sequence[Hypothesis], first: FittedExplanation, least: float
 ) -> tuple[FittedExplanation, ...]:
-    """Fit pairs: a single effect with each of the best other effects on its residual."""
+    """Fit pairs: a single effect with each of the best other effects on its residual.
+
+    Args:
+        least: energy by which the linear screen must improve for a pair to be fitted; 0: no limit.
+    """
     own = first.hypotheses[0]
     others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
     then, ranked = _rank(search, others, first.score)
-    different = [r for r in ranked if r[1].effect != own.effect]
+    most = first.energy - least if least else np.inf
+    different = [r for r in ranked if r[1].effect != own.effect and r[0] < most]
     fits = _fit_best(then, different, MAX_FITTED_PAIRS, 1)
     return tuple(FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
 
