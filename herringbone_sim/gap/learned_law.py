@@ -96,7 +96,7 @@ def _over_turn(h: Hypothesis) -> Curve:
     """Curve over a turn of a member."""
     matrix = np.stack([_trig(c.name) for c in h.coefficients], axis=1)
     member = str(dict(h.options)["member"])
-    return PHASES, matrix, (f"turn of the {member}", "rad", "displacement", "m")
+    return PHASES, matrix, (f"turn of the {member}", "rad", "mesh error", "m")
 
 
 def _over_shaft(h: Hypothesis) -> Curve:
@@ -166,11 +166,11 @@ def _friction(h: Hypothesis) -> Curve:
 
 CURVES: Mapping[str, Callable[[Hypothesis], Curve]] = {
     "stiffness_harmonic": _over_phase("stiffness share of the mean", "-"),
-    "profile_error": _over_phase("displacement", "m"),
+    "profile_error": _over_phase("mesh error", "m"),
     "runout": _over_turn,
     "torque_ripple": _over_shaft,
     "tooth_crack": _over_window("stiffness share lost", "-"),
-    "tooth_spall": _over_window("displacement", "m"),
+    "tooth_spall": _over_window("mesh error", "m"),
     "contact_nonlinearity": _over_load,
     "damping_law": _damping,
     "thermal_backlash": _over_temperature("half-backlash", "m", 1.0),

@@ -105,10 +105,12 @@ def _harmonics(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...]
 def _size(effect: Effect, p: Parameter, theta: Array) -> float:
     """Size of an effect in the unit of a parameter: the norm of its deviation from neutral.
 
-    A parameter whose neutral value is infinite, as a stiffness, is its own size.
+    A parameter whose neutral value is infinite, as a stiffness, is its own size. For the phase of
+    a wave it is 1 rad: what is added to a wave, as a share of its amplitude, turns it by as many
+    rad at most.
     """
     if p.neutral is None:
-        return 0.0
+        return 1.0 if p.unit == "rad" else 0.0
     if np.isinf(p.neutral):
         return float(abs(theta[effect.parameters.index(p)]))
     same = [i for i, q in enumerate(effect.parameters) if q.unit == p.unit]
@@ -163,9 +165,14 @@ def _window(c: Array) -> Array:
     return curve
 
 
-def _wave(c: Array) -> list[float]:
+def _cosine_wave(c: Array) -> list[float]:
     """Amplitude and phase of c_0 cos + c_1 sin = amplitude cos(angle + phase)."""
     return [float(np.hypot(c[0], c[1])), float(np.arctan2(-c[1], c[0]))]
+
+
+def _sine_wave(c: Array) -> list[float]:
+    """Amplitude and phase of c_0 cos + c_1 sin = amplitude sin(angle + phase)."""
+    return [float(np.hypot(c[0], c[1])), float(np.arctan2(c[0], c[1]))]
 
 
 # parameters of each effect from the coefficients of its hypothesis
@@ -175,14 +182,14 @@ THETA: Mapping[str, Callable[[Array], list[float]]] = {
     "profile_error": lambda c: [c[0], c[1]],
     "stagger": lambda c: [c[0]],
     "planet_phase": lambda c: [c[0]],
-    "runout": _wave,
+    "runout": _sine_wave,
     "pin_position": lambda c: [c[0]],
     "backlash_offset": lambda c: [c[0]],
     "thermal_backlash": lambda c: [c[0]],
     "thermal_stiffness": lambda c: [c[0]],
     "contact_nonlinearity": lambda c: [1.0 + c[0]],
     "tooth_friction": lambda c: [c[0]],
-    "torque_ripple": _wave,
+    "torque_ripple": _cosine_wave,
     "sensor_gain": lambda c: [1.0 + c[0]],
     "sensor_bias": lambda c: [c[0]],
     "sensor_delay": lambda c: [c[0]],

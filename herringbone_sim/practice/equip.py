@@ -98,12 +98,12 @@ def event(p: RigModel, c: Cause, row: int) -> RigModel:
 
 
 def runout(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add run-out: a displacement cos(2 pi turns + phase), later at each mesh by its share of a
+    """Add run-out: a displacement sin(2 pi turns + phase), later at each mesh by its share of a
     turn.
     """
     member, cycles = str(c.shape["member"]), p.turn_cycles.copy()
     late = 2.0 * np.pi * lateness(member)
-    parts = [(1.0, 1.0, -float(c.shape["phase"])), *_curve(c).get("riders", ())]
+    parts = [(1.0, 1.0, 0.5 * np.pi - float(c.shape["phase"])), *_curve(c).get("riders", ())]
     count = max(int(part[0]) for part in parts)
     cos, sin = np.zeros((2, count, N_MESH))
     for m in np.flatnonzero(c.meshes):
@@ -205,6 +205,6 @@ def bearing_clearance(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 def torque_ripple(p: RigModel, c: Cause, _: Point) -> RigModel:
     """Add ripple of the input torque by orders of the sun's turn."""
-    parts = [(1.0, 1.0, -float(c.shape["phase"])), *_curve(c).get("riders", ())]
+    parts = [(1.0, 1.0, 0.5 * np.pi - float(c.shape["phase"])), *_curve(c).get("riders", ())]
     waves = wave(parts, max(int(part[0]) for part in parts))
     return p._replace(ripple_order=float(c.shape["order"]), ripple=c.size * np.stack(waves))

@@ -90,9 +90,9 @@ class RigModel(NamedTuple):
     error: Array  # amplitude of e [m]
     p_cos: Array  # (h, 12) further errors by mesh order [m]
     p_sin: Array  # (h, 12)
-    offset: Array  # constant displacement [m]
+    offset: Array  # further constant error [m]
     turn_cycles: Array  # mesh cycles a turn of the member that runs out
-    turn_cos: Array  # (h, 12) displacement by orders of that turn [m]
+    turn_cos: Array  # (h, 12) further errors by orders of that turn [m]
     turn_sin: Array  # (h, 12)
     event: Array  # (5, 12) cycles a turn, start, width [cycles], depth [-], height [m]
     window: Array  # (2, N_TABLE) shape of an event over its width, as ``tables.table`` gives it

@@ -65,14 +65,14 @@ window: Any = compiled(_window)
 def _displaced(p: RigModel, m: int, phase: float, cos: float, sin: float) -> tuple[float, float]:
     """Displacement subtracted from the deflection of mesh m [m], and its slope by phase [m/rad].
 
-    It is e(t) minus the displacements by effects, which encoders do not measure.
+    It is e(t) with the displacements by effects, which encoders do not measure.
     """
-    value, slope = p.error[m] * sin - p.offset[m], p.error[m] * cos
+    value, slope = p.error[m] * sin + p.offset[m], p.error[m] * cos
     c, s = cos, sin
     for h in range(p.p_cos.shape[0]):
         a, b = p.p_cos[h, m], p.p_sin[h, m]
-        value -= a * c + b * s
-        slope -= (h + 1) * (b * c - a * s)
+        value += a * c + b * s
+        slope += (h + 1) * (b * c - a * s)
         c, s = c * cos - s * sin, s * cos + c * sin
     if p.turn_cos.shape[0] > 0:
         rate = 1.0 / p.turn_cycles[m]
@@ -80,13 +80,13 @@ def _displaced(p: RigModel, m: int, phase: float, cos: float, sin: float) -> tup
         c, s = first, second
         for h in range(p.turn_cos.shape[0]):
             a, b = p.turn_cos[h, m], p.turn_sin[h, m]
-            value -= a * c + b * s
-            slope -= (h + 1) * rate * (b * c - a * s)
+            value += a * c + b * s
+            slope += (h + 1) * rate * (b * c - a * s)
             c, s = c * first - s * second, s * first + c * second
     if p.event[4, m] != 0.0:
         bump, steep = window(p, m, phase)
-        value -= p.event[4, m] * bump
-        slope -= p.event[4, m] * steep
+        value += p.event[4, m] * bump
+        slope += p.event[4, m] * steep
     return value, slope
 
 

@@ -143,21 +143,21 @@ def tooth_spall(rig: Model, moved: Motion) -> tuple[Any, Array]:
     step = 1e-6
     slope = (window(s + step, 4.0) - window(s - step, 4.0)) / (2.0 * step)
     rate = 2e-5 * mask * slope * OMEGA / (2.0 * np.pi)
-    return active(effect("tooth_spall"), place, values), law(rig, moved, d=d, rate=rate)
+    return active(effect("tooth_spall"), place, values), law(rig, moved, d=-d, rate=-rate)
 
 
 def runout(rig: Model, moved: Motion) -> tuple[Any, Array]:
     place, mask = on("rp")
     angle = phase_of(moved) / 77.0 + 2.0 * np.pi * PLANETS + 0.6
     values = {"amplitude": 3e-5, "phase": 0.6, "member": "ring"}
-    d, rate = 3e-5 * mask * np.cos(angle), -3e-5 * mask * np.sin(angle) * OMEGA / 77.0
-    return active(effect("runout"), place, values), law(rig, moved, d=d, rate=rate)
+    d, rate = 3e-5 * mask * np.sin(angle), 3e-5 * mask * np.cos(angle) * OMEGA / 77.0
+    return active(effect("runout"), place, values), law(rig, moved, d=-d, rate=-rate)
 
 
 def pin_position(rig: Model, moved: Motion) -> tuple[Any, Array]:
     place, mask = on("all", "2")
     one = active(effect("pin_position"), place, {"offset": -2e-5})
-    return one, law(rig, moved, d=-2e-5 * mask)
+    return one, law(rig, moved, d=2e-5 * mask)
 
 
 def backlash_offset(rig: Model, moved: Motion) -> tuple[Any, Array]:
@@ -204,7 +204,7 @@ def profile_error(rig: Model, moved: Motion) -> tuple[Any, Array]:
     d = (4e-6 * np.cos(phi) + 2e-6 * np.sin(phi)) * mask
     rate = 4.0 * OMEGA * (2e-6 * np.cos(phi) - 4e-6 * np.sin(phi)) * mask
     values = {"cos": 4e-6, "sin": 2e-6, "order": 4}
-    return active(effect("profile_error"), place, values), law(rig, moved, d=d, rate=rate)
+    return active(effect("profile_error"), place, values), law(rig, moved, d=-d, rate=-rate)
 
 
 CASES = [

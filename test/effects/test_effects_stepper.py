@@ -145,12 +145,12 @@ OTHER_PARAMETERS = {
     "mean_stiffness": (SUN_2, {"factor": 1.2}, {"k_factor": mask(SUN_2, 1.2, 1.0)}),
     "stagger": (RIGHT, {"phase": 0.3}, {"mesh_phase": mask(RIGHT, 0.3, 0.0)}),
     "planet_phase": (PLANET_3, {"phase": -0.2}, {"mesh_phase": mask(PLANET_3, -0.2, 0.0)}),
-    "pin_position": (PLANET_3, {"offset": 1e-5}, {"e_offset": mask(PLANET_3, -1e-5, 0.0)}),
+    "pin_position": (PLANET_3, {"offset": 1e-5}, {"e_offset": mask(PLANET_3, 1e-5, 0.0)}),
     "backlash_offset": (RING, {"offset": 5e-6}, {"b_offset": mask(RING, 5e-6, 0.0)}),
     "thermal_backlash": (RING, {"rate": 1e-7}, {"b_offset": mask(RING, HOT * 1e-7, 0.0)}),
     "thermal_stiffness": (RING, {"rate": 1e-3}, {"k_factor": mask(RING, 1.0 - HOT * 1e-3, 1.0)}),
     "stiffness_harmonic": (ALL, {"cos": 0.1, "sin": 0.0, "order": 2}, {"k_amp": (0.25, 0.1)}),
-    "profile_error": (ALL, {"cos": 0.0, "sin": -7e-6, "order": 2}, {"e_amp": (1.0, 0.2)}),
+    "profile_error": (ALL, {"cos": 0.0, "sin": 7e-6, "order": 2}, {"e_amp": (1.0, 0.2)}),
 }
 
 

@@ -1,7 +1,7 @@
-"""Pin position: one planet's pin is displaced, d = offset on its sun and its ring meshes.
+"""Pin position: one planet's pin is displaced, e + offset on its sun and its ring meshes.
 
-Source: a pin that lies w behind along the carrier's motion adds w to x in Eqs. (15) and (16)
-alike, so d = w cos beta on all four meshes.
+Source: a pin that lies w ahead along the carrier's motion takes w cos beta off the deflection of
+all four meshes in Eqs. (15) and (16), as a mean error e of Eq. (9) does.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add a constant d."""
+    """Add a constant to e."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
-            law[SHIFT, m] += theta[0]
+            law[SHIFT, m] -= theta[0]
 
 
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add a constant d."""
-    slots.displacement = slots.displacement + theta[0] * mask
+    """Add a constant to e."""
+    slots.displacement = slots.displacement - theta[0] * mask
 
 
 EFFECT = Effect(
     id="pin_position",
     text="one planet's pin off its place: constant displacement on its sun and ring meshes",
     level="mesh",
-    parameters=(Parameter("offset", "m", "displacement d", -2e-4, 2e-4, 1e-5),),
+    parameters=(Parameter("offset", "m", "added to e", -2e-4, 2e-4, 1e-5),),
     loci=(("all", "*", "all"),),
     fill=fill,
     excite=excite,

@@ -1,7 +1,7 @@
-"""Profile error: d = cos cos(order phase) + sin sin(order phase), independent of load.
+"""Profile error: e + cos cos(order phase) + sin sin(order phase), independent of load.
 
-Source: one more harmonic of the transmission error, Eq. (9); e is subtracted from the deflection
-in Eqs. (15), (16), so d is that harmonic with the opposite sign.
+Source: one more harmonic of the transmission error, Eq. (9), which Eqs. (15), (16) subtract from
+the deflection.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add d and its rate."""
+    """Add one harmonic to e, and its rate."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = site[ORDER, m] * now[PHASE]
             cos, sin = np.cos(angle), np.sin(angle)
             rate = site[ORDER, m] * now[FREQUENCY]
-            law[SHIFT, m] += theta[0] * cos + theta[1] * sin
-            law[SHIFT_RATE, m] += rate * (theta[1] * cos - theta[0] * sin)
+            law[SHIFT, m] -= theta[0] * cos + theta[1] * sin
+            law[SHIFT_RATE, m] -= rate * (theta[1] * cos - theta[0] * sin)
 
 
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add one harmonic of d."""
-    slots.add_displacement(float(options["order"]), theta[0] * mask, theta[1] * mask)
+    """Add one harmonic to e."""
+    slots.add_displacement(float(options["order"]), -theta[0] * mask, -theta[1] * mask)
 
 
 EFFECT = Effect(
@@ -47,8 +47,8 @@ EFFECT = Effect(
     text="transmission error of mesh order, independent of load",
     level="mesh",
     parameters=(
-        Parameter("cos", "m", "cosine amplitude of d", -1e-4, 1e-4, 3e-6),
-        Parameter("sin", "m", "sine amplitude of d", -1e-4, 1e-4, 3e-6),
+        Parameter("cos", "m", "cosine amplitude in e", -1e-4, 1e-4, 3e-6),
+        Parameter("sin", "m", "sine amplitude in e", -1e-4, 1e-4, 3e-6),
     ),
     options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
     loci=ANYWHERE,

@@ -1,8 +1,9 @@
-"""Tooth spall: a displacement d = height w(s) while one tooth is in mesh, independent of the load.
+"""Tooth spall: e + height w(s) while one tooth is in mesh, independent of the load.
 
 w is a raised cosine of the mesh cycles s from the event, which recurs once a revolution of its
-member relative to the carrier, as for a crack. Source: a local fault as displacement excitation
-like e(t), Eqs. (15), (16).
+member relative to the carrier, as for a crack. A pit, where the flank recedes, has a positive
+height, a bump a negative one. Source: a local fault as part of e(t), which Eqs. (15), (16) subtract
+from the deflection.
 """
 
 from __future__ import annotations
@@ -27,22 +28,22 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add d and its rate while the tooth is in mesh."""
+    """Add the event to e while the tooth is in mesh, and its rate."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             s = cycles_from_event(now, site[1, m], site[2, m], theta[1])
             rate = now[FREQUENCY] / TWO_PI
-            law[SHIFT, m] += theta[0] * bump(s, theta[2])
-            law[SHIFT_RATE, m] += theta[0] * bump_slope(s, theta[2]) * rate
+            law[SHIFT, m] -= theta[0] * bump(s, theta[2])
+            law[SHIFT_RATE, m] -= theta[0] * bump_slope(s, theta[2]) * rate
 
 
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add d while the tooth is in mesh."""
+    """Add the event to e while the tooth is in mesh."""
     _, cycles, late = whole_cycles(slots.model, mask, options)
     none = np.zeros(mask.shape)
-    slots.add_event(cycles, late + theta[1], theta[2], none, theta[0] * mask)
+    slots.add_event(cycles, late + theta[1], theta[2], none, -theta[0] * mask)
 
 
 EFFECT = Effect(
@@ -50,7 +51,7 @@ EFFECT = Effect(
     text="displacement event while one tooth is in mesh, whatever the load",
     level="mesh",
     parameters=(
-        Parameter("height", "m", "largest displacement", -2e-4, 2e-4, 1e-5),
+        Parameter("height", "m", "depth of the pit, the largest e", -2e-4, 2e-4, 1e-5),
         Parameter("position", "cycles", "mesh cycle of the event", 0.0, 77.0, 0.0, neutral=None),
         Parameter("width", "cycles", "mesh cycles from onset to end", 0.2, 4.0, 1.0, neutral=None),
     ),

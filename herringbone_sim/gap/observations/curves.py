@@ -154,7 +154,7 @@ def _runout(gear: Gear) -> Iterator[Variant]:
                 cos, sin = f"{member} {h} cos", f"{member} {h} sin"
                 sd = 1.0 if h == 1 else DEPARTURE_SHARE / h
                 a, b = np.cos(h * lag), np.sin(h * lag)
-                terms.append(Term(f"{h} cos", {cos: a, sin: b}, sd))
+                terms.append(Term(f"{h} cos", {cos: -a, sin: -b}, sd))
                 terms.append(Term(f"{h} sin", {cos: b, sin: -a}, sd))
             yield (("member", member), ("sense", sense)), 5e-6, terms, 2
 
@@ -166,8 +166,8 @@ def _pin(gear: Gear) -> Iterator[Variant]:
         (),
         5e-6,
         [
-            Term("offset", {"b_plus": -1.0, "b_minus": 1.0}, 1.0),
-            Term("ring share", {"b_plus": -ring, "b_minus": ring}, DEPARTURE_SHARE),
+            Term("offset", {"b_plus": 1.0, "b_minus": -1.0}, 1.0),
+            Term("ring share", {"b_plus": ring, "b_minus": -ring}, DEPARTURE_SHARE),
         ],
         1,
     )
@@ -240,7 +240,7 @@ def _damping(gear: Gear) -> Iterator[Variant]:
 TERM_BUILDERS = {
     "mean_stiffness": _mean_stiffness,
     "stiffness_harmonic": _waves("k", 0.05, 1, 1.0),
-    "profile_error": _waves("e", 3e-6, 2, 1.0),
+    "profile_error": _waves("e", 3e-6, 2, -1.0),
     "stagger": _phase_terms,
     "planet_phase": _phase_terms,
     "runout": _runout,

@@ -115,7 +115,7 @@ def event_columns(m: MeshMotion, now: Law) -> dict[str, Array]:
     """(n, n_mesh) force [N] of a unit event of each kind, as if always in contact."""
     return {
         "tooth_crack": -m.k * now.f,
-        "tooth_spall": now.k * (now.contact_drive + now.contact_back),
+        "tooth_spall": -now.k * (now.contact_drive + now.contact_back),
     }
 
 
@@ -278,11 +278,11 @@ class Event:
     def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
         """Hypothesis: a raised cosine over the window, and departures from it."""
         mask = self.locus.mask(builder.gear.model.layout)
-        sign, unit = (-1.0, 0.3) if self.effect == "tooth_crack" else (1.0, 5e-6)
-        main: Weights = {f"{label} {i}": sign * w * mask for i, w in enumerate(BUMP) if w}
+        unit = 0.3 if self.effect == "tooth_crack" else 5e-6
+        main: Weights = {f"{label} {i}": -w * mask for i, w in enumerate(BUMP) if w}
         terms = [builder.coefficient(_PARAMETER_NAMES[self.effect], main, unit)]
         for i in range(len(KNOTS)):
-            bend: Weights = {f"{label} {i}": sign * mask}
+            bend: Weights = {f"{label} {i}": -mask}
             terms.append(builder.coefficient(f"window {i}", bend, unit * 2 * DEPARTURE_SHARE))
         options = (("member", self.member),)
         # All coefficients count as own: a free shape at one tooth imitates no other effect.

@@ -1,0 +1,100 @@
+"""A named effect is what was fitted: its law in the gear gives the force of its hypothesis."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gap_support import POINTS, prepared, sampled
+
+from herringbone_sim.core.model import Model
+from herringbone_sim.diagnosis.search import Hypothesis, Score, amplitudes
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.effects.evaluate import Motion, forces
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.named import NamedEffect, name_effects
+from herringbone_sim.gap.observations import force_law
+from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
+from herringbone_sim.gap.observations.curves import TERM_BUILDERS, hypotheses
+from herringbone_sim.gap.observations.events import Event, mesh_delays
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.law import MeshMotion
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+
+SIZES = np.array([0.9, 0.4])  # of the moderate size, of an effect's own coefficients
+# Effects of which hypothesis and law of the gear are one function; those of the others are tables
+# of few loads (`LOADS_M`) or knots.
+EXACT = set(TERM_BUILDERS) - {"contact_nonlinearity", "damping_law"}
+
+
+@pytest.fixture(scope="module")
+def run() -> PreparedRun:
+    """A run almost without noise, so that contact is hardly smoothed by it."""
+    return prepared(sampled({}, POINTS[0], 80), POINTS[0], share=1e-9)
+
+
+@pytest.fixture(scope="module")
+def gear(run: PreparedRun) -> Gear:
+    return Gear([run])
+
+
+def named(h: Hypothesis, mean: np.ndarray) -> NamedEffect:
+    k = len(mean)
+    score = Score(h.coefficients, mean, 0.0 * np.eye(k), mean[None], mean[:1], 0.0, 0.0, 1.0, {})
+    [found] = name_effects((h,), score)
+    return found
+
+
+def both(gear: Gear, h: Hypothesis, main: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Force [N] that the hypothesis adds to the law, and that its named effect adds to the gear."""
+    mean = np.zeros(len(h.coefficients))
+    mean[: len(main)] = main * [c.sd for c in h.coefficients[: len(main)]]
+    rows = {force_law.NAME: gear.model.layout.n_mesh}
+    made = amplitudes(h.coefficients, mean, 1, rows)[force_law.NAME]
+    m = gear.runs[0].motion
+    fitted = gear.law_of(m, {f: a[0] for f, a in made.items()}).force - gear.law_of(m, {}).force
+    model = gear.runs[0].run.model
+    moved = motion_of(m, model)
+    of_gear = forces(model, [named(h, mean).active], moved)
+    return fitted, of_gear - forces(model, [], moved)
+
+
+def motion_of(m: MeshMotion, model: Model) -> Motion:
+    p = model.parameters
+    now = np.tile([0.0, m.omega, p.delta_T, p.T_1, p.K], (len(m.times), 1))
+    now[:, 0] = m.phase
+    return Motion(m.times, now, m.x, m.v, None)
+
+
+def slope(fitted: np.ndarray, of_gear: np.ndarray) -> float:
+    """Share of the fitted force that the gear has, by least squares."""
+    return float(np.vdot(fitted, of_gear) / np.vdot(fitted, fitted))
+
+
+@pytest.mark.parametrize("name", sorted(TERM_BUILDERS))
+def test_a_named_effect_gives_the_force_of_its_hypothesis(gear: Gear, name: str) -> None:
+    """To 2 % where both are one function; a run-out with the planets counted one way round."""
+    every = [h for h in hypotheses(CoefficientBuilder(gear), {name}) if h.effect == name]
+    found: dict[object, float] = {}
+    for h in {h.options: h for h in every}.values():
+        fitted, of_gear = both(gear, h, SIZES[: h.n_own] if name in EXACT else SIZES[:1])
+        if name in EXACT:
+            error = float(np.abs(fitted - of_gear).max() / np.abs(fitted).max())
+        else:
+            error = abs(slope(fitted, of_gear) - 1.0)
+        one = tuple(o for o in h.options if o[0] != "sense")
+        found[one] = min(error, found.get(one, np.inf))
+    assert found
+    assert max(found.values()) < (0.02 if name in EXACT else 0.1), found
+
+
+@pytest.mark.parametrize("name", ["tooth_crack", "tooth_spall"])
+def test_a_named_tooth_gives_the_force_of_its_event(gear: Gear, name: str) -> None:
+    """Of the same sign and size; the windows differ as straight lines from a cosine."""
+    _, late = next(mesh_delays(gear, "sun"))
+    event = Event(name, Locus("sp", "all", "L"), "sun", 16.0, tuple(late.tolist()))
+    with_event = gear.with_functions(event.functions(gear, "event"))
+    h = event.hypothesis(CoefficientBuilder(with_event), "event")
+    fitted, of_gear = both(with_event, h, np.array([0.8]))
+    assert np.abs(fitted - of_gear).max() < 0.2 * np.abs(fitted).max()
+    assert slope(fitted, of_gear) == pytest.approx(1.0, abs=0.1)
