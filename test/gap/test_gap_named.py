@@ -73,7 +73,7 @@ def slope(fitted: np.ndarray, of_gear: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", sorted(TERM_BUILDERS))
 def test_a_named_effect_gives_the_force_of_its_hypothesis(gear: Gear, name: str) -> None:
-    """To 2 % where both are one function; a run-out with the planets counted one way round."""
+    """To 2 % where both are one function, else to a fifth; run-out: planets counted one way round."""
     every = [h for h in hypotheses(CoefficientBuilder(gear), {name}) if h.effect == name]
     found: dict[object, float] = {}
     for h in {h.options: h for h in every}.values():
@@ -85,7 +85,7 @@ def test_a_named_effect_gives_the_force_of_its_hypothesis(gear: Gear, name: str)
         one = tuple(o for o in h.options if o[0] != "sense")
         found[one] = min(error, found.get(one, np.inf))
     assert found
-    assert max(found.values()) < (0.02 if name in EXACT else 0.1), found
+    assert max(found.values()) < (0.02 if name in EXACT else 0.2), found
 
 
 @pytest.mark.parametrize("name", ["tooth_crack", "tooth_spall"])
