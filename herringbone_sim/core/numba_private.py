@@ -24,6 +24,8 @@ from typing import Any
 
 from llvmlite import ir
 from numba.core import cgutils, event
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.core.typeconv import Conversion
 from numba.experimental.function_type import _get_wrapper_address as wrapper_address
@@ -45,7 +47,56 @@ __all__ = [
 
 TESTED = "0.68"  # minor version of Numba, as in requirements.txt
 COMPILED: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
-UNWRAPPED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+class _Unloaded:
+    """Code generator of a library without machine code: there is no environment to set."""
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def set_env(self, name: str, env: Any) -> None:
+        """Leave out what only machine code has."""
+
+
+class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code that is only linked into callers: neither optimised nor turned into machine code."""
+
+    @property
+    def codegen(self) -> Any:
+        """Code generator."""
+        return _Unloaded(self._codegen)
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """No address: there is no machine code."""
+        self._ensure_finalized()
+        return 0
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+class LinkedCompiler(Compiler):  # type: ignore[misc]
+    """Compile for callers only."""
+
+    def define_pipelines(self) -> Any:
+        """Those of Numba, which write into a library of this kind."""
+        codegen = self.state.targetctx.codegen()
+        self.state.library = LinkedLibrary(codegen, self.state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+UNWRAPPED = {
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "pipeline_class": LinkedCompiler,
+}
 
 
 def entry_point(function: Any, kinds: tuple[Any, ...]) -> Any:

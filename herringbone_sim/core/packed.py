@@ -32,8 +32,8 @@ compiled: Any = njit(cache=True, **COMPILED)
 exposed: Any = njit(cache=True, forceinline=True, **COMPILED)
 # Code that only compiled code calls: without the wrappers by which Python and C would call it,
 # which take long to compile. A call from Python would crash the process; a test finds such calls.
-called: Any = njit(cache=True, **COMPILED, **UNWRAPPED)
-inlined: Any = njit(cache=True, forceinline=True, **COMPILED, **UNWRAPPED)
+called: Any = njit(**COMPILED, **UNWRAPPED)
+inlined: Any = njit(forceinline=True, **COMPILED, **UNWRAPPED)
 # Inlined into its callers before they are compiled; not compiled by itself.
 embedded: Any = njit(inline="always", **COMPILED)
 

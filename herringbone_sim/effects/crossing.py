@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import math
 
-from herringbone_sim.core.packed import inlined
-from herringbone_sim.effects.law import law
+from herringbone_sim.core.packed import called, inlined
 
 START, LOW, HIGH, END = range(4)
 ON_BORDER = 1e-10  # b_c: overshoot of a step that ends at an edge
 ON_ZERO = 1e-7  # overshoot of a force, b_c omega_n^2 kg over the projection
 
 
-@law
+@called
 def root(a, b, slope_a, slope_b):
     """Zero in 0 .. 1 of the cubic with values a > 0 > b and given slopes at its ends."""
     at = a / (a - b)
@@ -32,7 +31,7 @@ def root(a, b, slope_a, slope_b):
     return at
 
 
-@law
+@called
 def passed(gap):
     """Whether any margin is negative at the end of the step that was tried last."""
     found = False
@@ -41,7 +40,7 @@ def passed(gap):
     return found
 
 
-@law
+@called
 def dip(gap, pace, h):
     """Fraction of a step at which a margin, positive at both ends, is smallest, if negative; else
     1.
@@ -70,7 +69,7 @@ def keep(gap, pace, of, into):
         pace[into, j] = pace[of, j]
 
 
-@law
+@called
 def guess(gap, pace, width):
     """Fraction of the bracket at which the first edge is passed, and the overshoot at its end."""
     n, part, worst = pace.shape[1], 1.0, 0.0

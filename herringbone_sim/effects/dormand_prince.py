@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.packed import inlined
+from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.instant import FREE, clamp_to_contact
-from herringbone_sim.effects.law import PLAY, SHIFT, law
+from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.run import LENGTH, slope_of
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ def trial(n: int, s: int) -> Trial:
     return Trial(np.zeros(n, dtype=np.int64), *(np.zeros(size) for size in sizes))
 
 
-@law
+@called
 def slope(m, cycle, phase, y, dy):
     """Write dy/dtau (s,) at a phase, limited to the bounds of the step; intermediate results in
     ``m.w``.
@@ -108,7 +108,7 @@ def stage(m, i, cycle, phase):
         )
 
 
-@law
+@called
 def attempt(m, cycle, phase, h):
     """Try a step of length h from stage 0; its end is stage 6. Returns the error over the
     tolerance.
@@ -132,7 +132,7 @@ def attempt(m, cycle, phase, h):
     return worst / TOLERANCE
 
 
-@law
+@called
 def length(v):
     """Euclidean norm."""
     square = 0.0
@@ -141,7 +141,7 @@ def length(v):
     return np.sqrt(square)
 
 
-@law
+@called
 def difference(m, cycle, phase, y, v, dv):
     """Write the derivative of the slope at y along v into dv; deflections are moved by
     ``m.w.hold``.
@@ -159,7 +159,7 @@ def difference(m, cycle, phase, y, v, dv):
             dv[k] += sign * r.along[6, k] * size / (2.0 * APART)
 
 
-@law
+@called
 def carry(m, cycle, phase, h, tangents):
     """Carry tangents (k, s) over the step that was tried last, in place."""
     r, w = m.r, m.w

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.packed import inlined
+from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.law import (
     DAMPING,
     HARMONICS,
@@ -91,7 +91,7 @@ def own_slopes(e, site, theta, gear, now, own, force, slope):
             e.drive[i](theta[i], site[i], gear, now, own[a:b], force, slope[a:b])
 
 
-@law
+@called
 def follow(e, site, theta, gear, now, own, here, there, w, h, substeps):
     """Advance states of effects (s,) over h [s] in place by RK4, forces (n,) linear in between."""
     step = h / substeps

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from herringbone_sim.core.packed import TWO_PI, inlined
+from herringbone_sim.core.packed import TWO_PI, called, inlined
 from herringbone_sim.core.right_hand_side import ON_EDGE, cycles_to_edge
 from herringbone_sim.effects.crossing import (
     END,
@@ -23,7 +23,7 @@ from herringbone_sim.effects.crossing import (
     passed,
 )
 from herringbone_sim.effects.dormand_prince import APART, FAR, attempt, carry, length, slope, stage
-from herringbone_sim.effects.law import PLAY, SHIFT, law
+from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.run import FORCE, LENGTH, RATE
 
 # Lengths of steps are in units of 1 / omega_n.
@@ -55,7 +55,7 @@ def margins(m, row):
         r.gap[row, n + j] = r.sign[j] * w.force[j] / m.si[FORCE] if m.reacts else 1.0
 
 
-@law
+@called
 def contact_now(m, cycle, phase, y):
     """Set every mesh to the contact state of its deflection."""
     w = m.w
@@ -67,7 +67,7 @@ def contact_now(m, cycle, phase, y):
         w.side[j] = 0 + (x > b) - (x < -b)
 
 
-@law
+@called
 def gap_along(m, cycle, phase, j, v):
     """Derivative of the margin of mesh j along v, at stage 0."""
     r, size, found = m.r, length(v), 0.0
@@ -80,7 +80,7 @@ def gap_along(m, cycle, phase, j, v):
     return found
 
 
-@law
+@called
 def begin(m, cycle, phase, tangents):
     """Prepare stage 0 with every mesh in the contact state that it enters; returns 1 if any
     switched.
@@ -124,7 +124,7 @@ def begin(m, cycle, phase, tangents):
     return switches
 
 
-@law
+@called
 def locate(m, cycle, phase, h):
     """Shorten a step that passes an edge to end just beyond the first one; returns its length."""
     r = m.r
@@ -152,7 +152,7 @@ def locate(m, cycle, phase, h):
     return high
 
 
-@law
+@called
 def cut(m, cycle, phase, h):
     """Length of a step that was tried: h, or up to where it first passes an edge."""
     if passed(m.r.gap):
@@ -168,7 +168,7 @@ def cut(m, cycle, phase, h):
     return h
 
 
-@law
+@called
 def piece(m, cycle, phase, reach, tangents):
     """Advance stage 0 and tangents over a length without known edges; returns switches.
 
@@ -210,7 +210,7 @@ def piece(m, cycle, phase, reach, tangents):
     return switches
 
 
-@law
+@called
 def to_edge(windows, Omega, cycle, phase):
     """Dimensionless time to the next edge of an event or the next half mesh cycle."""
     turn = phase / TWO_PI
@@ -220,7 +220,7 @@ def to_edge(windows, Omega, cycle, phase):
     return least * TWO_PI / Omega
 
 
-@law
+@called
 def grid_step(m, cycle, phase, h, y, tangents):
     """Advance y (s,) and tangents (k, s) over one step of the phase grid; returns switches, or -1.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.core.packed import LIMIT, TWO_PI
+from herringbone_sim.core.packed import LIMIT, TWO_PI, called
 from herringbone_sim.core.run import orthonormalise, write_bodies
 from herringbone_sim.effects.instant import FREE
 from herringbone_sim.effects.law import PHASE, law
@@ -12,7 +12,7 @@ from herringbone_sim.effects.located import grid_step
 from herringbone_sim.effects.run import FREQUENCY_N, LENGTH, TILT, at_instant
 
 
-@law
+@called
 def write_row(m, t, y, row):
     """Write one sample (head, x, v, F of the meshes, u of the bodies); returns the largest |x| /
     b_c.

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from herringbone_sim.core.lanes.vector import LANES, choose, fma, give, load, root, store, take
-from herringbone_sim.core.packed import inlined
+from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.crossing import ON_BORDER, START
 from herringbone_sim.effects.dormand_prince import APART
 from herringbone_sim.effects.lanes.places import JUMPS, NOW, PACE, STALE, SWITCHED
 from herringbone_sim.effects.lanes.slope import slope
 from herringbone_sim.effects.lanes.step import begin_phase, hold_of, margins
-from herringbone_sim.effects.law import PLAY, SHIFT, law
+from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.located import JUMP
 
 SPARE = 4  # row of ``gap`` and ``pace``
 
 
-@law
+@called
 def find_contact(m):
     """Contact of all meshes from their deflections, in lanes that begin a piece."""
     w, anew = m.w, take(m.r.lane, STALE) == 2.0
@@ -27,7 +27,7 @@ def find_contact(m):
         give(w.side, j, choose(anew, side, take(w.side, j)))
 
 
-@law
+@called
 def refresh(m):
     """Stage 0 of lanes where it is stale, and margins there in ``SPARE``."""
     r, stale = m.r, take(m.r.lane, STALE) > 0.0
@@ -49,7 +49,7 @@ def leaving(r, n, lane):
     return -1
 
 
-@law
+@called
 def switch(m):
     """Switch the first mesh that is to, in every stale lane; returns whether any has."""
     r, w, any_has = m.r, m.w, False
@@ -68,7 +68,7 @@ def switch(m):
     return any_has
 
 
-@law
+@called
 def see_jumps(m):
     """Find lanes whose slope has jumped from ``direction``, and bring back their contact."""
     r, w, any_has = m.r, m.w, False
@@ -87,7 +87,7 @@ def see_jumps(m):
     return any_has
 
 
-@law
+@called
 def jump(m):
     """Tangents of lanes whose slope has jumped from ``direction`` (saltation)."""
     r, w = m.r, m.w
@@ -119,7 +119,7 @@ def jump(m):
     refresh(m)
 
 
-@law
+@called
 def begin(m, anew):
     """Make stage 0 of stale lanes ready, with every mesh in the contact that it goes to.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from herringbone_sim.core.packed import inlined
+from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.crossing import END, START, dip, guess, keep, passed
 from herringbone_sim.effects.crossing import HIGH as AT_HIGH
 from herringbone_sim.effects.crossing import LOW as AT_LOW
@@ -21,7 +21,6 @@ from herringbone_sim.effects.lanes.places import (
     TRIED,
     WANT,
 )
-from herringbone_sim.effects.law import law
 from herringbone_sim.effects.located import SHORTEST, TRIALS
 
 WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # what is tried, ``lane[MODE]``
@@ -34,7 +33,7 @@ def plan(at, lane):
     at[MODE, lane], at[TRIED, lane] = WHOLE, left / math.ceil(left / at[WANT, lane])
 
 
-@law
+@called
 def narrow(at, lane, gap, pace):
     """The next look for a border; returns whether the step just tried ends there."""
     low, high = at[LOW, lane], at[HIGH, lane]
@@ -51,7 +50,7 @@ def narrow(at, lane, gap, pace):
     return True
 
 
-@law
+@called
 def open_bracket(at, lane, gap, pace):
     """Look for the border that the step just tried has passed; as ``narrow``."""
     high = at[TRIED, lane]
@@ -61,7 +60,7 @@ def open_bracket(at, lane, gap, pace):
     return narrow(at, lane, gap, pace)
 
 
-@law
+@called
 def decide(at, lane, gap, pace):
     """Whether a lane takes the step it tried; else what it tries next is set."""
     mode, tried, error = at[MODE, lane], at[TRIED, lane], at[ERROR, lane]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.lanes.vector import LANES, choose, give, load, store, take
-from herringbone_sim.core.packed import LIMIT, TWO_PI, inlined
+from herringbone_sim.core.packed import LIMIT, TWO_PI, called, inlined
 from herringbone_sim.core.right_hand_side import angle_of
 from herringbone_sim.effects.crossing import END, START, passed
 from herringbone_sim.effects.dormand_prince import FAR
@@ -61,7 +61,7 @@ class Queue(NamedTuple):
     failed: NDArray[np.bool_]  # (v,)
 
 
-@law
+@called
 def begin_piece(m, lane):
     """A length of the motion of a lane within which no edge is known."""
     at, Omega = m.r.lane, m.one[OMEGA, lane]
@@ -76,7 +76,7 @@ def begin_piece(m, lane):
     plan(at, lane)
 
 
-@law
+@called
 def begin_grid(m, lane, steps):
     """A step of the grid of a lane."""
     at = m.r.lane
@@ -85,7 +85,7 @@ def begin_grid(m, lane, steps):
     begin_piece(m, lane)
 
 
-@law
+@called
 def next_piece(m, queue, lane, length):
     """What follows on a piece that is done; returns whether the value is, too."""
     at, place = m.r.lane, m.r.place
@@ -105,7 +105,7 @@ def next_piece(m, queue, lane, length):
     return False
 
 
-@law
+@called
 def end_cycle(m, queue, lane, length):
     """All that happens to a lane at phase 0; returns whether its value is done."""
     r, value = m.r, m.r.place[VALUE, lane]
@@ -137,7 +137,7 @@ def begin_cycle(m, lane, cycle):
     at[ANGLE, lane] = angle_of(order, 0.0, cycle) + m.one[CONTROL_PHASE, lane]
 
 
-@law
+@called
 def normalise(v):
     """Scale a vector to length 1; the logarithm of what its length was."""
     square = 0.0
@@ -156,7 +156,7 @@ def copy(of, to):
         to[place] = of[place]
 
 
-@law
+@called
 def take_value(m, queue, lane, value):
     """Put a value into a lane, at phase 0."""
     r, own, table = m.r, m.own, queue.table
@@ -209,7 +209,7 @@ def go_on(m, lane):
     return True
 
 
-@law
+@called
 def finish(m, queue, lane):
     """Tell what came of a value."""
     value = m.r.place[VALUE, lane]
@@ -220,7 +220,7 @@ def finish(m, queue, lane):
     m.r.lane[MODE, lane], m.r.lane[TRIED, lane], m.r.lane[STALE, lane] = WAIT, 0.0, 0.0
 
 
-@law
+@called
 def move(m):
     """Try a step in every lane, and take it where that is decided."""
     at, any_taken = m.r.lane, False

@@ -6,7 +6,7 @@ from herringbone_sim.core.lanes.any_series import most
 from herringbone_sim.core.lanes.run import least
 from herringbone_sim.core.lanes.series import sine_cosine
 from herringbone_sim.core.lanes.vector import LANES, choose, fma, give, load, store, take
-from herringbone_sim.core.packed import TWO_PI, inlined
+from herringbone_sim.core.packed import TWO_PI, called, inlined
 from herringbone_sim.effects.instant import BEYOND
 from herringbone_sim.effects.lanes.gear import (
     CONTROL,
@@ -36,7 +36,6 @@ from herringbone_sim.effects.law import (
     SHIFT,
     SHIFT_RATE,
     STIFFNESS,
-    law,
 )
 from herringbone_sim.effects.run import FORCE, FREQUENCY_N, LENGTH, RATE, TILT
 
@@ -83,7 +82,7 @@ def nominal(m, phase):
             give(w.rate, j, take(w.rate, j) - omega * order * (b * cos - a * sin))
 
 
-@law
+@called
 def excite_singly(m, i, first, last):
     """A law that is not written for lanes, one lane after another."""
     single, w, own = m.single, m.w, m.own
@@ -105,7 +104,7 @@ def excite_singly(m, i, first, last):
                 w.law[row, j, lane] = single.law[lane, row, j]
 
 
-@law
+@called
 def react_singly(m, i, first, last):
     """As ``excite_singly``."""
     single, w, own = m.single, m.w, m.own
@@ -136,7 +135,7 @@ def react_singly(m, i, first, last):
             w.torque[k, lane] = single.torque[lane, k]
 
 
-@law
+@called
 def drive_singly(m, i, first, last, dy):
     """As ``excite_singly``; ``dy`` (own states, lanes)."""
     single, own = m.single, m.own
@@ -156,7 +155,7 @@ def drive_singly(m, i, first, last, dy):
             dy[k, lane] = single.slope[lane, k]
 
 
-@law
+@called
 def tell_singly(m):
     """Phase and own states to laws that are not written for lanes."""
     for lane in range(LANES):
@@ -271,7 +270,7 @@ def slope_of(m, y, dy, free):
         give(dy, k, take(dy, k) / (per_second * take(m.unit, k)))
 
 
-@law
+@called
 def slope(m, y, dy, free):
     """``slope_of``, compiled once for all that is not in haste."""
     slope_of(m, y, dy, free)

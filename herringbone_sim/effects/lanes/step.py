@@ -14,14 +14,14 @@ from herringbone_sim.core.lanes.vector import (
     take,
     without,
 )
-from herringbone_sim.core.packed import inlined
+from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.crossing import END
 from herringbone_sim.effects.dormand_prince import APART, NODE, TOLERANCE, A
 from herringbone_sim.effects.dormand_prince import ERROR as SHARES
 from herringbone_sim.effects.lanes.gear import OMEGA, SI
 from herringbone_sim.effects.lanes.places import DONE, ERROR, NOW, PIECE, TAKEN, TRIED
 from herringbone_sim.effects.lanes.slope import inside, slope, slope_of
-from herringbone_sim.effects.law import PLAY, SHIFT, law
+from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.run import FORCE, LENGTH, RATE
 
 
@@ -40,7 +40,7 @@ def hold_of(m, j):
     return inside(x, load(w.law, PLAY, j), take(w.side, j), margin) - x
 
 
-@law
+@called
 def attempt(m):
     """The step that each lane tries, from stage 0 on, which is ready; the end is stage 6."""
     r = m.r
@@ -67,7 +67,7 @@ def attempt(m):
     margins(m, END)
 
 
-@law
+@called
 def margins(m, row):
     """As ``located.margins``, in all lanes, of what the last slope has left."""
     r, w, n = m.r, m.w, m.w.x.shape[0]
@@ -88,7 +88,7 @@ def margins(m, row):
         store(r.gap, row, n + j, sign)
 
 
-@law
+@called
 def difference(m, y, v, dv):
     """Derivative of the slope at y along v (s, lanes) into dv; deflections moved by ``hold``."""
     r = m.r
@@ -107,7 +107,7 @@ def difference(m, y, v, dv):
         give(dv, k, (take(dv, k) - load(r.along, 6, k)) * (size / (2.0 * APART)))
 
 
-@law
+@called
 def carry(m):
     """The tangent of every lane that has taken the step it tried, in place."""
     r, w = m.r, m.w
