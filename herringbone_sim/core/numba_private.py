@@ -5,7 +5,10 @@ To take a new one, change ``TESTED`` and that line together once the tests pass.
 
 - ``COMPILED``: option ``_nrt=False`` disables Numba's reference counting. Nothing can then be
   allocated in compiled code. Counting a dozen arrays a call took a third of the kernel's time.
-- ``UNWRAPPED``: options that leave out the wrappers by which Python and C call a function.
+- ``LINKED``: options for functions that only compiled code calls. They have no wrappers by which
+  Python and C call them, and are only linked into their callers (``LinkedCompiler``). Numba would
+  optimise each function with all that it calls, and turn it into machine code: what stands ten
+  calls deep, ten times.
 - ``ir``, ``cgutils``, ``make_array``: vectors of sixteen float64 as a type, for
   ``core.lanes.vector``. Numba has no public type of that kind, and its compiler does not
   vectorise loops over lanes.
@@ -33,8 +36,8 @@ from numba.np.arrayobj import make_array
 
 __all__ = [
     "COMPILED",
+    "LINKED",
     "TESTED",
-    "UNWRAPPED",
     "Conversion",
     "NumbaExperimentalFeatureWarning",
     "cgutils",
@@ -44,9 +47,6 @@ __all__ = [
     "make_array",
     "wrapper_address",
 ]
-
-TESTED = "0.68"  # minor version of Numba, as in requirements.txt
-COMPILED: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
 
 
 class _Unloaded:
@@ -92,7 +92,9 @@ class LinkedCompiler(Compiler):  # type: ignore[misc]
         return super().define_pipelines()
 
 
-UNWRAPPED = {
+TESTED = "0.68"  # minor version of Numba, as in requirements.txt
+COMPILED: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+LINKED = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
     "pipeline_class": LinkedCompiler,

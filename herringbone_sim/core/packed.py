@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from herringbone_sim.core.cache import compiled_from, forget_stale
-from herringbone_sim.core.numba_private import COMPILED, UNWRAPPED
+from herringbone_sim.core.numba_private import COMPILED, LINKED
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -30,10 +30,10 @@ forget_stale(PACKAGE, *compiled_from(PACKAGE))
 # Compiled code that Python may call; ``exposed`` is also inlined into compiled callers.
 compiled: Any = njit(cache=True, **COMPILED)
 exposed: Any = njit(cache=True, forceinline=True, **COMPILED)
-# Code that only compiled code calls: without the wrappers by which Python and C would call it,
-# which take long to compile. A call from Python would crash the process; a test finds such calls.
-called: Any = njit(**COMPILED, **UNWRAPPED)
-inlined: Any = njit(forceinline=True, **COMPILED, **UNWRAPPED)
+# Code that only compiled code calls: compiled with its callers, not cached, without wrappers for
+# Python. A call from Python would crash the process; a test finds such calls.
+called: Any = njit(**COMPILED, **LINKED)
+inlined: Any = njit(forceinline=True, **COMPILED, **LINKED)
 # Inlined into its callers before they are compiled; not compiled by itself.
 embedded: Any = njit(inline="always", **COMPILED)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPILED = {"compiled", "exposed", "inlined", "called", "embedded", "law", "njit"}
-UNWRAPPED = {"inlined", "called"}
+LINKED = {"inlined", "called"}
 
 
 def marks(function):
@@ -33,7 +33,7 @@ def sources():
 
 def unwrapped(tree):
     """Names of the functions of a module that Python can't call."""
-    return {f.name for f in tree.body if isinstance(f, ast.FunctionDef) and marks(f) & UNWRAPPED}
+    return {f.name for f in tree.body if isinstance(f, ast.FunctionDef) and marks(f) & LINKED}
 
 
 def calls_from_python(node, names):

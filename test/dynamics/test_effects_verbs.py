@@ -53,7 +53,7 @@ def planet_1(value: float) -> tuple[float, ...]:
     ],
 )
 def test_the_map_is_that_of_the_parameter_that_says_the_same(text, values, always) -> None:
-    """States are coordinates of the bodies, so an unknown error and a known one are one to them."""
+    """States are coordinates of the bodies: an unknown error and a known one are one to them."""
     flow, other = GearFlow(gear(text, **always)), GearFlow(gear(**always, **values))
     y = settle(other, other.start(), 30)
     for mine, wanted in zip(flow.map(y), other.map(y), strict=True):

@@ -46,7 +46,7 @@ def named(h: Hypothesis, mean: np.ndarray) -> NamedEffect:
 
 
 def both(gear: Gear, h: Hypothesis, main: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Force [N] that the hypothesis adds to the law, and that its named effect adds to the gear."""
+    """Force [N] that the hypothesis adds to the law, and its named effect to the gear."""
     mean = np.zeros(len(h.coefficients))
     mean[: len(main)] = main * [c.sd for c in h.coefficients[: len(main)]]
     rows = {force_law.NAME: gear.model.layout.n_mesh}
@@ -73,7 +73,7 @@ def slope(fitted: np.ndarray, of_gear: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", sorted(TERM_BUILDERS))
 def test_a_named_effect_gives_the_force_of_its_hypothesis(gear: Gear, name: str) -> None:
-    """To 2 % where both are one function, else to a fifth; run-out: planets counted one way round."""
+    """To 2 % where both are one function, else to a fifth; run-out: planets one way round."""
     every = [h for h in hypotheses(CoefficientBuilder(gear), {name}) if h.effect == name]
     found: dict[object, float] = {}
     for h in {h.options: h for h in every}.values():

@@ -2,8 +2,8 @@
 
 w is a raised cosine of the mesh cycles s from the event, which recurs once a revolution of its
 member relative to the carrier, as for a crack. A pit, where the flank recedes, has a positive
-height, a bump a negative one. Source: a local fault as part of e(t), which Eqs. (15), (16) subtract
-from the deflection.
+height, a bump a negative one. Source: a local fault as part of e(t), which Eqs. (15), (16)
+subtract from the deflection.
 """
 
 from __future__ import annotations
