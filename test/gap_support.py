@@ -97,6 +97,12 @@ def rig(
     return PreparedCampaign("planted", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
 
 
+def with_few_runs(campaign: PreparedCampaign) -> PreparedCampaign:
+    """Of a practice campaign, which has five to fit and three held out, three and one."""
+    fitted, held_out = campaign.of_role("fit")[:3], campaign.of_role("held_out")[:1]
+    return replace(campaign, runs=(*fitted, *held_out))
+
+
 def without(m: Measured, names: Sequence[str], gone: Sequence[str]) -> Measured:
     """Channels without some of them."""
     out = np.array([name in gone for name in names])

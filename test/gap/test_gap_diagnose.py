@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 import pytest
+from gap_support import with_few_runs
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.gap.diagnose import diagnose
@@ -24,14 +25,14 @@ SURE = 0.5  # likelier than all else together
 
 @cache
 def diagnosed(truth: str, channels: str = "full", noise: str = "white") -> tuple[Json, Outcome]:
-    """Report of a campaign at ten times what is detectable, and how it compares to the truth."""
+    """Report of four runs with ten times what is detectable, and how it compares to the truth."""
     plan = draw_plan(
         1, truth, d=10.0, channels=channels, noise=RequestedNoise(noise), law="catalogue"
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         made = make_campaign(plan)
-        report = diagnose(as_prepared(made), senses=False).report
+        report = diagnose(with_few_runs(as_prepared(made)), senses=False).report
     assert check_report(report) == []
     return report, outcome(made.label, report)
 
@@ -86,7 +87,7 @@ def test_what_three_rotations_leave_open_is_said() -> None:
 def test_forces_alone_say_nothing_and_end_nothing() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
-        campaign = as_prepared(make_campaign(draw_plan(1, "none")))
+        campaign = with_few_runs(as_prepared(make_campaign(draw_plan(1, "none"))))
         layout = campaign.nominal.layout
         motion = (*(f"{q}_{m}" for q in "xv" for m in layout.meshes),)
         rotations = tuple(f"u_{body}" for body in layout.bodies)
