@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_support import of_shafts, rig, with_few_runs
+from gap_support import of_shafts, rig
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.diagnosis.examine import examine
@@ -254,7 +254,7 @@ def practised(seed: int, effect: str) -> GearMachine:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         made = as_prepared(make_campaign(draw_plan(seed, effect, d=10.0, channels="few")))
-        return GearMachine(Gear(with_few_runs(made).of_role("fit")))
+        return GearMachine(Gear(made.of_role("fit")))
 
 
 def test_a_late_encoder_is_named() -> None:
