@@ -98,9 +98,7 @@ def event(p: RigModel, c: Cause, row: int) -> RigModel:
 
 
 def runout(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add run-out: a displacement sin(2 pi turns + phase), later at each mesh by its share of a
-    turn.
-    """
+    """Add run-out: e + sin(2 pi turns + phase), later at each mesh by its share of a turn."""
     member, cycles = str(c.shape["member"]), p.turn_cycles.copy()
     late = 2.0 * np.pi * lateness(member)
     parts = [(1.0, 1.0, 0.5 * np.pi - float(c.shape["phase"])), *_curve(c).get("riders", ())]

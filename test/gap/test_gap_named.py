@@ -10,12 +10,13 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.search import Hypothesis, Score, amplitudes
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.evaluate import Motion, forces
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.named import NamedEffect, name_effects
 from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.curves import TERM_BUILDERS, hypotheses
-from herringbone_sim.gap.observations.events import Event, mesh_delays
+from herringbone_sim.gap.observations.events import Event, event_columns, mesh_delays
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import MeshMotion
 
@@ -98,3 +99,21 @@ def test_a_named_tooth_gives_the_force_of_its_event(gear: Gear, name: str) -> No
     fitted, of_gear = both(with_event, h, np.array([0.8]))
     assert np.abs(fitted - of_gear).max() < 0.2 * np.abs(fitted).max()
     assert slope(fitted, of_gear) == pytest.approx(1.0, abs=0.1)
+
+
+PINS = "; ".join(f"pin_position@all/{planet}/all:offset=1e-9" for planet in (1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    ("kind", "always", "size"),
+    [("tooth_spall", PINS, 1e-9), ("tooth_crack", "mean_stiffness:factor=0.999999", 1e-6)],
+)
+def test_an_event_is_sought_by_the_force_that_it_adds(
+    gear: Gear, kind: str, always: str, size: float
+) -> None:
+    """Per unit of size: of a spall as all pins 1 nm off, of a crack as all k a millionth less."""
+    m, model = gear.runs[0].motion, gear.runs[0].run.model
+    moved = motion_of(m, model)
+    change = forces(model, read_effects(always), moved) - forces(model, [], moved)
+    column = event_columns(m, gear.law_of(m, {}))[kind]
+    assert slope(column, change / size) == pytest.approx(1.0, abs=0.05)

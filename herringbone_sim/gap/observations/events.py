@@ -112,7 +112,7 @@ def mesh_rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
 
 
 def event_columns(m: MeshMotion, now: Law) -> dict[str, Array]:
-    """(n, n_mesh) force [N] of a unit event of each kind, as if always in contact."""
+    """(n, n_mesh) force [N] that an event of unit size adds, by kind, as if it never ended."""
     return {
         "tooth_crack": -m.k * now.f,
         "tooth_spall": -now.k * (now.contact_drive + now.contact_back),
