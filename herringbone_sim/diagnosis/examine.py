@@ -22,6 +22,7 @@ from herringbone_sim.diagnosis.search import (
     Search,
     amplitudes,
 )
+from herringbone_sim.diagnosis.threads import parallel_map
 
 Array = NDArray[np.float64]
 
@@ -328,11 +329,14 @@ def _predictable_remainder(
         if not all(o in b for b in blocks):
             continue
         own = [b[o] for b in blocks]
-        residuals, around, numbers = [], [], []
+        numbers = []
         for r, b in enumerate(own):
             at = b.sample_index if b.sample_index is not None else np.arange(len(b.residual))
-            residuals.append(residual_without_nuisance(b))
-            around.append(machine.regression_inputs(o, r, b))
             numbers.append((machine.cycles(o, r)[at] // BLOCK_CYCLES).astype(int))
-        result[o] = predict_residuals(residuals, around, numbers, own[0].independent_share)
+        result[o] = predict_residuals(
+            parallel_map(residual_without_nuisance, own),
+            [machine.regression_inputs(o, r, b) for r, b in enumerate(own)],
+            numbers,
+            own[0].independent_share,
+        )
     return result

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.products import Block, nuisance_remover
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import force_law, trajectory
@@ -104,10 +105,12 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
     """The events that remove most energy, ``per_kind`` of each kind; see ``events.proposals``."""
     blocks = gear.blocks(amplitudes, {}, (trajectory.NAME,))
-    found = [
-        contact_responses(gear.trajectory_under(r, amplitudes), of_run[trajectory.NAME])
-        for r, of_run in enumerate(blocks)
-    ]
+    found = parallel_map(
+        lambda r: contact_responses(
+            gear.trajectory_under(r, amplitudes), blocks[r][trajectory.NAME]
+        ),
+        range(len(blocks)),
+    )
     chosen = []
     for kind in EVENT_KINDS:
         ranked = [e for member in MEMBERS for e in _best_events(gear, found, kind, member)]
