@@ -22,13 +22,17 @@ from scipy.stats import norm
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.products import Block, Coefficient
 from herringbone_sim.diagnosis.search import amplitudes, functions_used
+from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
+from herringbone_sim.gap.attribution.hypothesis import case
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function, force_column
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Law, MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import Windows, WindowSolution, propagators
+from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels
 from herringbone_sim.gap.observations.window_columns import window_columns
 
@@ -48,6 +52,8 @@ class ReconstructedForces:
         run, role: of the run.
         effects: of the explanation; empty for the calibrated gear.
         meshes: names.
+        planets_alike: whether nothing tells one planet from another, so that all meshes of two
+            planets may be exchanged.
         times: (n,) [s] of the recording.
         phase: (n,) mesh phase [rad].
         force: (n, n_mesh) [N], expectation of the law over the states.
@@ -59,6 +65,7 @@ class ReconstructedForces:
     role: str
     effects: tuple[str, ...]
     meshes: tuple[str, ...]
+    planets_alike: bool
     times: Array
     phase: Array
     force: Array
@@ -81,52 +88,38 @@ def reconstructed_forces(
     every = (*there.base, *(c for h in hypotheses for c in h.coefficients))
     made = amplitudes(every, fit.score.mean, there.runs, there.rows)
     block = there.blocks(made, functions_used(every), (trajectory.NAME,))[0][trajectory.NAME]
-    own = there.gear.trajectory_under(0, made)
-    solution, now, m = own.last_linearisation
-    s, weights = own.windows, _weights(every, block.functions)
-    functions = (*there.gear.law_functions, *there.gear.body_functions)
+    gear, own = there.gear, there.gear.trajectory_under(0, made)
+    s, m = own.windows, own.last_linearisation[2]
+    weights, root = _weights(every, block.functions), _root(fit.score.covariance_with_jackknife())
+    errors = _state_errors(own, gear, block, weights @ root, noise)
 
-    starts = _start_errors(s, block, weights, noise)
-    T = propagators(s, solution.tangents)[:, :-1]
-    by_noise = (T @ starts.covariance[:, None] @ T.transpose(0, 1, 3, 2)).reshape(
-        -1, STATES, STATES
-    )
-    moved = _responses_of_states(s, solution, (m, now), functions, block.functions) @ weights
-    moved = (moved + T @ starts.by_coefficients[:, None]).reshape(len(by_noise), STATES, -1)
-    root = _root(fit.score.covariance_with_jackknife())
-    by_coefficients = moved @ root
-    whole = by_noise + by_coefficients @ by_coefficients.transpose(0, 2, 1)
-
-    of_u = slice(0, STATES // 2)
+    each, of_u, of_v = s.steps_per_sample, slice(0, STATES // 2), slice(STATES // 2, STATES)
+    whole = errors.by_noise + errors.by_coefficients @ errors.by_coefficients.transpose(0, 2, 1)
     var_x = np.maximum(np.einsum("ja,nab,jb->nj", s.G, whole[:, of_u, of_u], s.G), 0.0)
-    off = (T @ starts.by_encoders[:, None, :, None]).reshape(-1, STATES)
-    change = there.gear.change_of(
-        m,
-        {f: a[0] for f, a in made.get(force_law.NAME, {}).items()},
-        [f.name for f in there.gear.law_functions],
-    )
-    each = s.steps_per_sample
+    of_law = {f: a[0] for f, a in made.get(force_law.NAME, {}).items()}
+    change = gear.change_of(m, of_law, [f.name for f in gear.law_functions])
     m = replace(
         m,
-        x=m.x + _at_steps(off[:, of_u] @ s.G.T, each),
-        v=m.v + _at_steps(off[:, STATES // 2 :] @ s.G.T, each),
+        x=m.x + _at_steps(errors.shift[:, of_u] @ s.G.T, each),
+        v=m.v + _at_steps(errors.shift[:, of_v] @ s.G.T, each),
         sigma_x=_at_steps(np.sqrt(var_x), each),
     )
     now, at = law(m, change), slice(0, -1, each)
     touch = now.contact_drive + now.contact_back
     stiff, damping = (now.k * touch)[at], now.c[at]
     slope = np.concatenate([stiff[:, :, None] * s.G, damping[:, :, None] * s.G], axis=2)
-    direct = _direct(functions, m, now, block.functions)[at] @ weights
-    # What the chance of contact adds to the linear part, see ``law``.
-    bent = np.maximum(now.sigma[at] ** 2 - stiff**2 * var_x, 0.0)
-    variance = np.einsum("nja,nab,njb->nj", slope, by_noise, slope) + bent
-    variance += np.sum((slope @ by_coefficients + direct @ root) ** 2, axis=2)
+    direct = _direct(gear.law_functions, m, now, block.functions)[at] @ (weights @ root)
+    # The variance of the force of a gap that may be closed, beyond its linear part, see ``law``.
+    variance = np.maximum(now.sigma[at] ** 2 - stiff**2 * var_x, 0.0)
+    variance += np.einsum("nja,nab,njb->nj", slope, errors.by_noise, slope)
+    variance += np.sum((slope @ errors.by_coefficients + direct) ** 2, axis=2)
     first = own.lead_windows * s.samples
     return ReconstructedForces(
         run.name,
         run.role,
         tuple(h.effect for h in fit.hypotheses),
         run.model.layout.meshes,
+        planets_indistinguishable([case(run, gear.runs[0].fused)]),
         run.times[first : first + len(whole)],
         m.phase[at],
         now.force[at],
@@ -135,22 +128,48 @@ def reconstructed_forces(
     )
 
 
-class StartErrors(NamedTuple):
-    """Errors of the start states of W windows, scaled.
+def forces_of_run(
+    machine: GearMachine,
+    runs: Sequence[PreparedRun],
+    fit: FittedExplanation,
+    noise: Array | float = 1.0,
+) -> ReconstructedForces | None:
+    """Forces in the first held-out run, else in the first run; None without windows.
+
+    Args:
+        noise: (fit runs, 1) actual over assumed noise of the channels.
+    """
+    if not machine.gear.uses_windows or not runs:
+        return None
+    run = next((run for run in runs if run.role == "held_out"), runs[0])
+    return reconstructed_forces(machine, run, fit, float(np.sqrt(np.mean(np.square(noise)))))
+
+
+class StateErrors(NamedTuple):
+    """Errors of the states (n, 18) at samples [m], [m/s].
 
     Attributes:
-        covariance: (W, 18, 18) by the noise of the channels.
-        by_coefficients: (W, 18, p) shift by a unit of each coefficient.
-        by_encoders: (W, 18) shift by the eccentricity of the encoders, as estimated.
+        by_noise: (n, 18, 18) covariance by the noise of the channels.
+        by_coefficients: (n, 18, q) by a unit of each independent error of the coefficients.
+        shift: (n, 18) of the states by errors of the encoders, as estimated.
     """
 
-    covariance: Array
+    by_noise: Array
     by_coefficients: Array
-    by_encoders: Array
+    shift: Array
 
 
-def _start_errors(s: Windows, block: Block, weights: Array, noise: float) -> StartErrors:
-    """Errors of the start states as they were fitted, encoder errors estimated beside them."""
+def _state_errors(
+    own: Trajectory, gear: Gear, block: Block, coefficients: Array, noise: float
+) -> StateErrors:
+    """Errors of the states as fitted, with the errors of the encoders estimated beside them.
+
+    Args:
+        block: of the windows.
+        coefficients: (Q, q) amplitudes of its functions by independent errors of the coefficients.
+        noise: actual over assumed noise of the channels.
+    """
+    s, (solution, now, m) = own.windows, own.last_linearisation
     W, n, J = s.n_windows, s.n_windows * STATES, block.nuisance[:, 0]
     prior = block.nuisance_sd[0] ** -2.0
     prior[:STATES] = FIRST_SD**-2.0
@@ -159,13 +178,19 @@ def _start_errors(s: Windows, block: Block, weights: Array, noise: float) -> Sta
     read = noise * J[: s.measured.size]
     covariance = inverse @ (read.T @ read + np.diag(prior)) @ inverse
     step = inverse @ (J.T @ block.residual[:, 0])
-    shift = -inverse @ (J.T @ (block.columns[:, 0] @ weights))
     by_encoders = -np.linalg.solve(normal[:n, :n], normal[:n, n:] @ step[n:])
+    moved = -(inverse @ (J.T @ (block.columns[:, 0] @ coefficients)))[:n]
     each = np.arange(W)
-    return StartErrors(
-        covariance[:n, :n].reshape(W, STATES, W, STATES)[each, :, each],
-        shift[:n].reshape(W, STATES, -1),
-        by_encoders.reshape(W, STATES),
+    own_blocks = covariance[:n, :n].reshape(W, STATES, W, STATES)[each, :, each]
+    T = propagators(s, solution.tangents)[:, :-1]
+    functions = (*gear.law_functions, *gear.body_functions)
+    pushed = _responses_of_states(s, solution, (m, now), functions, block.functions)
+    return StateErrors(
+        (T @ own_blocks[:, None] @ T.transpose(0, 1, 3, 2)).reshape(-1, STATES, STATES),
+        (pushed @ coefficients + T @ moved.reshape(W, 1, STATES, -1)).reshape(
+            W * s.samples, STATES, -1
+        ),
+        (T @ by_encoders.reshape(W, 1, STATES, 1)).reshape(-1, STATES),
     )
 
 
