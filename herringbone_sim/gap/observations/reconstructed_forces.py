@@ -3,8 +3,9 @@
 Forces are those of the law at the fitted states. The band holds, linearly about the fit, what the
 noise of the channels leaves of the states and what the fit runs leave of the coefficients of the
 explanation, by which the states move too. Ties between windows leave room for an error of the law
-and are no readings: they hold the states together but add no noise. The band does not hold a cause
-outside the explanation, nor another minimum of the fit, such as planets in another order.
+and are no readings: they hold the states together but add no noise. Where the explanation leaves
+more of the run than noise, all of that counts as noise, but the band does not hold what another
+law would make of the meshes, nor another minimum of the fit, such as planets in another order.
 C. D. Rodgers, Inverse Methods for Atmospheric Sounding (World Scientific, 2000), ch. 3: errors of
 a retrieval by noise and by parameters of its model.
 """
@@ -82,7 +83,7 @@ def reconstructed_forces(
         machine: whose gear uses windows.
         run: of the same rig, with the same channels.
         fit: of the explanation, to the fit runs.
-        noise: actual over assumed noise of the channels.
+        noise: actual over assumed noise of the channels; what the run shows if that is more.
     """
     there, hypotheses = machine.for_runs([run]).transferred(fit.hypotheses)
     every = (*there.base, *(c for h in hypotheses for c in h.coefficients))
@@ -91,7 +92,8 @@ def reconstructed_forces(
     gear, own = there.gear, there.gear.trajectory_under(0, made)
     s, m = own.windows, own.last_linearisation[2]
     weights, root = _weights(every, block.functions), _root(fit.score.covariance_with_jackknife())
-    errors = _state_errors(own, gear, block, weights @ root, noise)
+    left = own.last_linearisation[0].cost / (block.independent_share * len(block.residual))
+    errors = _state_errors(own, gear, block, weights @ root, max(noise, left**0.5))
 
     each, of_u, of_v = s.steps_per_sample, slice(0, STATES // 2), slice(STATES // 2, STATES)
     whole = errors.by_noise + errors.by_coefficients @ errors.by_coefficients.transpose(0, 2, 1)

@@ -14,7 +14,10 @@ SHOWN_CYCLES = 4.0  # mesh cycles at the end of the windows
 
 
 def forces_figure(forces: ReconstructedForces) -> Figure:
-    """A panel per planet and kind of mesh: force of both sides with its 90 % band."""
+    """A panel per planet and kind of mesh: force of both sides with its 90 % band.
+
+    Titles have the median half-width of the band.
+    """
     cycles = (forces.phase - forces.phase[0]) / (2.0 * np.pi)
     shown = cycles >= cycles[-1] - SHOWN_CYCLES
     figure = Figure(figsize=(9.6, 4.6))
@@ -23,14 +26,16 @@ def forces_figure(forces: ReconstructedForces) -> Figure:
         for column, planet in enumerate(PLANETS):
             axes = panels[row, column]
             axes.axhline(0.0, color=GREY, linewidth=0.6)
+            title = f"{kind}{planet}:  band"
             for side, colour in zip(SIDES, (BLUE, ORANGE), strict=True):
                 j = forces.meshes.index(f"{kind}{planet}_{side}")
                 force, half = 1e-3 * forces.force[shown, j], 1e-3 * forces.half[shown, j]
                 axes.fill_between(
-                    cycles[shown], force - half, force + half, color=colour, alpha=0.25, lw=0
+                    cycles[shown], force - half, force + half, color=colour, alpha=0.35, lw=0
                 )
-                axes.plot(cycles[shown], force, color=colour, label=side)
-            axes.set_title(f"{kind}{planet}")
+                axes.plot(cycles[shown], force, color=colour, linewidth=0.7, label=side)
+                title += f"  {side} ±{np.median(half):.2g}"
+            axes.set_title(f"{title} kN")
     panels[0, 0].legend(ncols=2)
     figure.supxlabel("mesh cycles since the first fitted window", fontsize=9)
     figure.supylabel("mesh force [kN]", fontsize=9)
@@ -38,11 +43,11 @@ def forces_figure(forces: ReconstructedForces) -> Figure:
 
 
 def forces_caption(forces: ReconstructedForces) -> str:
-    """A sentence: which forces of which run, by which gear, and whether planets are told apart."""
+    """A sentence: forces of which run by which gear, and whether planets are told apart."""
     gear = " and ".join(forces.effects)
     gear = f"the gear with {gear}" if gear else "the calibrated gear"
-    alike = "; nothing tells one planet from another here" if forces.planets_alike else ""
+    alike = "; which planet is which can't be told" if forces.planets_alike else ""
     return (
-        f"Mesh forces of {forces.run} as {gear} has them where it moves as the sensors show, "
+        f"Mesh forces of {forces.run}, worked out from its recorded channels by the law of {gear}, "
         f"with their 90 % band{alike}"
     )
