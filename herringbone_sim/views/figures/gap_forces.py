@@ -48,6 +48,6 @@ def forces_caption(forces: ReconstructedForces) -> str:
     gear = f"the gear with {gear}" if gear else "the calibrated gear"
     alike = "; which planet is which can't be told" if forces.planets_alike else ""
     return (
-        f"Mesh forces of {forces.run}, worked out from its recorded channels by the law of {gear}, "
-        f"with their 90 % band{alike}"
+        f"Mesh forces of {forces.run}, worked out from its recorded channels by the law of {gear},"
+        f" with their 90 % band{alike}"
     )
