@@ -20,6 +20,7 @@ from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.figures.gap_arrays import gap_arrays
 from herringbone_sim.views.pages.gap.page import write_gap_page
+from herringbone_sim.views.tables.forces import write_forces
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,7 +65,7 @@ class Diagnosis(NotebookResult):
         augmented: the model with the effects, recalibrated.
         nominal: parameter file of the rig.
         rig: its name.
-        arrays: residuals for the figures of the page; None if none could be formed.
+        arrays: residuals or mesh forces for the figures of the page; None if none are formed.
     """
 
     report: Mapping[str, Any]
@@ -113,11 +114,17 @@ class Diagnosis(NotebookResult):
 
     @any_gear()
     def save(self, folder: Path | str) -> Path:
-        """Write report.json, augmented.yaml and the page; returns the page."""
+        """Write report.json, augmented.yaml, the page, and forces.csv of few sensors.
+
+        Returns:
+            The page.
+        """
         out = make_folder(Path(folder))
         nominal = load_parameters(self.nominal).changed({"model": "full"})
         write_report(out / "report.json", self.report)
         save_augmented(out / "augmented.yaml", nominal, self.augmented, self.rig)
+        if self.arrays is not None and self.arrays.forces is not None:
+            write_forces(out / "forces.csv", self.arrays.forces)
         return write_gap_page(self.report, out, self.arrays, self.nominal)
 
 
@@ -138,7 +145,7 @@ def diagnose(campaign: Campaign | Path | str, nominal: Path | str) -> Diagnosis:
     parameters = load_parameters(nominal).changed({"model": "full"})
     prepared = prepare(Path(folder), parameters)
     result = diagnose_campaign(prepared)
-    arrays = gap_arrays(result.calibrated)
+    arrays = gap_arrays(result.calibrated, result.forces)
     return Diagnosis(result.report, result.augmented, Path(nominal), prepared.rig, arrays)
 
 

@@ -16,6 +16,7 @@ from herringbone_sim.cli.gap_rerun import mirror_gap
 from herringbone_sim.cli.options import add_file, add_out
 from herringbone_sim.cli.rerun_option import add_rerun_option, mirror_target
 from herringbone_sim.cli.verbs import Verbs, add_verb
+from herringbone_sim.core.layout import KINDS
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
@@ -31,6 +32,7 @@ from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap_arrays import gap_arrays
 from herringbone_sim.views.pages.gap.page import write_gap_page
+from herringbone_sim.views.tables.forces import write_forces
 
 DESCRIPTION = """\
 Compare a campaign (a folder of runs with campaign.yaml) with the nominal model: the residual
@@ -38,7 +40,8 @@ F - (k(t) f(x) + c v) of every run by mesh; which effect explains it, with proba
 and how far the augmented model closes the gap on runs of role held_out, which are used in no fit:
 by residual, by prediction over a horizon short against the Lyapunov time, and by attractor.
 Writes residual.csv, report.json, augmented.yaml (parameters for the node, recalibrated and with
-the effects), and report.html.
+the effects), report.html, and of few sensors forces.csv: the forces of all meshes in a run, with
+90 % bands.
 """
 EXAMPLES = """\
 python -m herringbone_sim rig make --out rigs/pin --seed 7 \\
@@ -72,10 +75,13 @@ def gap(args: argparse.Namespace) -> int:
         diagnosis = diagnose(prepared, step)
     write_report(args.out / "report.json", diagnosis.report)
     save_augmented(args.out / "augmented.yaml", nominal, diagnosis.augmented, prepared.rig)
-    arrays = gap_arrays(diagnosis.calibrated)
+    arrays = gap_arrays(diagnosis.calibrated, diagnosis.forces)
     page = write_gap_page(diagnosis.report, args.out, arrays, args.nominal)
     print(summary(diagnosis))
-    names = ("residual.csv", "report.json", "augmented.yaml")
+    names = ["residual.csv", "report.json", "augmented.yaml"]
+    if diagnosis.forces is not None:
+        write_forces(args.out / "forces.csv", diagnosis.forces)
+        names.append("forces.csv")
     print(f"written: {', '.join(str(args.out / name) for name in names)}, {page}")
     if target is not None:
         print(mirror_gap(target, prepared, diagnosis))
@@ -156,11 +162,23 @@ def summary(diagnosis: Diagnosis) -> str:
     if diagnosis.senses is not None:
         others = (diagnosis.senses.prediction, diagnosis.senses.attractor)
         lines += [sense_line(gap) for gap in others if math.isfinite(gap.rms("nominal"))]
+    if diagnosis.forces is not None:
+        lines.append(forces_line(diagnosis.report["reconstructed_forces"]))
     wrong = [finding["text"] for finding in diagnosis.report["findings"]]
     lines += [f"wrong with the recording: {text}" for text in wrong]
     open_ = [text for text in diagnosis.report["undecidable"] if text not in wrong]
     lines += [f"can't tell: {text}" for text in open_]
     return "\n".join([*lines, next_line(diagnosis.report["next_experiment"])])
+
+
+def forces_line(forces: Mapping[str, Any]) -> str:
+    """RMS force of sun and ring meshes with half its 90 % band, from few sensors."""
+    parts = []
+    for kind in KINDS:
+        of = [mesh for name, mesh in forces["meshes"].items() if name.startswith(kind)]
+        size, half = (max(mesh[key] for mesh in of) for key in ("rms", "half_width_90"))
+        parts.append(f"{kind} {size:.4g} RMS, band +-{half:.2g}")
+    return f"mesh forces of {forces['run']} [N], largest: {'; '.join(parts)}"
 
 
 def next_line(experiment: Mapping[str, Any]) -> str:

@@ -26,6 +26,10 @@ from herringbone_sim.gap.observations.common_delay import remove_common_delay
 from herringbone_sim.gap.observations.copied_channels import drop_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.reconstructed_forces import (
+    ReconstructedForces,
+    forces_of_run,
+)
 from herringbone_sim.gap.observations.recorded_noise import recorded_noise
 from herringbone_sim.gap.report import ReportContent, report
 from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
@@ -58,6 +62,7 @@ class Diagnosis:
         augmented: the nominal model, recalibrated, with the effects of the verdict.
         senses: the gap as residual, prediction and attractor; None where not measured.
         findings: problems of the data, and limits on what they can show.
+        forces: of all meshes in a run, where the diagnosis rests on windows of the motion.
     """
 
     evidence: Evidence | None
@@ -68,6 +73,7 @@ class Diagnosis:
     augmented: Augmented = field(default_factory=nominal_model)
     senses: Senses | None = None
     findings: tuple[Finding, ...] = ()
+    forces: ReconstructedForces | None = None
 
     def mend(self, run: PreparedRun) -> PreparedRun:
         """Remove the sensor effects of the verdict from a run."""
@@ -83,7 +89,8 @@ def diagnose(
     Args:
         campaign: as prepared.
         say: called with a line of progress.
-        senses: whether to measure the gap as prediction and attractor too.
+        senses: whether to measure the gap as prediction and attractor too, and to reconstruct
+            the mesh forces from few channels.
 
     Raises:
         AnalysisError: no run of role ``fit``.
@@ -119,7 +126,12 @@ def diagnose(
     noise = examined.noise.get(verdict.metric, 1.0)
     gap = gap_of(machine, campaign.runs, verdict.metric, examined.none, chosen, other, noise)
     calibrated = _calibrated(machine, examined)
-    result = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings)
+    forces = None
+    if senses:
+        explanation = examined.none if chosen is None or verdict.verdict == "unknown" else chosen
+        of_windows = examined.noise.get(trajectory.NAME, 1.0)
+        forces = forces_of_run(machine, campaign.runs, explanation, of_windows)
+    result = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings, forces)
     in_senses = None
     if senses and verdict.metric != trajectory.NAME:
         runner_up = None if other is None else augmented(other, verdict.runner_up)
@@ -245,5 +257,6 @@ def _with_report(
         structure=residual_structure(campaign, calibrated) if full else {},
         noise=recorded_noise(machine.gear.runs, campaign.noise_known),
         observations=machine.observation_names,
+        forces=result.forces,
     )
     return replace(result, report=report(content), senses=senses)

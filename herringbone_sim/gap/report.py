@@ -15,10 +15,12 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.serialise import (
     attractor_to_dict,
+    forces_to_dict,
     gap_to_dict,
     senses_errors,
     senses_to_dict,
@@ -60,6 +62,7 @@ class ReportContent:
         structure: distribution of the residual, see ``location.residual_structure``.
         noise: of each recorded channel, see ``observations.recorded_noise``.
         observations: names of the observations used.
+        forces: of all meshes in a run, from few channels; None where not reconstructed.
     """
 
     campaign: str
@@ -74,6 +77,7 @@ class ReportContent:
     structure: Mapping[str, Any] = field(default_factory=dict)
     noise: Mapping[str, Any] = field(default_factory=dict)
     observations: Sequence[str] = ()
+    forces: ReconstructedForces | None = None
 
 
 def report(content: ReportContent) -> dict[str, Any]:
@@ -104,6 +108,7 @@ def report(content: ReportContent) -> dict[str, Any]:
         "noise": dict(c.noise),
         "recorded": sorted(c.noise),
         "observations": list(c.observations),
+        "reconstructed_forces": forces_to_dict(c.forces),
     }
     finite: dict[str, Any] = plain_numbers(data)
     return finite

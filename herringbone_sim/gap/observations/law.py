@@ -36,7 +36,7 @@ class MeshMotion:
         point: delta_T [K], K, T_1 [N m], Omega.
         x, v: displacement [m] and rate [m/s] relative to the nominal e(t).
         F: measured force [N], NaN where not recorded.
-        sigma_x, sigma_v, sigma_F: (n_mesh,) noise of x, v, F.
+        sigma_x, sigma_v, sigma_F: (n_mesh,) noise of x, v, F; of x also (n, n_mesh).
         k, e, e_rate: nominal waves [N/m], [m], [m/s].
         waves_at: nominal waves at any phases (n,).
         k_m, c, b: (n_mesh,) mean stiffness [N/m], damping [N s/m], half-backlash [m].
@@ -172,8 +172,8 @@ class Law:
 def law(m: MeshMotion, change: LawChange | None = None) -> Law:
     """Evaluate the force law at a motion; None: no change."""
     ch = change or LawChange()
-    s = np.maximum(np.nan_to_num(m.sigma_x), 1e-15)
     x = m.x + ch.d
+    s = np.broadcast_to(np.maximum(np.nan_to_num(m.sigma_x), 1e-15), x.shape)
     f, variance, on, off = np.empty((4, *x.shape))
     plus = np.broadcast_to(np.maximum(m.b + ch.b_plus, 0.0), x.shape)
     minus = np.broadcast_to(np.maximum(m.b + ch.b_minus, 0.0), x.shape)
@@ -191,13 +191,13 @@ def law(m: MeshMotion, change: LawChange | None = None) -> Law:
 def _smoothed_backlash(x, plus, minus, sigma, f, variance, drive, back):  # type: ignore[no-untyped-def]
     """Write expectation ``f`` and variance of the backlash function and contact probabilities.
 
-    From moments of max(y, 0), y ~ N(over, sigma^2), on each flank. All arrays (n, n_mesh) but
-    ``sigma`` (n_mesh,); the last four are outputs, hence more than seven arguments.
+    From moments of max(y, 0), y ~ N(over, sigma^2), on each flank. All arrays (n, n_mesh);
+    the last four are outputs, hence more than seven arguments.
     """
     n, m = x.shape
     for i in range(n):
         for j in range(m):
-            s = sigma[j]
+            s = sigma[i, j]
             first = 0.0
             second = 0.0
             for flank in range(2):

@@ -1,10 +1,13 @@
-"""Gaps as plain data for the report, and a check of such data."""
+"""Gaps and mesh forces as plain data for the report, and a check of such data."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.verification.attractor import UNITS as DISTANCE_UNITS
 from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.verify import Gap
@@ -60,6 +63,26 @@ def attractor_to_dict(senses: Senses | None) -> dict[str, Any]:
         **{"nominal": {}, "augmented": {}},
         **{name: dict(runs) for name, runs in senses.numbers.items()},
         "units": {**DISTANCE_UNITS, "exponent": "1/mesh cycle"},
+    }
+
+
+def forces_to_dict(forces: ReconstructedForces | None) -> dict[str, Any]:
+    """Mesh forces of a run, mesh by mesh; empty where none were reconstructed."""
+    if forces is None:
+        return {}
+    size = np.sqrt(np.mean(forces.force**2, axis=0))
+    values = (size, np.median(forces.half, axis=0), np.mean(forces.contact, axis=0))
+    keys = ("rms", "half_width_90", "contact")
+    return {
+        "run": forces.run,
+        "role": forces.role,
+        "effects": list(forces.effects),
+        "planets_alike": forces.planets_alike,
+        "unit": "N",
+        "meshes": {
+            name: dict(zip(keys, map(float, row), strict=True))
+            for name, *row in zip(forces.meshes, *values, strict=True)
+        },
     }
 
 

@@ -1,4 +1,4 @@
-"""Figures of a gap report: residual over the mesh phase and by operating point, contact."""
+"""Figures of a gap report: mesh forces, residual over the mesh phase and by point, contact."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from matplotlib.figure import Figure
 
 from herringbone_sim.core.layout import KINDS, SIDES
 from herringbone_sim.core.timeseries import Array
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.sweeps.output import make_folder
+from herringbone_sim.views.figures.gap_forces import forces_caption, forces_figure
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
 from herringbone_sim.views.pages.gear_drawing import MESHES, PLANETS
@@ -31,12 +33,14 @@ class GapArrays:
             order of the channels.
         contact: (12, 3) share of time on the driving flank, apart, on the back flank.
         shares: by factor, such as the temperature rise, the share of the residual by value.
+        forces: of the twelve meshes in a run, from few channels.
     """
 
     phase: Array | None = None
     residual_n: Array | None = None
     contact: Array | None = None
     shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    forces: ReconstructedForces | None = None
 
 
 def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
@@ -47,6 +51,10 @@ def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
     """
     drawn: list[tuple[str, Figure, str]] = []
     with matplotlib.rc_context(STYLE):
+        if arrays.forces is not None:
+            drawn.append(
+                ("gap_forces", forces_figure(arrays.forces), forces_caption(arrays.forces))
+            )
         if arrays.phase is not None and arrays.residual_n is not None:
             figure = residual_figure(arrays.phase, arrays.residual_n)
             drawn.append(

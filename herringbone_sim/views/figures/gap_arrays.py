@@ -8,6 +8,7 @@ import numpy as np
 
 from herringbone_sim.core.timeseries import Array
 from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
 from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.pages.gap.words import figure
@@ -17,14 +18,19 @@ BINS = 24
 FACTORS = {"T_1": "input torque [N m]", "delta_T": "temperature rise [K]", "Omega": "speed Ω"}
 
 
-def gap_arrays(calibrated: Calibrated) -> GapArrays | None:
+def gap_arrays(
+    calibrated: Calibrated, forces: ReconstructedForces | None = None
+) -> GapArrays | None:
     """Residual of the recalibrated law over the phase and by operating point; contact shares.
 
-    None for a model without the twelve meshes, or if no force law can be formed.
+    Where no force law can be formed, reconstructed forces alone. None for a model without the
+    twelve meshes, or if there is nothing.
     """
     runs = [case.run for case in calibrated.cases]
-    if calibrated.per_mesh is None or any(run.model.layout.meshes != MESHES for run in runs):
+    if any(run.model.layout.meshes != MESHES for run in runs):
         return None
+    if calibrated.per_mesh is None:
+        return None if forces is None else GapArrays(forces=forces)
     laws = [force_law(c.run, c.fused, calibrated.factors) for c in calibrated.cases]
     excess = [_excess(law) for law in laws]
     shares = {
@@ -35,7 +41,7 @@ def gap_arrays(calibrated: Calibrated) -> GapArrays | None:
     residual = np.concatenate([law.residual_n for law in laws])
     phase = np.concatenate([run.phase for run in runs])
     centres = (np.arange(BINS) + 0.5) * 2.0 * np.pi / BINS
-    return GapArrays(centres, mean_over_phase(phase, residual), _contact(laws), shares)
+    return GapArrays(centres, mean_over_phase(phase, residual), _contact(laws), shares, forces)
 
 
 def mean_over_phase(phase: Array, residual: Array) -> Array:

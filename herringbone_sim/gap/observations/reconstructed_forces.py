@@ -1,0 +1,265 @@
+"""Forces of all meshes from the fitted windows of a run with few channels, with a 90 % band.
+
+Forces are those of the law at the fitted states. The band holds, linearly about the fit, what the
+noise of the channels leaves of the states and what the fit runs leave of the coefficients of the
+explanation, by which the states move too. Ties between windows leave room for an error of the law
+and are no readings: they hold the states together but add no noise. Where the explanation leaves
+more of the run than noise, all of that counts as noise, but the band does not hold what another
+law would make of the meshes, nor another minimum of the fit, such as planets in another order.
+C. D. Rodgers, Inverse Methods for Atmospheric Sounding (World Scientific, 2000), ch. 3: errors of
+a retrieval by noise and by parameters of its model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from herringbone_sim.diagnosis.examine import FittedExplanation
+from herringbone_sim.diagnosis.products import Block, Coefficient
+from herringbone_sim.diagnosis.search import amplitudes, functions_used
+from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
+from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations import force_law, trajectory
+from herringbone_sim.gap.observations.basis import Function, force_column
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.law import Law, MeshMotion, law
+from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.rollout import STATES
+from herringbone_sim.gap.observations.shooting import Windows, WindowSolution, propagators
+from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_channels import WindowChannels
+from herringbone_sim.gap.observations.window_columns import window_columns
+
+Array = NDArray[np.float64]
+
+HALF_90 = float(norm.ppf(0.95))  # half-width of a 90 % interval, in standard deviations
+# Prior of the start of the first window over the RMS of the motion, as in the filter of
+# ``window_starts``.
+FIRST_SD = 1.0
+
+
+@dataclass(frozen=True)
+class ReconstructedForces:
+    """Forces of all meshes at the n samples of the fitted windows of a run.
+
+    Attributes:
+        run, role: of the run.
+        effects: of the explanation; empty for the calibrated gear.
+        meshes: names.
+        planets_alike: whether nothing tells one planet from another, so that all meshes of two
+            planets may be exchanged.
+        times: (n,) [s] of the recording.
+        phase: (n,) mesh phase [rad].
+        force: (n, n_mesh) [N], expectation of the law over the states.
+        half: (n, n_mesh) half-width of the 90 % band [N].
+        contact: (n, n_mesh) probability that the teeth touch.
+    """
+
+    run: str
+    role: str
+    effects: tuple[str, ...]
+    meshes: tuple[str, ...]
+    planets_alike: bool
+    times: Array
+    phase: Array
+    force: Array
+    half: Array
+    contact: Array
+
+
+def reconstructed_forces(
+    machine: GearMachine, run: PreparedRun, fit: FittedExplanation, noise: float = 1.0
+) -> ReconstructedForces:
+    """Forces of all meshes of a run under an explanation.
+
+    Args:
+        machine: whose gear uses windows.
+        run: of the same rig, with the same channels.
+        fit: of the explanation, to the fit runs.
+        noise: actual over assumed noise of the channels; what the run shows if that is more.
+    """
+    there, hypotheses = machine.for_runs([run]).transferred(fit.hypotheses)
+    every = (*there.base, *(c for h in hypotheses for c in h.coefficients))
+    made = amplitudes(every, fit.score.mean, there.runs, there.rows)
+    block = there.blocks(made, functions_used(every), (trajectory.NAME,))[0][trajectory.NAME]
+    gear, own = there.gear, there.gear.trajectory_under(0, made)
+    s, m = own.windows, own.last_linearisation[2]
+    weights, root = _weights(every, block.functions), _root(fit.score.covariance_with_jackknife())
+    left = own.last_linearisation[0].cost / (block.independent_share * len(block.residual))
+    errors = _state_errors(own, gear, block, weights @ root, max(noise, left**0.5))
+
+    each, of_u, of_v = s.steps_per_sample, slice(0, STATES // 2), slice(STATES // 2, STATES)
+    whole = errors.by_noise + errors.by_coefficients @ errors.by_coefficients.transpose(0, 2, 1)
+    var_x = np.maximum(np.einsum("ja,nab,jb->nj", s.G, whole[:, of_u, of_u], s.G), 0.0)
+    of_law = {f: a[0] for f, a in made.get(force_law.NAME, {}).items()}
+    change = gear.change_of(m, of_law, [f.name for f in gear.law_functions])
+    m = replace(
+        m,
+        x=m.x + _at_steps(errors.shift[:, of_u] @ s.G.T, each),
+        v=m.v + _at_steps(errors.shift[:, of_v] @ s.G.T, each),
+        sigma_x=_at_steps(np.sqrt(var_x), each),
+    )
+    now, at = law(m, change), slice(0, -1, each)
+    touch = now.contact_drive + now.contact_back
+    stiff, damping = (now.k * touch)[at], now.c[at]
+    slope = np.concatenate([stiff[:, :, None] * s.G, damping[:, :, None] * s.G], axis=2)
+    direct = _direct(gear.law_functions, m, now, block.functions)[at] @ (weights @ root)
+    # The variance of the force of a gap that may be closed, beyond its linear part, see ``law``.
+    variance = np.maximum(now.sigma[at] ** 2 - stiff**2 * var_x, 0.0)
+    variance += np.einsum("nja,nab,njb->nj", slope, errors.by_noise, slope)
+    variance += np.sum((slope @ errors.by_coefficients + direct) ** 2, axis=2)
+    first = own.lead_windows * s.samples
+    return ReconstructedForces(
+        run.name,
+        run.role,
+        tuple(h.effect for h in fit.hypotheses),
+        run.model.layout.meshes,
+        planets_indistinguishable([case(run, gear.runs[0].fused)]),
+        run.times[first : first + len(whole)],
+        m.phase[at],
+        now.force[at],
+        HALF_90 * np.sqrt(variance),
+        touch[at],
+    )
+
+
+def forces_of_run(
+    machine: GearMachine,
+    runs: Sequence[PreparedRun],
+    fit: FittedExplanation,
+    noise: Array | float = 1.0,
+) -> ReconstructedForces | None:
+    """Forces in the first held-out run, else in the first run; None without windows.
+
+    Args:
+        noise: (fit runs, 1) actual over assumed noise of the channels.
+    """
+    if not machine.gear.uses_windows or not runs:
+        return None
+    run = next((run for run in runs if run.role == "held_out"), runs[0])
+    return reconstructed_forces(machine, run, fit, float(np.sqrt(np.mean(np.square(noise)))))
+
+
+class StateErrors(NamedTuple):
+    """Errors of the states (n, 18) at samples [m], [m/s].
+
+    Attributes:
+        by_noise: (n, 18, 18) covariance by the noise of the channels.
+        by_coefficients: (n, 18, q) by a unit of each independent error of the coefficients.
+        shift: (n, 18) of the states by errors of the encoders, as estimated.
+    """
+
+    by_noise: Array
+    by_coefficients: Array
+    shift: Array
+
+
+def _state_errors(
+    own: Trajectory, gear: Gear, block: Block, coefficients: Array, noise: float
+) -> StateErrors:
+    """Errors of the states as fitted, with the errors of the encoders estimated beside them.
+
+    Args:
+        block: of the windows.
+        coefficients: (Q, q) amplitudes of its functions by independent errors of the coefficients.
+        noise: actual over assumed noise of the channels.
+    """
+    s, (solution, now, m) = own.windows, own.last_linearisation
+    W, n, J = s.n_windows, s.n_windows * STATES, block.nuisance[:, 0]
+    prior = block.nuisance_sd[0] ** -2.0
+    prior[:STATES] = FIRST_SD**-2.0
+    normal = J.T @ J + np.diag(prior)
+    inverse = np.linalg.inv(normal)
+    read = noise * J[: s.measured.size]
+    covariance = inverse @ (read.T @ read + np.diag(prior)) @ inverse
+    step = inverse @ (J.T @ block.residual[:, 0])
+    by_encoders = -np.linalg.solve(normal[:n, :n], normal[:n, n:] @ step[n:])
+    moved = -(inverse @ (J.T @ (block.columns[:, 0] @ coefficients)))[:n]
+    each = np.arange(W)
+    own_blocks = covariance[:n, :n].reshape(W, STATES, W, STATES)[each, :, each]
+    T = propagators(s, solution.tangents)[:, :-1]
+    functions = (*gear.law_functions, *gear.body_functions)
+    pushed = _responses_of_states(s, solution, (m, now), functions, block.functions)
+    return StateErrors(
+        (T @ own_blocks[:, None] @ T.transpose(0, 1, 3, 2)).reshape(-1, STATES, STATES),
+        (pushed @ coefficients + T @ moved.reshape(W, 1, STATES, -1)).reshape(
+            W * s.samples, STATES, -1
+        ),
+        (T @ by_encoders.reshape(W, 1, STATES, 1)).reshape(-1, STATES),
+    )
+
+
+def _weights(coefficients: Sequence[Coefficient], functions: Sequence[str]) -> Array:
+    """(Q, p) amplitude of each function of the windows by a unit of each coefficient."""
+    place = {name: i for i, name in enumerate(functions)}
+    found = np.zeros((len(functions), len(coefficients)))
+    for i, c in enumerate(coefficients):
+        if trajectory.NAME in c.placements:
+            for _, name, w in c.placements[trajectory.NAME].entries:
+                found[place[name], i] += w[0]
+    return found
+
+
+def _responses_of_states(
+    s: Windows,
+    solution: WindowSolution,
+    at: tuple[MeshMotion, Law],
+    functions: Sequence[Function],
+    wanted: Sequence[str],
+) -> Array:
+    """Response (W, samples, 18, Q) of the states to functions, from given start states.
+
+    That of windows whose channels are the states.
+
+    Args:
+        at: motion of the meshes at every step, and the force law there.
+        wanted: names of the Q columns.
+    """
+    shape = (s.n_windows, s.samples, STATES)
+    nothing = np.zeros((STATES, STATES // 2))
+    states = WindowChannels(
+        tuple(f"state {i}" for i in range(STATES)),
+        nothing,
+        np.zeros((STATES, len(s.G))),
+        nothing,
+        np.zeros((0, STATES)),
+        np.ones(STATES),
+    )
+    seen = replace(s, channels=states, measured=np.zeros(shape), weight=np.ones(shape))
+    unit = np.broadcast_to(np.eye(STATES), (*shape, STATES))
+    shot = replace(solution, slope=unit, residuals=np.zeros(shape))
+    found = window_columns(seen, shot, *at, functions, wanted)
+    return found[: shot.residuals.size].reshape(*shape, -1)
+
+
+def _direct(
+    functions: Sequence[Function], m: MeshMotion, now: Law, wanted: Sequence[str]
+) -> Array:
+    """(n, n_mesh, Q) change of the mesh forces by functions where the states stay as they are."""
+    place = {name: i for i, name in enumerate(wanted)}
+    found = np.zeros((*m.x.shape, len(wanted)))
+    for f in functions:
+        at = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]
+        if at:
+            g = np.nan_to_num(force_column(f, m, now))
+            for j in at:
+                found[:, j, place[f"{f.name} of {j}"]] = g[:, j]
+    return found
+
+
+def _at_steps(values: Array, each: int) -> Array:
+    """Values (n, k) at samples, held over the steps (n each + 1, k)."""
+    return np.vstack([np.repeat(values, each, axis=0), values[-1:]])
+
+
+def _root(covariance: Array) -> Array:
+    """Root R of a covariance RR', which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -1,0 +1,16 @@
+"""Table of the mesh forces that a diagnosis reconstructs from few channels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
+from herringbone_sim.views.tables.csv_file import write_csv
+
+
+def write_forces(path: Path, forces: ReconstructedForces) -> None:
+    """CSV of time [s], force [N] of each mesh and half-width of its 90 % band [N], by sample."""
+    head = ["t_s", *(f"F_{m}_n" for m in forces.meshes), *(f"half_{m}_n" for m in forces.meshes)]
+    write_csv(path, head, np.column_stack([forces.times, forces.force, forces.half]))
