@@ -136,6 +136,11 @@ def examine(
             pairs = _fit_pairs(search, catalogue, first, least)
             if pairs:
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
+                better = _refit_first_alone(search, first, pairs[0])
+                if better.energy < first.energy:
+                    singles = (better, *(f for f in singles if f is not first))
+                    singles = tuple(sorted(singles, key=lambda f: f.energy))
+                    flexible["single"] = _predictable_remainder(search, singles[0], left)
             second = _refit_second_alone(search, singles, pairs)
             if second is not None and second.energy < singles[0].energy:
                 singles = (second, *singles)
@@ -268,6 +273,18 @@ def _fit_pairs(
     different = [r for r in ranked if r[1].effect != own.effect and r[0] < most]
     fits = _fit_best(then, different, MAX_FITTED_PAIRS, 1)
     return tuple(FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
+
+
+def _refit_first_alone(
+    search: Search, first: FittedExplanation, pair: FittedExplanation
+) -> FittedExplanation:
+    """Fit the first effect of a pair on its own again, from its values in the pair.
+
+    Alone it may have settled in a wrong minimum, and the pair got what that left.
+    """
+    every = first.score.coefficients
+    score = search.refined(every[len(search.base) :], pair.score.mean[: len(every)])
+    return FittedExplanation(first.hypotheses, search.settled(score))
 
 
 def _refit_second_alone(

@@ -419,14 +419,14 @@ class Search:
         assert best is not None
         mean, campaign = best
         found = compute_score(campaign, coefficients, mean)
+        # The last step was not tried: stay at the solution.
+        means = mean + (found.leave_one_out_means - found.mean)
+        left = float(campaign.energy.sum())
+        found = replace(found, mean=mean, leave_one_out_means=means, in_sample=left)
         if not all(c.scales_with_effect for c in every):
-            # Columns change with the amplitudes: stay at the solution and evaluate exactly.
-            means = mean + (found.leave_one_out_means - found.mean)
+            # Columns change with the amplitudes: evaluate exactly.
             exact = self.about(coefficients, means.T, functions_used(self.base)).energy
-            left = float(campaign.energy.sum())
-            found = replace(
-                found, mean=mean, leave_one_out_means=means, energy=exact, in_sample=left
-            )
+            found = replace(found, energy=exact)
         energy_by_row, count = _energy_by_row(campaign)
         return replace(found, coefficients=every, energy_by_row=energy_by_row, count=count)
 
@@ -442,11 +442,11 @@ class Search:
         return self.null.in_sample - target.in_sample < MIN_GAIN_PER_VALUE * self.null.count
 
     def settled(self, found: Score) -> Score:
-        """Score with one more step, all observations computed exactly at the solution."""
+        """Score with one more step if it helps, all observations computed exactly."""
         fine = copy.copy(self)
         fine.machine = self.machine.without_linearisation()
         coefficients = found.coefficients[len(self.base) :]
-        return fine.refined(coefficients, found.mean, 1)
+        return fine.refined(coefficients, found.mean, 2)
 
     def quick(self, coefficients: Sequence[Coefficient]) -> float:
         """Minus the energy that a hypothesis removes: linear, in sample, without bounds."""
