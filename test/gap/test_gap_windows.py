@@ -23,18 +23,23 @@ from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.shooting import (
     JUMP_SD,
+    Windows,
     WindowSolution,
-    _normal_bands,
     evaluated,
-    jacobian,
     stacked_residual,
     symmetric_starts,
+    window_jacobian,
 )
-from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.trajectory import STATE_PRECISION, Trajectory
 from herringbone_sim.gap.observations.trajectory import trajectory as trajectory_of
 from herringbone_sim.gap.observations.window_channels import channel_outputs, window_channels
-from herringbone_sim.gap.observations.window_columns import body_forces
+from herringbone_sim.gap.observations.window_columns import (
+    body_forces,
+    encoder_columns,
+    window_columns,
+)
 from herringbone_sim.gap.observations.window_sensors import without_sensor_errors
+from herringbone_sim.gap.observations.window_states import StateElimination
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -94,18 +99,46 @@ def test_steps_miss_no_more_than_is_counted_as_noise(
     assert 1e-5 < missed.max() < shooting.INTEGRATION_ERROR
 
 
-def test_bands_are_the_normal_matrix_of_the_jacobian(
+def dense_jacobian(s: Windows, shot: WindowSolution) -> np.ndarray:
+    n = s.n_windows * STATES
+    return window_jacobian(s, shot).times(np.eye(n).reshape(s.n_windows, STATES, n))
+
+
+def test_the_jacobian_of_windows_is_that_of_differences(
     one: tuple[Trajectory, WindowSolution],
 ) -> None:
+    """A window's start moves its readings and the ties at both of its ends, nothing else."""
     s = one[0].windows
-    shot = evaluated(s, symmetric_starts(s), one[0].forcing(LawChange(), np.ones(9), ()))
-    J = jacobian(s, shot)
-    band, right = _normal_bands(s, shot)
-    np.testing.assert_allclose(right, J.T @ rows(shot), rtol=1e-9, atol=1e-9 * abs(right).max())
-    H = J.T @ J
-    for below in range(2 * STATES):
-        diagonal = np.diagonal(H, -below)
-        np.testing.assert_allclose(band[below, : len(diagonal)], diagonal, atol=1e-9 * H.max())
+    forcing = one[0].forcing(LawChange(), np.ones(9), ())
+    shot = evaluated(s, symmetric_starts(s), forcing)
+    J, step = dense_jacobian(s, shot), 1e-7
+    for window, state in ((0, 2), (3, 11)):
+        starts = shot.starts.copy()
+        starts[window, state] += step * s.scale[state]
+        moved = (rows(evaluated(s, starts, forcing)) - rows(shot)) / step
+        column = J[:, window * STATES + state]
+        np.testing.assert_allclose(-moved, column, atol=1e-3 * abs(column).max())
+
+
+def test_states_are_eliminated_as_by_a_dense_solution(
+    one: tuple[Trajectory, WindowSolution],
+) -> None:
+    """Products of what is left are those with states and encoder errors marginalised."""
+    trajectory, shot = one
+    s, J = trajectory.windows, dense_jacobian(trajectory.windows, shot)
+    waves, sizes = encoder_columns(s)
+    states = StateElimination(window_jacobian(s, shot), waves, sizes, STATE_PRECISION)
+    values = np.random.default_rng(0).normal(size=(len(J), 3))
+    N = np.hstack([J, waves])
+    prior = np.append(np.full(J.shape[1], STATE_PRECISION), sizes**-2.0)
+    normal = N.T @ N + np.diag(prior)
+    expected = values.T @ values - values.T @ N @ np.linalg.solve(normal, N.T @ values)
+    cleared = states.clear(values)
+    np.testing.assert_allclose(cleared.T @ cleared, expected, rtol=1e-6, atol=1e-3)
+    read = J[: s.measured.size]
+    of_states = J.T @ J + STATE_PRECISION * np.eye(J.shape[1])
+    used = np.trace(read @ np.linalg.solve(of_states, read.T))
+    assert states.leverage() == pytest.approx(used, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -196,6 +229,14 @@ def test_a_recording_without_the_swing_of_the_gear_is_known() -> None:
     assert Trajectory(without).nominal.cost > 3.0 * whole.cost
 
 
+def column_of(trajectory: Trajectory, gear: Gear, shot: WindowSolution, name: str) -> np.ndarray:
+    """Response (rows,) of windows to a function, at states that are kept."""
+    trajectory.block(shot, lambda m: LawChange(), gear.law_functions, (name,))
+    solution, now, m = trajectory.last_linearisation
+    made = window_columns(trajectory.windows, solution, m, now, gear.law_functions, (name,))
+    return made[:, 0]
+
+
 def check(
     trajectory: Trajectory,
     gear: Gear,
@@ -210,8 +251,8 @@ def check(
     base = evaluated(s, shot.starts, trajectory.forcing(LawChange(), np.ones(9), ()))
     moved = evaluated(s, shot.starts, forcing)
     difference = (rows(base) - rows(moved)) / step
-    block = trajectory.block(base, lambda m: LawChange(), gear.law_functions, (name,))
-    off = np.linalg.norm(difference - block.columns[:, 0, 0])
+    column = column_of(trajectory, gear, base, name)
+    off = np.linalg.norm(difference - column)
     assert off < within * np.linalg.norm(difference)
 
 
@@ -229,8 +270,7 @@ def test_columns_of_sensors_are_what_their_errors_add(
     drive = trajectory.forcing(LawChange(), np.ones(9), ())
     right = without_sensor_errors(s, {name: step})
     change = rows(evaluated(s, shot.starts, drive)) - rows(evaluated(right, shot.starts, drive))
-    block = trajectory.block(shot, lambda m: LawChange(), gear.law_functions, (name,))
-    column = block.columns[:, 0, 0]
+    column = column_of(trajectory, gear, shot, name)
     inner = np.flatnonzero(column)[10:-10]
     off = np.linalg.norm((change / step - column)[inner])
     assert off < within * np.linalg.norm(column)

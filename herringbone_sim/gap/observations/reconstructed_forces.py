@@ -32,10 +32,16 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Law, MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.rollout import STATES
-from herringbone_sim.gap.observations.shooting import Windows, WindowSolution, propagators
-from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.shooting import (
+    Windows,
+    WindowSolution,
+    propagators,
+    stacked_residual,
+    window_jacobian,
+)
+from herringbone_sim.gap.observations.trajectory import STATE_PRECISION, Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels
-from herringbone_sim.gap.observations.window_columns import window_columns
+from herringbone_sim.gap.observations.window_columns import encoder_columns, window_columns
 
 Array = NDArray[np.float64]
 
@@ -172,20 +178,24 @@ def _state_errors(
         noise: actual over assumed noise of the channels.
     """
     s, (solution, now, m) = own.windows, own.last_linearisation
-    W, n, J = s.n_windows, s.n_windows * STATES, block.nuisance[:, 0]
-    prior = block.nuisance_sd[0] ** -2.0
+    W, n = s.n_windows, s.n_windows * STATES
+    waves, sizes = encoder_columns(s)
+    by_states = window_jacobian(s, solution).times(np.eye(n).reshape(W, STATES, n))
+    J = np.hstack([by_states, waves])
+    prior = np.append(np.full(n, STATE_PRECISION), sizes**-2.0)
     prior[:STATES] = FIRST_SD**-2.0
     normal = J.T @ J + np.diag(prior)
     inverse = np.linalg.inv(normal)
     read = noise * J[: s.measured.size]
     covariance = inverse @ (read.T @ read + np.diag(prior)) @ inverse
-    step = inverse @ (J.T @ block.residual[:, 0])
+    step = inverse @ (J.T @ stacked_residual(solution))
     by_encoders = -np.linalg.solve(normal[:n, :n], normal[:n, n:] @ step[n:])
-    moved = -(inverse @ (J.T @ (block.columns[:, 0] @ coefficients)))[:n]
+    functions = (*gear.law_functions, *gear.body_functions)
+    responses = window_columns(s, solution, m, now, functions, block.functions)
+    moved = -(inverse @ (J.T @ (responses @ coefficients)))[:n]
     each = np.arange(W)
     own_blocks = covariance[:n, :n].reshape(W, STATES, W, STATES)[each, :, each]
     T = propagators(s, solution.tangents)[:, :-1]
-    functions = (*gear.law_functions, *gear.body_functions)
     pushed = _responses_of_states(s, solution, (m, now), functions, block.functions)
     return StateErrors(
         (T @ own_blocks[:, None] @ T.transpose(0, 1, 3, 2)).reshape(-1, STATES, STATES),

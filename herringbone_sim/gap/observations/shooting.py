@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
 from scipy.signal import savgol_filter
 
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
@@ -28,6 +27,7 @@ from herringbone_sim.gap.observations.window_channels import (
     channel_outputs,
     window_channels,
 )
+from herringbone_sim.gap.observations.window_states import BlockTridiagonal, WindowJacobian
 
 Array = NDArray[np.float64]
 
@@ -212,19 +212,11 @@ def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
                 found[w, (q + 1) // each] = now
 
 
-def jacobian(s: Windows, solution: WindowSolution) -> Array:
-    """Jacobian (rows, 18 W) of predictions and jumps by scaled start states, over the noise."""
-    W, k = s.n_windows, s.measured.shape[2]
+def window_jacobian(s: Windows, solution: WindowSolution) -> WindowJacobian:
+    """Jacobian of predictions and jumps by scaled start states, over the noise."""
     T = propagators(s, solution.tangents)
-    data = np.zeros((W, s.samples * k, W, STATES))
-    ties = np.zeros((W - 1, STATES, W, STATES))
-    seen = solution.slope @ T[:, :-1]
-    at = np.arange(W)
-    data[at, :, at] = seen.reshape(W, -1, STATES)
-    ties[at[:-1], :, at[:-1]] = T[:-1, -1] / JUMP_SD
-    ties[at[:-1], :, at[1:]] = -np.eye(STATES) / JUMP_SD
-    columns = W * STATES
-    return np.vstack([data.reshape(-1, columns), ties.reshape(-1, columns)])
+    readings = (solution.slope @ T[:, :-1]).reshape(s.n_windows, -1, STATES)
+    return WindowJacobian(readings, T[:-1, -1] / JUMP_SD, 1.0 / JUMP_SD)
 
 
 def stacked_residual(solution: WindowSolution) -> Array:
@@ -235,19 +227,19 @@ def stacked_residual(solution: WindowSolution) -> Array:
 def fitted_windows(
     s: Windows, starts: Array, forcing: Forcing, rounds: int = MAX_ROUNDS
 ) -> WindowSolution:
-    """Fit start states by Levenberg-Marquardt with a banded normal matrix."""
+    """Fit start states by Levenberg-Marquardt."""
     solution, damping = evaluated(s, starts, forcing), 1e-2
     cost = solution.cost
     for _ in range(rounds if np.isfinite(cost) else 0):  # else the start diverged
-        band, right = _normal_bands(s, solution)
+        J = window_jacobian(s, solution)
+        right = J.transposed_times(stacked_residual(solution)[:, None])
+        diagonal = np.eye(STATES) * (np.einsum("wii->wi", J.own) + 1e-6)[:, :, None]
         while damping < 1e6:
-            whole = band.copy()
-            whole[0] += damping * (band[0] + 1e-6)
             try:
-                step = solveh_banded(whole, right, lower=True).reshape(starts.shape) * s.scale
+                step = BlockTridiagonal(J.own + damping * diagonal, J.below).solve(right)
             except np.linalg.LinAlgError:
                 return solution
-            tried = evaluated(s, solution.starts + step, forcing)
+            tried = evaluated(s, solution.starts + step[:, :, 0] * s.scale, forcing)
             now = tried.cost
             if np.isfinite(now) and now < cost:
                 break
@@ -258,25 +250,3 @@ def fitted_windows(
         if gained < RELATIVE_TOLERANCE * cost:
             break
     return solution
-
-
-def _normal_bands(s: Windows, solution: WindowSolution) -> tuple[Array, Array]:
-    """Lower bands (36, 18 W) of the normal matrix of scaled start states; right side (18 W,)."""
-    T, W = propagators(s, solution.tangents), s.n_windows
-    seen = (solution.slope @ T[:, :-1]).reshape(W, -1, STATES)
-    right = np.einsum("wrs,wr->ws", seen, solution.residuals.reshape(W, -1))
-    own = seen.transpose(0, 2, 1) @ seen
-    end = T[:-1, -1] / JUMP_SD
-    own[:-1] += end.transpose(0, 2, 1) @ end
-    own[1:] += np.eye(STATES) / JUMP_SD**2
-    right[:-1] -= np.einsum("wrs,wr->ws", end, solution.jumps / JUMP_SD)
-    right[1:] += solution.jumps / JUMP_SD**2
-    below = -end / JUMP_SD
-    band = np.zeros((2 * STATES, W * STATES))
-    columns = np.arange(W) * STATES
-    for j in range(STATES):
-        for i in range(j, STATES):
-            band[i - j, columns + j] = own[:, i, j]
-        for i in range(STATES):
-            band[STATES + i - j, columns[:-1] + j] = below[:, i, j]
-    return band, right.ravel()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.diagnosis.flexible import RegressionInputs
-from herringbone_sim.diagnosis.products import Block, nuisance_remover
+from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -35,9 +35,9 @@ from herringbone_sim.gap.observations.shooting import (
     WindowSolution,
     evaluated,
     fitted_windows,
-    jacobian,
     stacked_residual,
     symmetric_starts,
+    window_jacobian,
     window_samples,
     windows_of_run,
 )
@@ -57,6 +57,7 @@ from herringbone_sim.gap.observations.window_starts import (
     filtered_starts,
     initial_states,
 )
+from herringbone_sim.gap.observations.window_states import StateElimination
 from herringbone_sim.gap.residuals.balance import hermite_interpolation
 
 Array = NDArray[np.float64]
@@ -78,7 +79,7 @@ MAX_FIT_CHI2 = 1.5  # energy per reading above which states may be in a wrong mi
 # Energy over that at the last restart below which states are restarted: the motion has changed;
 # chosen.
 RESTART_SHARE = 0.75
-STATE_PRIOR_SD = 1e3  # prior of scaled start states, practically none
+STATE_PRECISION = 1e-6  # of the prior of scaled start states, practically none
 
 
 def trajectory(run: PreparedRun) -> Trajectory:
@@ -121,6 +122,7 @@ class Trajectory:
         recorded: windows as recorded.
         windows: windows without the sensor errors of the last change.
         last_linearisation: states, law and motion of the block formed last.
+        last_elimination: its elimination of states and encoder errors.
     """
 
     def __init__(
@@ -136,7 +138,9 @@ class Trajectory:
         self._restart_energies: dict[tuple[str, ...], float] = {}
         self._energies: dict[tuple[str, ...], float] = {}
         self._restarted_when_settled: set[tuple[str, ...]] = set()
-        self._share: float | None = None
+        self._independent: float | None = None
+        self._least: WindowSolution | None = None
+        self._tried: dict[tuple[str, ...], WindowSolution] = {}
 
     @cached_property
     def _nominal(self) -> tuple[Array, Array, Array]:
@@ -218,7 +222,8 @@ class Trajectory:
     ) -> WindowSolution:
         """Fit states under a change, from those fitted last for the same ``key``.
 
-        States are restarted by the filter where they may be in a wrong minimum.
+        States are restarted by the filter where they may be in a wrong minimum, and from those
+        of the change with the least energy so far, once for each.
 
         Args:
             key: names of the functions with an amplitude.
@@ -235,6 +240,15 @@ class Trajectory:
             forcing_at(solution),
             ROUNDS_NEW if new else ROUNDS_AGAIN,
         )
+        better = self._least
+        if (
+            better is not None
+            and better.cost < solution.cost - CHANCE_CHI2
+            and self._tried.get(key) is not better
+        ):
+            self._tried[key] = better
+            other = fitted_windows(self.windows, better.starts, forcing_at(better), ROUNDS_NEW)
+            solution = min(solution, other, key=lambda one: one.cost)
         before = self._restart_energies.get(key, self.nominal.cost)
         far_off = solution.cost > MAX_FIT_CHI2 * np.count_nonzero(self.windows.weight)
         settled = abs(self._energies.get(key, np.inf) - solution.cost) < CHANCE_CHI2
@@ -252,6 +266,8 @@ class Trajectory:
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_energies[key] = solution.cost
         self._solutions[key], self._energies[key] = solution, solution.cost
+        if self._least is None or solution.cost < self._least.cost:
+            self._least = solution
         return solution
 
     def cost_near(
@@ -341,7 +357,7 @@ class Trajectory:
         functions: Sequence[Function],
         wanted: Sequence[str],
     ) -> Block:
-        """Block of the windows about states; nuisances: start states and encoder errors.
+        """Block of the windows about states, with states and encoder errors eliminated.
 
         Args:
             change_of: change of the law as a function of the motion.
@@ -352,57 +368,53 @@ class Trajectory:
         m = self.motion(_concatenated(solution), s.phase[::2])
         now = law(m, change_of(m))
         self.last_linearisation = solution, now, m
+        states = StateElimination(
+            window_jacobian(s, solution), *encoder_columns(s), STATE_PRECISION
+        )
         added = window_columns(s, solution, m, now, functions, wanted)
-        waves_of_encoders, sizes = encoder_columns(s)
-        J = np.hstack([jacobian(s, solution), waves_of_encoders])
-        left = stacked_residual(solution)
-        unknown = s.n_windows * STATES
-        share = self._independent_share(J[:, :unknown])
+        rows = states.clear(np.column_stack([stacked_residual(solution), added]))
+        if self._independent is None:
+            # Jumps do not count, as they have no noise of their own.
+            readings = float(np.count_nonzero(s.weight))
+            self._independent = max(readings - states.leverage(), 1.0)
+        share = self._independent / len(rows)
+        self.last_elimination = states
         return Block(
             NAME,
             s.run.name,
             ("windows",),
-            left[:, None],
-            np.full((len(left), 1), np.sqrt(share)),
+            rows[:, :1],
+            np.full((len(rows), 1), np.sqrt(share)),
             tuple(wanted),
-            added[:, None, :],
-            J[:, None, :],
-            np.append(np.full(unknown, STATE_PRIOR_SD), sizes)[None],
+            rows[:, None, 1:],
+            np.zeros((len(rows), 1, 0)),
+            np.zeros((1, 0)),
             np.zeros((0, 1, len(wanted))),
             np.zeros(0),
             independent_share=share,
         )
 
-    def _independent_share(self, J: Array) -> float:
-        """Degrees of freedom over number of rows: readings minus their leverage by the states.
-
-        Jumps do not count, as they have no noise of their own.
-        """
-        if self._share is None:
-            read = np.flatnonzero(self.windows.weight.ravel() > 0.0)
-            normal = J.T @ J + np.eye(J.shape[1]) / STATE_PRIOR_SD**2
-            leverage = np.sum(J[read] * np.linalg.solve(normal, J[read].T).T)
-            self._share = max(len(read) - float(leverage), 1.0) / len(J)
-        return self._share
-
     def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
-        """Responses to ``GENERIC_FUNCTIONS`` in the block formed last, states projected out."""
+        """Responses to ``GENERIC_FUNCTIONS`` in the block formed last, states eliminated."""
         s = self.windows
         solution, now, m = self.last_linearisation
         some = [f for f in functions if f.name in GENERIC_FUNCTIONS]
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
-        made = window_columns(s, solution, m, now, some, wanted) / block.sigma
-        left = nuisance_remover(block, 0)(made)
+        made = window_columns(s, solution, m, now, some, wanted)
+        left = self.last_elimination.clear(made) / block.sigma
         nothing = np.zeros((len(left), 1, 1))
         return RegressionInputs(nothing, nothing[:, 0], nothing, left[:, None, :])
 
     def cycles(self) -> Array:
-        """(rows,) mesh cycles since the start; jumps at the start of their window."""
+        """(rows,) mesh cycles since the start; jumps at the start of their window, priors at 0."""
         s = self.windows
         W, samples, k = s.measured.shape
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
         data = np.repeat(phase[:: 2 * s.steps_per_sample][: W * samples], k)
-        return np.concatenate([data, np.repeat(phase[s.first_half_step[1:]], STATES)])
+        jumps = np.repeat(phase[s.first_half_step[1:]], STATES)
+        return np.concatenate(
+            [data, jumps, np.zeros(2 * sum(c[0] == "u" for c in s.channels.names))]
+        )
 
 
 def _concatenated(solution: WindowSolution) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block, nuisance_remover
+from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
@@ -78,7 +78,7 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
         np.abs(away) < HALF_CONTACT, 0.5 + 0.5 * np.cos(np.pi * away / HALF_CONTACT), 0.0
     )
     M = len(s.G)
-    clear = nuisance_remover(block, 0)
+    clear = one.last_elimination.clear
     times = int(before.max() - before.min()) + len(near)
     W, samples, k = s.measured.shape
     of_window = np.repeat(np.arange(W), samples * k)
@@ -97,8 +97,8 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
         mesh_rows = np.arange(len(made))
         for i in near:
             every[:, before[of_window] - before.min() + i, mesh_rows] += made[:, :, i].T
-        flat = clear(every.reshape(-1, len(made)).T).T
-        found[kind] = (flat / block.sigma[0, 0]).reshape(every.shape)
+        flat = clear(every.reshape(-1, len(made)).T).T / block.sigma[0, 0]
+        found[kind] = flat.reshape(M, times, -1)
     return Contacts(int(before.min()), found, block.residual[:, 0] / block.sigma[0, 0])
 
 

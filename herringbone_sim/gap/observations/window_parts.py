@@ -6,14 +6,13 @@ forces by it acts through the linear response of the windows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.diagnosis.products import Block, nuisance_remover
+from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Score
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
@@ -35,11 +34,6 @@ class WindowPartTrial(PartTrial):
 
     def _observations(self) -> list[str]:
         return [trajectory.NAME]
-
-    @cached_property
-    def _nuisance_removers(self) -> dict[int, Callable[[Array], Array]]:
-        """Functions that project out states and encoder errors, by number of the run."""
-        return {run.number: nuisance_remover(run.blocks[trajectory.NAME], 0) for run in self._runs}
 
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
         _, _, m = self.gear.trajectory_under(r, self._amplitudes).last_linearisation
@@ -73,8 +67,6 @@ class WindowPartTrial(PartTrial):
         size = more.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)]
         pushed = responses(s, solution, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
-        weight = np.sqrt(block.independent_share) / block.sigma[:, 0]
-        clear = self._nuisance_removers[run.number]
-        before = clear(block.residual[:, 0] * weight)
-        after = before - clear(pushed * weight)
+        before = block.residual[:, 0] * (np.sqrt(block.independent_share) / block.sigma[:, 0])
+        after = before - one.last_elimination.clear(pushed[:, None])[:, 0]
         yield trajectory.NAME, 0, before, after, np.ones(len(before))

@@ -1,0 +1,131 @@
+"""Start states of windows: their normal matrix, and what is left when they are eliminated.
+
+Ties join neighbouring windows only, so the normal matrix is block tridiagonal and work grows with
+the number of windows (block Cholesky: Golub and Van Loan, Matrix Computations, sec. 4.5).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class BlockTridiagonal:
+    """Cholesky factor of a symmetric positive definite matrix of W x W blocks.
+
+    Args:
+        own: (W, n, n) blocks on the diagonal.
+        below: (W - 1, n, n) blocks below it.
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is not positive definite.
+    """
+
+    def __init__(self, own: Array, below: Array) -> None:
+        self._inverse, self._below = np.empty_like(own), np.empty_like(below)
+        rest = own[0]
+        for w in range(len(own)):
+            if w:
+                self._below[w - 1] = below[w - 1] @ self._inverse[w - 1].T
+                rest = own[w] - self._below[w - 1] @ self._below[w - 1].T
+            self._inverse[w] = np.linalg.inv(np.linalg.cholesky(rest))
+
+    def solve(self, right: Array) -> Array:
+        """Solution (W, n, k) for right sides (W, n, k)."""
+        found = np.empty_like(right)
+        for w in range(len(right)):
+            rest = right[w] - self._below[w - 1] @ found[w - 1] if w else right[w]
+            found[w] = self._inverse[w] @ rest
+        for w in range(len(right) - 1, -1, -1):
+            rest = found[w]
+            if w + 1 < len(right):
+                rest = rest - self._below[w].T @ found[w + 1]
+            found[w] = self._inverse[w].T @ rest
+        return found
+
+
+class WindowJacobian:
+    """Jacobian J of W windows by their scaled start states.
+
+    Rows are the readings of all windows, then the ties between them.
+
+    Args:
+        readings: (W, m, n) derivatives of the readings of each window, over the noise.
+        ends: (W - 1, n, n) derivatives of its end, over the standard deviation of a jump.
+        start: derivative of the start of the next window, over that of a jump.
+
+    Attributes:
+        own, below: blocks of J'J, see ``BlockTridiagonal``.
+        of_readings: (W, n, n) part of ``own`` by the readings.
+    """
+
+    def __init__(self, readings: Array, ends: Array, start: float) -> None:
+        self._readings, self._ends, self._start = readings, ends, start
+        self.of_readings = readings.transpose(0, 2, 1) @ readings
+        self.own = self.of_readings.copy()
+        self.own[:-1] += ends.transpose(0, 2, 1) @ ends
+        self.own[1:] += start**2 * np.eye(readings.shape[2])
+        self.below = -start * ends
+
+    def times(self, states: Array) -> Array:
+        """J times states (W, n, k): (rows, k)."""
+        ties = self._ends @ states[:-1] - self._start * states[1:]
+        k = states.shape[2]
+        readings = (self._readings @ states).reshape(self._readings[..., 0].size, k)
+        return np.concatenate([readings, ties.reshape(self._ends[..., 0].size, k)])
+
+    def transposed_times(self, rows: Array) -> Array:
+        """J' times (rows, k): (W, n, k)."""
+        (W, m, n), k = self._readings.shape, rows.shape[1]
+        found = self._readings.transpose(0, 2, 1) @ rows[: W * m].reshape(W, m, k)
+        ties = rows[W * m :].reshape(W - 1, n, k)
+        found[:-1] += self._ends.transpose(0, 2, 1) @ ties
+        found[1:] -= self._start * ties
+        return found
+
+
+class StateElimination:
+    """Removes from rows what start states and further columns explain of them.
+
+    Products of cleared rows are those with both marginalised.
+
+    Args:
+        jacobian: by the start states, whose prior is flat.
+        columns: (rows, m) further columns, over the noise.
+        sizes: (m,) prior standard deviations of their coefficients.
+        flat: precision of the prior of the start states, small.
+    """
+
+    def __init__(
+        self, jacobian: WindowJacobian, columns: Array, sizes: Array, flat: float
+    ) -> None:
+        self._jacobian = jacobian
+        eye = np.eye(jacobian.own.shape[1])
+        self._factor = BlockTridiagonal(jacobian.own + flat * eye, jacobian.below)
+        self._columns = np.vstack([self._without_states(columns), np.diag(1.0 / sizes)])
+        self._normal = self._columns.T @ self._columns
+
+    def _without_states(self, rows: Array) -> Array:
+        """Rows (rows, k) less their projection on the states."""
+        return rows - self._jacobian.times(
+            self._factor.solve(self._jacobian.transposed_times(rows))
+        )
+
+    def clear(self, rows: Array) -> Array:
+        """Cleared (rows + m, k) of (rows, k); the last m rows carry the prior of the columns."""
+        extra = np.zeros((len(self._normal), rows.shape[1]))
+        found = np.vstack([self._without_states(rows), extra])
+        if not len(extra):
+            return found
+        return np.asarray(
+            found - self._columns @ np.linalg.solve(self._normal, self._columns.T @ found)
+        )
+
+    def leverage(self) -> float:
+        """Number of readings that the states use up."""
+        W, n, _ = self._jacobian.own.shape
+        covariance = self._factor.solve(np.eye(W * n).reshape(W, n, W * n))
+        own = covariance.reshape(W, n, W, n)[np.arange(W), :, np.arange(W)]
+        return float(np.sum(self._jacobian.of_readings * own))
