@@ -15,6 +15,7 @@ from herringbone_sim.ros.qos import STREAM, open_publisher
 
 PERIOD_S = 0.01
 DISCOVERY_S = 0.5  # wait for the discovery of other publishers
+LATE_S = 10.0  # of the start, in which this one still gives way to a publisher discovered late
 
 
 class SimClock:
@@ -29,20 +30,32 @@ class SimClock:
     def __init__(
         self, node: Node, steady: Clock, group: CallbackGroup, t_s: Callable[[], float]
     ) -> None:
-        self._t_s = t_s
+        self._node, self._t_s = node, t_s
         self._publisher = None
         time.sleep(DISCOVERY_S)
         if node.count_publishers("/clock"):
-            node.get_logger().error(
-                "another node publishes /clock: this one does not; stop the other or leave "
-                "publish_clock false"
-            )
+            self._give_way()
             return
         self._publisher = open_publisher(node, ClockMessage, "/clock", STREAM)
-        node.create_timer(PERIOD_S, self.tick, group, clock=steady)
+        self._settled = time.monotonic() + LATE_S
+        self._timer = node.create_timer(PERIOD_S, self.tick, group, clock=steady)
 
     def tick(self) -> None:
         """Publish the present simulation time."""
-        if self._publisher is not None:
-            seconds, part = divmod(round(self._t_s() * 1e9), 10**9)
-            self._publisher.publish(ClockMessage(clock=Time(sec=seconds, nanosec=part)))
+        if self._publisher is None:
+            return
+        if time.monotonic() < self._settled and self._node.count_publishers("/clock") > 1:
+            self._timer.cancel()
+            self._node.destroy_publisher(self._publisher)
+            self._publisher = None
+            self._give_way()
+            return
+        seconds, part = divmod(round(self._t_s() * 1e9), 10**9)
+        self._publisher.publish(ClockMessage(clock=Time(sec=seconds, nanosec=part)))
+
+    def _give_way(self) -> None:
+        """Say why this node publishes no clock."""
+        self._node.get_logger().error(
+            "another node publishes /clock: this one does not; stop the other or leave "
+            "publish_clock false"
+        )

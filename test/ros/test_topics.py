@@ -215,6 +215,18 @@ def test_clock_follows_the_simulation_and_has_one_publisher(bench: Bench) -> Non
     assert bench.client.count_publishers("/clock") == 1
 
 
+def test_a_clock_that_is_discovered_late_has_it_alone(bench: Bench) -> None:
+    """The node that starts later gives way, also where it found the other while it ran."""
+    node = bench.simulator(publish_clock=True)
+    bench.client.create_publisher(Clock, "/clock", 10)
+
+    def publishers() -> set[str]:
+        return {p.node_name for p in bench.client.get_publishers_info_by_topic("/clock")}
+
+    assert node.get_name() in publishers()
+    wait_until(lambda: publishers() == {bench.client.get_name()})
+
+
 def test_blocks_leave_often_however_slow(bench: Bench) -> None:
     """The slowest factor that is taken still sends samples about every 0.1 s."""
     got = bench.listen(Float64MultiArray, SAMPLES)
