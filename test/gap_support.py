@@ -17,6 +17,8 @@ from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.practice.campaign import PracticeCampaign
+from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
@@ -101,6 +103,13 @@ def with_few_runs(campaign: PreparedCampaign) -> PreparedCampaign:
     """Of a practice campaign, which has five to fit and three held out, three and one."""
     fitted, held_out = campaign.of_role("fit")[:3], campaign.of_role("held_out")[:1]
     return replace(campaign, runs=(*fitted, *held_out))
+
+
+def shortened(made: PracticeCampaign, cycles: int) -> PracticeCampaign:
+    """The first mesh cycles of each recording of a practice campaign."""
+    kept = cycles * SAMPLES_PER_CYCLE
+    series = [TimeSeries(s.times[:kept], s.data[:kept], s.names) for s in made.series]
+    return replace(made, series=tuple(series))
 
 
 def without(m: Measured, names: Sequence[str], gone: Sequence[str]) -> Measured:

@@ -78,6 +78,7 @@ class Information:
             shares.append(by_run / max(float(by_run.sum()), 1e-300))
         cross = (weak * of_mains) @ cross_gram(campaign, mains, [*base, *others])
         self._with_base, self._with_others = cross[:, :n], cross[:, n:] * of_others
+        self._free = [cho_solve(self._factor, row) for row in self._with_base]
         self._raw = np.array(raw)
         self.squares, self.by_run = np.array(squares), np.array(shares)
         self.count = sum(
@@ -133,8 +134,7 @@ class Information:
 
     def _tolerances_inside(self, i: int, size: float) -> bool:
         """Whether the unbounded fit of tolerances to truth i stays inside their bounds."""
-        free = size * cho_solve(self._factor, self._with_base[i])
-        return bool(np.all(np.abs(free) <= self._bound))
+        return bool(np.all(np.abs(size * self._free[i]) <= self._bound))
 
 
 def _priors(h: Hypothesis, size: float) -> tuple[NDArray[np.bool_], Array]:

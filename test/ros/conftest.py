@@ -13,7 +13,10 @@ from support import Bench
 from herringbone_sim.core.parameters import ParameterWarning
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-DOMAINS = itertools.cycle(range(1 + os.getpid() % 50, 100))
+# Processes that share the tests have different ones. Only odd: a test may take the next one too.
+WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+OWN = range(1 + 2 * WORKER, 99, 2 * int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+DOMAINS = itertools.islice(itertools.cycle(OWN), os.getpid() % len(OWN), None)
 
 
 @pytest.fixture

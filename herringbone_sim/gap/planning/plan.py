@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,6 +182,7 @@ def _detectability(
     h = hypotheses[i]
     rivals = _rivals(i, hypotheses, information.left[i])
 
+    @cache
     def judged(k: int) -> tuple[dict[str, float], float]:
         return _probabilities(i, float(SIZES[k]), hypotheses, rivals, information)
 
