@@ -83,7 +83,7 @@ class WindowJacobian:
         ties = rows[W * m :].reshape(W - 1, n, k)
         found[:-1] += self._ends.transpose(0, 2, 1) @ ties
         found[1:] -= self._start * ties
-        return found
+        return np.asarray(found)
 
 
 class StateElimination:
