@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.cli.options import (
     add_number,
     add_out,
@@ -45,8 +45,6 @@ from herringbone_sim.sweeps.array_cache import ArrayCache
 from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.csv_file import write_csv
-
-Array = NDArray[np.float64]
 
 HEAD = (
     *("attractor", "motion", "starts", "share", "low", "high"),

@@ -9,9 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.cli.basins import cached_sections
 from herringbone_sim.cli.options import (
     add_number,
@@ -34,8 +34,6 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.figures.survival import survival_figure
 from herringbone_sim.views.tables.csv_file import write_csv
-
-Array = NDArray[np.float64]
 
 POINTS = 150  # mesh cycles observed after the transient
 FATES = ("from_rest", "other_alike", "differ", "differ_chaotic")

@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.control.amplitude import Survey, run_survey
 from herringbone_sim.control.runs import MotionRunner, RunSettings, repeats
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.basins import random_starts, wilson
 from herringbone_sim.sweeps.grid import Axis
-
-Array = NDArray[np.float64]
 
 SHARES = (0.01, 0.02, 0.05, 0.10)
 

@@ -31,13 +31,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
-
-Array = NDArray[np.float64]
 
 HALF_90 = 1.645  # standard deviations of half a 90 % interval
 FILE = Path(__file__).with_name("calibration.json")
@@ -103,7 +101,7 @@ class LabelledCampaign:
     """
 
     table: Array
-    true: NDArray[np.bool_]
+    true: Flags
 
 
 def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
@@ -180,7 +178,7 @@ def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
     return sorted(found, key=lambda f: -f.probability)
 
 
-def are_true(every: Sequence[Explanation], truth: Sequence[str]) -> NDArray[np.bool_]:
+def are_true(every: Sequence[Explanation], truth: Sequence[str]) -> Flags:
     """Which explanations are true (k,), by what was tried.
 
     A pair that was not tried is either of its effects with something unknown beside it; nothing

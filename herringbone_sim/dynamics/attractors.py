@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from herringbone_sim.analysis.periods import MIN_REPEATS, TOLERANCE, find_period
+from herringbone_sim.arrays import Array
 
-Array = NDArray[np.float64]
 Exchange = NDArray[np.int64]
 
 ALIKE, AS_A_SET, PAIR = "left = right", "symmetric as a set", "one of a mirror pair"

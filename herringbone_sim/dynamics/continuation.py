@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.curve import BranchPoint, Curve, backwards
-from herringbone_sim.dynamics.orbits import Array, Multipliers, basis_of
+from herringbone_sim.dynamics.orbits import Multipliers, basis_of
 from herringbone_sim.errors import AnalysisError
 
 QUICK, SLOW = 3, 8  # Newton iterations up to which the step grows, from which it shrinks

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.flow import Flow
 from herringbone_sim.dynamics.growth import Growth, descending
 from herringbone_sim.dynamics.spectrum import orthonormalised
 from herringbone_sim.errors import AnalysisError
 
-Array = NDArray[np.float64]
 Exchange = NDArray[np.int64]
 
 

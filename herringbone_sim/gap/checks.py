@@ -7,8 +7,8 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.data.units import clock_unit, mark_not_recorded, wrong_units
@@ -22,8 +22,6 @@ from herringbone_sim.gap.residuals.misfit import (
     speed_ratio,
     unexplained_force_shares,
 )
-
-Array = NDArray[np.float64]
 
 FEWEST_CYCLES = 8.0  # shortest usable run in mesh cycles
 SHORT = 0.5  # of the median number of mesh cycles, below which a run is reported

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import spread
-from herringbone_sim.core.timeseries import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.analysis.periods import TOLERANCE, find_period
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import Batch
-from herringbone_sim.paper.scenarios import CHAOS, FAILED, Array, motion_name
+from herringbone_sim.paper.scenarios import CHAOS, FAILED, motion_name
 
 Labels = NDArray[np.int64]
 

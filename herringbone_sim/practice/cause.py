@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.rig_model import MESHES, Array, RigModel
+from herringbone_sim.arrays import Array
+from herringbone_sim.practice.rig_model import MESHES, RigModel
 
 ALL = {"mesh": "all", "planet": "all", "side": "all"}
 Point = Mapping[str, float]

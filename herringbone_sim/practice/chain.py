@@ -15,6 +15,7 @@ from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.practice.noise import Noise
 from herringbone_sim.practice.record import (
     COS_BETA,
@@ -24,7 +25,7 @@ from herringbone_sim.practice.record import (
     geometry,
     without_trend,
 )
-from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, Array, omega_n, radii
+from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, omega_n, radii
 
 Channels = dict[str, Array]
 Part = Mapping[str, Any]

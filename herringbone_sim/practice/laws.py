@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.rig_model import Array
+from herringbone_sim.arrays import Array
 from herringbone_sim.practice.tables import GRID, deflections
 
 Curve = Mapping[str, Any]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.practice.rig_model import (
     BODIES,
@@ -16,7 +17,6 @@ from herringbone_sim.practice.rig_model import (
     N_BODY,
     N_COORDINATE,
     NOMINAL,
-    Array,
     Constants,
     RigModel,
     half_backlash,

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.practice.cause import Cause, Kind, Point, at, draw_sign
 from herringbone_sim.practice.record import Motion, channels_of
-from herringbone_sim.practice.rig_model import BODIES, MESHES, Array, RigModel
+from herringbone_sim.practice.rig_model import BODIES, MESHES, RigModel
 
 Channels = dict[str, Array]
 UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4, "a": 5e4}

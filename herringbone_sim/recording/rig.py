@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from herringbone_sim.core.layout import HEAD, describe
 from herringbone_sim.core.model import Model, build, errors_at
@@ -31,7 +30,6 @@ from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.campaign import write_campaign
 from herringbone_sim.recording.writer import RunWriter, split_rows
 
-Array = NDArray[np.float64]
 SCHEMA = "rig/label/1"
 FULL_SCALE = 2.0  # range of the converter over the largest value of a channel
 

@@ -19,12 +19,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.parameters import to_mapping
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
 from herringbone_sim.sweeps.array_cache import digest
 from herringbone_sim.sweeps.grid import Axis, Sweep, sweep_from_json
-from herringbone_sim.sweeps.observe import SCALARS, Array, Table
+from herringbone_sim.sweeps.observe import SCALARS, Table
 from herringbone_sim.sweeps.output import make_folder, whole_file
 
 FILE = "sweep.json"

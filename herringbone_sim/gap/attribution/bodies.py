@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.law import no_react
@@ -26,8 +26,6 @@ from herringbone_sim.gap.residuals.balance import (
     window_of,
 )
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
-
-Array = NDArray[np.float64]
 
 FREE_PIN_UNCERTAINTY = 0.4  # sigma of the reaction of a free pin on the carrier, over its RMS
 

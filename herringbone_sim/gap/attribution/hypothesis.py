@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
@@ -25,7 +25,6 @@ from herringbone_sim.gap.residuals.balance import FineLaw
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw, fine_law, force_law
 
-Array = NDArray[np.float64]
 SUBSTEPS = 8  # of a sample, for states of effects
 
 
@@ -44,7 +43,7 @@ class Case:
     run: PreparedRun
     fused: Fused
     now: Array
-    usable: NDArray[np.bool_]
+    usable: Flags
     floor: Array
 
 
@@ -54,7 +53,7 @@ def case(run: PreparedRun, fused: Fused) -> Case:
     columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
     now = np.stack([np.broadcast_to(column, run.phase.shape) for column in columns], axis=1)
     seen = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
-    usable: NDArray[np.bool_] = np.logical_and(seen, np.isfinite(run.F.values).all(axis=0))
+    usable: Flags = np.logical_and(seen, np.isfinite(run.F.values).all(axis=0))
     floor = force_law(run, fused, np.ones(6)).sigma_n
     return Case(run, fused, np.ascontiguousarray(now, dtype=float), usable, floor)
 

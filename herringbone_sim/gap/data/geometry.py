@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model
-
-Array = NDArray[np.float64]
 
 
 def coordinates_to_meshes(layout: Layout) -> Array:

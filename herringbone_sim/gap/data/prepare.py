@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.core.layout import PREFIX_UNITS, Layout
 from herringbone_sim.core.model import build
@@ -25,8 +24,6 @@ from herringbone_sim.gap.data.screen import Finding, screen
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
 from herringbone_sim.recording.reader import Recording, read_recording
-
-Array = NDArray[np.float64]
 
 
 def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:

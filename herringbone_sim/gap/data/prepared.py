@@ -6,17 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.layout import KINDS, SIDES, Layout
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.data.waves import Waves
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -30,7 +26,7 @@ class Measured:
     """
 
     values: Array
-    recorded: Mask
+    recorded: Flags
     sigma: Array
 
     @property
@@ -124,9 +120,9 @@ class MeshTable:
     """
 
     names: tuple[str, ...]
-    kind: Index
-    side: Index
-    planet: Index
+    kind: Indices
+    side: Indices
+    planet: Indices
 
 
 @dataclass(frozen=True)

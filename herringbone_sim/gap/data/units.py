@@ -11,15 +11,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 POWERS = {3: "a thousand", -3: "a thousandth of", 6: "a million", -6: "a millionth of"}
 CLOCK_UNITS = {  # ratio of the apparent to the nominal mesh frequency
@@ -66,7 +63,7 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
     return run, findings
 
 
-def mark_not_recorded(run: PreparedRun, q: str, off: Mask) -> PreparedRun:
+def mark_not_recorded(run: PreparedRun, q: str, off: Flags) -> PreparedRun:
     """Mark channels (k,) of the quantity x, v, F or u as not recorded."""
     old: Measured = getattr(run, q)
     values = np.where(off, np.nan, old.values)
@@ -116,7 +113,7 @@ def _powers(ratio: Array) -> Array:
     return powers
 
 
-def _channels(run: PreparedRun, q: str, off: Mask) -> tuple[str, ...]:
+def _channels(run: PreparedRun, q: str, off: Flags) -> tuple[str, ...]:
     """Names of the channels of the quantity ``q`` where ``off`` (k,) is set; of u, all."""
     layout = run.model.layout
     if q == "u":

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model, build
@@ -20,7 +20,6 @@ from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
 from herringbone_sim.gap.observations.window_channels import pin_names, pin_weights
 
-Array = NDArray[np.float64]
 LEAST_CYCLES = round(BLOCK_CYCLES)  # shortest run in mesh cycles: a block of the diagnosis
 TRANSIENT = 80  # mesh cycles before a recording, as for practice rigs
 

@@ -14,15 +14,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window, gaussian_window
 from herringbone_sim.gap.residuals.fusion import Fused
-
-Array = NDArray[np.float64]
 
 FineLaw = Callable[[Array, Array, Array], Array]  # phase, D z and its rate -> mesh forces [N]
 

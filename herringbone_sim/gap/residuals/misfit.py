@@ -10,15 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
-
-Array = NDArray[np.float64]
 
 SPEED_TOLERANCE = 2e-3  # relative, of a mesh frequency against that of the other runs
 GEOMETRY_TOLERANCE = 0.2  # of the scales of u and e(t) against those of the other runs

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import Waves
 from herringbone_sim.gap.residuals.balance import (
@@ -35,8 +35,6 @@ from herringbone_sim.gap.residuals.recalibrate import (
     fine_law,
     force_law,
 )
-
-Array = NDArray[np.float64]
 
 SEED = 20  # of the noise realisation
 WIDTH = 0.08  # of the window, mesh cycles: averages the noise of dv/dt, but passes order 3

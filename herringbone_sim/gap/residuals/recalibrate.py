@@ -11,17 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.balance import FineLaw
 from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import Fused
-
-Array = NDArray[np.float64]
 
 NAMES = ("k_sp", "k_rp", "c_sp", "c_rp", "e_sp", "e_rp")
 # c follows xi, the root of k and the masses of Eq. (11), each within 2 %.

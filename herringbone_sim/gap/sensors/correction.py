@@ -6,15 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import between, channels_of
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 
-Array = NDArray[np.float64]
 Undo = Callable[[float, Array, Array], Array]  # size, times, values -> corrected values
 
 UNDO: Mapping[str, Undo] = {

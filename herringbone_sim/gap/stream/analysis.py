@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
@@ -34,8 +33,6 @@ from herringbone_sim.gap.stream.stretch import MotionStatistics, Residual
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
-
-Array = NDArray[np.float64]
 
 NOISELESS = 1e-4  # least noise over RMS of a channel, that of a converter of 14 bits
 ROUNDS = 3  # Gauss-Newton steps of a recalibration

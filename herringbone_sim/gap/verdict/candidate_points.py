@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
@@ -17,8 +17,6 @@ from herringbone_sim.gap.attribution.hypothesis import Case, case
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import fuse
-
-Array = NDArray[np.float64]
 
 NAMES = ("delta_T", "K", "T_1", "Omega")
 DIGITS = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.attribution.bodies import masses
 from herringbone_sim.gap.attribution.hypothesis import (
@@ -32,8 +32,6 @@ from herringbone_sim.gap.residuals.motion import WIDTH as MOTION_WIDTH
 from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance
 from herringbone_sim.gap.residuals.recalibrate import BOUNDS, HEAVIEST, ForceLaw, force_law
 from herringbone_sim.gap.verdict.words import effect_names
-
-Array = NDArray[np.float64]
 
 SEED = 21  # of the noise realisation for the noise of the accelerations
 FORCES, BALANCE, MOTION = "forces", "balance", "motion"

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active
@@ -22,8 +22,6 @@ from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
-
-Array = NDArray[np.float64]
 
 SETTLE = 20  # mesh cycles of transient before the compared motion
 BANDS = 12  # frequency bands, each half a mesh order wide

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.effects.gear import gear_table, pointers_allowed, scratch
 from herringbone_sim.effects.instant import recorded
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
@@ -19,9 +19,6 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 LONGEST = 1.0  # largest horizon, mesh cycles
 LYAPUNOV_TIMES = 0.5  # horizon of a chaotic motion
@@ -41,7 +38,7 @@ class Horizon:
         cycles: the same in mesh cycles.
     """
 
-    starts: Index
+    starts: Indices
     samples: int
     cycles: float
 
@@ -123,7 +120,7 @@ def largest_exponent(
 
 
 def states_of_effects(
-    run: PreparedRun, fused: Fused, simulator: GearSimulator, starts: Index
+    run: PreparedRun, fused: Fused, simulator: GearSimulator, starts: Indices
 ) -> Array:
     """States of effects (s, n_own) at the samples ``starts``, integrated along the run.
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.lyapunov import largest_exponent as exponent_of_data
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.motion import SEED, fused_noise
@@ -38,7 +38,6 @@ from herringbone_sim.gap.verification.horizon import (
 from herringbone_sim.gap.verification.simulator import GearSimulator, simulator_of
 from herringbone_sim.gap.verification.verify import Correction, Gap, RunGap
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 MODELS = ("nominal", "augmented", "runner_up")
 

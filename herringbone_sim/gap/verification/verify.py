@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.attribution.bodies import balance_with_effects, effect_accelerations
 from herringbone_sim.gap.attribution.hypothesis import (
     Case,
@@ -25,7 +25,6 @@ from herringbone_sim.gap.sensors.consistency import consistency_chi2
 from herringbone_sim.gap.sensors.correction import is_motion_sensor_effect
 from herringbone_sim.gap.verdict.augmented import Augmented
 
-Array = NDArray[np.float64]
 Correction = Callable[[PreparedRun], PreparedRun]
 
 UNITS = {

@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.recording.importing.units import si_unit
 
-Array = NDArray[np.float64]
 # Factor beyond which the next unit prefix (1000) is closer than the right one.
 FAR = 10.0**1.5
 SPEED = 0.05  # larger relative deviations mean a wrong Omega, slip or another gear

@@ -10,15 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from herringbone_sim.sweeps.compare import APERIODIC, FAILED, GearSweeps
 from herringbone_sim.sweeps.diagram import diagram_of
 from herringbone_sim.views.figures import maps
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE
 from herringbone_sim.views.figures.text import mesh_symbol
-
-Array = NDArray[np.float64]
 
 COLOURS = {"nominal": BLUE, "augmented": ORANGE}
 OTHER = "#d9c7b8"  # a period that has no colour of its own

@@ -13,16 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.control.amplitude import LeastAmplitude, Survey, Target
 from herringbone_sim.control.runs import LEAST_EXPONENT
 from herringbone_sim.control.shape import ShapeMap
 from herringbone_sim.views.figures.maps import APERIODIC, PERIOD_COLOURS, exponent_norm
 from herringbone_sim.views.figures.style import FRAMED_STYLE, GREEN, INK, ORANGE, parameter_label
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 NEITHER = "#8d93a0"
 REACHED = ("#1d2027", "#7d8794", "#86b8df", "#dce9f5")

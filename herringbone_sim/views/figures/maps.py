@@ -13,8 +13,8 @@ from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.parameters import meaning
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.store import Result
@@ -25,8 +25,6 @@ from herringbone_sim.views.figures.style import (
     cell_edges,
     save,
 )
-
-Array = NDArray[np.float64]
 
 DPI = 220
 NO_LOSS = "#e9eaec"

@@ -9,12 +9,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.arrays import Array
 from herringbone_sim.views.figures.text import mesh_symbol, plain_text
-
-Array = NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#22262c", "#9aa1ab"
 STYLE: Any = {

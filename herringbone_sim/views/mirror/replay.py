@@ -14,11 +14,12 @@ from herringbone_sim.analysis.motion import Motion, motion_of
 from herringbone_sim.analysis.noise import white_noise_rms
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.analysis.sections import stroboscopic_section
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import half_backlashes
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.core.scaling import scales
-from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values
 from herringbone_sim.recording.reader import Recording
