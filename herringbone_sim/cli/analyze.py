@@ -17,7 +17,6 @@ from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
 from herringbone_sim.cli.options import add_file, add_mesh, add_out
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
@@ -72,9 +71,8 @@ class Analysed:
     effects: list[str]
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``analyze``."""
-    parser = add_verb(verbs, "analyze", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add = parser.add_argument
     add("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a .mcap file")
     add_out(parser)
@@ -107,7 +105,6 @@ def add_parser(verbs: Verbs) -> None:
         metavar="HZ",
         help="mesh frequency of a run that has no phase channel",
     )
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -24,7 +24,6 @@ from herringbone_sim.cli.parameter_options import (
     model_from,
     print_gear_notes,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.basins import (
@@ -66,16 +65,14 @@ python -m herringbone_sim basins --set delta_T=70 --starts 100 --slice 24 \\
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``basins``."""
-    parser = add_verb(verbs, "basins", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_parameter_options(parser)
     add_random_starts(parser, starts=200, transient=4000)
     add_number(parser, "--points", 200, "mesh cycles observed then")
     add_number(parser, "--slice", 0, "a picture of N x N starts at rest; 0 for none")
     add_workers(parser)
     add_out(parser)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

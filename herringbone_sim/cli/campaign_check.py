@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from herringbone_sim.cli.options import add_file
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
 from herringbone_sim.gap.data.prepare import prepare
@@ -39,16 +38,14 @@ NEEDS = {
 }
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``campaign check``."""
-    parser = add_verb(verbs, "campaign check", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     parser.add_argument("campaign", type=Path, metavar="DIR", help="folder of runs")
     text = f"parameters of the rig (default: {NOMINAL} in the folder, else the nominal rig)"
     add_file(parser, "--nominal", text)
-    parser.set_defaults(func=campaign_check)
 
 
-def campaign_check(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print the channels of each run, findings, and the observations that can be formed."""
     beside = args.campaign / NOMINAL
     file = args.nominal or (beside if beside.is_file() else None)

@@ -9,7 +9,6 @@ from dataclasses import asdict
 from typing import Any
 
 from herringbone_sim.cli.options import add_run
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import listed, shown
 from herringbone_sim.recording.info import OPERATING, Channel, RunInfo, recording_info
 
@@ -25,12 +24,10 @@ python -m herringbone_sim info runs/first
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``info``."""
-    parser = add_verb(verbs, "info", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_run(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, for other programs")
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

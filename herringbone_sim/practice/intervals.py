@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def share(hits: Sequence[bool]) -> Figure:
     return Figure(p, float(max(middle - spread, 0.0)), float(min(middle + spread, 1.0)), n)
 
 
-def bootstrap(rows: Array, statistic: Callable[[Array], float], seed: int = 0) -> Figure:
+def bootstrap(rows: Array, statistic: Callable[[Array], Any], seed: int = 0) -> Figure:
     """A statistic of rows (n, ...) with the percentile interval of 1000 bootstrap resamples.
 
     Resamples with a statistic of NaN (only one class) are left out.
@@ -51,10 +52,10 @@ def bootstrap(rows: Array, statistic: Callable[[Array], float], seed: int = 0) -
     if n == 0:
         return NOTHING
     rng = np.random.default_rng(seed)
-    drawn = [statistic(rows[rng.integers(0, n, n)]) for _ in range(REPEATS)]
+    drawn = [float(statistic(rows[rng.integers(0, n, n)])) for _ in range(REPEATS)]
     kept = [value for value in drawn if np.isfinite(value)]
     low, high = np.percentile(kept, [2.5, 97.5]) if kept else (float("nan"), float("nan"))
-    return Figure(statistic(rows), float(low), float(high), n)
+    return Figure(float(statistic(rows)), float(low), float(high), n)
 
 
 def auroc(rows: Array) -> float:

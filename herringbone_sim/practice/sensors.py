@@ -9,16 +9,12 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.practice.cause import Cause, Kind, Point, at, draw_sign
+from herringbone_sim.practice.cause import Cause, Drawn, Kind, at, draw_sign, signed, size_as
 from herringbone_sim.practice.record import Motion, channels_of
-from herringbone_sim.practice.rig_model import BODIES, MESHES, RigModel
+from herringbone_sim.practice.rig_model import BODIES, MESHES
 
 Channels = dict[str, Array]
 UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4, "a": 5e4}
-
-
-def _untouched(p: RigModel, _c: Cause, _point: Point) -> RigModel:
-    return p
 
 
 def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
@@ -30,19 +26,14 @@ def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
     return {**where, "channels": list(channels)}
 
 
-def draw_channel(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+def draw_channel(rng: Generator, among: tuple[str, ...]) -> Drawn:
     """Draw one of the channels, and sign, unit and frequency of its fault."""
     name = str(rng.choice(list(among)))
     shape = {"sign": draw_sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
     return channel_locus((name,)), shape | {"hertz": float(rng.uniform(900.0, 1900.0))}
 
 
-def draw_clock(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Draw whether the clock is slow or fast."""
-    return at() | {"channels": ["t"]}, {"sign": float(rng.choice([-1.0, 1.0]))}
-
-
-def draw_swap(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+def draw_swap(rng: Generator, among: tuple[str, ...]) -> Drawn:
     """Draw two channels of one quantity: of the sun and a ring mesh, or of two bodies."""
     quantities = sorted({name[0] for name in among})
     one = str(rng.choice(quantities))
@@ -109,7 +100,7 @@ def sensor(
     start: float, cap: float, parameters: Any, draw: Any = draw_channel, least: float = 0.0
 ) -> Kind:
     """A kind of sensor fault."""
-    return Kind("sensor", start, cap, draw, _untouched, parameters, least)
+    return Kind("sensor", start, cap, draw, lambda p, c, _: p, parameters, least)
 
 
 def _bias_parameter(c: Cause) -> dict[str, tuple[Any, str]]:
@@ -121,7 +112,9 @@ SENSORS: dict[str, Kind] = {
     "sensor_gain": sensor(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
     "sensor_bias": sensor(0.02, 2.0, _bias_parameter),
     "sensor_delay": sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
-    "clock_drift": sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}, draw_clock),
+    "clock_drift": sensor(
+        50.0, 5e3, size_as("ppm", "1e-6"), signed(lambda rng: at() | {"channels": ["t"]})
+    ),
     "channel_swap": sensor(1.0, 1.0, lambda c: {}, draw_swap, 1.0),
 }
 OUTSIDE_SENSORS: dict[str, Kind] = {

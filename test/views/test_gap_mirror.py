@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gap_support import NOMINAL, rig
 
-from herringbone_sim.cli.gap_rerun import mirror_gap
+from herringbone_sim.cli.gap import mirror_gap
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.attribution.hypothesis import case
