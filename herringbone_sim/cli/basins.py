@@ -25,7 +25,6 @@ from herringbone_sim.cli.parameter_options import (
     print_gear_notes,
 )
 from herringbone_sim.core.model import Model
-from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.basins import (
     Basins,
     Sections,
@@ -98,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     last = args.transient + args.points - 1
     motions = [identify_motion(model, attractor, at=last) for attractor in all_attractors]
     pairs = zip(motions, all_attractors, strict=True)
-    names = [attractor_name(kind, attractor) for (kind, _), attractor in pairs]
+    names = [attractor.named(kind) for (kind, _), attractor in pairs]
     growths = [growth for _, growth in motions]
     rows = table(names, growths, shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
@@ -140,11 +139,6 @@ def cached_sections(
         return np.asarray(arrays["sections"])
 
     return cached
-
-
-def attractor_name(kind: str, attractor: Attractor) -> str:
-    """Label of an attractor: kind of motion and, if any, symmetry, as ``P2, left = right``."""
-    return f"{kind}, {attractor.symmetry}" if attractor.symmetry else kind
 
 
 def table(

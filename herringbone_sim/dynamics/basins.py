@@ -13,7 +13,7 @@ from herringbone_sim.analysis.periods import TOLERANCE
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import Model, initial_state, state
-from herringbone_sim.dynamics.attractors import Attractor, Exchange, attractor_of, match_known
+from herringbone_sim.dynamics.attractors import Attractor, attractor_of, match_known
 from herringbone_sim.dynamics.flow import symmetry
 
 Sections = Callable[[Array], Array]
@@ -55,7 +55,7 @@ class Basins:
 def explore(
     sections_of: Sections,
     starts: Array,
-    exchange: Exchange | None = None,
+    exchange: Indices | None = None,
     tolerance: float = TOLERANCE,
     known: tuple[Attractor, ...] = (),
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,

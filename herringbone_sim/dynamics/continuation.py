@@ -148,15 +148,8 @@ def passes_simpler(curve: Curve, before: BranchPoint, after: BranchPoint, what: 
         what: ``halved`` (the two halves of the period swap) or ``mirrored`` (left and right swap).
     """
     k = ("halved", "mirrored").index(what)
-    return (
-        float(
-            np.sum(
-                half_and_side_differences(curve, before)[k]
-                * half_and_side_differences(curve, after)[k]
-            )
-        )
-        < 0.0
-    )
+    a, b = (half_and_side_differences(curve, point)[k] for point in (before, after))
+    return float(np.sum(a * b)) < 0.0
 
 
 def half_and_side_differences(curve: Curve, point: BranchPoint) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.attribution.hypothesis import Case
+from herringbone_sim.gap.attribution.hypothesis import FusedRun
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,6 @@ class Calibrated:
             None where the force law is not observed.
     """
 
-    cases: tuple[Case, ...]
+    cases: tuple[FusedRun, ...]
     factors: Array
     per_mesh: Array | None

@@ -13,7 +13,7 @@ from herringbone_sim.core.parameters import spread
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.attribution.hypothesis import Case, case, expected_forces
+from herringbone_sim.gap.attribution.hypothesis import FusedRun, expected_forces, fused_run
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
@@ -59,12 +59,12 @@ def run_views(campaign: PreparedCampaign, diagnosis: Diagnosis) -> list[RunView]
         one = known.get(run.name)
         if one is None:
             whole = diagnosis.mend(run)
-            one = case(whole, fuse(whole))
+            one = fused_run(whole, fuse(whole))
         views.append(run_view(one, model))
     return views
 
 
-def run_view(one: Case, model: Augmented) -> RunView:
+def run_view(one: FusedRun, model: Augmented) -> RunView:
     """One run against the nominal and the augmented model."""
     run = one.run
     law = force_law(run, one.fused, np.ones(6))
@@ -131,7 +131,9 @@ def _turns(run: PreparedRun) -> Array:
     return np.asarray(turns - np.round(turns), dtype=np.float64)
 
 
-def _planes(one: Case, model: Augmented, last: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+def _planes(
+    one: FusedRun, model: Augmented, last: int
+) -> tuple[dict[str, Array], tuple[str, ...]]:
     planes, notes = {}, []
     seen = np.isfinite(one.fused.x).any() and np.isfinite(one.fused.v).any()
     if seen:
@@ -150,7 +152,7 @@ def _planes(one: Case, model: Augmented, last: int) -> tuple[dict[str, Array], t
     return planes, tuple(notes)
 
 
-def _motion(gear: Model, actives: Sequence[Active], one: Case) -> Array:
+def _motion(gear: Model, actives: Sequence[Active], one: FusedRun) -> Array:
     """Displacement and rate (k, n, 2) of the cycles that end with the run.
 
     It starts where the run does, so that of motions that exist beside one another it is the rig's;

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import rms
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.practice.measure import rms
 from herringbone_sim.practice.record import law_force
 from herringbone_sim.practice.rig_model import MESHES, NOMINAL
 from herringbone_sim.recording.campaign import Campaign

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.dynamics.basins import wilson
 
-Z_95 = 1.959963984540054
 REPEATS = 1000
 
 
@@ -33,14 +33,11 @@ NOTHING = Figure(float("nan"), float("nan"), float("nan"), 0)
 
 
 def share(hits: Sequence[bool]) -> Figure:
-    """Share of True with Wilson's interval (J. Am. Stat. Assoc. 22, 209, 1927)."""
+    """Share of True with Wilson's interval."""
     n = len(hits)
     if n == 0:
         return NOTHING
-    p = sum(hits) / n
-    middle = (p + Z_95**2 / (2 * n)) / (1 + Z_95**2 / n)
-    spread = Z_95 * np.sqrt(p * (1 - p) / n + Z_95**2 / (4 * n**2)) / (1 + Z_95**2 / n)
-    return Figure(p, float(max(middle - spread, 0.0)), float(min(middle + spread, 1.0)), n)
+    return Figure(sum(hits) / n, *wilson(sum(hits), n), n)
 
 
 def bootstrap(rows: Array, statistic: Callable[[Array], Any], seed: int = 0) -> Figure:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.practice.cause import Cause, Drawn, Kind, at, draw_sign, signed, size_as
 from herringbone_sim.practice.record import Motion, channels_of
 from herringbone_sim.practice.rig_model import BODIES, MESHES
@@ -70,13 +70,12 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
     elif c.internal == "missing_codes":
         seen[names[0]] = _missing_codes(exact[names[0]], c.size)
     elif c.internal == "mains_hum":
-        rms = float(np.sqrt(np.mean(exact[names[0]] ** 2)))
         hum = np.sin(float(c.shape["hertz"]) * 2.0 * np.pi * now.times)
-        seen[names[0]] = exact[names[0]] + by * rms * hum
+        seen[names[0]] = exact[names[0]] + by * rms(exact[names[0]]) * hum
     elif c.internal == "crosstalk":
         seen[names[0]] = exact[names[0]] + by * exact[_neighbour(names[0], exact)]
     elif c.internal == "soft_saturation":
-        level = float(np.sqrt(np.mean(exact[names[0]] ** 2))) / c.size
+        level = rms(exact[names[0]]) / c.size
         seen[names[0]] = level * np.tanh(exact[names[0]] / level)
     return seen
 
@@ -89,7 +88,7 @@ def _neighbour(name: str, among: Mapping[str, Array]) -> str:
 
 def _missing_codes(values: Array, size: float) -> Array:
     """Values rounded to steps of ``size`` RMS with every third code missing."""
-    step = size * float(np.sqrt(np.mean(values**2)))
+    step = size * rms(values)
     code = np.floor(values / step)
     lost = np.mod(code, 3.0) == 1.0
     shown: Array = (code + np.where(lost, -0.5, 0.5)) * step

@@ -12,7 +12,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.law import no_react
 from herringbone_sim.gap.attribution.hypothesis import (
-    Case,
+    FusedRun,
     effect_contributions,
     fine_law_with_effects,
 )
@@ -31,7 +31,7 @@ FREE_PIN_UNCERTAINTY = 0.4  # sigma of the reaction of a free pin on the carrier
 
 
 def balance_with_effects(
-    one: Case,
+    one: FusedRun,
     factors: Array,
     force_n: Array | None = None,
     actives: Sequence[Active] = (),
@@ -65,7 +65,7 @@ def balance_with_effects(
     return balance
 
 
-def mesh_effects_on_bodies(one: Case, actives: Sequence[Active]) -> tuple[Active, ...]:
+def mesh_effects_on_bodies(one: FusedRun, actives: Sequence[Active]) -> tuple[Active, ...]:
     """Mesh effects that exert torques on bodies by moving parts of their own, as free pins do."""
     model = one.run.model
     return tuple(
@@ -75,7 +75,7 @@ def mesh_effects_on_bodies(one: Case, actives: Sequence[Active]) -> tuple[Active
     )
 
 
-def balance_measured(cases: Sequence[Case]) -> bool:
+def balance_measured(cases: Sequence[FusedRun]) -> bool:
     """Whether every coordinate, rate and mesh force is measured in all runs."""
     return all(
         c.usable.all() and np.isfinite(c.fused.z_rate).all() and np.isfinite(c.fused.z).all()
@@ -84,7 +84,7 @@ def balance_measured(cases: Sequence[Case]) -> bool:
 
 
 def effect_accelerations(
-    one: Case, factors: Array, law: ForceLaw, probe: Active, width: float = WIDTH
+    one: FusedRun, factors: Array, law: ForceLaw, probe: Active, width: float = WIDTH
 ) -> Array:
     """Accelerations (k, m) of the coordinates by an effect's torques, window average [m/s^2].
 

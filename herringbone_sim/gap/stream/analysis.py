@@ -19,7 +19,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
@@ -100,7 +100,7 @@ def residual(
         run = replace(run, x=x, v=v, F=F, u=u)
         fused = fuse(run)
         remarks += tuple(finding.text for finding in run.findings)
-        if case(run, fused).usable.any():
+        if fused_run(run, fused).usable.any():
             return _force_law_residual(run, fused, float(series.times[-1]), remarks)
         if np.isfinite(fused.x).all() and np.isfinite(fused.v).all():
             return _motion_residual(run, fused, float(series.times[-1]), remarks)

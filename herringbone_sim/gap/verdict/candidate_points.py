@@ -13,7 +13,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.attribution.hypothesis import Case, case
+from herringbone_sim.gap.attribution.hypothesis import FusedRun, fused_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -34,7 +34,7 @@ class PredictedRun:
     """A run predicted at an operating point, and its largest mesh force [N]."""
 
     point: dict[str, float]
-    case: Case
+    case: FusedRun
     peak_n: float
 
 
@@ -80,7 +80,7 @@ def _level(name: str, share: float, low: float, high: float) -> float:
 
 
 def predict_run(
-    cases: Sequence[Case],
+    cases: Sequence[FusedRun],
     nominal: Parameters,
     gear: Parameters,
     factors: Array,
@@ -104,7 +104,7 @@ def predict_run(
         series, _ = simulate(model, CYCLES, settled)
         run = _recorded([c.run for c in cases], series, build(nominal.changed(point)), factors)
         forces = series.columns(tuple(f"F_{mesh}" for mesh in model.layout.meshes))
-        return PredictedRun(point, case(run, fuse(run)), float(np.abs(forces).max()))
+        return PredictedRun(point, fused_run(run, fuse(run)), float(np.abs(forces).max()))
     except (HerringboneError, np.linalg.LinAlgError):
         return None
 

@@ -18,7 +18,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.attribution.bodies import masses
 from herringbone_sim.gap.attribution.hypothesis import (
-    Case,
+    FusedRun,
     calibration_columns,
     effect_contributions,
     expected_forces,
@@ -144,7 +144,7 @@ def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation
 
 
 def linear_predictions(
-    one: Case, explanations: Sequence[FittedExplanation], quantity: str
+    one: FusedRun, explanations: Sequence[FittedExplanation], quantity: str
 ) -> list[LinearPrediction]:
     """Predictions of explanations in a run.
 
@@ -162,7 +162,7 @@ def linear_predictions(
 
 
 def _linear_prediction(
-    predictor: _Forces | _Bodies, one: Case, explanation: FittedExplanation
+    predictor: _Forces | _Bodies, one: FusedRun, explanation: FittedExplanation
 ) -> LinearPrediction:
     """Prediction of one explanation and its derivatives, by finite differences for effects."""
     law = force_law(one.run, one.fused, explanation.factors)
@@ -198,7 +198,7 @@ def _with_step(active: Active, k: int) -> tuple[Active, float]:
 class _Forces:
     """Predicts mesh forces of a run, in units of their noise."""
 
-    case: Case
+    case: FusedRun
 
     def values(
         self, explanation: FittedExplanation, law: ForceLaw, actives: Sequence[Active]
@@ -234,7 +234,7 @@ class _Bodies:
         motion: whether forces are not measured, so that those of the law are used.
     """
 
-    case: Case
+    case: FusedRun
     balance: Balance
     through: Array
     of_force: Array
@@ -276,7 +276,7 @@ class _Bodies:
         return white
 
 
-def _bodies(one: Case, explanation: FittedExplanation, motion: bool) -> _Bodies:
+def _bodies(one: FusedRun, explanation: FittedExplanation, motion: bool) -> _Bodies:
     """Predictor of accelerations; its noise and inertias follow the calibration of a fit."""
     run, model = one.run, one.run.model
     through = bodies_to_coordinates(model) / masses(model)

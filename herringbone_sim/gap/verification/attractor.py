@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active
@@ -131,8 +131,8 @@ def distances(one: Statistics, other: Statistics) -> dict[str, float]:
     contact = 0.5 * np.abs(one.contact - other.contact).sum(axis=1)
     return {
         "contact": float(contact.mean()),
-        "load_sharing": _rms(one.sharing - other.sharing),
-        "spectrum": _rms(one.bands - other.bands),
+        "load_sharing": rms(one.sharing - other.sharing),
+        "spectrum": rms(one.bands - other.bands),
         "section": _energy_distance(one.points, other.points),
     }
 
@@ -204,7 +204,3 @@ def _energy_distance(one: Array, other: Array) -> float:
         for a, b in zip(one, other, strict=True)
     ]
     return float(np.sqrt(max(np.mean(squares), 0.0)))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.arrays import Array, Indices
+from herringbone_sim.arrays import Array, Indices, rms
 from herringbone_sim.effects.gear import gear_table, pointers_allowed, scratch
 from herringbone_sim.effects.instant import recorded
+from herringbone_sim.gap.attribution.hypothesis import instants
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
@@ -132,9 +133,7 @@ def states_of_effects(
         return result
     law = force_law(run, fused, np.ones(6)).modelled_n
     force = np.where(np.isfinite(run.F.values), run.F.values, law)
-    p = run.model.parameters
-    columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
-    now = np.stack([np.broadcast_to(one, run.phase.shape) for one in columns], axis=1)
+    now = instants(run)
     own, before = np.zeros(n_own), 0
     work, gear = scratch(simulator.model, n_own), gear_table(simulator.model)
     with pointers_allowed():
@@ -147,7 +146,7 @@ def states_of_effects(
                 simulator.laws.theta,
                 gear,
                 run.times[rows],
-                np.ascontiguousarray(now[rows], dtype=float),
+                now[rows],
                 fused.x[rows],
                 fused.v[rows],
                 force[rows],
@@ -186,4 +185,4 @@ def _after_starts(z: Array, horizon: Horizon) -> Array:
 def _rms(error: Array, run: PreparedRun) -> float:
     """RMS of the errors of mesh displacements, from those of coordinates."""
     x = error @ coordinates_to_meshes(run.model.layout).T
-    return float(np.sqrt(np.mean(x**2)))
+    return rms(x)
