@@ -170,7 +170,7 @@ def mirror_gap(target: MirrorTarget, campaign: PreparedCampaign, diagnosis: Diag
         from herringbone_sim.views.mirror.gap import mirror
         from herringbone_sim.views.mirror.sink import open_sink
 
-        sink = open_sink(target.mode, target.address, target.path, target.memory_limit)
+        sink = open_sink(target)
         try:
             mirror(campaign, diagnosis, sink)
             if target.mode == "serve":

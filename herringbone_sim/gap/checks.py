@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.core.model import mean_sun_force
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.data.units import clock_unit, mark_not_recorded, wrong_units
@@ -145,11 +146,10 @@ def _other_operating_point(run: PreparedRun) -> list[Finding]:
 
 def _wrong_torque(run: PreparedRun) -> list[Finding]:
     """A finding if the mean force of the sun meshes does not balance the input torque."""
-    p, s = run.model.parameters, run.model.scales
     half = run.F.recorded.size // 2
     if not run.F.recorded[:half].all():
         return []
-    expected = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
+    expected = mean_sun_force(run.model)
     sun = run.F.values[:, :half]
     # The median is robust to one wrong sensor, the mean to a displaced planet.
     of_meshes = sun.mean(axis=0)
@@ -159,9 +159,9 @@ def _wrong_torque(run: PreparedRun) -> list[Finding]:
     if abs(mean - expected) < TORQUE_TOLERANCE * abs(expected) + spread:
         return []
     text = (
-        f"the sun meshes of {run.name} carry {mean:.5g} N in the mean, T_1 = {p.T_1:g} N m asks "
-        f"for {expected:.5g} N: another torque or unit of T_1, another gear, or forces with an "
-        "offset or in another unit"
+        f"the sun meshes of {run.name} carry {mean:.5g} N in the mean, "
+        f"T_1 = {run.model.parameters.T_1:g} N m asks for {expected:.5g} N: another "
+        "torque or unit of T_1, another gear, or forces with an offset or in another unit"
     )
     channels = ("T_1", *(f"F_{mesh}" for mesh in run.model.layout.meshes[:half]))
     return [Finding("torque", run.name, channels, float(run.times[0]), text)]

@@ -9,7 +9,6 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
-from herringbone_sim.core.parameters import spread
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
@@ -19,7 +18,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.verdict.augmented import Augmented
+from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
 
 COLUMNS = ("measured", "nominal", "augmented")
 TRANSIENT, CYCLES = 150, 40  # mesh cycles discarded, and mesh cycles of a view
@@ -84,24 +83,6 @@ def run_view(one: FusedRun, model: Augmented) -> RunView:
     )
 
 
-def own_gear(run: PreparedRun, model: Augmented) -> Model:
-    """The gear at the operating point of a run with the calibration of an augmented model.
-
-    The damping of both kinds of meshes follows one damping ratio, their mean.
-    """
-    p, factors = run.model.parameters, model.factors
-    k, c, e = factors[0:2], factors[2:4], factors[4:6]
-    n = run.model.layout.n_mesh
-    changed = {
-        "k_m_sp": p.k_m_sp * float(k[0]),
-        "k_m_rp": p.k_m_rp * float(k[1]),
-        "xi": p.xi * float(np.mean(c / np.sqrt(k))),
-        "e_factor": (np.array(spread(p.e_factor, n)) * np.repeat(e, n // 2)).tolist(),
-        "omega_n": run.model.scales.omega_n,
-    }
-    return build(p.changed(changed))
-
-
 def mesh_shares(views: Sequence[RunView]) -> dict[str, dict[str, float | None]]:
     """By column, share of every mesh in the residual above the floor before; None if unknown.
 
@@ -142,7 +123,7 @@ def _planes(
         notes.append("no displacement and rate of a mesh: no measured phase portrait")
     gears = {
         "nominal": (one.run.model, ()),
-        "augmented": (own_gear(one.run, model), model.actives),
+        "augmented": (build(parameters_of(one.run.model.parameters, model)), model.actives),
     }
     for name, (gear, actives) in gears.items():
         try:

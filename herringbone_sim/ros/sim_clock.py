@@ -11,6 +11,7 @@ from rclpy.clock import Clock
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from herringbone_sim.recording.writer import stamp_ns
 from herringbone_sim.ros.qos import STREAM, open_publisher
 
 PERIOD_S = 0.01
@@ -44,5 +45,10 @@ class SimClock:
     def tick(self) -> None:
         """Publish the present simulation time."""
         if self._publisher is not None:
-            seconds, part = divmod(round(self._t_s() * 1e9), 10**9)
-            self._publisher.publish(ClockMessage(clock=Time(sec=seconds, nanosec=part)))
+            self._publisher.publish(clock_message(self._t_s()))
+
+
+def clock_message(t_s: float) -> ClockMessage:
+    """A time [s] as a message on ``/clock``."""
+    seconds, part = divmod(stamp_ns(t_s), 10**9)
+    return ClockMessage(clock=Time(sec=seconds, nanosec=part))

@@ -52,13 +52,9 @@ class Store:
         """File of a part."""
         return self.folder / "parts" / f"{part:05d}.parquet"
 
-    def has(self, part: int) -> bool:
-        """Whether a part is stored and undamaged."""
-        return self.read_part(part) is not None
-
     def missing(self) -> list[int]:
         """Numbers of the parts that are not stored, or damaged."""
-        return [part for part in range(self.sweep.n_parts) if not self.has(part)]
+        return [part for part in range(self.sweep.n_parts) if self.read_part(part) is None]
 
     def write(self, part: int, table: Table) -> None:
         """Write a part atomically."""

@@ -31,3 +31,8 @@ def bodies_to_coordinates(model: Model) -> Array:
     B[2:, 2] = -cos_beta
     B[2:, 3:] = cos_beta * np.eye(layout.n_coordinate - 2)
     return B
+
+
+def bodies_to_meshes(model: Model) -> Array:
+    """G = D B (n_mesh, n_bodies) of x = G u - e."""
+    return np.asarray(coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model))

@@ -14,7 +14,8 @@ import numpy as np
 
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.mesh import backlash
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.core.model import mean_sun_force
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 
@@ -74,13 +75,12 @@ def mark_not_recorded(run: PreparedRun, q: str, off: Flags) -> PreparedRun:
 
 def _displacements(run: PreparedRun) -> dict[str, Array]:
     """Powers of ten (n_mesh,) by which x, v and u are off."""
-    D, B = coordinates_to_meshes(run.model.layout), bodies_to_coordinates(run.model)
     sizes = {
         "x": run.x.values.std(axis=0),
         "v": run.v.values.std(axis=0) / run.omega_rad_per_s,
     }
     if run.u.complete:
-        sizes["u"] = (run.u.values @ (D @ B).T).std(axis=0)
+        sizes["u"] = (run.u.values @ bodies_to_meshes(run.model).T).std(axis=0)
     usual = float(run.waves.e.std(axis=0).mean())
     known = np.concatenate([s[np.isfinite(s) & (s > 0.0)] for s in sizes.values()])
     near = known[np.abs(np.log10(known / usual)) < np.log10(FAR)]
@@ -94,12 +94,10 @@ def _forces(run: PreparedRun) -> Array:
 
     Where displacements are recorded, their spread against the force law must agree in sign.
     """
-    p, s = run.model.parameters, run.model.scales
-    load = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
     nominal = run.waves.k * backlash(run.x.values, run.model.half_backlash_m)
     with np.errstate(divide="ignore", invalid="ignore"):
         by_law = _powers(run.F.values.std(axis=0) / nominal.std(axis=0))
-        by_load = _powers(np.abs(run.F.values.mean(axis=0)) / abs(load))
+        by_load = _powers(np.abs(run.F.values.mean(axis=0)) / abs(mean_sun_force(run.model)))
     no_displacement = ~np.isfinite(nominal).all(axis=0)
     agree = no_displacement | (by_law * by_load > 0.0)
     powers: Array = np.where(agree, by_load, 0.0)

@@ -14,7 +14,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.examine import BLOCK_CYCLES
 from herringbone_sim.errors import ParameterError, listed
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
@@ -151,5 +151,5 @@ def _run(
 
 def accelerations(model: Model, phase: Array, force: Array) -> Array:
     """Accelerations (n, n_bodies) [m/s^2] of the nominal gear by mesh forces (n, n_mesh) [N]."""
-    G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
+    G = bodies_to_meshes(model)
     return np.asarray(inverse_masses(model) * (body_loads(model, phase) - force @ G))

@@ -78,8 +78,7 @@ class AveragedForce:
 
 def window_of(run: PreparedRun, width: float = WIDTH) -> Window:
     """Gaussian window of standard deviation ``width`` [mesh cycles] on the samples of a run."""
-    cycle_s = 2.0 * np.pi / run.omega_rad_per_s
-    return gaussian_window(width * cycle_s / run.step_s, run.step_s)
+    return gaussian_window(width * run.cycle_s / run.step_s, run.step_s)
 
 
 def torque_balance(

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import Fused
@@ -86,7 +86,7 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     """
     if not (run.u.complete and run.x.recorded.any()):
         return np.nan, np.nan
-    G = coordinates_to_meshes(run.model.layout) @ bodies_to_coordinates(run.model)
+    G = bodies_to_meshes(run.model)
     given = run.u.values @ G.T
     noise = (G**2) @ run.u.sigma**2
     pairs = []

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
@@ -29,11 +28,12 @@ from herringbone_sim.gap.residuals.recalibrate import (
     BOUNDS,
     HEAVIEST,
     LIGHTEST,
-    NAMES,
     Calibration,
     InertiaFactors,
+    bounded_step,
     fine_law,
     force_law,
+    names_at_bound,
 )
 
 SEED = 20  # of the noise realisation
@@ -80,7 +80,7 @@ def recalibrate_motion(
     rng: np.random.Generator,
     rounds: int = 4,
 ) -> tuple[Calibration, InertiaFactors]:
-    """ForceLaw and inertias inside their tolerance from the motion of the fit runs, together.
+    """Force law and inertias inside their tolerance from the motion of the fit runs, together.
 
     Coordinates whose residual stays above the floor count less, as in ``recalibrate``.
     """
@@ -98,13 +98,13 @@ def recalibrate_motion(
             J, r = _linearised(run, one, noise, p)
             normal += J @ J.T
             right += J @ r
-        root = np.linalg.cholesky(normal).T
-        p = p + lsq_linear(root, np.linalg.solve(root.T, right), (low - p, high - p + 1e-12)).x
+        p = p + bounded_step(normal, right, low - p, high - p + 1e-12)
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    on = tuple(n for n, f, b in zip(NAMES, p, BOUNDS, strict=False) if abs(f - 1.0) > 0.999 * b)
     masses = 1.0 / p[6:]
     sigma = np.sqrt(np.diag(covariance)[6:]) * masses**2
-    return Calibration(p[:6], covariance[:6, :6], on), InertiaFactors(masses, sigma)
+    return Calibration(p[:6], covariance[:6, :6], names_at_bound(p[:6])), InertiaFactors(
+        masses, sigma
+    )
 
 
 def _linearised(run: PreparedRun, fused: Fused, noise: Fused, p: Array) -> tuple[Array, Array]:

@@ -119,8 +119,7 @@ def recalibrate(
     """Fit the factors on k, c and e to runs with forces.
 
     A mesh whose residual exceeds its noise in a run is down-weighted there, as if its noise were
-    as
-    large as the residual: an effect on one mesh does not bias the factors.
+    as large as the residual: an effect on one mesh does not bias the factors.
 
     Args:
         runs: those of the role ``fit`` are used.
@@ -135,18 +134,22 @@ def recalibrate(
         parts = [_normal_equations(run, f, factors) for run, f in chosen]
         normal = prior + sum((part[0] for part in parts), np.zeros((6, 6)))
         right = prior @ (1.0 - factors) + sum((part[1] for part in parts), np.zeros(6))
-        root = np.linalg.cholesky(normal).T
-        step = lsq_linear(
-            root,
-            np.linalg.solve(root.T, right),
-            bounds=(1.0 - BOUNDS - factors - 1e-12, 1.0 + BOUNDS - factors + 1e-12),
-        )
-        factors = factors + step.x
-    on = tuple(
-        n for n, f, b in zip(NAMES, factors, BOUNDS, strict=True) if abs(f - 1.0) > 0.999 * b
-    )
+        low, high = 1.0 - BOUNDS - factors - 1e-12, 1.0 + BOUNDS - factors + 1e-12
+        factors = factors + bounded_step(normal, right, low, high)
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    return Calibration(factors, covariance, on)
+    return Calibration(factors, covariance, names_at_bound(factors))
+
+
+def bounded_step(normal: Array, right: Array, low: Array, high: Array) -> Array:
+    """Solution (p,) of the normal equations between the bounds ``low`` and ``high`` (p,)."""
+    root = np.linalg.cholesky(normal).T
+    return np.asarray(lsq_linear(root, np.linalg.solve(root.T, right), (low, high)).x)
+
+
+def names_at_bound(factors: Array) -> tuple[str, ...]:
+    """Names of the factors (6,) on a bound of their tolerance."""
+    on = np.abs(factors - 1.0) > 0.999 * BOUNDS
+    return tuple(name for name, held in zip(NAMES, on, strict=True) if held)
 
 
 def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[Array, Array]:

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from herringbone_sim.arrays import Flags
 from herringbone_sim.sweeps.diagram import Branch, Diagram
-from herringbone_sim.views.figures.maps import axis_label, save_map
-from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE
+from herringbone_sim.views.figures.maps import save_map
+from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE, parameter_label
 from herringbone_sim.views.figures.text import mesh_symbol
 
 LOOKS = {
@@ -49,7 +49,7 @@ def diagram_figure(diagram: Diagram) -> Figure:
         if known:
             draw_exponents(rows[-1, 0], known)
         last = rows[-1, 0]
-        last.set_xlabel(axis_label(diagram.axis.name))
+        last.set_xlabel(parameter_label(diagram.axis.name))
         last.set_xlim(diagram.axis.values[0], diagram.axis.values[-1])
         return figure
 

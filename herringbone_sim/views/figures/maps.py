@@ -15,14 +15,13 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.parameters import meaning
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.store import Result
 from herringbone_sim.views.figures.style import (
     FRAMED_STYLE,
     INK,
-    PARAMETER_LABELS,
     cell_edges,
+    parameter_label,
     save,
 )
 
@@ -50,17 +49,10 @@ PERIOD_COLOURS = {
     13: "#c9b21d",
     15: "#7a5546",
 }
-LABELS = PARAMETER_LABELS | {"Omega": r"mesh frequency $\Omega=\omega/\omega_n$"}
 HATCH = "//////"
 LEAST_EXPONENT = 2e-3  # per tau; a smaller one counts as 0
 LISTED = 1e-3  # least share of the map of a period in the legend
 STRETCH = 99.0  # percentile of the exponents at which the colours saturate
-
-
-def axis_label(name: str) -> str:
-    """Label of an axis with symbol and unit."""
-    unit = meaning(name).unit
-    return LABELS.get(name, name if unit == "-" else f"{name} [{unit}]")
 
 
 def write_maps(folder: Path, result: Result) -> list[Path]:
@@ -189,8 +181,8 @@ def _figure(
             figure.subplots(1, len(draws), squeeze=False)[0], draws, strict=True
         ):
             draw(axes, result)
-            axes.set_xlabel(axis_label(result.axes[0].name))
-            axes.set_ylabel(axis_label(result.axes[1].name))
+            axes.set_xlabel(parameter_label(result.axes[0].name))
+            axes.set_ylabel(parameter_label(result.axes[1].name))
         return figure
 
 
