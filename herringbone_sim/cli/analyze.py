@@ -25,6 +25,7 @@ from herringbone_sim.views.figures.style import Scale
 from herringbone_sim.views.pages.html import number
 from herringbone_sim.views.pages.output import write_diagram, write_run
 from herringbone_sim.views.pages.report import Report, changing
+from herringbone_sim.views.tables.text import aligned
 
 MAX_LINES = 42
 DESCRIPTION = """\
@@ -222,11 +223,7 @@ def _summary(run: Analysed) -> str:
     point = changing(run.results)
     rows = [["segment", "start [s]", "cycles", "dropped", *point, "motion", "exponent", "model"]]
     rows += [_summary_row(result, point) for result in run.results]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = [
-        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        for row in rows
-    ]
+    lines = aligned(rows, right=True)
     if len(lines) > MAX_LINES:
         lines[MAX_LINES // 2 : -MAX_LINES // 2] = [f"... {len(lines) - MAX_LINES} more"]
     return "\n".join(

@@ -131,9 +131,6 @@ def write(folder: Path, rows: Sequence[Row], comparison: ExponentComparison, tit
     running = comparison.spectrum.running
     names = [f"exponent_{j}" for j in range(1, running.shape[1] + 1)]
     write_csv(folder / "exponents.csv", HEAD, rows)
-    data = np.column_stack([np.arange(1, len(running) + 1), running])
-    head = ",".join(["period", *names])
-    formats = ["%d"] + ["%.9g"] * len(names)
-    path = folder / "convergence.csv"
-    np.savetxt(path, data, fmt=formats, delimiter=",", header=head, comments="")
+    periods = ([n, *row] for n, row in enumerate(running.tolist(), 1))
+    write_csv(folder / "convergence.csv", ["period", *names], periods)
     save(exponents_figure(comparison, title), folder, "exponents")

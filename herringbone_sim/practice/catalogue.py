@@ -13,6 +13,7 @@ from herringbone_sim.practice.cause import (
     Cause,
     Drawn,
     Kind,
+    angle,
     at,
     by_kind,
     draw_kind_locus,
@@ -23,11 +24,6 @@ from herringbone_sim.practice.cause import (
 from herringbone_sim.practice.equip import CYCLES
 
 Parameters = dict[str, tuple[Any, str]]
-
-
-def _angle(rng: Generator) -> float:
-    """Draw an angle in -pi .. pi."""
-    return float(rng.uniform(-np.pi, np.pi))
 
 
 def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
@@ -56,7 +52,7 @@ def _event_parameters(c: Cause, name: str, unit: str) -> Parameters:
 def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
     """Draw member, phase and meshes of a run-out."""
     member = str(rng.choice(list(CYCLES)))
-    shape = {"member": member, "phase": _angle(rng)}
+    shape = {"member": member, "phase": angle(rng)}
     side = str(rng.choice(["L", "R", "all"]))
     if member == "planet":
         return at("all", int(rng.integers(1, 4)), side), shape
@@ -73,7 +69,7 @@ def _draw_damping(rng: Generator, _: tuple[str, ...]) -> Drawn:
 
 def _ripple_draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
     """Draw order and phase of a torque ripple."""
-    return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": _angle(rng)}
+    return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": angle(rng)}
 
 
 def _wave_parameters(unit: str) -> Any:
@@ -89,7 +85,7 @@ def _draw_waves(least: int) -> Any:
     """Function that draws meshes, order and angle of a harmonic."""
     return lambda rng, _: (
         draw_locus(rng),
-        {"order": int(rng.integers(least, 5)), "angle": _angle(rng)},
+        {"order": int(rng.integers(least, 5)), "angle": angle(rng)},
     )
 
 

@@ -118,6 +118,11 @@ def by_kind(rng: Generator, _: tuple[str, ...]) -> Drawn:
     return draw_kind_locus(rng), {}
 
 
+def angle(rng: Generator) -> float:
+    """Draw an angle in -pi .. pi."""
+    return float(rng.uniform(-np.pi, np.pi))
+
+
 def signed(locus: Callable[[Generator], dict[str, Any]]) -> Any:
     """Function that draws a locus and a sign."""
     return lambda rng, _: (locus(rng), {"sign": draw_sign(rng)})

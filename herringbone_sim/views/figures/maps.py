@@ -55,6 +55,14 @@ LISTED = 1e-3  # least share of the map of a period in the legend
 STRETCH = 99.0  # percentile of the exponents at which the colours saturate
 
 
+def period_places(period: Array) -> Array:
+    """Place of each period in (0, *PERIOD_COLOURS); NaN where it is none of them."""
+    places = np.full(period.shape, np.nan)
+    for place, value in enumerate([0, *PERIOD_COLOURS]):
+        places[period == value] = place
+    return places
+
+
 def write_maps(folder: Path, result: Result) -> list[Path]:
     """Write the maps ``period``, ``exponent``, ``contact``, and all as ``map``, as PNG and SVG.
 
@@ -89,12 +97,9 @@ def draw_period(axes: Axes, result: Result) -> None:
     right start alike.
     """
     period = result["period"]
-    periods = [0, *PERIOD_COLOURS]
-    places = np.full(period.shape, np.nan)
-    for place, value in enumerate(periods):
-        places[period == value] = place
     colours = ListedColormap([APERIODIC, *PERIOD_COLOURS.values()])
-    _mesh(axes, result, places, cmap=colours, vmin=-0.5, vmax=len(periods) - 0.5)
+    limits = {"vmin": -0.5, "vmax": len(PERIOD_COLOURS) + 0.5}
+    _mesh(axes, result, period_places(period), cmap=colours, **limits)
     axes.set_title("period of the motion, mesh cycles")
     handles = [
         Patch(facecolor=PERIOD_COLOURS[n], edgecolor=INK, linewidth=0.4, label=f"P{n}")
