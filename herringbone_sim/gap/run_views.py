@@ -152,5 +152,5 @@ def _motion(gear: Model, actives: Sequence[Active], one: FusedRun) -> Array:
         before = max(round(cycles) - CYCLES, 1)
     _, settled = simulate(gear, machine, before, start)
     series, _ = simulate(gear, machine, CYCLES, settled)
-    x, v = (series.columns(tuple(f"{q}_{m}" for m in gear.layout.meshes)) for q in "xv")
+    x, v = (series.columns(gear.layout.channels_of(q)) for q in "xv")
     return np.stack([x, v], axis=2)

@@ -77,10 +77,7 @@ def mesh_effects_on_bodies(one: FusedRun, actives: Sequence[Active]) -> tuple[Ac
 
 def balance_measured(cases: Sequence[FusedRun]) -> bool:
     """Whether every coordinate, rate and mesh force is measured in all runs."""
-    return all(
-        c.usable.all() and np.isfinite(c.fused.z_rate).all() and np.isfinite(c.fused.z).all()
-        for c in cases
-    )
+    return all(c.usable.all() and c.fused.complete for c in cases)
 
 
 def effect_accelerations(

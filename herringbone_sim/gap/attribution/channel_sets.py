@@ -23,9 +23,7 @@ def channel_set(cases: Sequence[FusedRun]) -> str:
     """
     if cases and all(c.usable.any() for c in cases):
         return FULL
-    if cases and all(
-        bool(np.isfinite(c.fused.x).all() and np.isfinite(c.fused.v).all()) for c in cases
-    ):
+    if cases and all(c.fused.known_meshes.all() for c in cases):
         return NO_FORCE
     if cases and all(c.run.shafts_known or motion_channels(c) >= 2 for c in cases):
         return FEW

@@ -49,8 +49,7 @@ class FusedRun:
 
 def fused_run(run: PreparedRun, fused: Fused) -> FusedRun:
     """A run with its fused motion."""
-    seen = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
-    usable: Flags = np.logical_and(seen, np.isfinite(run.F.values).all(axis=0))
+    usable = fused.known_meshes & np.isfinite(run.F.values).all(axis=0)
     floor = force_law(run, fused, np.ones(6)).sigma_n
     return FusedRun(run, fused, instants(run), usable, floor)
 
@@ -86,7 +85,7 @@ def expected_forces(
     force = law.modelled_n
     if any(a.effect.level == "mesh" for a in actives):
         force = force + effect_contributions(one, factors, law, actives, substeps)[0]
-    names = tuple(f"F_{m}" for m in one.run.model.layout.meshes)
+    names = one.run.model.layout.channels_of("F")
     sensors = on_channels(names, actives)
     if sensors:
         known = np.isfinite(force)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,11 @@ class Measured:
     def complete(self) -> bool:
         """Whether every channel was recorded."""
         return bool(self.recorded.all())
+
+    def without(self, off: Flags) -> Measured:
+        """Copy with the channels ``off`` (k,) not recorded."""
+        values, sigma = (np.where(off, np.nan, one) for one in (self.values, self.sigma))
+        return Measured(values, self.recorded & ~off, sigma)
 
 
 SHAFTS = ("s_L", "s_R", "c")
@@ -81,6 +87,16 @@ class PreparedRun:
     def __len__(self) -> int:
         return len(self.times)
 
+    def with_measured(self, quantity: str, measured: Measured) -> PreparedRun:
+        """Copy with another ``x``, ``v``, ``F``, ``u``, ``a`` or ``pin``."""
+        changed: dict[str, Any] = {quantity: measured}
+        return replace(self, **changed)
+
+    def without(self, quantity: str, off: Flags) -> PreparedRun:
+        """Copy with the channels ``off`` (k,) of a quantity not recorded."""
+        measured: Measured = getattr(self, quantity)
+        return self.with_measured(quantity, measured.without(off))
+
     @property
     def shafts_known(self) -> bool:
         """Whether rotations or accelerations of both suns and the carrier are measured.
@@ -96,6 +112,11 @@ class PreparedRun:
     def step_s(self) -> float:
         """Mean time between samples [s]."""
         return float((self.times[-1] - self.times[0]) / (len(self.times) - 1))
+
+    @property
+    def cycles(self) -> float:
+        """Number of mesh cycles."""
+        return float((self.phase[-1] - self.phase[0]) / (2.0 * np.pi))
 
     @property
     def cycle_s(self) -> float:

@@ -7,16 +7,13 @@ by a power of a thousand is in another unit; it is left out, not rescaled.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.model import mean_sun_force
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
-from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 
 POWERS = {3: "a thousand", -3: "a thousandth of", 6: "a million", -6: "a millionth of"}
@@ -60,17 +57,8 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
             "than SI, throughout; left out of this run, not rescaled"
         )
         findings.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
-        run = mark_not_recorded(run, q, np.ones_like(run.u.recorded) if q == "u" else off)
+        run = run.without(q, np.ones_like(run.u.recorded) if q == "u" else off)
     return run, findings
-
-
-def mark_not_recorded(run: PreparedRun, q: str, off: Flags) -> PreparedRun:
-    """Mark channels (k,) of the quantity x, v, F or u as not recorded."""
-    old: Measured = getattr(run, q)
-    values = np.where(off, np.nan, old.values)
-    fewer = Measured(values, old.recorded & ~off, np.where(off, np.nan, old.sigma))
-    parts = {"x": run.x, "v": run.v, "F": run.F, "u": run.u, q: fewer}
-    return replace(run, x=parts["x"], v=parts["v"], F=parts["F"], u=parts["u"])
 
 
 def _displacements(run: PreparedRun) -> dict[str, Array]:
@@ -113,8 +101,5 @@ def _powers(ratio: Array) -> Array:
 
 def _channels(run: PreparedRun, q: str, off: Flags) -> tuple[str, ...]:
     """Names of the channels of the quantity ``q`` where ``off`` (k,) is set; of u, all."""
-    layout = run.model.layout
-    if q == "u":
-        return tuple(f"u_{body}" for body in layout.bodies)
-    names: Sequence[str] = layout.meshes
-    return tuple(f"{q}_{n}" for n, o in zip(names, off, strict=True) if o)
+    names = run.model.layout.channels_of(q)
+    return names if q == "u" else tuple(n for n, o in zip(names, off, strict=True) if o)

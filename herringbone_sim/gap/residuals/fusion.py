@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh, solveh_banded
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 
@@ -40,6 +40,16 @@ class Fused:
     v: Array
     sigma_x: Array
     sigma_v: Array
+
+    @property
+    def complete(self) -> bool:
+        """Whether the channels determine every coordinate and its rate."""
+        return bool(np.isfinite(self.z).all() and np.isfinite(self.z_rate).all())
+
+    @property
+    def known_meshes(self) -> Flags:
+        """Meshes (n_mesh,) whose displacement and rate are known."""
+        return np.asarray(np.isfinite(self.x).all(axis=0) & np.isfinite(self.v).all(axis=0))
 
 
 def fuse(run: PreparedRun) -> Fused:

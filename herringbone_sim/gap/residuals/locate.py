@@ -119,7 +119,7 @@ def _shares(
     shares["side"] = _along_meshes(square, meshes.side, ["L", "R"])
     planets = [str(i + 1) for i in range(int(meshes.planet.max()) + 1)]
     shares["planet"] = _along_meshes(square, meshes.planet, planets)
-    contact = np.concatenate([_contact(law) for law in laws])
+    contact = np.concatenate([law.flank for law in laws])
     shares["contact"] = _over(square, contact, ["back", "apart", "drive"])
     phase = np.concatenate([_phase_bin(run.phase) for run in runs])
     names = [f"{360 * i // PHASES} deg" for i in range(PHASES)]
@@ -154,13 +154,6 @@ def _over(square: Array, values: Indices, labels: Sequence[str]) -> Share:
     total = excess.sum()
     share = excess / total if total > 0.0 else excess
     return Share(tuple(labels), energy / np.maximum(count, 1), share)
-
-
-def _contact(law: ForceLaw) -> Indices:
-    """Contact (n, n_mesh): 0 back flank, 1 apart, 2 driving flank."""
-    sides = np.where(law.x_m > 0.0, 2, 0)
-    state: Indices = np.where(law.contact > 0.5, sides, 1)
-    return state
 
 
 def _phase_bin(phase: Array) -> Indices:

@@ -72,7 +72,7 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
                 f"e(t), {usual[0]:.3f} and {usual[1]:.3f} in the other runs: a run of another "
                 "gear or with other sensors; it is left out"
             )
-            channels = tuple(f"x_{mesh}" for mesh in run.model.layout.meshes)
+            channels = run.model.layout.channels_of("x")
             at = float(run.times[0])
             findings.append(Finding("other_gear", run.name, channels, at, text, fatal=True))
     return findings
@@ -149,7 +149,7 @@ def runs_with_other_force_law(
             + ("" if inside else ", or an effect that only its operating point shows")
             + ("; it is left out" if out else "; it is kept")
         )
-        channels = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+        channels = run.model.layout.channels_of("F")
         findings.append(
             Finding("other_gear", run.name, channels, float(run.times[0]), text, fatal=out)
         )

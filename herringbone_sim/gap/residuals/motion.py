@@ -31,6 +31,7 @@ from herringbone_sim.gap.residuals.recalibrate import (
     Calibration,
     InertiaFactors,
     bounded_step,
+    by_mesh,
     fine_law,
     force_law,
     names_at_bound,
@@ -53,8 +54,8 @@ def motion_balance(
         inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
     """
     law = force_law(run, fused, factors)
-    half = factors.repeat(run.x.recorded.size // 2).reshape(6, -1)
-    k, c = run.waves.k * np.concatenate(half[:2]), run.model.damping_n_s_per_m
+    k_f, _, _ = by_mesh(factors, run.x.recorded.size)
+    k, c = run.waves.k * k_f, run.model.damping_n_s_per_m
     force_noise = k * law.contact * noise.x + c * noise.v
     force = averaged_law_force(window_of(run, WIDTH), law.modelled_n, force_noise)
     correction = quadrature_correction(run, fused, fine_law(run, factors), WIDTH)

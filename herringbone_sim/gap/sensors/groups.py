@@ -62,8 +62,7 @@ def groups_of(layout: Layout, there: Flags | None = None) -> list[Group]:
 
 def sensor_names(layout: Layout) -> tuple[str, ...]:
     """Names of all channels x, v and u, in the order of the layout."""
-    meshes = tuple(f"{q}_{m}" for q in "xv" for m in layout.meshes)
-    return (*meshes, *(f"u_{b}" for b in layout.bodies))
+    return tuple(name for quantity in "xvu" for name in layout.channels_of(quantity))
 
 
 def _inside(name: str, quantity: str, kind: str, planet: str, side: str) -> bool:

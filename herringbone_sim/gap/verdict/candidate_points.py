@@ -17,8 +17,8 @@ from herringbone_sim.gap.attribution.hypothesis import FusedRun, fused_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.recording.campaign import POINT
 
-NAMES = ("delta_T", "K", "T_1", "Omega")
 DIGITS = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}
 LEVELS = 16
 GENERATORS = (3, 7, 5, 6)  # of the lattice: each level of each quantity occurs once
@@ -41,7 +41,7 @@ class PredictedRun:
 def value_ranges(points: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float]]:
     """Range of each quantity to try: that of the runs with a margin on either side."""
     found = {}
-    for name in NAMES:
+    for name in POINT:
         values = [float(p[name]) for p in points if name in p] or [0.0]
         low, high = min(values), max(values)
         share = LEAST_MARGIN_SHARE.get(name, 0.0)
@@ -64,7 +64,7 @@ def candidate_points(points: Sequence[Mapping[str, float]]) -> list[dict[str, fl
     for i in range(1, LEVELS + 1):
         shares = {
             name: ((i * g) % (LEVELS + 1) - 1) / (LEVELS - 1)
-            for name, g in zip(NAMES, GENERATORS, strict=True)
+            for name, g in zip(POINT, GENERATORS, strict=True)
         }
         found.append({n: round(_level(n, s, *ranges[n]), DIGITS[n]) for n, s in shares.items()})
     return found
@@ -103,7 +103,7 @@ def predict_run(
         _, settled = simulate(model, TRANSIENT)
         series, _ = simulate(model, CYCLES, settled)
         run = _recorded([c.run for c in cases], series, build(nominal.changed(point)), factors)
-        forces = series.columns(tuple(f"F_{mesh}" for mesh in model.layout.meshes))
+        forces = series.columns(model.layout.channels_of("F"))
         return PredictedRun(point, fused_run(run, fuse(run)), float(np.abs(forces).max()))
     except (HerringboneError, np.linalg.LinAlgError):
         return None
@@ -120,12 +120,11 @@ def _recorded(
     omega = model.parameters.Omega * model.scales.omega_n
     w = waves(model, phase, omega)
     e = np.repeat(factors[4:6] - 1.0, layout.n_mesh // 2)
-    x, v, force = (series.columns(tuple(f"{q}_{m}" for m in layout.meshes)) for q in "xvF")
-    u = series.columns(tuple(f"u_{body}" for body in layout.bodies))
+    x, v, force, u = (series.columns(layout.channels_of(q)) for q in "xvFu")
     return replace(
         runs[0],
         name="predicted",
-        point={name: getattr(model.parameters, name) for name in NAMES},
+        point={name: getattr(model.parameters, name) for name in POINT},
         times=series.times - series.times[0],
         phase=phase.copy(),
         x=_as_recorded(x + e * w.e, [r.x for r in runs]),

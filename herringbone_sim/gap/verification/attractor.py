@@ -93,7 +93,7 @@ def model_motion(
     start = run.phase[:1] - before * turn
     found = simulator.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
     force = found.force_n[0, before:]
-    names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+    names = run.model.layout.channels_of("F")
     sensors = on_channels(names, actives)
     if sensors:
         force = distort(TimeSeries(run.times, force, names), sensors).columns(names)

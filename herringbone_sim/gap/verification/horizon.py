@@ -97,7 +97,7 @@ def largest_exponent(
     s = simulator.model.scales
     m = simulator.model.layout.n_coordinate
     unit = np.repeat([s.b_c, s.velocity_m_per_s], m)
-    cycles = max(int((run.phase[-1] - run.phase[0]) / (2.0 * np.pi)), 10)
+    cycles = max(int(run.cycles), 10)
     state = np.concatenate([fused.z[0], fused.z_rate[0]])
     own = np.zeros((2, simulator.laws.n_own))
     tangent = rng.normal(size=2 * m)

@@ -101,8 +101,8 @@ def measure_senses(
         corrected = correct(run)
         fused = fuse(corrected)
         raw = fused if corrected is run else fuse(run)
-        if _motion_known(fused):
-            raw = raw if _motion_known(raw) else fused
+        if fused.complete:
+            raw = raw if raw.complete else fused
             measured.append(_senses_of_run(run, corrected, raw, fused, model, other))
         else:
             unknown.append(run.name)
@@ -134,11 +134,6 @@ def _unknown_reasons(unknown: Sequence[str]) -> tuple[str, ...]:
         f"{', '.join(unknown)}: neither prediction nor attractor, for which x (or u) and v must "
         "give every coordinate",
     )
-
-
-def _motion_known(fused: Fused) -> bool:
-    """Whether all coordinates and rates are known."""
-    return bool(np.isfinite(fused.z).all() and np.isfinite(fused.z_rate).all())
 
 
 def _unknown_senses(run: PreparedRun) -> _RunSenses:
