@@ -16,7 +16,7 @@ from typing import Any
 # Matrices here are small: threads of a linear algebra library only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from herringbone_sim.cli.verbs import PROGRAM, VERBS, greeting, overview
+from herringbone_sim.cli.verbs import PROGRAM, VERBS, add_verb, greeting, overview
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
@@ -25,12 +25,18 @@ EXECUTABLES = {"simulator": "run"}  # name for ``ros2 run`` -> verb, where they 
 
 
 def parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
-    """The command line; a verb's module is in ``herringbone_sim.cli``, its words joined by _."""
+    """The command line; a verb's module is in ``herringbone_sim.cli``, its words joined by _.
+
+    A module has the parts of the help ``DESCRIPTION`` and ``EXAMPLES``, ``add_options`` and
+    ``run``.
+    """
     result = argparse.ArgumentParser(prog=PROGRAM)
     subparsers = result.add_subparsers(required=True, metavar="VERB")
     for verb in verbs:
         module = importlib.import_module(f"herringbone_sim.cli.{verb.replace(' ', '_')}")
-        module.add_parser(subparsers)
+        added = add_verb(subparsers, verb, module.DESCRIPTION, module.EXAMPLES)
+        module.add_options(added)
+        added.set_defaults(func=module.run)
     return result
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, live_names
-from herringbone_sim.core.timeseries import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.sensors import Clock, Sensors
 from herringbone_sim.effects.stepper import change, stepper

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.pipeline import SegmentResult
 from herringbone_sim.analysis.segments import FREQUENCY
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.errors import AnalysisError
 
 MAX_POINTS = 400
@@ -45,7 +44,7 @@ class BifurcationDiagram:
     cycles_per_tau: Array
 
     @property
-    def falling(self) -> NDArray[np.bool_]:
+    def falling(self) -> Flags:
         """Whether (n,) each value was reached from a larger one: the downward branch of a
         hysteresis.
         """

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from herringbone_sim.analysis.periods import find_period
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array
 
 # Steps of the orbit used, at most and at least; steps left out while the vector aligns.
 MAX_STEPS = 6000

@@ -6,14 +6,12 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.integrate import Block
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
-
-Array = NDArray[np.float64]
 
 WINDOW = 96  # section points kept
 LEAST = 48  # section points needed for a label
@@ -51,7 +49,7 @@ class RegimeMonitor:
         """Discard all data."""
         self._points: deque[Array] = deque(maxlen=WINDOW)
         self._growth: deque[tuple[int, float]] = deque()
-        self._contact: deque[NDArray[np.int64]] = deque(maxlen=16)
+        self._contact: deque[Indices] = deque(maxlen=16)
         self._cycles = 0
 
     def update(self, block: Block, model: Model) -> None:

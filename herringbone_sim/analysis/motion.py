@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.arrays import Array
+from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, listed
 
 MIN_SAMPLES = 32

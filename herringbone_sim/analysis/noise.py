@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.fft
 
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array
 
 TOP_SHARE = 0.2
 WINDOW = 4096

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array
 
 MAX_PERIOD = 16
 TOLERANCE = 1e-3  # largest RMS distance of repeats, in units of the scale of the motion

@@ -25,7 +25,8 @@ from herringbone_sim.analysis.spectra import (
     share_off_lines,
 )
 from herringbone_sim.analysis.transients import settling_cycles
-from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.arrays import Array
+from herringbone_sim.core.timeseries import TimeSeries
 
 MIN_CYCLES = 6
 RESOLVED_NOISE = 4e-3  # share of the RMS below which estimated noise counts as none

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.analysis.motion import Motion
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array, Indices
 
 SNAP = 1e-6  # cycles: a sample this close to the phase is the section point
 
@@ -26,7 +26,7 @@ class Section:
         phase: of the section, rad.
     """
 
-    cycles: NDArray[np.int64]
+    cycles: Indices
     times: Array
     x: Array
     v: Array
@@ -97,7 +97,7 @@ def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0
 
 
 def _shares(
-    turns: Array, cycles: NDArray[np.int64], left: NDArray[np.intp], right: NDArray[np.intp]
+    turns: Array, cycles: Indices, left: NDArray[np.intp], right: NDArray[np.intp]
 ) -> Array:
     """Relative position (m,) of each passage between its neighbours, 0 = left, 1 = right.
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.analysis.motion import Motion
-from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.arrays import Array
+from herringbone_sim.core.timeseries import TimeSeries
 
 Change = tuple[float, Mapping[str, float]]
 Rows = NDArray[np.intp]

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.fft
 
 from herringbone_sim.analysis.motion import Motion
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array
 
 BLOCK_CYCLES = 240
 LINE_BINS = 2  # half-width of a line with the Hann window

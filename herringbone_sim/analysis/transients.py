@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array
 
 LEAST_SHARE, LEAST_CYCLES = 0.05, 50
 REFERENCES = 2000

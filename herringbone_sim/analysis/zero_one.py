@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import AnalysisError
 
 FREQUENCIES = 100

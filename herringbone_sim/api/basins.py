@@ -84,6 +84,5 @@ def basins(
     sections_of = gear_sections(model, transient, points, os.cpu_count() or 1)
     drawn = random_starts(model, starts, np.random.default_rng(seed))
     result = explore(sections_of, drawn, symmetry(model))
-    kinds = ((identify_motion(model, one, at=last)[0], one.symmetry) for one in result.attractors)
-    names = tuple(f"{kind}, {sides}" if sides else kind for kind, sides in kinds)
-    return Attractors(model, names, result, last)
+    names = (one.named(identify_motion(model, one, at=last)[0]) for one in result.attractors)
+    return Attractors(model, tuple(names), result, last)

@@ -12,9 +12,10 @@ from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
 from herringbone_sim.api.gear import Gear, any_gear, model_of
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame, library
+from herringbone_sim.arrays import Array
 from herringbone_sim.core import integrate
 from herringbone_sim.core.layout import unit_of
-from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.recording.parameter_file import values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, read_recording
 from herringbone_sim.views.figures.motion import motion_figure

@@ -17,7 +17,6 @@ from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
 from herringbone_sim.cli.options import add_file, add_mesh, add_out
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
@@ -26,6 +25,7 @@ from herringbone_sim.views.figures.style import Scale
 from herringbone_sim.views.pages.html import number
 from herringbone_sim.views.pages.output import write_diagram, write_run
 from herringbone_sim.views.pages.report import Report, changing
+from herringbone_sim.views.tables.text import aligned
 
 MAX_LINES = 42
 DESCRIPTION = """\
@@ -72,9 +72,8 @@ class Analysed:
     effects: list[str]
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``analyze``."""
-    parser = add_verb(verbs, "analyze", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add = parser.add_argument
     add("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a .mcap file")
     add_out(parser)
@@ -107,7 +106,6 @@ def add_parser(verbs: Verbs) -> None:
         metavar="HZ",
         help="mesh frequency of a run that has no phase channel",
     )
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -225,11 +223,7 @@ def _summary(run: Analysed) -> str:
     point = changing(run.results)
     rows = [["segment", "start [s]", "cycles", "dropped", *point, "motion", "exponent", "model"]]
     rows += [_summary_row(result, point) for result in run.results]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = [
-        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        for row in rows
-    ]
+    lines = aligned(rows, right=True)
     if len(lines) > MAX_LINES:
         lines[MAX_LINES // 2 : -MAX_LINES // 2] = [f"... {len(lines) - MAX_LINES} more"]
     return "\n".join(

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.cli.options import (
     add_number,
     add_out,
@@ -24,9 +24,7 @@ from herringbone_sim.cli.parameter_options import (
     model_from,
     print_gear_notes,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.model import Model
-from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.basins import (
     Basins,
     Sections,
@@ -45,8 +43,6 @@ from herringbone_sim.sweeps.array_cache import ArrayCache
 from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.csv_file import write_csv
-
-Array = NDArray[np.float64]
 
 HEAD = (
     *("attractor", "motion", "starts", "share", "low", "high"),
@@ -68,16 +64,14 @@ python -m herringbone_sim basins --set delta_T=70 --starts 100 --slice 24 \\
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``basins``."""
-    parser = add_verb(verbs, "basins", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_parameter_options(parser)
     add_random_starts(parser, starts=200, transient=4000)
     add_number(parser, "--points", 200, "mesh cycles observed then")
     add_number(parser, "--slice", 0, "a picture of N x N starts at rest; 0 for none")
     add_workers(parser)
     add_out(parser)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -103,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     last = args.transient + args.points - 1
     motions = [identify_motion(model, attractor, at=last) for attractor in all_attractors]
     pairs = zip(motions, all_attractors, strict=True)
-    names = [attractor_name(kind, attractor) for (kind, _), attractor in pairs]
+    names = [attractor.named(kind) for (kind, _), attractor in pairs]
     growths = [growth for _, growth in motions]
     rows = table(names, growths, shared, plane[1] if plane else None)
     write(args.out, rows, starts, shared, plane)
@@ -145,11 +139,6 @@ def cached_sections(
         return np.asarray(arrays["sections"])
 
     return cached
-
-
-def attractor_name(kind: str, attractor: Attractor) -> str:
-    """Label of an attractor: kind of motion and, if any, symmetry, as ``P2, left = right``."""
-    return f"{kind}, {attractor.symmetry}" if attractor.symmetry else kind
 
 
 def table(

@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-
 from herringbone_sim.cli.options import add_file
-from herringbone_sim.cli.verbs import Verbs, add_verb
+from herringbone_sim.core.layout import QUANTITIES
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
 from herringbone_sim.gap.data.prepare import prepare
@@ -39,16 +37,14 @@ NEEDS = {
 }
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``campaign check``."""
-    parser = add_verb(verbs, "campaign check", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     parser.add_argument("campaign", type=Path, metavar="DIR", help="folder of runs")
     text = f"parameters of the rig (default: {NOMINAL} in the folder, else the nominal rig)"
     add_file(parser, "--nominal", text)
-    parser.set_defaults(func=campaign_check)
 
 
-def campaign_check(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print the channels of each run, findings, and the observations that can be formed."""
     beside = args.campaign / NOMINAL
     file = args.nominal or (beside if beside.is_file() else None)
@@ -61,23 +57,21 @@ def campaign_check(args: argparse.Namespace) -> int:
 def table(folder: Path, campaign: PreparedCampaign) -> str:
     """Text, a line per run: role, length, usable channels of each quantity, other channels."""
     titles = f"{'run':12s} {'role':9s} {'cycles':>8s} {'a cycle':>8s}"
-    head = titles + "".join(f" {q:>6s}" for q in ("x", "v", "F", "u", "a", "pin")) + "  others"
+    head = titles + "".join(f" {q:>6s}" for q in QUANTITIES) + "  others"
     paths = {run.path.name: run.path for run in read_campaign(folder).runs}
     return "\n".join([head, *(_line(run, paths[run.name]) for run in campaign.runs)])
 
 
 def _line(run: PreparedRun, path: Path) -> str:
-    cycles = float(run.phase[-1] - run.phase[0]) / (2.0 * np.pi)
-    quantities = (run.x, run.v, run.F, run.u, run.a, run.pin)
-    counts = (f"{int(q.recorded.sum())}/{len(q.recorded)}" for q in quantities)
+    recorded = [getattr(run, quantity).recorded for quantity in QUANTITIES]
+    counts = (f"{int(there.sum())}/{len(there)}" for there in recorded)
     layout = run.model.layout
-    known = {"t", "phase", *layout.channels, *(f"F_pin{planet}" for planet in layout.planets)}
-    known |= {f"{q}_{body}" for q in "ua" for body in layout.bodies}
-    recorded, _ = next(iter_sample_blocks(path))
+    known = {*layout.channels, *layout.channels_of("a"), *layout.channels_of("pin")}
+    names, _ = next(iter_sample_blocks(path))
     return (
-        f"{run.name:12s} {run.role:9s} {cycles:8.1f} {(len(run) - 1) / cycles:8.1f}"
+        f"{run.name:12s} {run.role:9s} {run.cycles:8.1f} {(len(run) - 1) / run.cycles:8.1f}"
         + "".join(f" {count:>6s}" for count in counts)
-        + f"  {listed([n for n in recorded if n not in known or n in run.recorded_point])}"
+        + f"  {listed([n for n in names if n not in known or n in run.recorded_point])}"
     ).rstrip()
 
 

@@ -6,9 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from herringbone_sim.cli.gap import progress
-from herringbone_sim.cli.options import add_out
-from herringbone_sim.cli.verbs import Verbs, add_verb
+from herringbone_sim.cli.options import add_out, progress
 from herringbone_sim.recording.importing.campaign import NOMINAL, ImportedRun, import_campaign
 from herringbone_sim.recording.importing.parse import read_spec
 from herringbone_sim.views.pages.imported import (
@@ -31,15 +29,13 @@ python -m herringbone_sim campaign import files/spec.yaml --out rigs/files
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``campaign import``."""
-    parser = add_verb(verbs, "campaign import", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     parser.add_argument("spec", type=Path, metavar="SPEC.yaml", help="what the files hold")
     add_out(parser, "campaign folder to make")
-    parser.set_defaults(func=campaign_import)
 
 
-def campaign_import(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Write the campaign and its page; print a summary of each run."""
     spec = read_spec(args.spec)
     with progress(len(spec.runs)) as report:

@@ -19,7 +19,6 @@ from herringbone_sim.cli.sweep_options import (
     observation_from,
     run_all,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with
@@ -69,9 +68,8 @@ python -m herringbone_sim compare config/rig.yaml config/paper.yaml \\
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``compare``."""
-    parser = add_verb(verbs, "compare", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add = parser.add_argument
     add("nominal", type=Path, metavar="NOMINAL", help="parameter file of the one gear")
     add("augmented", type=Path, metavar="AUGMENTED", help="that of the other, with its effects")
@@ -83,10 +81,9 @@ def add_parser(verbs: Verbs) -> None:
     add_mesh(parser)
     add_out(parser)
     add_sweep_options(parser)
-    parser.set_defaults(func=compare)
 
 
-def compare(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run both sweeps, write page, figures and tables, print a summary; exit code 0.
 
     Raises:

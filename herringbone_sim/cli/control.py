@@ -15,7 +15,6 @@ from herringbone_sim.cli.parameter_options import (
     print_gear_notes,
     settings,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.control.runs import MotionRunner
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.errors import AnalysisError
@@ -37,16 +36,14 @@ python -m herringbone_sim control --quick --set xi=0.085 \\
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``control``."""
-    parser = add_verb(verbs, "control", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_parameter_options(parser)
     add = parser.add_argument
     add_out(parser)
     add("--only", default=",".join(PARTS), metavar="PARTS", help=f"of {', '.join(PARTS)} [all]")
     add("--quick", action="store_true", help="coarse grids and short runs")
     add_workers(parser)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from herringbone_sim.cli import control_text as text
 from herringbone_sim.cli.control_text import MOTIONS, PRINTED_DELTA_T, TARGETS, Lines
 from herringbone_sim.control.amplitude import START_GROUPS, Target, least_amplitudes, run_survey
 from herringbone_sim.control.realisation import single_actuators, substitutes, torque_demands
-from herringbone_sim.control.robustness import start_shares, survival, transverse_map
+from herringbone_sim.control.robustness import start_shares, survival
 from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.shape import ORDERS, around_cancelling, cancelling, phases, shape_map
 from herringbone_sim.control.starts import Starts
@@ -119,7 +119,8 @@ def realisation(runner: MotionRunner, base: Parameters, size: Size, out: Path) -
 def robustness(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
     """``transverse.csv``, ``starts.csv``, ``survival.csv``; ``control_robustness.png``."""
     settings = size.longer(times=LONG)
-    across = transverse_map(runner, base, size.delta_T, size.K(), size.longer(exponents=True))
+    alike = Starts(0, 0, running=False)
+    across = run_survey(runner, base, size.delta_T, size.K(), alike, size.longer(exponents=True))
     places = [
         {"delta_T": delta_T, "K": float(K)}
         for delta_T in PRINTED_DELTA_T

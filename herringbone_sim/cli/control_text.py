@@ -14,6 +14,7 @@ from herringbone_sim.control.runs import LEAST_EXPONENT
 from herringbone_sim.control.shape import ShapeMap, best, cancelling, equivalent_error, quiet
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.scaling import scales
+from herringbone_sim.sweeps.compare import motion
 from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.sweeps.observe import NO_TIME
 
@@ -61,11 +62,6 @@ def window_lines(survey: Survey) -> Lines:
             texts = (f"{a:.2f}-{b:.2f} {motion(period)}" for period, a, b in ranges)
             lines.append(f"delta_T {value:5.1f}  {survey.starts.names[j]:8s} {', '.join(texts)}")
     return lines
-
-
-def motion(period: float) -> str:
-    """Name of a motion: ``P2`` or ``aperiodic``."""
-    return f"P{period:g}" if period else "aperiodic"
 
 
 def contact_lines(survey: Survey) -> Lines:

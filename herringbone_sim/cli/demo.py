@@ -11,7 +11,6 @@ import sys
 import time
 from pathlib import Path
 
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import HerringboneError, RecordingError
 
 DESCRIPTION = """\
@@ -27,15 +26,13 @@ python -m herringbone_sim demo --out demo
 NODE_WAIT_S = 60.0
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``demo``."""
-    parser = add_verb(verbs, "demo", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder [%(default)s]")
     parser.add_argument("--force", action="store_true", help="replace the folder if it is there")
-    parser.set_defaults(func=demo)
 
 
-def demo(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run all steps; exit code 0, HerringboneError if one fails."""
     out = args.out.absolute()
     if out.exists() and not args.force:

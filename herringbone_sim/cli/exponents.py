@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from herringbone_sim.cli.options import add_number, add_out
+from herringbone_sim.cli.options import add_number, add_out, progress
 from herringbone_sim.cli.parameter_options import (
     add_parameter_options,
     model_from,
     print_gear_notes,
     settings,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compare_exponents
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
@@ -50,15 +48,13 @@ python -m herringbone_sim exponents --set delta_T=20 \\
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``exponents``."""
-    parser = add_verb(verbs, "exponents", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_parameter_options(parser)
     add_number(parser, "--cycles", 2000, "mesh cycles averaged over")
     add_number(parser, "--transient", 1000, "mesh cycles to discard first")
     add_number(parser, "--seed", 0, "of the frequencies of the 0-1 test")
     add_out(parser)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,12 +71,7 @@ def run(args: argparse.Namespace) -> int:
     model = model_from(args)
     make_folder(args.out)
     print_gear_notes(model)
-    with tqdm(total=STEPS, unit="method", disable=None) as bar:
-
-        def step(name: str) -> None:
-            bar.set_description(name)
-            bar.update()
-
+    with progress(STEPS, "method") as step:
         comparison = compare_exponents(model, args.cycles, args.transient, args.seed, step)
     rows = table(comparison)
     title = ",  ".join(
@@ -140,9 +131,6 @@ def write(folder: Path, rows: Sequence[Row], comparison: ExponentComparison, tit
     running = comparison.spectrum.running
     names = [f"exponent_{j}" for j in range(1, running.shape[1] + 1)]
     write_csv(folder / "exponents.csv", HEAD, rows)
-    data = np.column_stack([np.arange(1, len(running) + 1), running])
-    head = ",".join(["period", *names])
-    formats = ["%d"] + ["%.9g"] * len(names)
-    path = folder / "convergence.csv"
-    np.savetxt(path, data, fmt=formats, delimiter=",", header=head, comments="")
+    periods = ([n, *row] for n, row in enumerate(running.tolist(), 1))
+    write_csv(folder / "convergence.csv", ["period", *names], periods)
     save(exponents_figure(comparison, title), folder, "exponents")

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
-from herringbone_sim.cli.gap_rerun import mirror_gap
-from herringbone_sim.cli.options import add_file, add_out
-from herringbone_sim.cli.rerun_option import add_rerun_option, mirror_target
-from herringbone_sim.cli.verbs import Verbs, add_verb
+from herringbone_sim.cli.options import (
+    add_file,
+    add_out,
+    add_rerun_option,
+    mirror_target,
+    progress,
+)
+from herringbone_sim.cli.show import wait_for_interrupt
 from herringbone_sim.core.layout import KINDS
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.data.prepare import prepare
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
 from herringbone_sim.gap.report import write_report
 from herringbone_sim.gap.residuals.residual import ForceResidual, force_residual
@@ -31,7 +32,9 @@ from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap_arrays import gap_arrays
+from herringbone_sim.views.mirror.target import MirrorTarget
 from herringbone_sim.views.pages.gap.page import write_gap_page
+from herringbone_sim.views.tables.csv_file import write_csv
 from herringbone_sim.views.tables.forces import write_forces
 
 DESCRIPTION = """\
@@ -49,21 +52,19 @@ python -m herringbone_sim rig make --out rigs/pin --seed 7 \\
 python -m herringbone_sim gap rigs/pin --nominal config/rig.yaml --out gap_pin
 """
 STEPS = 16  # of a diagnosis, about, besides one per run
-LETTERS = 48  # of a step in the progress bar
+CLOSE_S = 60.0
 POINT = {"delta_T": " K", "T_1": " N m", "Omega": "", "K": ""}
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``gap``."""
-    parser = add_verb(verbs, "gap", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     parser.add_argument("campaign", type=Path, metavar="CAMPAIGN", help="folder of runs")
     add_file(parser, "--nominal", "parameters of the rig", required=True)
     add_out(parser)
     add_rerun_option(parser, "save", "DIR/gap.rrd")
-    parser.set_defaults(func=gap)
 
 
-def gap(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Diagnose a campaign; print and write residuals, verdict, report and page; exit code 0."""
     target = mirror_target(args.rerun, args.out / "gap.rrd")
     campaign = read_campaign(args.campaign)
@@ -88,42 +89,27 @@ def gap(args: argparse.Namespace) -> int:
     return 0
 
 
-@contextmanager
-def progress(steps: int) -> Iterator[Callable[[str], None]]:
-    """Progress bar on a terminal; yields a function that takes the name of each step."""
-    with tqdm(total=steps, unit="step", disable=None) as bar:
-
-        def step(text: str) -> None:
-            bar.set_description(text[:LETTERS])
-            bar.total = max(bar.total or 0, bar.n + 1)
-            bar.update()
-
-        yield step
-        bar.total = bar.n
-
-
 def residual_table(campaign: Campaign, nominal: Parameters, path: Path) -> None:
     """Print and write the nominal residual of every run that has forces."""
     print(f"{'run':10s} {'role':9s} {'residual [N]':>13s} {'of force':>9s}  largest mesh (share)")
     printed: set[str] = set()
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["run", "role", "mesh", "residual_rms_n", "force_rms_n", "share"])
-        for run in campaign.runs:
-            try:
-                model = build(nominal.changed(run.point))
-                residual = force_residual(model, read_recording(run.path).samples)
-            except HerringboneError as error:
-                text = str(error)
-                print(
-                    f"{run.path.name:10s} {run.role:9s} {'as above' if text in printed else text}"
-                )
-                printed.add(text)
-                continue
-            print(residual_line(run, residual))
-            force = (residual.force_n**2).mean(axis=0) ** 0.5
-            for row in zip(residual.meshes, residual.rms_n, force, residual.shares, strict=True):
-                table.writerow([run.path.name, run.role, row[0], *(f"{v:.6g}" for v in row[1:])])
+    rows: list[list[str]] = []
+    for run in campaign.runs:
+        try:
+            model = build(nominal.changed(run.point))
+            residual = force_residual(model, read_recording(run.path).samples)
+        except HerringboneError as error:
+            text = str(error)
+            print(f"{run.path.name:10s} {run.role:9s} {'as above' if text in printed else text}")
+            printed.add(text)
+            continue
+        print(residual_line(run, residual))
+        force = (residual.force_n**2).mean(axis=0) ** 0.5
+        for mesh, *sizes in zip(
+            residual.meshes, residual.rms_n, force, residual.shares, strict=True
+        ):
+            rows.append([run.path.name, run.role, mesh, *(f"{v:.6g}" for v in sizes)])
+    write_csv(path, ["run", "role", "mesh", "residual_rms_n", "force_rms_n", "share"], rows)
 
 
 def residual_line(run: CampaignRun, residual: ForceResidual) -> str:
@@ -194,3 +180,22 @@ def sense_line(gap: Gap) -> str:
         f"{gap.metric} on held-out runs [{gap.unit}]: {values}, closure {gap.closure:.1%}, "
         f"runner-up {gap.closed('runner_up'):.1%}"
     )
+
+
+def mirror_gap(target: MirrorTarget, campaign: PreparedCampaign, diagnosis: Diagnosis) -> str:
+    """Send a diagnosis to the viewer; a line that says where it went, or why that failed."""
+    try:
+        from herringbone_sim.views.mirror.gap import mirror
+        from herringbone_sim.views.mirror.sink import open_sink
+
+        sink = open_sink(target)
+        try:
+            mirror(campaign, diagnosis, sink)
+            if target.mode == "serve":
+                wait_for_interrupt(sink.address)
+        finally:
+            sink.close(CLOSE_S)
+    except Exception as error:
+        # A failure of the viewer must not end the program before the report is complete.
+        return f"not mirrored: {error}"
+    return f"mirrored to {sink.address}"

@@ -6,14 +6,13 @@ import argparse
 from pathlib import Path
 
 from herringbone_sim.cli.options import add_seeds, add_workers, workers_from
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import AnalysisError, ParameterError
-from herringbone_sim.practice.bench import check_seeds, read_json, run_bench
+from herringbone_sim.practice.bench import read_json, run_bench
 from herringbone_sim.practice.noise import NOISES
 from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.record import CHANNEL_SETS
 from herringbone_sim.practice.score import write_table
-from herringbone_sim.practice.seeds import parse_seeds
+from herringbone_sim.practice.seeds import check_seeds, parse_seeds
 from herringbone_sim.practice.stored import read_bench
 from herringbone_sim.practice.table import bench_rows, table_markdown, write_cases
 from herringbone_sim.practice.trial import Setting, plan_of
@@ -34,9 +33,8 @@ python -m herringbone_sim gap bench --seeds 820000:820002 --noise coloured,encod
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``gap bench``."""
-    parser = add_verb(verbs, "gap bench", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add = parser.add_argument
     add_seeds(parser)
     add("--out", type=Path, metavar="DIR", help="folder to write, or to continue in")
@@ -49,7 +47,6 @@ def add_parser(verbs: Verbs) -> None:
         help="allow seeds that the thresholds were frozen on; the table is marked",
     )
     add_workers(parser, scheduler=True)
-    parser.set_defaults(func=bench)
 
 
 def add_setting(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +66,7 @@ def add_setting(parser: argparse.ArgumentParser) -> None:
     add("--truth", help="none, single, pair, unknown, unseen, random_physics or an effect")
 
 
-def bench(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run missing campaigns, then print and write the table; exit code 0."""
     if args.table is None:
         if args.seeds is None or args.out is None:

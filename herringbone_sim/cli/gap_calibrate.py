@@ -7,13 +7,12 @@ from pathlib import Path
 
 from herringbone_sim.cli.gap_bench import add_setting, setting_from
 from herringbone_sim.cli.options import add_file, add_seeds, add_workers, workers_from
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.practice.bench import check_seeds, run_bench
+from herringbone_sim.practice.bench import run_bench
 from herringbone_sim.practice.calibrate import calibrate, write_weights
 from herringbone_sim.practice.case_evidence import bench_evidence, read_evidence, write_evidence
 from herringbone_sim.practice.pool import Resources
-from herringbone_sim.practice.seeds import parse_seeds
+from herringbone_sim.practice.seeds import check_seeds, parse_seeds
 from herringbone_sim.practice.trial import sources
 
 DESCRIPTION = """\
@@ -27,9 +26,8 @@ python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --ou
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``gap calibrate``."""
-    parser = add_verb(verbs, "gap calibrate", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_seeds(parser)
     text = "folder of the campaigns; an interrupted one is continued"
     parser.add_argument("--folder", type=Path, metavar="DIR", help=text)
@@ -37,7 +35,6 @@ def add_parser(verbs: Verbs) -> None:
     add_file(parser, "--out", "weights to write", required=True)
     add_setting(parser)
     add_workers(parser, scheduler=True)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -9,9 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from herringbone_sim.cli.options import NO_ROS, add_file, add_number
-from herringbone_sim.cli.rerun_option import add_rerun_option, mirror_target
-from herringbone_sim.cli.verbs import Verbs, add_verb
+from herringbone_sim.cli.options import (
+    NO_ROS,
+    add_file,
+    add_number,
+    add_rerun_option,
+    mirror_target,
+)
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_parameters
@@ -35,9 +39,8 @@ CLEAR = "\x1b[H\x1b[J"
 Output = Callable[[Any, tuple[str, ...]], None]  # of a comparison and the topics with samples
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``gap live``."""
-    parser = add_verb(verbs, "gap live", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     for option, default, source in (
         ("--rig", "/rig", "rig"),
         ("--sim", "/herringbone_sim", "simulator"),
@@ -52,10 +55,9 @@ def add_parser(verbs: Verbs) -> None:
     add_number(parser, "--log-every", 5.0, text, "S")
     add_number(parser, "--seconds", float("inf"), "duration", "S")
     add_rerun_option(parser, "spawn", "gap_live.rrd")
-    parser.set_defaults(func=gap_live)
 
 
-def gap_live(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Listen and print until Ctrl-C or the end of the time; exit code 0, 2 without ROS."""
     check_numbers(args)
     target = mirror_target(args.rerun, Path("gap_live.rrd"))

@@ -8,9 +8,8 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import starmap
 
-from herringbone_sim.cli.gap import POINT, progress
-from herringbone_sim.cli.options import add_file, add_number, add_out
-from herringbone_sim.cli.verbs import Verbs, add_verb
+from herringbone_sim.cli.gap import POINT
+from herringbone_sim.cli.options import add_file, add_number, add_out, progress
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.planning.plan import NAMED, Plan, plan
@@ -44,9 +43,8 @@ SAMPLES = 24  # per mesh cycle
 STEPS = 3  # of the progress of a plan
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``gap plan``."""
-    parser = add_verb(verbs, "gap plan", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add = parser.add_argument
     add_file(parser, "--nominal", "parameters of the rig", required=True)
     add("--sensors", required=True, metavar="NAMES", help="channels, such as u_s_L,u_s_R,u_c")
@@ -69,7 +67,6 @@ def add_parser(verbs: Verbs) -> None:
     add_number(parser, "--samples", SAMPLES, "samples of a mesh cycle", None)
     add("--also", default="", metavar="NAMES", help="further channels, each tried by itself")
     add_out(parser)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -8,9 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from herringbone_sim.cli.gap import progress
-from herringbone_sim.cli.options import add_file, add_out
-from herringbone_sim.cli.verbs import Verbs, add_verb
+from herringbone_sim.cli.options import add_file, add_out, progress
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.repeat import read_report, repeat
 from herringbone_sim.gap.verification.serialise import SENSES
@@ -34,18 +32,16 @@ python -m herringbone_sim gap verify rigs/pin_later --nominal config/rig.yaml --
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``gap verify``."""
-    parser = add_verb(verbs, "gap verify", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     parser.add_argument("campaign", type=Path, metavar="CAMPAIGN", help="folder of further runs")
     add_file(parser, "--nominal", "parameters of the rig", required=True)
     text = "folder that `gap` wrote"
     parser.add_argument("--report", type=Path, required=True, metavar="DIR", help=text)
     add_out(parser)
-    parser.set_defaults(func=gap_verify)
 
 
-def gap_verify(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Measure, print the table, and write verify.json and verify.html; exit code 0."""
     report = read_report(args.report / "report.json")
     own, actives = load_gear(args.report / "augmented.yaml")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
 from herringbone_sim.cli.options import add_run
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import listed, shown
 from herringbone_sim.recording.info import OPERATING, Channel, RunInfo, recording_info
+from herringbone_sim.views.tables.text import aligned
 
 MAX_LINES = 10  # of each list
 DESCRIPTION = """\
@@ -25,12 +25,10 @@ python -m herringbone_sim info runs/first
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``info``."""
-    parser = add_verb(verbs, "info", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_run(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, for other programs")
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -65,7 +63,7 @@ def as_page(info: RunInfo) -> str:
         _titled("operating point", _operating(info)),
         _titled("parameter changes", _changes(info)),
         _titled("missing samples", _gaps(info)),
-        _titled("channels", _table(_channel_rows(info.channels))),
+        _titled("channels", aligned(_channel_rows(info.channels))),
         _titled("notes", [f"- {note}" for note in info.notes]),
     ]
     return "\n\n".join(part for part in parts if part)
@@ -123,7 +121,7 @@ def _operating(info: RunInfo) -> list[str]:
             span += "" if channel.constant else f" to {channel.maximum:.6g}"
             rows.append((channel.name, f"{span} {channel.unit}".rstrip(" -")))
     rows += [("Omega", shown(info.parameters["Omega"]))] if "Omega" in info.parameters else []
-    return _table(rows)
+    return aligned(rows)
 
 
 def _changes(info: RunInfo) -> list[str]:
@@ -159,18 +157,8 @@ def _channel_rows(channels: tuple[Channel, ...]) -> list[tuple[str, ...]]:
     return rows
 
 
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = (
-        [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
-    )
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
-
-
 def _pairs(rows: list[tuple[str, str]]) -> str:
-    return "\n".join(_table(rows))
+    return "\n".join(aligned(rows))
 
 
 def _titled(title: str, lines: list[str]) -> str:

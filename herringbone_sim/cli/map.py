@@ -14,7 +14,6 @@ from herringbone_sim.cli.sweep_options import (
     run_all,
     swept_gear,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep, axis_from_text
 from herringbone_sim.sweeps.store import load_result, open_store
@@ -38,9 +37,8 @@ python -m herringbone_sim map --over delta_T=0:100:40 --over xi=0.02:0.2:40 \\
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``map``."""
-    parser = add_verb(verbs, "map", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_parameter_options(parser)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument(
@@ -61,10 +59,9 @@ def add_parser(verbs: Verbs) -> None:
     )
     add_out(parser)
     add_sweep_options(parser)
-    parser.set_defaults(func=draw_map)
 
 
-def draw_map(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the map, print a summary, draw the pictures; exit code 0.
 
     Raises:

@@ -1,17 +1,25 @@
-"""Command-line options that several verbs share."""
+"""Command-line options, and the progress bar, that several verbs share."""
 
 from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from herringbone_sim.errors import AnalysisError
+from tqdm import tqdm
+
+from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.views.mirror.target import MirrorTarget
 
 NO_ROS = (
     "no ROS 2 here ({error}): source /opt/ros/jazzy/setup.bash, or "
     "pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
 )
+LETTERS = 48  # of a step in the progress bar
+FORMS = "spawn, connect[=HOST:PORT], serve[=[HOST:]PORT], save[=FILE.rrd]"
+MODES = tuple(form.partition("[")[0] for form in FORMS.split(", "))
 
 
 def add_number(
@@ -87,3 +95,53 @@ def workers_from(args: argparse.Namespace) -> int:
     if args.workers < 1:
         raise AnalysisError(f"--workers must be 1 or more, got {args.workers}")
     return int(args.workers)
+
+
+def add_rerun_option(parser: argparse.ArgumentParser, default: str, file: str) -> None:
+    """Add ``--rerun [WHERE]``.
+
+    Args:
+        default: value of the option without an argument.
+        file: name of the file that ``save`` writes, for the help.
+    """
+    parser.add_argument(
+        "--rerun",
+        nargs="?",
+        const=default,
+        default="",
+        metavar="WHERE",
+        help=f"mirror to the Rerun viewer: {FORMS} [{default}; save writes {file}]",
+    )
+
+
+def mirror_target(text: str, file: Path) -> MirrorTarget | None:
+    """Target of the value of ``--rerun``; None if it is empty.
+
+    Args:
+        file: written by ``save`` without a name.
+
+    Raises:
+        ParameterError: a text of another form.
+    """
+    if not text:
+        return None
+    mode, _, rest = text.partition("=")
+    if mode not in MODES or (mode == "spawn" and rest):
+        raise ParameterError(f"--rerun takes {FORMS}, got {text!r}")
+    return MirrorTarget(
+        mode, "" if mode == "save" else rest, Path(rest) if mode == "save" and rest else file
+    )
+
+
+@contextmanager
+def progress(steps: int, unit: str = "step") -> Iterator[Callable[[str], None]]:
+    """Progress bar on a terminal; yields a function that takes the name of each step."""
+    with tqdm(total=steps, unit=unit, disable=None) as bar:
+
+        def step(text: str) -> None:
+            bar.set_description(text[:LETTERS])
+            bar.total = max(bar.total or 0, bar.n + 1)
+            bar.update()
+
+        yield step
+        bar.total = bar.n

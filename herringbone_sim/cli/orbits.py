@@ -12,7 +12,6 @@ from herringbone_sim.cli.parameter_options import (
     gear_from,
     print_gear_notes,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
 from herringbone_sim.dynamics.flow import GearFlow
@@ -46,9 +45,8 @@ python -m herringbone_sim orbits --over delta_T --from 70 --to 90 --start 85 72 
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``orbits``."""
-    parser = add_verb(verbs, "orbits", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_parameter_options(parser)
     add = parser.add_argument
     add("--over", required=True, choices=SWEPT, metavar="NAME", help=", ".join(SWEPT))
@@ -69,7 +67,6 @@ def add_parser(verbs: Verbs) -> None:
     add_number(parser, "--settle", 1000, text, "CYCLES")
     add_mesh(parser)
     add_out(parser)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

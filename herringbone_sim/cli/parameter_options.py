@@ -12,7 +12,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.effects.written import effects_text, read_effects
+from herringbone_sim.effects.written import effects_text, number, read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_gear
 
@@ -97,13 +97,3 @@ def _setting(text: str) -> tuple[str, Any]:
     if isinstance(getattr(Parameters, name), tuple):
         return name, [number(part) for part in value.strip("[]").split(",") if part.strip()]
     return name, number(value)
-
-
-def number(text: str) -> float | int | str:
-    """A text as an integer, a float, or itself."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text.strip()

@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 
 from herringbone_sim.cli.options import add_file
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, meaning, names, obstacle_text, obstacles
 from herringbone_sim.effects.sensors import check_effects
@@ -27,15 +26,13 @@ python -m herringbone_sim parameters --check config/rig.yaml
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``parameters``."""
-    parser = add_verb(verbs, "parameters", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     text = "instead: read a parameter file, describe its gear, and print what is unusual about it"
     add_file(parser, "--check", text)
-    parser.set_defaults(func=parameters)
 
 
-def parameters(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print the table, or check a file; exit code 0."""
     return check(args.check) if args.check else print_table()
 

@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from herringbone_sim.cli.options import add_run
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import listed
 from herringbone_sim.recording.recover import RecoveryReport, recover
 
@@ -22,13 +21,11 @@ python -m herringbone_sim recover runs/first
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``recover``."""
-    parser = add_verb(verbs, "recover", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_run(parser)
     text = "new folder for the recovered run; without it the run itself is repaired"
     parser.add_argument("--out", type=Path, metavar="DIR", help=text)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,7 +6,6 @@ import argparse
 import signal
 
 from herringbone_sim.cli.options import add_number, add_run
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.reader import Recording, read_recording
 from herringbone_sim.replay import verify
@@ -33,15 +32,13 @@ PUBLISH_DEFAULTS = {
 }
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``replay``."""
-    parser = add_verb(verbs, "replay", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_run(parser)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--verify", action="store_true", help="integrate again and compare")
     what.add_argument("--publish", action="store_true", help="send over the topics")
     _add_publishing(parser.add_argument_group("with --publish"))
-    parser.set_defaults(func=replay)
 
 
 def _add_publishing(group: argparse._ArgumentGroup) -> None:
@@ -68,7 +65,7 @@ def _add_publishing(group: argparse._ArgumentGroup) -> None:
     add("--node-name", default="herringbone_sim", help="prefix of the topics [%(default)s]")
 
 
-def replay(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Repeat or publish the run.
 
     Exit code 0; 1 if the repetition differs; 128 plus the signal that ended the publishing.

@@ -15,7 +15,6 @@ from herringbone_sim.cli.parameter_options import (
     effects_from,
     print_gear_notes,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text
@@ -54,9 +53,8 @@ python -m herringbone_sim reproduce --out reproduction
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``reproduce``."""
-    parser = add_verb(verbs, "reproduce", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add = parser.add_argument
     add_out(parser)
     add("--only", default="ABCDE", metavar="LETTERS", help="scenarios (default: ABCDE)")
@@ -74,10 +72,9 @@ def add_parser(verbs: Verbs) -> None:
     )
     add_effects_option(parser)
     add_workers(parser)
-    parser.set_defaults(func=reproduce)
 
 
-def reproduce(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the scenarios, write page, tables and figures, print the statements; exit code 0."""
     _check(args)
     scenarios = reproduction.scenarios_of(args.only)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from herringbone_sim.cli.options import add_file, add_number, add_out
-from herringbone_sim.cli.verbs import Verbs, add_verb
+from herringbone_sim.cli.verbs import add_verb
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, obstacle_text, obstacles
 from herringbone_sim.effects.registry import effects
@@ -25,22 +25,27 @@ stand as channels=F_sp1_L+F_sp2_L. `rig effects` lists all.
 """
 LISTED = "List the effects with their parameters, units and bounds."
 LIST = "python -m herringbone_sim rig effects\n"
-EXAMPLES = """\
+MAKE = """\
 python -m herringbone_sim rig make --out rigs/ripple --effect runout@rp:amplitude=2e-5,member=ring
 python -m herringbone_sim rig make --out rigs/mine --hidden --seed 7
 """
+EXAMPLES = LIST + MAKE
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``rig``."""
-    parser = add_verb(verbs, "rig", DESCRIPTION, LIST + EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``rig effects`` and ``rig make``."""
     actions = parser.add_subparsers(title="what to do", required=True, metavar="ACTION")
     lister = add_verb(actions, "effects", LISTED, LIST, help="list effects and their parameters")
-    lister.set_defaults(func=print_effects)
+    lister.set_defaults(action=print_effects)
     text = "write a campaign and its label"
-    maker = add_verb(actions, "make", DESCRIPTION, EXAMPLES, help=text)
+    maker = add_verb(actions, "make", DESCRIPTION, MAKE, help=text)
     add_make_options(maker)
-    maker.set_defaults(func=make)
+    maker.set_defaults(action=make)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what the second word says; its exit code."""
+    return int(args.action(args))
 
 
 def add_make_options(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,6 @@ import tempfile
 from pathlib import Path
 
 from herringbone_sim.cli.options import NO_ROS, add_file
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.recording.parameter_file import ros_text
 from herringbone_sim.version import VERSION
 
@@ -23,13 +22,12 @@ python -m herringbone_sim run --parameters config/paper.yaml --ros-args \\
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``run``."""
-    parser = add_verb(verbs, "run", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     text = "parameter file, also with effects as a list; what follows --ros-args wins"
     add_file(parser, "--parameters", text)
     parser.add_argument("--version", action="version", version=VERSION)
-    parser.set_defaults(func=run, of_ros=[])
+    parser.set_defaults(of_ros=[])
 
 
 def run(args: argparse.Namespace) -> int:

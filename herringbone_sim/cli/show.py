@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 from herringbone_sim.cli.options import add_mesh, add_number, add_run
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.errors import HerringboneError, ParameterError
 
 DESCRIPTION = """\
@@ -29,9 +28,8 @@ python -m herringbone_sim show runs/first --save first.rrd --screenshot first.pn
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``show``."""
-    parser = add_verb(verbs, "show", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_run(parser)
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--spawn", action="store_true", help="open a viewer (the default)")
@@ -46,7 +44,6 @@ def add_parser(verbs: Verbs) -> None:
     )
     where.add_argument("--connect", metavar="HOST:PORT", help="send to a viewer that is open")
     add_drawing_options(parser)
-    parser.set_defaults(func=show)
 
 
 def add_drawing_options(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +62,7 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "--blocks", 400, "largest number of blocks")
 
 
-def show(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Show the run; exit code 0, HerringboneError if the viewer did not take all of it."""
     size = parse_size(args.size)
     with tempfile.TemporaryDirectory() as folder:

@@ -9,9 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.cli.basins import cached_sections
 from herringbone_sim.cli.options import (
     add_number,
@@ -25,7 +25,6 @@ from herringbone_sim.cli.parameter_options import (
     gear_from,
     print_gear_notes,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import random_starts
 from herringbone_sim.dynamics.survival import Survival, survival
@@ -34,8 +33,6 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.figures.survival import survival_figure
 from herringbone_sim.views.tables.csv_file import write_csv
-
-Array = NDArray[np.float64]
 
 POINTS = 150  # mesh cycles observed after the transient
 FATES = ("from_rest", "other_alike", "differ", "differ_chaotic")
@@ -60,9 +57,8 @@ python -m herringbone_sim survival --over delta_T --from 60 --to 90 --values 7 \
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``survival``."""
-    parser = add_verb(verbs, "survival", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_parameter_options(parser)
     add = parser.add_argument
     add("--over", required=True, metavar="NAME", help="parameter, such as delta_T, xi, K")
@@ -72,7 +68,6 @@ def add_parser(verbs: Verbs) -> None:
     add_random_starts(parser, starts=64, transient=3000)
     add_workers(parser)
     add_out(parser)
-    parser.set_defaults(func=run)
 
 
 def run(args: argparse.Namespace) -> int:

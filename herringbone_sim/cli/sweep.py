@@ -16,7 +16,6 @@ from herringbone_sim.cli.sweep_options import (
     run_all,
     swept_gear,
 )
-from herringbone_sim.cli.verbs import Verbs, add_verb
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of
 from herringbone_sim.sweeps.grid import STARTS, Sweep, axis_from_text
 from herringbone_sim.sweeps.store import FILE, Store, load_result, load_store, open_store
@@ -55,9 +54,8 @@ python -m herringbone_sim sweep --over K=0:0.6:40 --set xi=0.085 --start both --
 """
 
 
-def add_parser(verbs: Verbs) -> None:
-    """Add the verb ``sweep``."""
-    parser = add_verb(verbs, "sweep", DESCRIPTION, EXAMPLES)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
     add_parameter_options(parser)
     parser.add_argument(
         "--over",
@@ -72,10 +70,9 @@ def add_parser(verbs: Verbs) -> None:
     add_mesh(parser)
     add_out(parser)
     add_sweep_options(parser)
-    parser.set_defaults(func=sweep)
 
 
-def sweep(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Run the sweeps, print a summary, draw the diagram; exit code 0."""
     base, effects = swept_gear(args)
     axes = tuple(axis_from_text(text) for text in args.over)

@@ -13,18 +13,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.control.runs import MotionRunner, Motions, RunSettings, repeats
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import cycles_of
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Axis
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 START_GROUPS = {  # kinds of starts, see ``Starts``, by name of the group
     "zero": ("zero",),

@@ -16,14 +16,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.control.amplitude import Survey, Target, least_amplitudes
 from herringbone_sim.control.runs import MotionRunner
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
-
-Array = NDArray[np.float64]
 
 BODIES = ("s_L", "s_R", "c", "p_L", "p_R")
 MESHES = ("sp_L", "sp_R", "rp_L", "rp_R")

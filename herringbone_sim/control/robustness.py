@@ -11,16 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.control.amplitude import Survey, run_survey
+from herringbone_sim.arrays import Array
 from herringbone_sim.control.runs import MotionRunner, RunSettings, repeats
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.basins import random_starts, wilson
-from herringbone_sim.sweeps.grid import Axis
-
-Array = NDArray[np.float64]
 
 SHARES = (0.01, 0.02, 0.05, 0.10)
 
@@ -93,13 +89,6 @@ DIFFERENCES: dict[str, Callable[[float], dict[str, list[float]]]] = {
     "phi_a": _sides("phi_a", 2.0 * np.pi, 0.0),
     "mesh_phase": _sides("mesh_phase", 2.0 * np.pi, 0.0),
 }
-
-
-def transverse_map(
-    runner: MotionRunner, base: Parameters, axis: Axis, K: Array, settings: RunSettings
-) -> Survey:
-    """Motions with left = right from the zero start; their transverse exponents if requested."""
-    return run_survey(runner, base, axis, K, Starts(0, 0, running=False), settings)
 
 
 def start_shares(

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
@@ -21,9 +21,6 @@ from herringbone_sim.sweeps.array_cache import ArrayCache
 from herringbone_sim.sweeps.chunks import Chunk, ChunkRunner
 from herringbone_sim.sweeps.observe import asymmetries, contact_loss
 from herringbone_sim.sweeps.periods import find_periods
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CHUNK = 128  # runs that are stored together
 ALIKE = 0.01  # b_c, RMS left-right difference up to which the halves count as moving alike
@@ -77,12 +74,12 @@ class Motions:
     apart: Array
     end: Array
 
-    def repeats(self, cycles: int) -> NDArray[np.bool_]:
+    def repeats(self, cycles: int) -> Flags:
         """(n,) whether each motion repeats after so many mesh cycles, see ``repeats``."""
         return repeats(self.period, cycles)
 
     @property
-    def alike(self) -> NDArray[np.bool_]:
+    def alike(self) -> Flags:
         """(n,) whether the halves move alike."""
         return np.asarray(self.asymmetry < ALIKE, dtype=bool)
 
@@ -90,7 +87,7 @@ class Motions:
 NAMES = tuple(item.name for item in fields(Motions))
 
 
-def repeats(period: Array, cycles: int) -> NDArray[np.bool_]:
+def repeats(period: Array, cycles: int) -> Flags:
     """Whether motions repeat after so many mesh cycles: P1 also after 2, an aperiodic one never.
 
     Args:

@@ -11,15 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.control.amplitude import Survey, run_survey
 from herringbone_sim.control.runs import LEAST_EXPONENT, MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.grid import Axis
-
-Array = NDArray[np.float64]
 
 IRRATIONAL = (0.6180339887498949, 1.4142135623730951, 2.2360679774997896)
 ORDERS = tuple(sorted([*(i / 8 for i in range(25)), *IRRATIONAL]))
@@ -46,7 +44,7 @@ class ShapeMap:
     exponent: Array
     exponent_error: Array
     transverse: Array
-    chaotic: NDArray[np.bool_]
+    chaotic: Flags
     apart: Array
 
 
@@ -124,7 +122,7 @@ def around_cancelling(
     return run_survey(runner, base, near, K * np.linspace(0.98, 1.02, n), Starts(1, 1), settings)
 
 
-def quiet(survey: Survey) -> NDArray[np.bool_]:
+def quiet(survey: Survey) -> Flags:
     """(n, m, s) whether a motion of a survey has period 1 and never loses contact."""
     still = (survey.of("period") == survey.forcing) & (survey.of("contact_loss") == 0)
     return np.asarray(still, dtype=bool)

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.core.model import initial_state
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.basins import random_starts, state_at
-
-Array = NDArray[np.float64]
 
 SETTLE = RunSettings(transient=800, cycles=1)
 

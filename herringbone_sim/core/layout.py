@@ -12,6 +12,7 @@ from dataclasses import dataclass
 KINDS = ("sp", "rp")
 SIDES = ("L", "R")
 HEAD = ("t", "phase", "K", "delta_T", "T_1")
+QUANTITIES = ("x", "v", "F", "u", "a", "pin")  # of channels, see ``Layout.channels_of``
 UNITS = {"t": "s", "phase": "rad", "K": "-", "delta_T": "K", "T_1": "N m"}
 PREFIX_UNITS = {"x": "m", "v": "m/s", "F": "N", "u": "m", "a": "m/s^2"}
 MEANINGS = {
@@ -86,8 +87,14 @@ class Layout:
     @property
     def channels(self) -> tuple[str, ...]:
         """Recorded channels in order: head, x, v and F of the meshes, u of the bodies."""
-        of_meshes = tuple(f"{a}_{m}" for a in "xvF" for m in self.meshes)
-        return (*HEAD, *of_meshes, *(f"u_{b}" for b in self.bodies))
+        return (*HEAD, *(name for quantity in "xvFu" for name in self.channels_of(quantity)))
+
+    def channels_of(self, quantity: str) -> tuple[str, ...]:
+        """Channels of x, v or F of the meshes, u or a of the bodies, pin of the planets."""
+        if quantity == "pin":
+            return tuple(f"F_pin{planet}" for planet in self.planets)
+        places = self.bodies if quantity in "ua" else self.meshes
+        return tuple(f"{quantity}_{place}" for place in places)
 
 
 def unit_of(channel: str) -> str:

@@ -82,6 +82,12 @@ def build(p: Parameters) -> Model:
     return Model(p, p.layout, s, half, damping, packed, packed)
 
 
+def mean_sun_force(model: Model) -> float:
+    """Mean force of each sun mesh [N] that balances the input torque."""
+    p, s = model.parameters, model.scales
+    return p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
+
+
 def half_backlashes(p: Parameters, s: Scales) -> Array:
     """Half-backlash b' [m] of each mesh (n_mesh,), Eqs. (2), (3); ParameterError if negative."""
     alpha_w = float(np.radians(p.alpha_w))

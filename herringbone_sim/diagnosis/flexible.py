@@ -13,9 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array, Indices
 
 # Chosen, not fitted:
 N_FEATURES = 200
@@ -77,7 +76,7 @@ class _Features:
     of_values: Array
     of_angles: Array
     phase: Array
-    factor: NDArray[np.int64]
+    factor: Indices
 
     @classmethod
     def drawn(cls, D: int, A: int, M: int) -> _Features:
@@ -108,7 +107,7 @@ class _Features:
 def predict_residuals(
     residuals: Sequence[Array],
     inputs: Sequence[RegressionInputs],
-    blocks: Sequence[NDArray[np.int64]],
+    blocks: Sequence[Indices],
     independent_share: float = 1.0,
 ) -> Predictable:
     """Cross-validated prediction of whitened residuals.
@@ -163,13 +162,13 @@ class _HalfPair:
         P, A, b: features, their Gram matrix and their products with the residual.
     """
 
-    at: tuple[NDArray[np.int64], ...]
+    at: tuple[Indices, ...]
     P: tuple[Array, ...]
     A: tuple[Array, ...]
     b: tuple[Array, ...]
 
     @classmethod
-    def build(cls, P: Array, y: Array, halves: Sequence[NDArray[np.int64]]) -> _HalfPair:
+    def build(cls, P: Array, y: Array, halves: Sequence[Indices]) -> _HalfPair:
         """Split features (n, F) and residual (n,) into two halves given by their samples."""
         parts = tuple(P[at] for at in halves)
         A = tuple(p.T @ p for p in parts)
@@ -195,7 +194,7 @@ class _HalfPair:
             off[self.at[own]] = y[self.at[own]] - P @ w
 
 
-def _cross_predict(P: Array, y: Array, fold: NDArray[np.int64], run: NDArray[np.int64]) -> Array:
+def _cross_predict(P: Array, y: Array, fold: Indices, run: Indices) -> Array:
     """(n,) prediction error of each half from the other, by the best of a few regressions."""
     whole = _HalfPair.build(P, y, [np.flatnonzero(fold == h) for h in (0, 1)])
     # Also run by run: dependence on quantities constant within a run need not be smooth.

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.diagnosis.products import CampaignProducts, Coefficient
 from herringbone_sim.diagnosis.regression import solve
 from herringbone_sim.diagnosis.search import (
@@ -23,8 +23,6 @@ from herringbone_sim.diagnosis.search import (
     PRIOR_SCALES,
     Hypothesis,
 )
-
-Array = NDArray[np.float64]
 
 
 class Information:
@@ -137,7 +135,7 @@ class Information:
         return bool(np.all(np.abs(size * self._free[i]) <= self._bound))
 
 
-def _priors(h: Hypothesis, size: float) -> tuple[NDArray[np.bool_], Array]:
+def _priors(h: Hypothesis, size: float) -> tuple[Flags, Array]:
     """(k,) whether coefficients are departures from the curve, and priors of the others."""
     bent = np.array([c.departs_from > 0 for c in h.coefficients])
     wide = [

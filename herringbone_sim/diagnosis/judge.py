@@ -31,13 +31,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
-
-Array = NDArray[np.float64]
 
 HALF_90 = 1.645  # standard deviations of half a 90 % interval
 FILE = Path(__file__).with_name("calibration.json")
@@ -103,7 +101,7 @@ class LabelledCampaign:
     """
 
     table: Array
-    true: NDArray[np.bool_]
+    true: Flags
 
 
 def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
@@ -129,7 +127,7 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
     log_count = float(np.log(max(evidence.count, FEWEST) / FULL))
     log_gap = float(np.log(gap))
 
-    def of(c: Candidate) -> dict[str, float]:
+    def fit_numbers(c: Candidate) -> dict[str, float]:
         return {
             "log share left": share(c.energy),
             "log squares left": float(np.log((c.energy - fewest) / (none.energy - fewest))),
@@ -137,50 +135,51 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
             "log excess left": float(np.log(max(c.worst - 1.0, LEAST))),
         }
 
-    def of_pair(c: Candidate) -> dict[str, float]:
+    def pair_numbers(c: Candidate) -> dict[str, float]:
         first = singles[0].energy
         taken = (first - c.energy) / (max(first - floor, 0.0) + LEAST * evidence.count)
         second = float(np.log(np.clip(taken, LEAST, 1.0)))
-        told = {"pair": 1.0, "pair: log second share": second, "pair: log count": log_count}
-        return {**of(c), **told}
+        own = {"pair": 1.0, "pair: log second share": second, "pair: log count": log_count}
+        return {**fit_numbers(c), **own}
 
-    def beside(c: Candidate) -> dict[str, float]:
-        own = of(c)
-        also = {f"beside: {name}": own[name] for name in ("log squares left", "log excess left")}
-        return {**own, "beside": 1.0, "beside: log count": log_count, **also}
+    def beside_numbers(c: Candidate) -> dict[str, float]:
+        alone = fit_numbers(c)
+        also = {f"beside: {name}": alone[name] for name in ("log squares left", "log excess left")}
+        return {**alone, "beside": 1.0, "beside: log count": log_count, **also}
 
-    of_none = {"none": 1.0, "none: log gap": log_gap, "none: log count": log_count}
-    of_unknown = {
+    none_numbers = {"none": 1.0, "none: log gap": log_gap, "none: log count": log_count}
+    unknown_numbers = {
         "unknown": 1.0,
         "unknown: log share left": share(least[best].energy),
         "unknown: log gap": log_gap,
         "unknown: log unevenness": float(np.log(evidence.uneven)),
         "unknown: log count": log_count,
     }
-    every = [
-        (Explanation((), none), {**of(none), **of_none}),
-        *((Explanation(c.effects, c), of(c)) for c in singles),
-        *((Explanation(c.effects, c), of_pair(c)) for c in pairs),
-        (Explanation((UNKNOWN,), None), of_unknown),
-        *((Explanation((*c.effects, UNKNOWN), c), beside(c)) for c in singles),
+    rows = [
+        (Explanation((), none), {**fit_numbers(none), **none_numbers}),
+        *((Explanation(c.effects, c), fit_numbers(c)) for c in singles),
+        *((Explanation(c.effects, c), pair_numbers(c)) for c in pairs),
+        (Explanation((UNKNOWN,), None), unknown_numbers),
+        *((Explanation((*c.effects, UNKNOWN), c), beside_numbers(c)) for c in singles),
     ]
-    table = np.array([[row.get(name, 0.0) for name in NAMES] for _, row in every])
-    return [one for one, _ in every], table
+    table = np.array([[row.get(name, 0.0) for name in NAMES] for _, row in rows])
+    return [one for one, _ in rows], table
 
 
 def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
     """Explanations with probabilities, most probable first; they sum to 1."""
     w = frozen_weights() if weights is None else weights
-    every, table = numbers(evidence)
+    explanations, table = numbers(evidence)
     score = table @ w
     p = np.exp(score - score.max())
     found = [
-        Chance(e.effects, e.candidate, float(q)) for e, q in zip(every, p / p.sum(), strict=True)
+        Chance(e.effects, e.candidate, float(q))
+        for e, q in zip(explanations, p / p.sum(), strict=True)
     ]
     return sorted(found, key=lambda f: -f.probability)
 
 
-def are_true(every: Sequence[Explanation], truth: Sequence[str]) -> NDArray[np.bool_]:
+def are_true(explanations: Sequence[Explanation], truth: Sequence[str]) -> Flags:
     """Which explanations are true (k,), by what was tried.
 
     A pair that was not tried is either of its effects with something unknown beside it; nothing
@@ -189,16 +188,16 @@ def are_true(every: Sequence[Explanation], truth: Sequence[str]) -> NDArray[np.b
     Args:
         truth: effects; empty for none, ``("unknown",)``.
     """
-    exact = np.array([sorted(one.effects) == sorted(truth) for one in every])
+    exact = np.array([sorted(one.effects) == sorted(truth) for one in explanations])
     if exact.any() or len(truth) != 2:
         return exact
-    return np.array([not one.whole and one.effects[0] in truth for one in every])
+    return np.array([not one.whole and one.effects[0] in truth for one in explanations])
 
 
 def labelled_campaign(evidence: Evidence, truth: Sequence[str]) -> LabelledCampaign:
     """A campaign and its truth (as of ``are_true``) as the fit sees it."""
-    every, table = numbers(evidence)
-    return LabelledCampaign(table, are_true(every, truth))
+    explanations, table = numbers(evidence)
+    return LabelledCampaign(table, are_true(explanations, truth))
 
 
 def fit(evidence: Sequence[Evidence], truths: Sequence[tuple[str, ...]], penalty: float) -> Array:

@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
@@ -54,8 +53,8 @@ class Block:
     shared: Array
     shared_sd: Array
     independent_share: float = 1.0
-    sample_index: NDArray[np.int64] | None = None
-    common_columns: NDArray[np.bool_] | None = None
+    sample_index: Indices | None = None
+    common_columns: Flags | None = None
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ def _grams(block: Block) -> Iterator[Gram]:
         yield X.T @ X, N.T @ X, N.T @ N
 
 
-def _grams_common(block: Block, alike: NDArray[np.bool_]) -> Iterator[Gram]:
+def _grams_common(block: Block, alike: Flags) -> Iterator[Gram]:
     """``_grams`` for blocks with common columns; ``alike``: their mask (Q,)."""
     Q, N = len(alike), block.nuisance[:, 0]
     C = np.ascontiguousarray(block.columns[:, 0, alike])

@@ -15,13 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from herringbone_sim.analysis.periods import MIN_REPEATS, TOLERANCE, find_period
-
-Array = NDArray[np.float64]
-Exchange = NDArray[np.int64]
+from herringbone_sim.arrays import Array, Indices
 
 ALIKE, AS_A_SET, PAIR = "left = right", "symmetric as a set", "one of a mirror pair"
 SAME_POINTS = 10.0  # times the tolerance: largest distance of points that count as one
@@ -44,15 +41,13 @@ class Attractor:
     symmetry: str
     points: Array
 
-    @property
-    def label(self) -> str:
-        """Period and symmetry in words, such as ``P2, left = right``."""
-        kind = f"P{self.period}" if self.period else "aperiodic"
+    def named(self, kind: str) -> str:
+        """Kind of its motion with its symmetry, such as ``P2, left = right``."""
         return f"{kind}, {self.symmetry}" if self.symmetry else kind
 
 
 def attractor_of(
-    section: Array, exchange: Exchange | None = None, tolerance: float = TOLERANCE
+    section: Array, exchange: Indices | None = None, tolerance: float = TOLERANCE
 ) -> Attractor:
     """Classify the attractor that a stroboscopic section lies on.
 
@@ -68,7 +63,7 @@ def attractor_of(
 
 
 def same_attractor(
-    a: Attractor, b: Attractor, exchange: Exchange | None = None, tolerance: float = TOLERANCE
+    a: Attractor, b: Attractor, exchange: Indices | None = None, tolerance: float = TOLERANCE
 ) -> bool:
     """Tell whether two attractors are one, or mirror images of each other."""
     if (a.period, a.symmetry == ALIKE) != (b.period, b.symmetry == ALIKE):
@@ -80,7 +75,7 @@ def same_attractor(
 def match_known(
     candidate: Attractor,
     known: Sequence[Attractor],
-    exchange: Exchange | None = None,
+    exchange: Indices | None = None,
     tolerance: float = TOLERANCE,
 ) -> int:
     """Index of an attractor in the list of known ones; the length of the list if it is new."""
@@ -124,7 +119,7 @@ def _agree(a: Array, b: Array, period: int, tolerance: float) -> bool:
     return same_set_share(a, b) < MIXED
 
 
-def _symmetry(points: Array, period: int, exchange: Exchange | None, tolerance: float) -> str:
+def _symmetry(points: Array, period: int, exchange: Indices | None, tolerance: float) -> str:
     """Symmetry label of section points under the exchange of left and right, see ``Attractor``."""
     if exchange is None:
         return ""

@@ -7,16 +7,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from herringbone_sim.analysis.periods import TOLERANCE
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import Model, initial_state, state
-from herringbone_sim.dynamics.attractors import Attractor, Exchange, attractor_of, match_known
+from herringbone_sim.dynamics.attractors import Attractor, attractor_of, match_known
 from herringbone_sim.dynamics.flow import symmetry
 
-Array = NDArray[np.float64]
 Sections = Callable[[Array], Array]
 FAILED = -1
 CHUNK = 64
@@ -33,10 +32,10 @@ class Basins:
     """
 
     attractors: tuple[Attractor, ...]
-    labels: NDArray[np.int64]
+    labels: Indices
 
     @property
-    def counts(self) -> NDArray[np.int64]:
+    def counts(self) -> Indices:
         """(n_attractors,) number of initial states that lead to each attractor."""
         return np.bincount(self.labels[self.labels >= 0], minlength=len(self.attractors))
 
@@ -56,7 +55,7 @@ class Basins:
 def explore(
     sections_of: Sections,
     starts: Array,
-    exchange: Exchange | None = None,
+    exchange: Indices | None = None,
     tolerance: float = TOLERANCE,
     known: tuple[Attractor, ...] = (),
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,

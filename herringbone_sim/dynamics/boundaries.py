@@ -23,9 +23,10 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.continuation import Branch
 from herringbone_sim.dynamics.curve import BranchPoint, Curve
-from herringbone_sim.dynamics.orbits import Array, Complex
+from herringbone_sim.dynamics.orbits import Complex
 from herringbone_sim.errors import AnalysisError
 
 PARTS = ("within", "transverse")

@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.boundaries import (
     Boundary,
     Watch,
@@ -31,7 +32,6 @@ from herringbone_sim.dynamics.continuation import (
     passes_simpler,
 )
 from herringbone_sim.dynamics.curve import BranchPoint, Curve, Family, begin
-from herringbone_sim.dynamics.orbits import Array
 from herringbone_sim.errors import AnalysisError, ParameterError
 
 SIMPLER = ("halved", "mirrored")

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.curve import BranchPoint, Curve, backwards
-from herringbone_sim.dynamics.orbits import Array, Multipliers, basis_of
+from herringbone_sim.dynamics.orbits import Multipliers, basis_of
 from herringbone_sim.errors import AnalysisError
 
 QUICK, SLOW = 3, 8  # Newton iterations up to which the step grows, from which it shrinks
@@ -147,15 +148,8 @@ def passes_simpler(curve: Curve, before: BranchPoint, after: BranchPoint, what: 
         what: ``halved`` (the two halves of the period swap) or ``mirrored`` (left and right swap).
     """
     k = ("halved", "mirrored").index(what)
-    return (
-        float(
-            np.sum(
-                half_and_side_differences(curve, before)[k]
-                * half_and_side_differences(curve, after)[k]
-            )
-        )
-        < 0.0
-    )
+    a, b = (half_and_side_differences(curve, point)[k] for point in (before, after))
+    return float(np.sum(a * b)) < 0.0
 
 
 def half_and_side_differences(curve: Curve, point: BranchPoint) -> tuple[Array, Array]:

@@ -11,18 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.dynamics.flow import Flow
 from herringbone_sim.dynamics.newton import newton
-from herringbone_sim.dynamics.orbits import (
-    Array,
-    Multipliers,
-    Orbit,
-    basis_of,
-    multipliers,
-    shoot,
-)
+from herringbone_sim.dynamics.orbits import Multipliers, Orbit, basis_of, multipliers, shoot
 from herringbone_sim.errors import AnalysisError
 
 DIFFERENCE = 1e-7  # step of the derivative by the parameter, as a share of its range
@@ -41,7 +34,7 @@ class Family:
     flow_at: Callable[[float], Flow]
     low: float
     high: float
-    mirror: NDArray[np.int64] | None = None
+    mirror: Indices | None = None
 
     def value(self, s: float) -> float:
         """Parameter value at s in 0 .. 1."""

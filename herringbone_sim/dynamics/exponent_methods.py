@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.lyapunov import LONGEST, Exponent, largest_exponent
 from herringbone_sim.analysis.periods import MIN_REPEATS, find_period
 from herringbone_sim.analysis.zero_one import ZeroOne, zero_one_test
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, jacobian
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.flow import GearFlow, effect_cycles, settle, symmetry
@@ -18,8 +18,6 @@ from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
 from herringbone_sim.dynamics.transverse import SymmetricGrowth, symmetric_exponents
 from herringbone_sim.dynamics.two_trajectories import DISTANCES, over_distances
-
-Array = NDArray[np.float64]
 
 TURNING = 200  # periods in which perturbations align with their directions of growth
 SIGMAS, NEUTRAL = 4.0, 5e-4  # an exponent is non-zero beyond both, see motion_kind

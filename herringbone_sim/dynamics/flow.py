@@ -12,16 +12,14 @@ from fractions import Fraction
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.integrate import stepper
 from herringbone_sim.core.mirror import has_equal_halves
 from herringbone_sim.core.mirror import layout_mirror as mirror
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import LIMIT, TWO_PI
 from herringbone_sim.errors import DivergenceError, ParameterError
-
-Array = NDArray[np.float64]
 
 MOST_ORDER = 64  # largest denominator of the order of the control (cycles until it repeats)
 MOST_CYCLES = 2100  # longest forcing period; two members of the nominal rig need 2079 at most
@@ -161,7 +159,7 @@ def cycles_of(order: float, most: int = MOST_ORDER) -> int:
     return ratio.denominator
 
 
-def symmetry(model: Model) -> NDArray[np.int64] | None:
+def symmetry(model: Model) -> Indices | None:
     """Indices (n,) that swap left and right if the two halves of a gear are bitwise equal, else
     None.
 

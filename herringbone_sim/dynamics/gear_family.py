@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Sequence
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.dynamics.boundaries import Watch
 from herringbone_sim.dynamics.curve import Family
 from herringbone_sim.dynamics.flow import GearFlow, symmetry
-from herringbone_sim.dynamics.orbits import Array
 from herringbone_sim.dynamics.turning import border_passes
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import DivergenceError, ParameterError
 
-Array = NDArray[np.float64]
 Equations = Callable[[Array], tuple[Array, Array]]
 
 TOLERANCE = 1e-10

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.dynamics.flow import Flow
 from herringbone_sim.dynamics.newton import TOLERANCE, newton
 from herringbone_sim.errors import AnalysisError, DivergenceError
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SYMMETRIC = 1e-9
@@ -80,7 +80,7 @@ def find_orbit(
     flow: Flow,
     start: Array,
     period: int = 1,
-    mirror: NDArray[np.int64] | None = None,
+    mirror: Indices | None = None,
     tolerance: float = TOLERANCE,
 ) -> Orbit:
     """Find a periodic orbit near a start by Newton's method.
@@ -132,7 +132,7 @@ def shoot(flow: Flow, z: Array, basis: Array) -> tuple[Array, Array]:
     return residual.ravel(), jacobian.reshape(period * k, period * k)
 
 
-def multipliers(orbit: Orbit, mirror: NDArray[np.int64] | None = None) -> Multipliers:
+def multipliers(orbit: Orbit, mirror: Indices | None = None) -> Multipliers:
     """Floquet multipliers of an orbit, split by left-right symmetry where the orbit has it.
 
     Raises:
@@ -156,12 +156,12 @@ def _eigenvalues(orbit: Orbit, basis: Array) -> Complex:
     return values[np.argsort(-np.abs(values), kind="stable")]
 
 
-def is_symmetric(points: Array, mirror: NDArray[np.int64]) -> bool:
+def is_symmetric(points: Array, mirror: Indices) -> bool:
     """Whether left and right of all states (..., n) are equal to 1e-9."""
     return bool(np.abs(points - points[..., mirror]).max() <= SYMMETRIC)
 
 
-def basis_of(points: Array, mirror: NDArray[np.int64] | None) -> Array:
+def basis_of(points: Array, mirror: Indices | None) -> Array:
     """Orthonormal basis (n, k) of the symmetric states if the orbit is symmetric, else of all
     states.
     """
@@ -169,7 +169,7 @@ def basis_of(points: Array, mirror: NDArray[np.int64] | None) -> Array:
     return np.eye(n) if mirror is None or not is_symmetric(points, mirror) else parts(mirror)[0]
 
 
-def parts(mirror: NDArray[np.int64]) -> tuple[Array, Array]:
+def parts(mirror: Indices) -> tuple[Array, Array]:
     """Orthonormal bases (n, k) of the symmetric and (n, n - k) of the antisymmetric states."""
     unit = np.eye(len(mirror))
     first = [i for i, other in enumerate(mirror) if i < other]

@@ -6,14 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import stepper
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.effects.assemble import changed
-
-Array = NDArray[np.float64]
 
 CYCLES, PER_CYCLE = 60, 64  # mesh cycles; samples of each
 

@@ -8,13 +8,11 @@ exponents.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.flow import Flow
 from herringbone_sim.dynamics.growth import Growth, descending
 from herringbone_sim.errors import AnalysisError
-
-Array = NDArray[np.float64]
 
 
 def lyapunov_spectrum(

@@ -5,16 +5,11 @@ from __future__ import annotations
 import math
 
 from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.curve import Family
 from herringbone_sim.dynamics.flow import GearFlow, settle
 from herringbone_sim.dynamics.gear_family import GearCache
-from herringbone_sim.dynamics.orbits import (
-    Array,
-    closest_return,
-    find_orbit,
-    iterate,
-    least_period,
-)
+from herringbone_sim.dynamics.orbits import closest_return, find_orbit, iterate, least_period
 from herringbone_sim.errors import AnalysisError, ParameterError
 
 # Forcing periods searched for the period of the motion, and for its closest return.

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.dynamics.attractors import ALIKE, Attractor
 from herringbone_sim.dynamics.basins import Sections, explore, wilson
@@ -19,8 +19,6 @@ from herringbone_sim.dynamics.exponent_methods import identify_motion
 from herringbone_sim.dynamics.flow import GearFlow, settle, symmetry
 from herringbone_sim.dynamics.transverse import symmetric_exponents
 from herringbone_sim.errors import AnalysisError, DivergenceError
-
-Array = NDArray[np.float64]
 
 FATES = ("as from rest", "another, left = right", "left and right differ", "chaotic, they differ")
 # Mesh cycles: averaged over; for perturbations to align; of transient.
@@ -43,7 +41,7 @@ class Survival:
     """
 
     motion: str
-    counts: NDArray[np.int64]
+    counts: Indices
     starts: int
     within: Array
     transverse: Array

@@ -12,15 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.dynamics.flow import Flow
 from herringbone_sim.dynamics.growth import Growth, descending
 from herringbone_sim.dynamics.spectrum import orthonormalised
 from herringbone_sim.errors import AnalysisError
-
-Array = NDArray[np.float64]
-Exchange = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class SymmetricGrowth:
 def symmetric_exponents(
     flow: Flow,
     y: Array,
-    exchange: Exchange,
+    exchange: Indices,
     periods: int = 1000,
     transient: int = 200,
     k: int = 1,
@@ -76,7 +73,7 @@ def symmetric_exponents(
     return SymmetricGrowth(within, transverse)
 
 
-def _split(tangents: Array, exchange: Exchange) -> tuple[Array, Array]:
+def _split(tangents: Array, exchange: Indices) -> tuple[Array, Array]:
     """Orthonormalise k symmetric and k antisymmetric rows (2 k, n); also their lengths (2 k,).
 
     Projecting again in each period keeps rounding errors from feeding the faster-growing kind into
@@ -88,7 +85,7 @@ def _split(tangents: Array, exchange: Exchange) -> tuple[Array, Array]:
     return np.concatenate(frames), np.concatenate(lengths)
 
 
-def _check(y: Array, exchange: Exchange) -> None:
+def _check(y: Array, exchange: Indices) -> None:
     """Raise AnalysisError unless the state is exactly symmetric."""
     gap = float(np.abs(y - y[exchange]).max())
     if gap > 0.0:

@@ -8,8 +8,8 @@ only if successive turning points lie on opposite sides of it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.integrate import State, stepper
 from herringbone_sim.core.model import Model, relative
 from herringbone_sim.core.packed import TWO_PI
@@ -18,13 +18,12 @@ from herringbone_sim.dynamics.orbits import is_symmetric
 from herringbone_sim.effects.assemble import changed
 from herringbone_sim.errors import AnalysisError
 
-Array = NDArray[np.float64]
 Passes = dict[str, int]
 
 SAMPLES = 128  # per mesh cycle: turning points are then found to 1e-8
 
 
-def border_passes(flow: Flow, points: Array, mirror: NDArray[np.int64] | None = None) -> Passes:
+def border_passes(flow: Flow, points: Array, mirror: Indices | None = None) -> Passes:
     """Number of crossings of each backlash edge by each mesh over an orbit of a gear.
 
     Args:

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.flow import Flow, settle
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.errors import AnalysisError
-
-Array = NDArray[np.float64]
 
 DISTANCE = 1e-7
 DISTANCES = tuple(10.0**e for e in range(-14, 0))

@@ -56,19 +56,19 @@ def parse_effect(text: str) -> Active:
     for key, _, value in ((k.strip(), e, v.strip()) for k, e, v in pairs):
         if key in values:
             raise ParameterError(f"{shown(key)} of {one.id} stands twice: leave one out")
-        whole = value if key in texts else _number(value)
+        whole = value if key in texts else number(value)
         values[key] = tuple(value.split("+")) if key in lists else whole
     return active(one, Locus(*parts), values)
 
 
-def _number(text: str) -> float | int | str:
-    """Integer or float of a text, else the text."""
+def number(text: str) -> float | int | str:
+    """A text as an integer, a float, or itself without spaces at its ends."""
     for kind in (int, float):
         try:
             return kind(text)
         except ValueError:
             continue
-    return text
+    return text.strip()
 
 
 def _read(entry: Any) -> Active:

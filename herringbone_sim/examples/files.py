@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
@@ -29,7 +29,6 @@ from herringbone_sim.recording.parameter_file import save_parameters
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.rig import RigPlan, make_campaign
 
-Array = NDArray[np.float64]
 Columns = dict[str, Array]
 
 # Unit of each quantity in the files, and its number per SI unit.

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from herringbone_sim.gap.attribution.hypothesis import Case
-
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
+from herringbone_sim.gap.attribution.hypothesis import FusedRun
 
 
 @dataclass(frozen=True)
@@ -23,6 +19,6 @@ class Calibrated:
             None where the force law is not observed.
     """
 
-    cases: tuple[Case, ...]
+    cases: tuple[FusedRun, ...]
     factors: Array
     per_mesh: Array | None

@@ -7,11 +7,13 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
+from herringbone_sim.core.layout import QUANTITIES
+from herringbone_sim.core.model import mean_sun_force
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.data.units import clock_unit, mark_not_recorded, wrong_units
+from herringbone_sim.gap.data.units import clock_unit, wrong_units
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.misfit import (
     mesh_speed_mismatch,
@@ -22,8 +24,6 @@ from herringbone_sim.gap.residuals.misfit import (
     speed_ratio,
     unexplained_force_shares,
 )
-
-Array = NDArray[np.float64]
 
 FEWEST_CYCLES = 8.0  # shortest usable run in mesh cycles
 SHORT = 0.5  # of the median number of mesh cycles, below which a run is reported
@@ -96,7 +96,7 @@ def _same_speed(
 
 def _short_runs(runs: Sequence[PreparedRun]) -> list[Finding]:
     """Runs that are too short, or much shorter than the others."""
-    cycles = [float((run.phase[-1] - run.phase[0]) / (2.0 * np.pi)) for run in runs]
+    cycles = [run.cycles for run in runs]
     findings = []
     for run, own in zip(runs, cycles, strict=True):
         usual, out = float(np.median(cycles)), own < FEWEST_CYCLES
@@ -118,7 +118,7 @@ def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
     for one, other in combinations(runs, 2):
         same = len(one) == len(other) and all(
             np.array_equal(getattr(one, q).values, getattr(other, q).values, equal_nan=True)
-            for q in ("x", "v", "F", "u", "a", "pin")
+            for q in QUANTITIES
         )
         if same:
             text = f"{other.name} holds the same samples as {one.name}: it is left out"
@@ -147,11 +147,10 @@ def _other_operating_point(run: PreparedRun) -> list[Finding]:
 
 def _wrong_torque(run: PreparedRun) -> list[Finding]:
     """A finding if the mean force of the sun meshes does not balance the input torque."""
-    p, s = run.model.parameters, run.model.scales
     half = run.F.recorded.size // 2
     if not run.F.recorded[:half].all():
         return []
-    expected = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
+    expected = mean_sun_force(run.model)
     sun = run.F.values[:, :half]
     # The median is robust to one wrong sensor, the mean to a displaced planet.
     of_meshes = sun.mean(axis=0)
@@ -161,11 +160,11 @@ def _wrong_torque(run: PreparedRun) -> list[Finding]:
     if abs(mean - expected) < TORQUE_TOLERANCE * abs(expected) + spread:
         return []
     text = (
-        f"the sun meshes of {run.name} carry {mean:.5g} N in the mean, T_1 = {p.T_1:g} N m asks "
-        f"for {expected:.5g} N: another torque or unit of T_1, another gear, or forces with an "
-        "offset or in another unit"
+        f"the sun meshes of {run.name} carry {mean:.5g} N in the mean, "
+        f"T_1 = {run.model.parameters.T_1:g} N m asks for {expected:.5g} N: another "
+        "torque or unit of T_1, another gear, or forces with an offset or in another unit"
     )
-    channels = ("T_1", *(f"F_{mesh}" for mesh in run.model.layout.meshes[:half]))
+    channels = ("T_1", *run.model.layout.channels_of("F")[:half])
     return [Finding("torque", run.name, channels, float(run.times[0]), text)]
 
 
@@ -199,20 +198,19 @@ def _same_channel_class(
             text = f"{run.name} lacks {words[level]}, which most runs have: it is left out"
             new.append(Finding("channels", run.name, (), None, text, fatal=True))
         elif run.role == "fit" and levels[run.name] == FORCED > level:
-            names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+            names = run.model.layout.channels_of("F")
             text = f"most runs lack forces: those of {run.name} are not used"
             new.append(Finding("channels", run.name, names, None, text))
-            run = mark_not_recorded(run, "F", np.ones_like(run.F.recorded))
+            run = run.without("F", np.ones_like(run.F.recorded))
         restricted.append(run)
     return _without_fatal(restricted, new, findings)
 
 
 def _channel_class(run: PreparedRun, fused: Fused) -> int:
     """``FORCED``, ``MOVING`` or ``FEW``."""
-    known = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
-    if (known & run.F.recorded).any():
+    if (fused.known_meshes & run.F.recorded).any():
         return FORCED
-    return MOVING if known.all() else FEW
+    return MOVING if fused.known_meshes.all() else FEW
 
 
 def _limits(campaign: PreparedCampaign) -> list[Finding]:

@@ -13,7 +13,7 @@ from herringbone_sim.diagnosis.evidence import Evidence, evidence_of
 from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
 from herringbone_sim.diagnosis.judge import Chance, chances
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
@@ -196,7 +196,7 @@ def augmented(fit: FittedExplanation, explanation: NamedExplanation | None) -> A
 
 def _calibrated(machine: GearMachine, examined: Examination) -> Calibrated:
     """Fit runs and calibration, by the fit without effects."""
-    cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
+    cases = tuple(fused_run(g.run, g.fused) for g in machine.gear.runs)
     rows = examined.none.score.energy_by_row.get("force_law")
     count = examined.counts.get("force_law", 0.0)
     per_mesh = None
@@ -219,7 +219,7 @@ def _undiagnosed(
     verdict = decide(judged, {}, "force_law")
     nan = float("nan")
     runs = tuple(RunGap(run.name, run.role, nan, nan, nan) for run in campaign.runs)
-    cases = tuple(case(g.run, g.fused) for g in machine.gear.runs)
+    cases = tuple(fused_run(g.run, g.fused) for g in machine.gear.runs)
     calibrated = Calibrated(cases, np.ones(6), None)
     result = Diagnosis(None, calibrated, verdict, Gap("force_law", runs), {}, findings=findings)
     return _with_report(result, campaign, machine, None, senses)

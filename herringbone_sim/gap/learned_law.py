@@ -6,14 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import LOADS_M
 from herringbone_sim.gap.observations.events import BUMP, KNOTS
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

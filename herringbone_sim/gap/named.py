@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.judge import HALF_90, relative_error
 from herringbone_sim.diagnosis.search import Hypothesis, Score
 from herringbone_sim.effects.effect import Active, Effect, Locus, Parameter
@@ -16,7 +16,6 @@ from herringbone_sim.gap.learned_law import LearnedLaw, learned_law
 from herringbone_sim.gap.observations.events import BUMP, KNOTS, Event
 from herringbone_sim.gap.observations.seats import Seat
 
-Array = NDArray[np.float64]
 DRAWS = 400  # random draws of the coefficients, for the intervals
 SEED = 13
 WAVES = ("stiffness_harmonic", "profile_error", "torque_ripple")  # with orders beside the main one

@@ -7,19 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
-from herringbone_sim.core.parameters import spread
-from herringbone_sim.core.timeseries import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.attribution.hypothesis import Case, case, expected_forces
+from herringbone_sim.gap.attribution.hypothesis import FusedRun, expected_forces, fused_run
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
-from herringbone_sim.gap.verdict.augmented import Augmented
+from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
 
 COLUMNS = ("measured", "nominal", "augmented")
 TRANSIENT, CYCLES = 150, 40  # mesh cycles discarded, and mesh cycles of a view
@@ -59,12 +58,12 @@ def run_views(campaign: PreparedCampaign, diagnosis: Diagnosis) -> list[RunView]
         one = known.get(run.name)
         if one is None:
             whole = diagnosis.mend(run)
-            one = case(whole, fuse(whole))
+            one = fused_run(whole, fuse(whole))
         views.append(run_view(one, model))
     return views
 
 
-def run_view(one: Case, model: Augmented) -> RunView:
+def run_view(one: FusedRun, model: Augmented) -> RunView:
     """One run against the nominal and the augmented model."""
     run = one.run
     law = force_law(run, one.fused, np.ones(6))
@@ -82,24 +81,6 @@ def run_view(one: Case, model: Augmented) -> RunView:
         energy={n: np.mean((r / law.sigma_n) ** 2, axis=0) for n, r in residuals.items()},
         notes=notes,
     )
-
-
-def own_gear(run: PreparedRun, model: Augmented) -> Model:
-    """The gear at the operating point of a run with the calibration of an augmented model.
-
-    The damping of both kinds of meshes follows one damping ratio, their mean.
-    """
-    p, factors = run.model.parameters, model.factors
-    k, c, e = factors[0:2], factors[2:4], factors[4:6]
-    n = run.model.layout.n_mesh
-    changed = {
-        "k_m_sp": p.k_m_sp * float(k[0]),
-        "k_m_rp": p.k_m_rp * float(k[1]),
-        "xi": p.xi * float(np.mean(c / np.sqrt(k))),
-        "e_factor": (np.array(spread(p.e_factor, n)) * np.repeat(e, n // 2)).tolist(),
-        "omega_n": run.model.scales.omega_n,
-    }
-    return build(p.changed(changed))
 
 
 def mesh_shares(views: Sequence[RunView]) -> dict[str, dict[str, float | None]]:
@@ -131,7 +112,9 @@ def _turns(run: PreparedRun) -> Array:
     return np.asarray(turns - np.round(turns), dtype=np.float64)
 
 
-def _planes(one: Case, model: Augmented, last: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+def _planes(
+    one: FusedRun, model: Augmented, last: int
+) -> tuple[dict[str, Array], tuple[str, ...]]:
     planes, notes = {}, []
     seen = np.isfinite(one.fused.x).any() and np.isfinite(one.fused.v).any()
     if seen:
@@ -140,7 +123,7 @@ def _planes(one: Case, model: Augmented, last: int) -> tuple[dict[str, Array], t
         notes.append("no displacement and rate of a mesh: no measured phase portrait")
     gears = {
         "nominal": (one.run.model, ()),
-        "augmented": (own_gear(one.run, model), model.actives),
+        "augmented": (build(parameters_of(one.run.model.parameters, model)), model.actives),
     }
     for name, (gear, actives) in gears.items():
         try:
@@ -150,7 +133,7 @@ def _planes(one: Case, model: Augmented, last: int) -> tuple[dict[str, Array], t
     return planes, tuple(notes)
 
 
-def _motion(gear: Model, actives: Sequence[Active], one: Case) -> Array:
+def _motion(gear: Model, actives: Sequence[Active], one: FusedRun) -> Array:
     """Displacement and rate (k, n, 2) of the cycles that end with the run.
 
     It starts where the run does, so that of motions that exist beside one another it is the rig's;
@@ -169,5 +152,5 @@ def _motion(gear: Model, actives: Sequence[Active], one: Case) -> Array:
         before = max(round(cycles) - CYCLES, 1)
     _, settled = simulate(gear, machine, before, start)
     series, _ = simulate(gear, machine, CYCLES, settled)
-    x, v = (series.columns(tuple(f"{q}_{m}" for m in gear.layout.meshes)) for q in "xv")
+    x, v = (series.columns(gear.layout.channels_of(q)) for q in "xv")
     return np.stack([x, v], axis=2)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.paper.observe import BatchRunner
 from herringbone_sim.paper.regimes import Sweep, find_cut, motions_of
-from herringbone_sim.paper.scenarios import Array, Scenario
+from herringbone_sim.paper.scenarios import Scenario
 from herringbone_sim.paper.staircase import Reading, Way, request
 from herringbone_sim.paper.statements import BoundaryAt
 
@@ -69,10 +69,10 @@ def bisect(
     if not located.note.startswith("clean"):
         return located
 
-    def is_before(values: Array) -> NDArray[np.bool_]:
+    def is_before(values: Array) -> Flags:
         runs = replace(request(scenario, reading, values, way), transient=SETTLE)
         motions = motions_of(runner.batch(runs), FINE)
-        same: NDArray[np.bool_] = motions == wanted.before
+        same: Flags = motions == wanted.before
         return same
 
     low, high = located.at - located.half_width, located.at + located.half_width

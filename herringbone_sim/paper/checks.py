@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import singledispatch
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Flags
 from herringbone_sim.paper.boundaries import Boundary, locate
 from herringbone_sim.paper.regimes import (
     REACH,
@@ -166,7 +166,7 @@ def _(statement: ExponentSign, evidence: Evidence) -> Obtained:
     return Obtained(text, 1.0 - right, bool(right >= LEAST_SHARE))
 
 
-def _alike(sweep: Sweep, inside: NDArray[np.bool_], sign: int) -> str:
+def _alike(sweep: Sweep, inside: Flags, sign: int) -> str:
     """Median exponent, and share of symmetric perturbations whose exponent has the sign."""
     exponents, within = sweep.exponents[inside, 0], sweep.exponents[inside, 2]
     if not np.isfinite(exponents).any():

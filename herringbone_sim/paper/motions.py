@@ -8,11 +8,11 @@ import numpy as np
 
 from herringbone_sim.analysis.pipeline import Gear, Options, SegmentResult, analyze_series
 from herringbone_sim.analysis.sections import Section
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import State, simulate
 from herringbone_sim.core.model import Model, relative
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.paper.reproduction import POINT_CYCLES, POINT_SETTLE, Point
-from herringbone_sim.paper.scenarios import Array
 
 CYCLES, SAMPLES = 480, 64
 RUN = POINT_SETTLE + POINT_CYCLES  # mesh cycles behind the end of a point's run

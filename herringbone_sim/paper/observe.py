@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import Batch, run_batch
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.paper.regimes import POINTS
-from herringbone_sim.paper.scenarios import Array
 from herringbone_sim.sweeps.array_cache import ArrayCache
 from herringbone_sim.sweeps.chunks import Chunk, ChunkRunner
 

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.periods import TOLERANCE, find_period
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.batch import Batch
-from herringbone_sim.paper.scenarios import CHAOS, FAILED, Array, motion_name
-
-Labels = NDArray[np.int64]
+from herringbone_sim.paper.scenarios import CHAOS, FAILED, motion_name
 
 MAX_PERIOD = 12
 POINTS = 64
@@ -36,7 +34,7 @@ class Sweep:
     """
 
     values: Array
-    motions: Labels
+    motions: Indices
     x: Array
     exponents: Array
     reasons: tuple[str, ...] = ()
@@ -62,7 +60,7 @@ class Cut:
     clean: bool
 
 
-def motions_of(batch: Batch, tolerance: float = TOLERANCE) -> Labels:
+def motions_of(batch: Batch, tolerance: float = TOLERANCE) -> Indices:
     """(n,) period of each value of a batch, 0 aperiodic, -1 failed.
 
     The section points of all states, in units of b_c and b_c omega_n, must gather around as many

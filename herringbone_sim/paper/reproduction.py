@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import initial_state
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import build_with
@@ -17,7 +18,7 @@ from herringbone_sim.paper.boundaries import INNER, ROUNDS, Boundary, bisect, lo
 from herringbone_sim.paper.checks import Evidence, Obtained, check
 from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import Sweep, motions_of
-from herringbone_sim.paper.scenarios import SCENARIOS, Array, Scenario, scenario
+from herringbone_sim.paper.scenarios import SCENARIOS, Scenario, scenario
 from herringbone_sim.paper.staircase import Reading, Way, continuations, sweep
 from herringbone_sim.paper.statements import (
     BoundaryAt,

@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import AnalysisError
-
-Array = NDArray[np.float64]
 
 CHAOS = 0
 FAILED = -1

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import Batch
 from herringbone_sim.core.model import build, relative
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import Sweep, motions_of
-from herringbone_sim.paper.scenarios import Array, Scenario
+from herringbone_sim.paper.scenarios import Scenario
 
 SETTLE, STAY = 600, 120
 

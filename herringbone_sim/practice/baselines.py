@@ -1,4 +1,9 @@
-"""Simple baselines that report in the schema of the diagnosis."""
+"""Simple baselines that report in the schema of the diagnosis.
+
+``always_none`` and ``largest_residual`` look at the recordings. ``rivals`` have the evidence of
+the diagnosis: recalibration, in-sample BIC, sparse regression. None of these leaves runs out or
+says ``unknown`` by itself, as they are mostly used; all three know the tolerances.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import rms
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.practice.measure import rms
+from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.practice.record import law_force
 from herringbone_sim.practice.rig_model import MESHES, NOMINAL
 from herringbone_sim.recording.campaign import Campaign
@@ -16,14 +22,17 @@ from herringbone_sim.recording.campaign import Campaign
 SCHEMA = "herringbone_sim/gap-report/1"
 NOTABLE = 1.3  # residual over the median of its kind from which a single mesh is blamed
 LOUD = 6.0  # relative residual over the noise share from which a mesh kind is blamed
+HEALTHY = 1.1  # chi2 per value below which recalibration alone is accepted
+SPARSE = 0.1  # smallest reduction of the squared residual for a term to be selected
+Report = dict[str, Any]
 
 
-def always_none(campaign: Campaign) -> dict[str, Any]:
+def always_none(campaign: Campaign) -> Report:
     """Report with the verdict ``none``."""
-    return _report(campaign, "none", [("none", None)])
+    return _report(campaign.rig, ("none",))
 
 
-def largest_residual(campaign: Campaign, series: Sequence[TimeSeries]) -> dict[str, Any]:
+def largest_residual(campaign: Campaign, series: Sequence[TimeSeries]) -> Report:
     """Baseline diagnosis: blame mean stiffness of the mesh whose force residual is largest.
 
     Compares RMS residual / RMS force of each mesh, median over the fit runs: one mesh is blamed
@@ -43,20 +52,17 @@ def largest_residual(campaign: Campaign, series: Sequence[TimeSeries]) -> dict[s
     ]
     if not fit:
         return always_none(campaign)
+    blamed = ("mean_stiffness",)
     kinds = np.median(fit, axis=0).reshape(2, 6)
     ratio = kinds / np.median(kinds, axis=1, keepdims=True)
     worst = MESHES[int(ratio.argmax())]
     if ratio.max() >= NOTABLE:
-        return _blame(campaign, {"mesh": worst[:2], "planet": worst[2], "side": worst[4]})
+        locus = {"mesh": worst[:2], "planet": worst[2], "side": worst[4]}
+        return _report(campaign.rig, blamed, locus)
     if kinds.max() >= LOUD * (campaign.noise_share or np.inf):
         loudest = MESHES[int(kinds.argmax())][:2]
-        return _blame(campaign, {"mesh": loudest, "planet": "all", "side": "all"})
+        return _report(campaign.rig, blamed, {"mesh": loudest, "planet": "all", "side": "all"})
     return always_none(campaign)
-
-
-def _blame(campaign: Campaign, locus: Mapping[str, str]) -> dict[str, Any]:
-    """Report that blames the mean stiffness at a locus."""
-    return _report(campaign, "mean_stiffness", [("mean_stiffness", locus)])
 
 
 def _relative_residuals(series: TimeSeries, point: Mapping[str, float]) -> list[float]:
@@ -66,20 +72,55 @@ def _relative_residuals(series: TimeSeries, point: Mapping[str, float]) -> list[
     return [rms(residual[:, j]) / rms(force[:, j]) for j in range(len(MESHES))]
 
 
-def _report(
-    campaign: Campaign, verdict: str, causes: Sequence[tuple[str, Mapping[str, str] | None]]
-) -> dict[str, Any]:
-    """Gap report with equal certainty on each cause."""
-    listed = [
-        {"effect": effect, "locus": locus or {}, "probability": 1.0, "parameters": {}}
-        for effect, locus in causes
+def rivals(rig: str, evidence: Evidence | None) -> dict[str, Report]:
+    """Reports by the name of the baseline."""
+    if evidence is None:
+        names = ("recalibration alone", "in-sample BIC", "sparse regression")
+        return {name: _report(rig, ("none",)) for name in names}
+    return {
+        "recalibration alone": _report(rig, recalibration_alone(evidence)),
+        "in-sample BIC": _report(rig, in_sample_bic(evidence)),
+        "sparse regression": _report(rig, sparse_regression(evidence)),
+    }
+
+
+def recalibration_alone(evidence: Evidence) -> tuple[str, ...]:
+    """``none`` if the gear with its tolerances fits to the noise, else ``unknown``."""
+    none = evidence.candidates[0]
+    return ("none",) if none.in_sample / evidence.count < HEALTHY else ("unknown",)
+
+
+def in_sample_bic(evidence: Evidence) -> tuple[str, ...]:
+    """Effects of the candidate with the smallest chi2 + p ln n on the runs it was fitted to."""
+
+    def bic(c: Candidate) -> float:
+        return float(c.in_sample + c.size * np.log(evidence.count))
+
+    return min(evidence.candidates, key=bic).effects or ("none",)
+
+
+def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
+    """The effect whose linear terms reduce the squared residual most, if by a tenth or more."""
+    none = evidence.candidates[0]
+    if not evidence.screened:
+        return ("none",)
+    name = min(evidence.screened, key=lambda n: evidence.screened[n])
+    kept = none.energy - evidence.screened[name] > SPARSE * none.energy
+    return (name,) if kept else ("none",)
+
+
+def _report(rig: str, effects: Sequence[str], locus: Mapping[str, str] | None = None) -> Report:
+    """Gap report with equal probabilities on the effects."""
+    causes = [
+        {"effect": name, "locus": locus or {}, "probability": 1.0 / len(effects), "parameters": {}}
+        for name in effects
     ]
     return {
         "schema": SCHEMA,
-        "campaign": campaign.rig,
-        "verdict": verdict,
-        "effects": [] if verdict == "none" else [verdict],
-        "causes": listed,
+        "campaign": rig,
+        "verdict": effects[0],
+        "effects": [] if effects[0] in ("none", "unknown") else list(effects),
+        "causes": causes,
         "ambiguous_with": [],
-        "gap": {"closure": 0.0},
+        "gap": {"closure": None},
     }

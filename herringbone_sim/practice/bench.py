@@ -9,72 +9,32 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from dataclasses import asdict, dataclass
+from concurrent.futures import Executor
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from herringbone_sim.errors import AnalysisError, shown
-from herringbone_sim.practice.frozen import Frozen, frozen, overlap
 from herringbone_sim.practice.label import read_label
 from herringbone_sim.practice.pool import LOCAL, Resources, pool
+from herringbone_sim.practice.seeds import SeedOverlap
 from herringbone_sim.practice.trial import Setting, diagnose_case, label_of_seed, sources
 from herringbone_sim.recording import safe_json
 from herringbone_sim.recording.safe_json import JsonError
+from herringbone_sim.sweeps.cluster import completed
 from herringbone_sim.sweeps.output import make_folder, whole_file
 from herringbone_sim.version import VERSION
 
 Say = Callable[[str], None]
-AHEAD = 2  # tasks submitted per core: one running, one waiting
-
-
-@dataclass(frozen=True)
-class SeedOverlap:
-    """Overlap of the seeds with those that the weights of the judge were fitted on.
-
-    Attributes:
-        frozen: the weights file, None if there is none.
-        seeds: the seeds in common.
-    """
-
-    frozen: Frozen | None
-    seeds: tuple[int, ...]
-
-    @property
-    def text(self) -> str:
-        """The overlap in words, for tables."""
-        return "seen while calibrating" if self.seeds else "not seen while calibrating"
 
 
 def name_of(seed: int) -> str:
     """Name of the campaign of a seed."""
     return f"practice_{seed:06d}"
-
-
-def check_seeds(
-    seeds: Sequence[int], calibration_family: bool, file: Path | None = None
-) -> SeedOverlap:
-    """Compare seeds with those that the weights of the judge were fitted on.
-
-    Args:
-        calibration_family: accept an overlap; it is then marked in the table.
-        file: weights file; that of the package by default.
-
-    Raises:
-        AnalysisError: an overlap that was not accepted.
-    """
-    known = frozen(file)
-    used = overlap(known, seeds)
-    if used and not calibration_family:
-        raise AnalysisError(
-            f"{len(used)} of the seeds, {used[0]} .. {used[-1]}, are among those that the "
-            f"thresholds in {known.path.name if known else ''} were frozen on: report on others, "
-            "or give --calibration-family, which marks the table"
-        )
-    return SeedOverlap(known, tuple(used))
 
 
 def run_bench(
@@ -108,7 +68,7 @@ def run_bench(
             for s, sealed in todo
         ]
         look = {"total": len(wanted), "initial": len(wanted) - len(todo), "desc": "diagnose"}
-        for task, files in _completed(executor, diagnose_case, tasks, AHEAD * cores, look):
+        for task, files in _with_bar(executor, diagnose_case, tasks, cores, look):
             place = make_folder(folder / "reports" / name_of(task[0]))
             for name, text in files.items():  # the report comes last: with it a case is done
                 _write(place / name, text)
@@ -131,7 +91,7 @@ def seal_labels(
         if not _label(folder, name_of(s)).is_file() and name_of(s) not in left
     ]
     look = {"total": len(seeds), "initial": len(seeds) - len(todo), "desc": "seal labels"}
-    for task, (text, reason) in _completed(executor, label_of_seed, todo, AHEAD * cores, look):
+    for task, (text, reason) in _with_bar(executor, label_of_seed, todo, cores, look):
         if text is None:
             left[name_of(task[0])] = reason
             _write(folder / "left_out.json", _json(left))
@@ -140,7 +100,7 @@ def seal_labels(
     seals = read_seals(folder)
     for name in sorted(name_of(s) for s in seeds):
         if name not in seals and name not in left:
-            seals[name] = _sha256(_label(folder, name))
+            seals[name] = hashlib.sha256(_label(folder, name).read_bytes()).hexdigest()
     text = _json(dict(sorted(seals.items())))
     _write(folder / "seals.json", text)
     digest = hashlib.sha256(text.encode()).hexdigest()
@@ -213,10 +173,6 @@ def _label(folder: Path, name: str) -> Path:
     return folder / "labels" / f"{name}.json"
 
 
-def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
-
-
 def _json(content: Mapping[str, Any]) -> str:
     return json.dumps(content, indent=1) + "\n"
 
@@ -226,25 +182,15 @@ def _write(file: Path, text: str) -> None:
         handle.write(text.encode())
 
 
-def _completed(
+def _with_bar(
     executor: Executor,
     work: Callable[..., Any],
     tasks: Sequence[tuple[Any, ...]],
-    most: int,
+    cores: int,
     look: Mapping[str, Any],
 ) -> Iterator[tuple[tuple[Any, ...], Any]]:
     """Yield tasks with their results as they complete, with a progress bar on a terminal."""
-    waiting, running = list(reversed(tasks)), dict[Future[Any], tuple[Any, ...]]()
     with tqdm(unit="campaign", disable=None, smoothing=0.05, **look) as bar:
-        try:
-            while waiting or running:
-                while waiting and len(running) < most:
-                    task = waiting.pop()
-                    running[executor.submit(work, *task)] = task
-                done, _ = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield running.pop(future), future.result()
-                    bar.update()
-        finally:
-            for future in running:
-                future.cancel()
+        for done in completed(lambda task: executor.submit(work, *task), deque(tasks), cores):
+            yield done
+            bar.update()

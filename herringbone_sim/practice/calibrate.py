@@ -14,16 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis import judge
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.case_evidence import CaseEvidence
 from herringbone_sim.practice.intervals import calibration_error
-
-Array = NDArray[np.float64]
 
 FOLDS = 5
 DRAWS = 4  # of the folds, for the figures
@@ -150,7 +148,7 @@ def best_penalty(labelled: Sequence[judge.LabelledCampaign]) -> float:
     return min(PENALTIES, key=lambda penalty: lost[penalty])
 
 
-def folds(n: int, draw: int = 0) -> NDArray[np.int64]:
+def folds(n: int, draw: int = 0) -> Indices:
     """(n,) fold of each of n campaigns; ``draw`` is the seed."""
     return np.random.default_rng(draw).permutation(n) % FOLDS
 

@@ -11,21 +11,19 @@ from herringbone_sim.practice import equip
 from herringbone_sim.practice.cause import (
     ALL,
     Cause,
+    Drawn,
     Kind,
+    angle,
     at,
+    by_kind,
     draw_kind_locus,
     draw_locus,
-    draw_sign,
+    signed,
+    size_as,
 )
 from herringbone_sim.practice.equip import CYCLES
 
-Drawn = tuple[dict[str, Any], dict[str, Any]]
 Parameters = dict[str, tuple[Any, str]]
-
-
-def _angle(rng: Generator) -> float:
-    """Draw an angle in -pi .. pi."""
-    return float(rng.uniform(-np.pi, np.pi))
 
 
 def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
@@ -54,7 +52,7 @@ def _event_parameters(c: Cause, name: str, unit: str) -> Parameters:
 def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
     """Draw member, phase and meshes of a run-out."""
     member = str(rng.choice(list(CYCLES)))
-    shape = {"member": member, "phase": _angle(rng)}
+    shape = {"member": member, "phase": angle(rng)}
     side = str(rng.choice(["L", "R", "all"]))
     if member == "planet":
         return at("all", int(rng.integers(1, 4)), side), shape
@@ -71,12 +69,7 @@ def _draw_damping(rng: Generator, _: tuple[str, ...]) -> Drawn:
 
 def _ripple_draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
     """Draw order and phase of a torque ripple."""
-    return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": _angle(rng)}
-
-
-def _size_parameter(name: str, unit: str, signed: bool = False) -> Any:
-    """Function that returns the size, with its sign if asked, as the only parameter."""
-    return lambda c: {name: (c.size * (c.sign if signed else 1.0), unit)}
+    return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": angle(rng)}
 
 
 def _wave_parameters(unit: str) -> Any:
@@ -92,13 +85,8 @@ def _draw_waves(least: int) -> Any:
     """Function that draws meshes, order and angle of a harmonic."""
     return lambda rng, _: (
         draw_locus(rng),
-        {"order": int(rng.integers(least, 5)), "angle": _angle(rng)},
+        {"order": int(rng.integers(least, 5)), "angle": angle(rng)},
     )
-
-
-def _signed(locus: Any) -> Any:
-    """Function that draws a locus and a sign."""
-    return lambda rng, _: (locus(rng), {"sign": draw_sign(rng)})
 
 
 def _anywhere_or_all(rng: Generator) -> dict[str, Any]:
@@ -114,7 +102,7 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         0.05,
         0.5,
-        _signed(draw_locus),
+        signed(draw_locus),
         equip.mean_stiffness,
         lambda c: {"factor": (1.0 + c.sign * c.size, "-")},
     ),
@@ -125,12 +113,12 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         0.05,
         1.0,
-        _signed(lambda rng: at(side=str(rng.choice(["L", "R"])))),
+        signed(lambda rng: at(side=str(rng.choice(["L", "R"])))),
         equip.shift,
-        _size_parameter("phase", "rad", True),
+        size_as("phase", "rad"),
     ),
     "planet_phase": Kind(
-        "law", 0.05, 1.0, _signed(_one_planet), equip.shift, _size_parameter("phase", "rad", True)
+        "law", 0.05, 1.0, signed(_one_planet), equip.shift, size_as("phase", "rad")
     ),
     "tooth_crack": Kind(
         "law",
@@ -164,47 +152,47 @@ CATALOGUE: dict[str, Kind] = {
         "law",
         2e-6,
         3e-5,
-        _signed(_one_planet),
+        signed(_one_planet),
         equip.pin_position,
-        _size_parameter("offset", "m", True),
+        size_as("offset", "m"),
     ),
     "backlash_offset": Kind(
         "law",
         2e-6,
         2e-5,
-        _signed(_anywhere_or_all),
+        signed(_anywhere_or_all),
         equip.backlash_offset,
-        _size_parameter("offset", "m", True),
+        size_as("offset", "m"),
     ),
     "thermal_backlash": Kind(
         "law",
         4e-8,
         3e-7,
-        _signed(draw_kind_locus),
+        signed(draw_kind_locus),
         equip.thermal_backlash,
-        _size_parameter("rate", "m/K", True),
+        size_as("rate", "m/K"),
     ),
     "thermal_stiffness": Kind(
         "law",
         1e-3,
         1e-2,
-        lambda rng, _: (draw_kind_locus(rng), {}),
+        by_kind,
         equip.thermal_stiffness,
-        _size_parameter("rate", "1/K"),
+        size_as("rate", "1/K"),
     ),
     "tooth_friction": Kind(
         "body",
         0.05,
         0.4,
-        lambda rng, _: (draw_kind_locus(rng), {}),
+        by_kind,
         equip.tooth_friction,
-        _size_parameter("mu", "-"),
+        size_as("mu", "-"),
     ),
     "contact_nonlinearity": Kind(
         "law",
         0.03,
         0.5,
-        lambda rng, _: (draw_kind_locus(rng), {}),
+        by_kind,
         equip.contact_nonlinearity,
         lambda c: {"exponent": (1.0 + c.size, "-")},
     ),
@@ -214,7 +202,7 @@ CATALOGUE: dict[str, Kind] = {
         1.0,
         _draw_damping,
         equip.damping_law,
-        _size_parameter("share", "-"),
+        size_as("share", "-"),
     ),
     "profile_error": Kind(
         "law", 2e-6, 3e-5, _draw_waves(2), equip.profile_error, _wave_parameters("m")
@@ -233,7 +221,7 @@ CATALOGUE: dict[str, Kind] = {
         2.5e-5,
         lambda rng, _: (_one_planet(rng), {}),
         equip.bearing_clearance,
-        _size_parameter("clearance", "m"),
+        size_as("clearance", "m"),
         least=5e-7,
     ),
     "torque_ripple": Kind(

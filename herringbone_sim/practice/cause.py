@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.rig_model import MESHES, Array, RigModel
+from herringbone_sim.arrays import Array
+from herringbone_sim.practice.rig_model import MESHES, RigModel
 
 ALL = {"mesh": "all", "planet": "all", "side": "all"}
 Point = Mapping[str, float]
+Drawn = tuple[dict[str, Any], dict[str, Any]]  # locus and shape
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Kind:
     sense: str
     start: float
     cap: float
-    draw: Callable[[Generator, tuple[str, ...]], tuple[dict[str, Any], dict[str, Any]]]
+    draw: Callable[[Generator, tuple[str, ...]], Drawn]
     apply: Callable[[RigModel, Cause, Point], RigModel]
     parameters: Callable[[Cause], dict[str, tuple[Any, str]]]
     least: float = 0.0
@@ -104,3 +106,33 @@ def draw_locus(rng: Generator) -> dict[str, Any]:
 def draw_kind_locus(rng: Generator) -> dict[str, Any]:
     """Draw a locus: all meshes, or all of a kind."""
     return at(str(rng.choice(["all", "sp", "rp"])))
+
+
+def anywhere(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    """Draw meshes of one kind, and no shape."""
+    return draw_locus(rng), {}
+
+
+def by_kind(rng: Generator, _: tuple[str, ...]) -> Drawn:
+    """Draw all meshes or all of a kind, and no shape."""
+    return draw_kind_locus(rng), {}
+
+
+def angle(rng: Generator) -> float:
+    """Draw an angle in -pi .. pi."""
+    return float(rng.uniform(-np.pi, np.pi))
+
+
+def signed(locus: Callable[[Generator], dict[str, Any]]) -> Any:
+    """Function that draws a locus and a sign."""
+    return lambda rng, _: (locus(rng), {"sign": draw_sign(rng)})
+
+
+def size_as(name: str, unit: str) -> Any:
+    """Function that returns the size, with its sign, as the only parameter."""
+    return lambda c: {name: (c.sign * c.size, unit)}
+
+
+def on_meshes(name: str) -> Any:
+    """Function that sets a field of a rig model to the size, with its sign, on the meshes."""
+    return lambda p, c, _: p._replace(**{name: c.sign * c.size * c.meshes})

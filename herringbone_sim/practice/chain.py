@@ -15,6 +15,7 @@ from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.practice.noise import Noise
 from herringbone_sim.practice.record import (
     COS_BETA,
@@ -24,7 +25,7 @@ from herringbone_sim.practice.record import (
     geometry,
     without_trend,
 )
-from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, Array, omega_n, radii
+from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, omega_n, radii
 
 Channels = dict[str, Array]
 Part = Mapping[str, Any]
@@ -147,7 +148,7 @@ def measured(
         if by_encoder(noise, name):
             shown[name] = values
             continue
-        sigma = noise.share * float(np.sqrt(np.mean(values**2)))
+        sigma = noise.share * rms(values)
         drawn = values + sigma * random_part(noise, times, rng, start)
         step = _step(noise, sigma, most[name[0]])
         shown[name] = np.round(drawn / step) * step if step > 0.0 else drawn
@@ -179,7 +180,7 @@ def _drift(law: str, n: int, rng: Generator) -> Array:
     order = np.maximum(np.arange(len(spectrum)), 1.0)
     slow = np.fft.irfft(spectrum / (order if law == "walk" else np.sqrt(order)))[:n]
     slow -= slow.mean()
-    return np.asarray(slow / np.sqrt(np.mean(slow**2)))
+    return np.asarray(slow / rms(slow))
 
 
 def _step(noise: Noise, sigma: float, most: float) -> float:

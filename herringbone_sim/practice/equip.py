@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.practice.cause import Cause, Point
 from herringbone_sim.practice.laws import contact, damping, friction, warm, window
-from herringbone_sim.practice.rig_model import N_MESH, Array, RigModel
+from herringbone_sim.practice.rig_model import N_MESH, RigModel
 from herringbone_sim.practice.tables import GRID, table, wave
 
 CYCLES = {"sun": 27, "planet": 25, "ring": 77}  # mesh cycles per turn relative to the carrier

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Z_95 = 1.959963984540054
+from herringbone_sim.arrays import Array
+from herringbone_sim.dynamics.basins import wilson
+
 REPEATS = 1000
 
 
@@ -32,17 +33,14 @@ NOTHING = Figure(float("nan"), float("nan"), float("nan"), 0)
 
 
 def share(hits: Sequence[bool]) -> Figure:
-    """Share of True with Wilson's interval (J. Am. Stat. Assoc. 22, 209, 1927)."""
+    """Share of True with Wilson's interval."""
     n = len(hits)
     if n == 0:
         return NOTHING
-    p = sum(hits) / n
-    middle = (p + Z_95**2 / (2 * n)) / (1 + Z_95**2 / n)
-    spread = Z_95 * np.sqrt(p * (1 - p) / n + Z_95**2 / (4 * n**2)) / (1 + Z_95**2 / n)
-    return Figure(p, float(max(middle - spread, 0.0)), float(min(middle + spread, 1.0)), n)
+    return Figure(sum(hits) / n, *wilson(sum(hits), n), n)
 
 
-def bootstrap(rows: Array, statistic: Callable[[Array], float], seed: int = 0) -> Figure:
+def bootstrap(rows: Array, statistic: Callable[[Array], Any], seed: int = 0) -> Figure:
     """A statistic of rows (n, ...) with the percentile interval of 1000 bootstrap resamples.
 
     Resamples with a statistic of NaN (only one class) are left out.
@@ -51,10 +49,10 @@ def bootstrap(rows: Array, statistic: Callable[[Array], float], seed: int = 0) -
     if n == 0:
         return NOTHING
     rng = np.random.default_rng(seed)
-    drawn = [statistic(rows[rng.integers(0, n, n)]) for _ in range(REPEATS)]
+    drawn = [float(statistic(rows[rng.integers(0, n, n)])) for _ in range(REPEATS)]
     kept = [value for value in drawn if np.isfinite(value)]
     low, high = np.percentile(kept, [2.5, 97.5]) if kept else (float("nan"), float("nan"))
-    return Figure(statistic(rows), float(low), float(high), n)
+    return Figure(float(statistic(rows)), float(low), float(high), n)
 
 
 def auroc(rows: Array) -> float:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.practice.rig_model import Array, RigModel
+from herringbone_sim.arrays import Array
+from herringbone_sim.practice.rig_model import RigModel
 from herringbone_sim.practice.shapes import (
     TWO_PI,
     compiled,

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import rms
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.practice.cause import Cause
-from herringbone_sim.practice.measure import RunMeasure, rms
+from herringbone_sim.practice.measure import RunMeasure
 from herringbone_sim.practice.plan import KINDS, Plan
 from herringbone_sim.practice.record import (
     CYCLES,

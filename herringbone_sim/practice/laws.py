@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.rig_model import Array
+from herringbone_sim.arrays import Array
+from herringbone_sim.practice.cause import angle
 from herringbone_sim.practice.tables import GRID, deflections
 
 Curve = Mapping[str, Any]
@@ -23,16 +24,12 @@ WARM = 50.0  # temperature rise [K] at which all temperature laws agree
 HIGHEST = 8  # highest order of an additional harmonic
 
 
-def _angle(rng: Generator) -> float:
-    return float(rng.uniform(-np.pi, np.pi))
-
-
 def _riders(rng: Generator, orders: Array) -> list[list[float]]:
     """Two to four ``[order, share, angle]``, together 0.25 to 0.7 of the labelled harmonic."""
     count = int(rng.integers(2, 5))
     chosen = rng.choice(orders, count, replace=False)
     shares = rng.dirichlet(np.ones(count)) ** 0.5 * rng.uniform(0.25, 0.7)
-    return [[float(o), float(s), _angle(rng)] for o, s in zip(chosen, shares, strict=True)]
+    return [[float(o), float(s), angle(rng)] for o, s in zip(chosen, shares, strict=True)]
 
 
 def _waves(rng: Generator) -> Curve:

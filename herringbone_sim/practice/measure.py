@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.practice.cause import Cause
 from herringbone_sim.practice.record import Motion, channels_of, law_force, own_error_shift
-from herringbone_sim.practice.rig_model import MESHES, N_BODY, NOMINAL, Array, Constants
+from herringbone_sim.practice.rig_model import MESHES, N_BODY, NOMINAL, Constants
 
 _NAMES = tuple(tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
 
@@ -58,11 +59,6 @@ def measure_run(
     floor = noisy - _residual(rig, point, phase, quiet, off)
     found = tuple(_d(cause, motion, clean, floor, (seen, quiet, measured)) for cause in causes)
     return RunMeasure(rms(nominal), rms(nominal_clean), rms(noisy), rms(clean), rms(floor), found)
-
-
-def rms(values: Array) -> float:
-    """Root mean square of all values."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _residual(

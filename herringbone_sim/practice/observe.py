@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.practice.cause import Cause
 from herringbone_sim.practice.chain import deterministic, gauged, measured
 from herringbone_sim.practice.measure import RunMeasure, measure_run
@@ -18,7 +19,7 @@ from herringbone_sim.practice.record import (
     channels_of,
     simulate_motion,
 )
-from herringbone_sim.practice.rig_model import NOMINAL, Array, Constants, RigModel, rig_model
+from herringbone_sim.practice.rig_model import NOMINAL, Constants, RigModel, rig_model
 from herringbone_sim.practice.sensors import distort
 
 

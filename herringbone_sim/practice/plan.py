@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.practice.catalogue import CATALOGUE
 from herringbone_sim.practice.cause import Cause, Kind
 from herringbone_sim.practice.laws import LAWS, draw_law
 from herringbone_sim.practice.noise import Noise, draw_noise
-from herringbone_sim.practice.outside import OUTSIDE
+from herringbone_sim.practice.outside import OUTSIDE, UNSEEN
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import CHANNEL_SETS, drawn_channels
-from herringbone_sim.practice.rig_model import N_COORDINATE, TOLERANCE, TOLERATED, Array
+from herringbone_sim.practice.rig_model import N_COORDINATE, TOLERANCE, TOLERATED
 from herringbone_sim.practice.sensors import OUTSIDE_SENSORS, SENSORS
-from herringbone_sim.practice.unseen import UNSEEN
 
 KINDS: dict[str, Kind] = {
     **CATALOGUE,

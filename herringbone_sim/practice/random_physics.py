@@ -13,9 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import Cause, Kind, Point, at, draw_kind_locus, draw_locus
+from herringbone_sim.arrays import Array
+from herringbone_sim.practice.cause import (
+    Cause,
+    Drawn,
+    Kind,
+    Point,
+    at,
+    draw_kind_locus,
+    draw_locus,
+)
 from herringbone_sim.practice.equip import CYCLES
-from herringbone_sim.practice.rig_model import BODIES, Array, RigModel
+from herringbone_sim.practice.rig_model import BODIES, RigModel
 
 INPUTS = ("deflection", "rate", "phase", "load", "temperature", "turn", "time", "own")
 TARGETS = ("none", "stiffness", "damping", "force", "displacement", "torque")
@@ -38,7 +47,7 @@ KNOWN = {
 }
 
 
-def _draw(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
     """Draw locus and shape: target, inputs and cosines."""
     target = str(rng.choice(TARGETS[1:]))
     inputs = _inputs(rng, target)

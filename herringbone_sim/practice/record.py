@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.practice.rig_model import (
     BODIES,
@@ -16,7 +17,6 @@ from herringbone_sim.practice.rig_model import (
     N_BODY,
     N_COORDINATE,
     NOMINAL,
-    Array,
     Constants,
     RigModel,
     half_backlash,
@@ -263,7 +263,7 @@ def contact(c: Constants, point: Mapping[str, float], motion: Motion) -> dict[st
 def period(motion: Motion) -> int:
     """Mesh cycles after which all x repeat within 1e-3 of their RMS, at most 12; 0 if none."""
     tail = motion.x[len(motion.x) // 2 :]
-    near = 1e-3 * float(np.sqrt(np.mean(tail**2)))
+    near = 1e-3 * rms(tail)
     for cycles in range(1, 13):
         lag = cycles * SAMPLES_PER_CYCLE
         if float(np.abs(tail[lag:] - tail[:-lag]).max()) < near:

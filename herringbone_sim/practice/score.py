@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.arrays import Array
 from herringbone_sim.practice.intervals import (
     Figure,
     auroc,
@@ -58,33 +58,18 @@ def of_kind(cases: Outcomes, *kinds: str) -> list[Outcome]:
     return [case for case in cases if case.kind in kinds]
 
 
-def _false_attribution(cases: Outcomes) -> Figure:
-    return share([case.named for case in of_kind(cases, "none")])
-
-
-def _right_first(cases: Outcomes) -> Figure:
-    return share([case.right for case in of_kind(cases, "single", "pair")])
-
-
-def _in_class(cases: Outcomes) -> Figure:
-    return share([case.in_class for case in of_kind(cases, "single", "pair")])
-
-
-def _in_three(cases: Outcomes) -> Figure:
-    return share([case.in_three for case in of_kind(cases, "single", "pair")])
-
-
-def _both(cases: Outcomes) -> Figure:
-    return share([case.both for case in of_kind(cases, "pair")])
+def _share(name: str, *kinds: str) -> Callable[[Outcomes], Figure]:
+    """Function that gives the share of an attribute over the outcomes of some kinds."""
+    return lambda cases: share([getattr(case, name) for case in of_kind(cases, *kinds)])
 
 
 def _mean_p(cases: Outcomes) -> Figure:
-    return bootstrap(np.array([case.p_truth for case in cases]), _mean)
+    return bootstrap(np.array([case.p_truth for case in cases]), np.mean)
 
 
 def _brier(cases: Outcomes) -> Figure:
     values = [case.brier for case in of_kind(cases, "none", "single", "unknown")]
-    return bootstrap(np.array(values), _mean)
+    return bootstrap(np.array(values), np.mean)
 
 
 def _calibration(cases: Outcomes) -> Figure:
@@ -99,78 +84,60 @@ def _unknown(cases: Outcomes) -> Figure:
     return figure if np.isfinite(figure.value) else share([])
 
 
-def _wrong_names(cases: Outcomes) -> Figure:
-    return share([case.wrong_name for case in of_kind(cases, "unknown")])
-
-
 def _locus(cases: Outcomes) -> Figure:
     return share([case.locus for case in cases if case.locus is not None])
 
 
 def _error(cases: Outcomes) -> Figure:
-    return bootstrap(np.array([case.error for case in cases if case.error is not None]), _median)
+    return bootstrap(np.array([case.error for case in cases if case.error is not None]), np.median)
 
 
 def _coverage(cases: Outcomes) -> Figure:
     return share([held for case in cases for held in case.covered])
 
 
-def _closures(cases: Outcomes) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _closures(cases: Outcomes) -> Array:
     """Closure (n,) of rigs with a known effect; 0 if the report has none."""
     return np.array([case.closure or 0.0 for case in of_kind(cases, "single", "pair")])
 
 
-def _mean(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
-    return float(np.mean(values))
-
-
-def _median(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
-    return float(np.median(values))
-
-
-def _tenth(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
-    return float(np.percentile(values, 10.0))
+def _tenth(values: Array) -> Any:
+    return np.percentile(values, 10.0)
 
 
 METRICS = (
-    Metric("false attribution on none", _false_attribution, most=0.02),
-    Metric("right effect first", _right_first, least=0.90),
-    Metric("right or in the named class", _in_class, least=0.97),
-    Metric("among the first three", _in_three, least=0.98),
-    Metric("both effects of a pair", _both, least=0.70),
+    Metric("false attribution on none", _share("named", "none"), most=0.02),
+    Metric("right effect first", _share("right", "single", "pair"), least=0.90),
+    Metric("right or in the named class", _share("in_class", "single", "pair"), least=0.97),
+    Metric("among the first three", _share("in_three", "single", "pair"), least=0.98),
+    Metric("both effects of a pair", _share("both", "pair"), least=0.70),
     Metric("mean probability on the truth", _mean_p, least=0.85),
     Metric("Brier score", _brier, most=0.25),
     Metric("calibration error", _calibration, most=0.05),
     Metric("AUROC unknown against known", _unknown, least=0.90),
-    Metric("confident wrong names on unknown", _wrong_names, most=0.05),
+    Metric("confident wrong names on unknown", _share("wrong_name", "unknown"), most=0.05),
     Metric("locus", _locus, least=0.95),
     Metric("parameter error, median", _error, most=0.05),
     Metric("coverage of 90 % intervals", _coverage, least=0.85, most=0.95),
-    Metric("closure, median", lambda c: bootstrap(_closures(c), _median), least=0.90),
+    Metric("closure, median", lambda c: bootstrap(_closures(c), np.median), least=0.90),
     Metric("closure, tenth percentile", lambda c: bootstrap(_closures(c), _tenth), least=0.70),
 )
 
 
-def score(cases: Outcomes) -> tuple[Row, ...]:
-    """All figures over all cases, then over each stratum, with 95 % intervals.
-
-    Calibration compares the probability of what a report says with whether all of it is true.
-
-    Raises:
-        AnalysisError: no cases.
-    """
-    if not cases:
-        raise AnalysisError("a score needs cases, got none: name folders with reports and labels")
-    rows = rows_of(cases, "all")
-    for name in STRATA:
-        for value in sorted({case.strata[name] for case in cases}):
-            inside = [case for case in cases if case.strata[name] == value]
-            rows += rows_of(inside, f"{name}: {value}")
-    return tuple(rows)
+def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
+    """Name and cases of each stratum."""
+    return [
+        (f"{name}: {value}", [case for case in cases if case.strata[name] == value])
+        for name in STRATA
+        for value in sorted({case.strata[name] for case in cases})
+    ]
 
 
 def rows_of(cases: Outcomes, stratum: str, metrics: Sequence[Metric] = METRICS) -> list[Row]:
-    """Every figure of a stratum."""
+    """Every figure of a stratum, with 95 % intervals.
+
+    Calibration compares the probability of what a report says with whether all of it is true.
+    """
     return [Row(m.name, stratum, m.compute(cases), m.least, m.most) for m in metrics]
 
 

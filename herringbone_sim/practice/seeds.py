@@ -1,8 +1,36 @@
-"""Lists and ranges of seeds as text."""
+"""Seeds of campaigns: as text, and those that the weights of the judge were fitted on."""
 
 from __future__ import annotations
 
-from herringbone_sim.errors import ParameterError
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from herringbone_sim.errors import AnalysisError, ParameterError, shown
+from herringbone_sim.recording.safe_yaml import read_yaml
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """Weights file: path, hash, and the seeds it was fitted on as ranges [first, last + 1)."""
+
+    path: Path
+    sha256: str
+    seeds: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class SeedOverlap:
+    """Overlap of the seeds with those that the weights of the judge were fitted on.
+
+    Attributes:
+        frozen: the weights file, None if there is none.
+        seeds: the seeds in common.
+    """
+
+    frozen: Frozen | None
+    seeds: tuple[int, ...]
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
@@ -23,3 +51,46 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     if not found or min(found) < 0:
         raise ParameterError(f"seeds must be one or more, none below 0, got {text!r}")
     return tuple(sorted(found))
+
+
+def frozen(file: Path | None = None) -> Frozen | None:
+    """Weights file of the package, or the given one; None if there is none.
+
+    Raises:
+        AnalysisError: the file does not give its seeds as pairs [first, last + 1].
+    """
+    found = file or Path(__file__).parents[1] / "diagnosis" / "calibration.json"
+    if not found.is_file():
+        return None
+    try:
+        seeds = tuple((int(first), int(end)) for first, end in read_yaml(found)["seeds"])
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise AnalysisError(
+            f"{found} must have seeds: [[FIRST, LAST + 1], ...], got {shown(error)}: say which "
+            "seeds the thresholds were frozen on"
+        ) from None
+    return Frozen(found, hashlib.sha256(found.read_bytes()).hexdigest(), seeds)
+
+
+def check_seeds(
+    seeds: Sequence[int], calibration_family: bool, file: Path | None = None
+) -> SeedOverlap:
+    """Compare seeds with those that the weights of the judge were fitted on.
+
+    Args:
+        calibration_family: accept an overlap; it is then marked in the table.
+        file: weights file; that of the package by default.
+
+    Raises:
+        AnalysisError: an overlap that was not accepted.
+    """
+    known = frozen(file)
+    ranges = known.seeds if known else ()
+    used = sorted(s for s in seeds if any(first <= s < end for first, end in ranges))
+    if used and not calibration_family:
+        raise AnalysisError(
+            f"{len(used)} of the seeds, {used[0]} .. {used[-1]}, are among those that the "
+            f"thresholds in {known.path.name if known else ''} were frozen on: report on others, "
+            "or give --calibration-family, which marks the table"
+        )
+    return SeedOverlap(known, tuple(used))

@@ -8,16 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice.cause import Cause, Kind, Point, at, draw_sign
+from herringbone_sim.arrays import Array, rms
+from herringbone_sim.practice.cause import Cause, Drawn, Kind, at, draw_sign, signed, size_as
 from herringbone_sim.practice.record import Motion, channels_of
-from herringbone_sim.practice.rig_model import BODIES, MESHES, Array, RigModel
+from herringbone_sim.practice.rig_model import BODIES, MESHES
 
 Channels = dict[str, Array]
 UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4, "a": 5e4}
-
-
-def _untouched(p: RigModel, _c: Cause, _point: Point) -> RigModel:
-    return p
 
 
 def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
@@ -29,19 +26,14 @@ def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
     return {**where, "channels": list(channels)}
 
 
-def draw_channel(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+def draw_channel(rng: Generator, among: tuple[str, ...]) -> Drawn:
     """Draw one of the channels, and sign, unit and frequency of its fault."""
     name = str(rng.choice(list(among)))
     shape = {"sign": draw_sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
     return channel_locus((name,)), shape | {"hertz": float(rng.uniform(900.0, 1900.0))}
 
 
-def draw_clock(rng: Generator, _: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Draw whether the clock is slow or fast."""
-    return at() | {"channels": ["t"]}, {"sign": float(rng.choice([-1.0, 1.0]))}
-
-
-def draw_swap(rng: Generator, among: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+def draw_swap(rng: Generator, among: tuple[str, ...]) -> Drawn:
     """Draw two channels of one quantity: of the sun and a ring mesh, or of two bodies."""
     quantities = sorted({name[0] for name in among})
     one = str(rng.choice(quantities))
@@ -78,13 +70,12 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
     elif c.internal == "missing_codes":
         seen[names[0]] = _missing_codes(exact[names[0]], c.size)
     elif c.internal == "mains_hum":
-        rms = float(np.sqrt(np.mean(exact[names[0]] ** 2)))
         hum = np.sin(float(c.shape["hertz"]) * 2.0 * np.pi * now.times)
-        seen[names[0]] = exact[names[0]] + by * rms * hum
+        seen[names[0]] = exact[names[0]] + by * rms(exact[names[0]]) * hum
     elif c.internal == "crosstalk":
         seen[names[0]] = exact[names[0]] + by * exact[_neighbour(names[0], exact)]
     elif c.internal == "soft_saturation":
-        level = float(np.sqrt(np.mean(exact[names[0]] ** 2))) / c.size
+        level = rms(exact[names[0]]) / c.size
         seen[names[0]] = level * np.tanh(exact[names[0]] / level)
     return seen
 
@@ -97,7 +88,7 @@ def _neighbour(name: str, among: Mapping[str, Array]) -> str:
 
 def _missing_codes(values: Array, size: float) -> Array:
     """Values rounded to steps of ``size`` RMS with every third code missing."""
-    step = size * float(np.sqrt(np.mean(values**2)))
+    step = size * rms(values)
     code = np.floor(values / step)
     lost = np.mod(code, 3.0) == 1.0
     shown: Array = (code + np.where(lost, -0.5, 0.5)) * step
@@ -108,7 +99,7 @@ def sensor(
     start: float, cap: float, parameters: Any, draw: Any = draw_channel, least: float = 0.0
 ) -> Kind:
     """A kind of sensor fault."""
-    return Kind("sensor", start, cap, draw, _untouched, parameters, least)
+    return Kind("sensor", start, cap, draw, lambda p, c, _: p, parameters, least)
 
 
 def _bias_parameter(c: Cause) -> dict[str, tuple[Any, str]]:
@@ -120,7 +111,9 @@ SENSORS: dict[str, Kind] = {
     "sensor_gain": sensor(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
     "sensor_bias": sensor(0.02, 2.0, _bias_parameter),
     "sensor_delay": sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
-    "clock_drift": sensor(50.0, 5e3, lambda c: {"ppm": (c.sign * c.size, "1e-6")}, draw_clock),
+    "clock_drift": sensor(
+        50.0, 5e3, size_as("ppm", "1e-6"), signed(lambda rng: at() | {"channels": ["t"]})
+    ),
     "channel_swap": sensor(1.0, 1.0, lambda c: {}, draw_swap, 1.0),
 }
 OUTSIDE_SENSORS: dict[str, Kind] = {

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.cache import forget_stale
 from herringbone_sim.core.numba_private import COMPILED
-from herringbone_sim.practice.rig_model import Array, RigModel
+from herringbone_sim.practice.rig_model import RigModel
 from herringbone_sim.practice.tables import HALFWAY, LARGEST
 
 TWO_PI = 2.0 * np.pi

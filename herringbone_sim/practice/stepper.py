@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import DivergenceError
 from herringbone_sim.practice.kernel import forces, rate
-from herringbone_sim.practice.rig_model import N_BODY, N_COORDINATE, N_MESH, Array, RigModel
+from herringbone_sim.practice.rig_model import N_BODY, N_COORDINATE, N_MESH, RigModel
 from herringbone_sim.practice.shapes import compiled
 
 STAGES = np.array(

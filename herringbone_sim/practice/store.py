@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import yaml
-
 from herringbone_sim.core.layout import unit_of
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.practice.campaign import PracticeCampaign
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
-from herringbone_sim.recording.campaign import CampaignRun
+from herringbone_sim.recording import campaign
 from herringbone_sim.recording.writer import RunWriter
 
 PREFIX = "/rig"
@@ -42,22 +40,11 @@ def write_campaign(folder: Path, labels: Path, made: PracticeCampaign) -> str:
         writer = RunWriter.create(folder, run.path.name, PREFIX, content, series.names, START_NS)
         writer.write_samples(series.data)
         writer.close()
-    (folder / "campaign.yaml").write_text(_yaml(made), encoding="utf-8")
+    entries = [{"path": r.path.name, **r.point, "role": r.role} for r in made.campaign.runs]
+    share = made.campaign.noise_share
+    noise = None if share is None else {"kind": "white", "rms_share": share}
+    sensors = {name: dict(told) for name, told in made.sensors.items()} or None
+    campaign.write_campaign(folder, made.campaign.rig, entries, noise, sensors)
     labels.mkdir(parents=True, exist_ok=True)
     (labels / f"{folder.name}.json").write_text(label_text(made.label), encoding="utf-8")
     return seal(made.label)
-
-
-def _yaml(made: PracticeCampaign) -> str:
-    """Text of ``campaign.yaml``."""
-    content: dict[str, object] = {"rig": made.campaign.rig}
-    if made.campaign.noise_share is not None:
-        content["noise"] = {"kind": "white", "rms_share": made.campaign.noise_share}
-    if made.sensors:
-        content["sensors"] = {name: dict(told) for name, told in made.sensors.items()}
-    content["runs"] = [_entry(run) for run in made.campaign.runs]
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=99)
-
-
-def _entry(run: CampaignRun) -> dict[str, object]:
-    return {"path": run.path.name, **run.point, "role": run.role}

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.practice.bench import SeedOverlap
 from herringbone_sim.practice.intervals import Figure
 from herringbone_sim.practice.outcome import Outcome
 from herringbone_sim.practice.reasons import by_cause, reasons
@@ -21,8 +20,10 @@ from herringbone_sim.practice.score import (
     Outcomes,
     Row,
     rows_of,
+    strata,
     target,
 )
+from herringbone_sim.practice.seeds import SeedOverlap
 from herringbone_sim.practice.stored import Bench
 
 REACHED = 2.75  # smallest d that counts as 3, as sizes are solved for to some per cent
@@ -56,15 +57,6 @@ def _usual(case: Outcome) -> bool:
     """Whether a case has white noise of 40 dB and all channels."""
     usual = {"noise": "white", "snr": "40 dB", "channels": "full"}
     return all(case.strata[name] == value for name, value in usual.items())
-
-
-def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
-    """Name and cases of each stratum."""
-    return [
-        (f"{name}: {value}", [case for case in cases if case.strata[name] == value])
-        for name in STRATA
-        for value in sorted({case.strata[name] for case in cases})
-    ]
 
 
 def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:

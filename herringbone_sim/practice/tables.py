@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from herringbone_sim.practice.rig_model import N_TABLE, Array
+from herringbone_sim.arrays import Array
+from herringbone_sim.practice.rig_model import N_TABLE
 
 GRID: Array = np.linspace(0.0, 1.0, N_TABLE)
 HALFWAY = 2e-5  # deflection [m] f at which z = f / (f + HALFWAY) is 1/2

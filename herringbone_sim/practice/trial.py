@@ -24,7 +24,7 @@ from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.practice.arrays import as_prepared
-from herringbone_sim.practice.baselines import always_none, largest_residual
+from herringbone_sim.practice.baselines import always_none, largest_residual, rivals
 from herringbone_sim.practice.campaign import (
     PracticeCampaign,
     make_campaign,
@@ -34,7 +34,6 @@ from herringbone_sim.practice.campaign import (
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.noise import NOISES
 from herringbone_sim.practice.plan import Plan, RequestedNoise, draw_plan
-from herringbone_sim.practice.rivals import rivals
 
 FAILED = "failed"
 

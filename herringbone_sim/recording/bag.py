@@ -67,11 +67,6 @@ class Tally:
         self.count += 1
 
 
-def bag_metadata(file_name: str, tallies: Iterable[Tally]) -> dict[str, Any]:
-    """Content of ``rosbag2_bagfile_information`` for a bag of one file."""
-    return split_metadata({file_name: tuple(tallies)})
-
-
 def split_metadata(
     files: Mapping[str, Sequence[Tally]], missing: Sequence[str] = ()
 ) -> dict[str, Any]:
@@ -232,7 +227,7 @@ class Bag:
         Args:
             file_name: final name of the file, if it will be renamed.
         """
-        information = bag_metadata(file_name or self.path.name, self.tallies)
+        information = split_metadata({file_name or self.path.name: self.tallies})
         self.add_record("rosbag2", {"serialized_metadata": dump_yaml(information)})
         self._writer.finish()
         self._stream.flush()

@@ -14,9 +14,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import RecordingError
 
-Array = NDArray[np.float64]
 Buffer = bytes | bytearray | memoryview
 
 T = TypeVar("T")

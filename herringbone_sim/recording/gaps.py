@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.recording.cdr import Array
+from herringbone_sim.arrays import Array
 
 # Largest count that a double holds exactly.
 MOST_MISSING = 2.0**53

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import listed
-from herringbone_sim.recording.cdr import Array
 from herringbone_sim.recording.gaps import Gap, sample_gaps
 from herringbone_sim.recording.load import load
 from herringbone_sim.recording.raw import ParameterChange, RawRecording

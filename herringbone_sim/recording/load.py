@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import RecordingError, listed, shown
 from herringbone_sim.recording.bag import METADATA_NAME, Topic
-from herringbone_sim.recording.cdr import Array
 from herringbone_sim.recording.channels import read_channels
 from herringbone_sim.recording.files import (
     BagInformation,

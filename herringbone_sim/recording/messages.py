@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import RecordingError, shown
-from herringbone_sim.recording.cdr import Array, Buffer, CdrReader, CdrWriter, checked
+from herringbone_sim.recording.cdr import Buffer, CdrReader, CdrWriter, checked
 
 # One sample must fit into 64 kB, which UDP sends in one piece.
 MOST_CHANNELS = 8000

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import listed
-from herringbone_sim.recording.cdr import Array
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.gaps import gap_notes
 from herringbone_sim.recording.messages import Value

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.recording.cdr import Array
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.load import iter_sample_blocks, load
 from herringbone_sim.recording.raw import ParameterChange
@@ -50,7 +49,7 @@ def first_jump(times: Array) -> int | None:
     return int(np.argmax(late)) + 1 if late.any() else None
 
 
-def _late(times: Array) -> NDArray[np.bool_]:
+def _late(times: Array) -> Flags:
     """Whether (n - 1,) each sample after the first is not later by a finite time."""
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(times)

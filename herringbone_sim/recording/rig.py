@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import rms
 from herringbone_sim.core.layout import HEAD, describe
 from herringbone_sim.core.model import Model, build, errors_at
 from herringbone_sim.core.parameters import Parameters, spread
@@ -31,7 +31,6 @@ from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.campaign import write_campaign
 from herringbone_sim.recording.writer import RunWriter, split_rows
 
-Array = NDArray[np.float64]
 SCHEMA = "rig/label/1"
 FULL_SCALE = 2.0  # range of the converter over the largest value of a channel
 
@@ -220,8 +219,7 @@ def _digitised(series: TimeSeries, plan: RigPlan, rng: Generator) -> TimeSeries:
     for j, name in enumerate(series.names):
         if name not in HEAD:
             clean = data[:, j].copy()
-            rms = float(np.sqrt(np.mean(clean**2)))
-            data[:, j] += plan.noise_share * rms * rng.normal(size=len(clean))
+            data[:, j] += plan.noise_share * rms(clean) * rng.normal(size=len(clean))
             if plan.bits:
                 step = 2.0 * FULL_SCALE * np.abs(clean).max() / 2.0**plan.bits
                 data[:, j] = np.round(data[:, j] / step) * step if step > 0.0 else data[:, j]

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.bag import Topic
-from herringbone_sim.recording.cdr import Array, Buffer
+from herringbone_sim.recording.cdr import Buffer
 from herringbone_sim.recording.messages import (
     JointState,
     ParameterEvent,

@@ -12,6 +12,7 @@ import numpy as np
 from herringbone_sim.analysis.monitor import Regime
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import live_names
+from herringbone_sim.ros.session import half_backlash
 from herringbone_sim.runtime import Delivery
 from herringbone_sim.views.mirror.block import Drawing, MirrorBlock, Scale
 from herringbone_sim.views.mirror.mirror import RerunMirror
@@ -89,9 +90,3 @@ class Mirror:
 
     def close(self) -> None:
         self._mirror.close()
-
-
-def half_backlash(model: Model) -> dict[str, float]:
-    """Half-backlash b' [m] of the first mesh of each kind, ``sp`` and ``rp``."""
-    half = model.half_backlash_m
-    return {"sp": float(half[0]), "rp": float(half[len(half) // 2])}

@@ -35,7 +35,8 @@ from herringbone_sim.ros import parameters as ros_parameters
 from herringbone_sim.ros.guarded import GuardedNode, with_names
 from herringbone_sim.ros.mirror import Mirror
 from herringbone_sim.ros.qos import STREAM, open_publisher, open_subscription
-from herringbone_sim.ros.recorder import Limits, Recorder, run_name
+from herringbone_sim.ros.recorder import Recorder, run_name
+from herringbone_sim.ros.session import Limits
 from herringbone_sim.ros.sim_clock import SimClock
 from herringbone_sim.ros.status import simulator_status
 from herringbone_sim.ros.streams import Decimator, Streams

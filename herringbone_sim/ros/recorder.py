@@ -17,12 +17,9 @@ from herringbone_sim.ros.session import (
     Outcome,
     Place,
     Session,
-    channels_content,
     loss_summary,
 )
 from herringbone_sim.runtime import Delivery
-
-__all__ = ["Limits", "Outcome", "Recorder", "channels_content", "run_name"]
 
 UNLIMITED = Limits()
 

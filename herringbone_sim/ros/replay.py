@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
 from rclpy.node import Node
@@ -30,6 +29,7 @@ from herringbone_sim.recording.messages import encode_joint_state, encode_sample
 from herringbone_sim.recording.reader import Recording
 from herringbone_sim.recording.writer import split_rows, stamp_ns
 from herringbone_sim.ros.qos import LATCHED, STREAM
+from herringbone_sim.ros.sim_clock import clock_message
 
 TURN_S = 0.02
 DISCOVERY_S = 2.0
@@ -238,8 +238,7 @@ class _Player:
         if self.clock is not None and now >= self.clock_due_s:
             self._refuse_clocks(1)
             self.clock_due_s = now + 1.0 / self.playing.clock_hz
-            seconds, part = divmod(stamp_ns(t_s), 10**9)
-            self.clock.publish(Clock(clock=Time(sec=seconds, nanosec=part)))
+            self.clock.publish(clock_message(t_s))
 
     def _send(self, at: int, end: int) -> None:
         """Publish the rows at .. end, and the section points among them."""

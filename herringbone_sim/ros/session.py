@@ -47,10 +47,7 @@ def channels_content(
         "channels": [describe(name) for name in model.layout.channels],
         "parameters": values_of_gear(p, actives),
         "omega_n": model.scales.omega_n,
-        "half_backlash": {
-            kind: float(model.half_backlash_m[i * model.layout.n_mesh // 2])
-            for i, kind in enumerate(("sp", "rp"))
-        },
+        "half_backlash": half_backlash(model),
         "integrator": {"method": p.method, "order": p.order, "steps_per_cycle": p.steps},
         "samples_per_cycle": p.samples_per_cycle,
         "state": {
@@ -61,6 +58,18 @@ def channels_content(
         },
         "clock": vars(clock or Clock()).copy(),
     }
+
+
+def content_of(delivery: Delivery) -> dict[str, Any]:
+    """Content of the ``channels`` topic at the first sample of a delivery."""
+    state = delivery.block.start
+    return channels_content(delivery.model, state, delivery.actives, delivery.clock)
+
+
+def half_backlash(model: Model) -> dict[str, float]:
+    """Half-backlash b' [m] of the first mesh of each kind, ``sp`` and ``rp``."""
+    half = model.half_backlash_m
+    return {"sp": float(half[0]), "rp": float(half[len(half) // 2])}
 
 
 @dataclass(frozen=True)
@@ -268,12 +277,12 @@ class Session:
         t_s = float(delivery.block.rows[0, 0])
         try:
             if not self._vanished and self._place.limits.reached(self._runs[-1], t_s):
-                self._runs[-1].next_file(_content(delivery), t_s)
+                self._runs[-1].next_file(content_of(delivery), t_s)
         except RecordingLostError:
             self._vanished = True
         if self._vanished:
             name = next_run(self._place.record_dir / self._place.name)
-            self._runs.append(self._create(name, delivery.model, _content(delivery), t_s))
+            self._runs.append(self._create(name, delivery.model, content_of(delivery), t_s))
             self._vanished = False
             self._warn(f"recording goes on in {self.path}")
 
@@ -290,9 +299,3 @@ class Session:
             row = block.rows[i]
             x, v, force = row[5 : 5 + n], row[5 + n : 5 + 2 * n], row[5 + 2 * n : 5 + 3 * n]
             writer.write_state(float(row[0]), layout.meshes, x, v, force, now)
-
-
-def _content(delivery: Delivery) -> dict[str, Any]:
-    """Content of the ``channels`` topic at the first sample of a delivery."""
-    state = delivery.block.start
-    return channels_content(delivery.model, state, delivery.actives, delivery.clock)

@@ -11,6 +11,7 @@ from rclpy.clock import Clock
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from herringbone_sim.recording.writer import stamp_ns
 from herringbone_sim.ros.qos import STREAM, open_publisher
 
 PERIOD_S = 0.01
@@ -50,8 +51,7 @@ class SimClock:
             self._publisher = None
             self._give_way()
             return
-        seconds, part = divmod(round(self._t_s() * 1e9), 10**9)
-        self._publisher.publish(ClockMessage(clock=Time(sec=seconds, nanosec=part)))
+        self._publisher.publish(clock_message(self._t_s()))
 
     def _give_way(self) -> None:
         """Say why this node publishes no clock."""
@@ -59,3 +59,9 @@ class SimClock:
             "another node publishes /clock: this one does not; stop the other or leave "
             "publish_clock false"
         )
+
+
+def clock_message(t_s: float) -> ClockMessage:
+    """A time [s] as a message on ``/clock``."""
+    seconds, part = divmod(stamp_ns(t_s), 10**9)
+    return ClockMessage(clock=Time(sec=seconds, nanosec=part))

@@ -1,7 +1,8 @@
-"""Status of the simulator in ``/diagnostics``."""
+"""Status of the simulator in ``/diagnostics``, and of its parts elsewhere."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -39,12 +40,18 @@ def simulator_status(node: SimulatorNode) -> DiagnosticStatus:
         "fault": node.fault,
     }
     level, text = _level(node)
-    name = node.get_fully_qualified_name()
+    return status_of(node.get_fully_qualified_name(), "simulator", level, text, values)
+
+
+def status_of(
+    node_name: str, part: str, level: bytes, text: str, values: Mapping[str, str]
+) -> DiagnosticStatus:
+    """Diagnostic status of a part of a node, with figures as values."""
     return DiagnosticStatus(
         level=level,
-        name=f"{name}: simulator",
+        name=f"{node_name}: {part}",
         message=text,
-        hardware_id=name,
+        hardware_id=node_name,
         values=[KeyValue(key=k, value=v) for k, v in values.items()],
     )
 

@@ -12,7 +12,7 @@ from queue import Empty, Full, Queue
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -27,7 +27,8 @@ from herringbone_sim.recording.messages import JointState as StateSample
 from herringbone_sim.recording.messages import encode_joint_state, encode_samples
 from herringbone_sim.recording.writer import split_rows, stamp_ns
 from herringbone_sim.ros.qos import LATCHED, STREAM, open_publisher
-from herringbone_sim.ros.recorder import channels_content
+from herringbone_sim.ros.session import channels_content, content_of
+from herringbone_sim.ros.status import status_of
 from herringbone_sim.runtime import Change, Delivery, sample_period_s
 
 QUEUE_BLOCKS = 32
@@ -136,10 +137,7 @@ class Streams:
         """Publish ``~/channels``: names, units, parameters in force, latest changes with their
         times.
         """
-        content = channels_content(
-            delivery.model, delivery.block.start, delivery.actives, delivery.clock
-        )
-        self._publish_channels(content, delivery.changes)
+        self._publish_channels(content_of(delivery), delivery.changes)
 
     def _publish_channels(self, content: dict[str, Any], changes: Sequence[Change]) -> None:
         """Publish the content of ``~/channels`` with the latest parameter changes."""
@@ -235,10 +233,4 @@ def regime_status(
         values[f"contact_{mesh}"] = f"{drive:.4f}"
         values[f"separated_{mesh}"] = f"{apart:.4f}"
         values[f"back_contact_{mesh}"] = f"{back:.4f}"
-    return DiagnosticStatus(
-        level=DiagnosticStatus.OK,
-        name=f"{node_name}: regime",
-        message=regime.label,
-        hardware_id=node_name,
-        values=[KeyValue(key=k, value=v) for k, v in values.items()],
-    )
+    return status_of(node_name, "regime", DiagnosticStatus.OK, regime.label, values)

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build, carry_over
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
@@ -28,8 +28,6 @@ from herringbone_sim.sweeps.observe import (
     observe,
     section_displacements,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

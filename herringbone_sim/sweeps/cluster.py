@@ -1,18 +1,25 @@
-"""A Dask cluster as an executor, with a scheduler or workers that are missing reported first."""
+"""A Dask cluster as an executor, and work that is handed to an executor bit by bit.
+
+A scheduler or workers that are missing are reported first.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from herringbone_sim.errors import AnalysisError
 
 RETRIES = 10
 CONNECT_S = 10
 WORKERS_S = 60
+AHEAD = 2  # tasks submitted per core: one running, one waiting
+_Task = TypeVar("_Task")
+_Made = TypeVar("_Made")
 
 
 @contextmanager
@@ -81,3 +88,21 @@ def _last_cause(error: BaseException) -> BaseException:
     while error.__cause__ is not None:
         error = error.__cause__
     return error
+
+
+def completed(
+    submit: Callable[[_Task], Future[_Made]], waiting: deque[_Task], cores: int
+) -> Iterator[tuple[_Task, _Made]]:
+    """Yield tasks with their results as they complete; further ones may be added meanwhile."""
+    running: dict[Future[_Made], _Task] = {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < AHEAD * cores:
+                task = waiting.popleft()
+                running[submit(task)] = task
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield running.pop(future), future.result()
+    finally:
+        for future in running:
+            future.cancel()

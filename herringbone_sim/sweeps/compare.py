@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.sweeps.diagram import SAME, Branch, diagram_of, differ
 from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.sweeps.store import Result
 
-Array = NDArray[np.float64]
 Labels = Sequence[str]
 
 APERIODIC, FAILED = "aperiodic", "failed"

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.sweeps.store import Result
-
-Array = NDArray[np.float64]
 
 SAME = 0.01  # b_c: largest distance of section points of one and the same orbit
 
@@ -62,7 +60,7 @@ class Diagram:
         """The branch with a given start, None if there is none."""
         return next((one for one in self.branches if one.start == start), None)
 
-    def hysteresis(self) -> NDArray[np.bool_]:
+    def hysteresis(self) -> Flags:
         """Whether (n,) any branch ends in another motion than the first one; ramps are left
         out.
         """
@@ -92,7 +90,7 @@ def diagram_of(results: Sequence[Result]) -> Diagram:
     return Diagram(axis, sweeps[0].observation.mesh, tuple(map(_branch, results)))
 
 
-def differ(a: Branch, b: Branch) -> NDArray[np.bool_]:
+def differ(a: Branch, b: Branch) -> Flags:
     """Whether (n,) two branches end in different motions; False where either failed.
 
     Motions differ if their periods differ, if only one of them has equal left and right, or if the
@@ -102,11 +100,11 @@ def differ(a: Branch, b: Branch) -> NDArray[np.bool_]:
     known = np.isfinite(a.period) & np.isfinite(b.period)
     periods = a.period != b.period
     sides = (a.asymmetry > SAME) != (b.asymmetry > SAME)
-    apart: NDArray[np.bool_] = known & (periods | sides | _orbits_apart(a, b))
+    apart: Flags = known & (periods | sides | _orbits_apart(a, b))
     return apart
 
 
-def _orbits_apart(first: Branch, second: Branch) -> NDArray[np.bool_]:
+def _orbits_apart(first: Branch, second: Branch) -> Flags:
     """Whether (n,) the sorted section points of two motions of equal period differ by more than
     SAME.
     """

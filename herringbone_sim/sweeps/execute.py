@@ -10,8 +10,9 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from tqdm import tqdm
@@ -25,14 +26,12 @@ from herringbone_sim.sweeps.chains import (
     observe_parts,
     part_before,
 )
-from herringbone_sim.sweeps.cluster import cluster
+from herringbone_sim.sweeps.cluster import cluster, completed
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import Store
 
 Entry = tuple[Store, Job]
 Task = tuple[Entry, ...]
-
-AHEAD = 2  # tasks submitted per core: one running, one waiting
 
 
 def run_stores(
@@ -67,7 +66,7 @@ def run_stores(
         _pool(workers, scheduler) as (pool, cores),
         tqdm(total=values, initial=values - to_do, **look) as bar,
     ):
-        for task, tables in _completed(pool, waiting, AHEAD * cores):
+        for task, tables in completed(partial(_submit, pool), waiting, cores):
             following: list[Entry] = []
             for (store, job), table in zip(task, tables, strict=True):
                 store.write(job.part, table)
@@ -130,22 +129,8 @@ def _tasks(entries: Sequence[Entry]) -> Iterator[Task]:
     yield from (tuple(together) for together in compatible.values())
 
 
-def _completed(
-    pool: Executor, waiting: deque[Task], most: int
-) -> Iterator[tuple[Task, list[Table]]]:
-    """Yield tasks with their tables as they complete, with at most ``most`` tasks in progress."""
-    running: dict[Future[list[Table]], Task] = {}
-    try:
-        while waiting or running:
-            while waiting and len(running) < most:
-                task = waiting.popleft()
-                running[pool.submit(observe_parts, [job for _, job in task])] = task
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield running.pop(future), future.result()
-    finally:
-        for future in running:
-            future.cancel()
+def _submit(pool: Executor, task: Task) -> Future[list[Table]]:
+    return pool.submit(observe_parts, [job for _, job in task])
 
 
 @contextmanager

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.analysis.periods import MAX_PERIOD
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import Batch, run_batch
 from herringbone_sim.core.model import Model, build, initial_state, relative
 from herringbone_sim.dynamics.flow import effect_cycles
@@ -38,7 +39,6 @@ from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
 from herringbone_sim.sweeps.periods import find_periods
 
-Array = NDArray[np.float64]
 Table = dict[str, NDArray[Any]]
 
 STATES = ("back", "separated", "drive")

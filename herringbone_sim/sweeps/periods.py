@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.periods import (
     GROWTH,
@@ -17,8 +16,7 @@ from herringbone_sim.analysis.periods import (
     MIN_REPEATS,
     TOLERANCE,
 )
-
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
 
 LEAST_RETURN = 1e-9
 

@@ -19,12 +19,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.parameters import to_mapping
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
 from herringbone_sim.sweeps.array_cache import digest
 from herringbone_sim.sweeps.grid import Axis, Sweep, sweep_from_json
-from herringbone_sim.sweeps.observe import SCALARS, Array, Table
+from herringbone_sim.sweeps.observe import SCALARS, Table
 from herringbone_sim.sweeps.output import make_folder, whole_file
 
 FILE = "sweep.json"
@@ -51,13 +52,9 @@ class Store:
         """File of a part."""
         return self.folder / "parts" / f"{part:05d}.parquet"
 
-    def has(self, part: int) -> bool:
-        """Whether a part is stored and undamaged."""
-        return self.read_part(part) is not None
-
     def missing(self) -> list[int]:
         """Numbers of the parts that are not stored, or damaged."""
-        return [part for part in range(self.sweep.n_parts) if not self.has(part)]
+        return [part for part in range(self.sweep.n_parts) if self.read_part(part) is None]
 
     def write(self, part: int, table: Table) -> None:
         """Write a part atomically."""

@@ -13,7 +13,7 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep
 from herringbone_sim.sweeps.store import load_store
-from herringbone_sim.views.figures import maps
+from herringbone_sim.views.figures import maps, style
 
 PAPER = f"--parameters={ROOT / 'config/paper.yaml'}"
 SHORT = ["--transient=5", "--cycles=5", "--workers=1"]
@@ -83,6 +83,6 @@ def test_nothing_to_draw_is_told(tmp_path: Path) -> None:
 
 
 def test_a_label_has_symbol_and_unit() -> None:
-    assert maps.axis_label("delta_T") == r"temperature rise $\Delta T$ [K]"
-    assert r"\Omega" in maps.axis_label("Omega")
-    assert maps.axis_label("b_c") == "b_c [m]"
+    assert style.parameter_label("delta_T") == r"temperature rise $\Delta T$ [K]"
+    assert r"\Omega" in style.parameter_label("Omega")
+    assert style.parameter_label("b_c") == "b_c [m]"

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from herringbone_sim.control.robustness import DIFFERENCES, start_shares, survival, transverse_map
+from herringbone_sim.control.amplitude import run_survey
+from herringbone_sim.control.robustness import DIFFERENCES, start_shares, survival
 from herringbone_sim.control.runs import ALIKE, MotionRunner, RunSettings
+from herringbone_sim.control.starts import Starts
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
 
@@ -34,9 +36,8 @@ def test_the_transverse_exponent_says_where_unlike_starts_end(paper):
     """P1 at K 0.5 attracts them all; at K 1 it repels left from right, though it looks as good
     from the zero start."""
     K = np.array([0.5, 1.0])
-    across = transverse_map(
-        MotionRunner(), paper, Axis("delta_T", (50.0,)), K, RunSettings(600, 200, True)
-    )
+    axis, alone = Axis("delta_T", (50.0,)), Starts(0, 0, running=False)
+    across = run_survey(MotionRunner(), paper, axis, K, alone, RunSettings(600, 200, True))
     assert across.of("period").ravel().tolist() == [1.0, 1.0]
     assert across.of("within").max() < -0.02
     stable, repelling = across.of("transverse").ravel()

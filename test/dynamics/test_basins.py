@@ -83,8 +83,8 @@ def test_symmetries():
     assert same_attractor(pair, image, swap)
     assert not same_attractor(pair, image)
     assert not same_attractor(alike, turned, swap)
-    assert turned.label == "P2, symmetric as a set"
-    assert attractor_of(cycle((0.1, 0.5))).label == "P1"
+    assert (turned.period, turned.named("P2")) == (2, "P2, symmetric as a set")
+    assert attractor_of(cycle((0.1, 0.5))).named("P1") == "P1"
 
 
 def test_pieces_of_one_chaos_mix_and_two_do_not():
@@ -172,7 +172,7 @@ def test_hot_gear_has_one_motion():
     model, exchange = paper(85.0)
     drawn = random_starts(model, 12, np.random.default_rng(1))
     found = explore(gear_sections(model, 1000), drawn, exchange)
-    assert [one.label for one in found.attractors] == ["P1, left = right"]
+    assert [(one.period, one.symmetry) for one in found.attractors] == [(1, "left = right")]
 
 
 def test_gear_with_many_motions():
@@ -181,7 +181,7 @@ def test_gear_with_many_motions():
     rest = initial_state(model)[None]
     drawn = random_starts(model, 20, np.random.default_rng(1))
     found = explore(gear_sections(model, 3000), np.vstack([rest, drawn]), exchange)
-    assert found.attractors[found.labels[0]].label == "P2, left = right"
+    assert found.attractors[found.labels[0]].named("P2") == "P2, left = right"
     assert found.attractors[0].symmetry != ALIKE
     assert found.shares()[0, 0] > 0.5
     assert np.mean(found.labels == found.labels[0]) < 0.3

@@ -12,11 +12,11 @@ from herringbone_sim.core.model import build
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.attribution.hypothesis import (
-    Case,
-    case,
+    FusedRun,
     effect_contributions,
     expected_forces,
     fine_law_with_effects,
+    fused_run,
 )
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
@@ -33,7 +33,7 @@ POINTS = (
 TOLERANCE = np.array([1.01, 0.99, 1.0, 1.01, 0.99, 1.012])
 
 
-def made(actives: tuple[Active, ...], seed: int = 1) -> list[Case]:
+def made(actives: tuple[Active, ...], seed: int = 1) -> list[FusedRun]:
     """Runs of random smooth motion whose forces are those of a rig with effects and noise."""
     rng = np.random.default_rng(seed)
     return [_made(point, actives, rng, i) for i, point in enumerate(POINTS)]
@@ -41,7 +41,7 @@ def made(actives: tuple[Active, ...], seed: int = 1) -> list[Case]:
 
 def _made(
     point: dict[str, float], actives: tuple[Active, ...], rng: np.random.Generator, number: int
-) -> Case:
+) -> FusedRun:
     model = build(load_parameters(NOMINAL).changed({"model": "full"}).changed(point))
     n, per = 1200, 24
     omega = point["Omega"] * model.scales.omega_n
@@ -75,11 +75,11 @@ def _made(
     none = np.zeros((n, 8))
     sigma_x, sigma_v = np.full(12, 1e-9), np.full(12, 1e-5)
     fused = Fused(none, none, np.eye(8), np.eye(8), x, v, sigma_x, sigma_v)
-    bare = case(run, fused)
+    bare = fused_run(run, fused)
     force = expected_forces(bare, TOLERANCE, actives)
     noise = 0.01 * np.sqrt(np.mean(force**2, axis=0))
     force = force + noise * rng.normal(size=force.shape)
-    return case(replace(run, F=Measured(force, seen, noise)), fused)
+    return fused_run(replace(run, F=Measured(force, seen, noise)), fused)
 
 
 def unseen(k: int) -> Measured:

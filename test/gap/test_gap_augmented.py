@@ -17,7 +17,7 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
-from herringbone_sim.gap.attribution.hypothesis import calibrated_gear_table, case
+from herringbone_sim.gap.attribution.hypothesis import calibrated_gear_table, fused_run
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.named import name_effects
@@ -77,7 +77,7 @@ def test_the_loaded_gear_has_the_force_law_with_the_factors(
 
 def test_the_fit_and_the_node_have_the_same_gear() -> None:
     run = prepared(sampled({}, POINTS[2], 6), POINTS[2])
-    one = case(run, fuse(run))
+    one = fused_run(run, fuse(run))
     own = build(parameters_of(run.model.parameters, FOUND))
     fitted = calibrated_gear_table(one, FOUND.factors)
     np.testing.assert_allclose(gear_table(own), fitted, rtol=1e-12)

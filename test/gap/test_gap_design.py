@@ -15,7 +15,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import ALL, Active, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
-from herringbone_sim.gap.attribution.hypothesis import Case, case
+from herringbone_sim.gap.attribution.hypothesis import FusedRun, fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -62,8 +62,8 @@ def rig(truth: Sequence[Active], points: Sequence[Point], gear: Parameters) -> P
     return PreparedCampaign("planted", gear, tuple(runs), mesh_table(gear.layout), ())
 
 
-def cases_of(campaign: PreparedCampaign) -> tuple[Case, ...]:
-    return tuple(case(run, fuse(run)) for run in campaign.runs)
+def cases_of(campaign: PreparedCampaign) -> tuple[FusedRun, ...]:
+    return tuple(fused_run(run, fuse(run)) for run in campaign.runs)
 
 
 def calibrated(campaign: PreparedCampaign) -> Calibrated:

@@ -21,7 +21,7 @@ from herringbone_sim.gap.attribution.channel_sets import (
     planets_indistinguishable,
     undecidable_by_channels,
 )
-from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.decide import NamedExplanation, decide
@@ -42,7 +42,7 @@ def test_planets_are_alike_where_neither_phase_nor_channel_tells_one_from_anothe
         (replace(shafts, F=gauge), False),
         (replace(shafts, u=whole.u), False),
     ):
-        cases = [case(run, fuse(run))]
+        cases = [fused_run(run, fuse(run))]
         assert planets_indistinguishable(cases) == alike
         assert ("any other" in " ".join(undecidable_by_channels(cases))) == alike
 
@@ -50,7 +50,7 @@ def test_planets_are_alike_where_neither_phase_nor_channel_tells_one_from_anothe
 def test_a_share_is_spread_over_planets_that_are_alike() -> None:
     """Half of it at each kind of mesh, evenly over three planets and two sides."""
     campaign = rig({}, cycles=10)
-    cases = tuple(case(run, fuse(run)) for run in map(of_shafts, campaign.runs))
+    cases = tuple(fused_run(run, fuse(run)) for run in map(of_shafts, campaign.runs))
     pin = Active(effects()["pin_position"], (1e-5,), Locus(planet="2"))
     verdict = decide(
         [Chance(("pin_position",), None, 1.0)], {0: NamedExplanation((pin,))}, "trajectory"
@@ -67,7 +67,7 @@ def test_each_set_of_channels_says_what_it_cannot_decide() -> None:
     nothing = replace(few, u=without(whole.u, layout.bodies, layout.bodies))
     said = {}
     for one in (whole, no_force, few, nothing):
-        cases = [case(one, fuse(one))]
+        cases = [fused_run(one, fuse(one))]
         said[channel_set(cases)] = " ".join(undecidable_by_channels(cases))
     assert list(said) == [FULL, NO_FORCE, FEW, NOTHING]
     assert said[FULL] == ""
@@ -79,6 +79,6 @@ def test_each_set_of_channels_says_what_it_cannot_decide() -> None:
 def test_a_mesh_without_force_is_named() -> None:
     whole = rig({}, cycles=10).runs[0]
     one = replace(whole, F=without(whole.F, whole.model.layout.meshes, ("sp2_L", "rp1_R")))
-    (said, balance) = undecidable_by_channels([case(one, fuse(one))])
+    (said, balance) = undecidable_by_channels([fused_run(one, fuse(one))])
     assert said.startswith("sp2_L, rp1_R: displacement, rate or force is missing")
     assert balance.startswith("friction and torque ripple can't be told")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gap_support import NOMINAL, POINTS, noisy, sampled
 
-from herringbone_sim.cli.rerun_option import mirror_target
+from herringbone_sim.cli.options import mirror_target
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError

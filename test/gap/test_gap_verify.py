@@ -16,7 +16,7 @@ from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.bodies import effect_accelerations
-from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.repeat import read_report
 from herringbone_sim.gap.report import check_report
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -158,7 +158,7 @@ def test_an_effect_on_the_bodies_is_measured_once() -> None:
     ripple = active(effect("torque_ripple"), values={"amplitude": 1.5, "order": 7})
     with_ripple = Augmented(np.ones(6), np.ones(3), (ripple,))
     found = residual_gap((run,), lambda one: one, "torque_balance", with_ripple).runs[0]
-    one = case(run, fuse(run))
+    one = fused_run(run, fuse(run))
     size = effect_accelerations(one, np.ones(6), force_law(run, one.fused, np.ones(6)), ripple)
     expected = np.hypot(found.nominal, np.sqrt(np.mean(size**2)))  # a rig without has it missing
     assert found.augmented > 2.0 * found.nominal

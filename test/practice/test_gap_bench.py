@@ -21,12 +21,12 @@ from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
 from herringbone_sim.practice import bench, trial
 from herringbone_sim.practice.arrays import as_prepared
-from herringbone_sim.practice.bench import check_seeds, name_of, read_seals, run_bench
+from herringbone_sim.practice.baselines import rivals
+from herringbone_sim.practice.bench import name_of, read_seals, run_bench
 from herringbone_sim.practice.campaign import run_plan
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.outcome import outcome
-from herringbone_sim.practice.rivals import rivals
-from herringbone_sim.practice.seeds import parse_seeds
+from herringbone_sim.practice.seeds import check_seeds, parse_seeds
 from herringbone_sim.practice.stored import read_bench, stored_evidence
 from herringbone_sim.practice.table import (
     AIM,
@@ -37,6 +37,7 @@ from herringbone_sim.practice.table import (
     write_cases,
 )
 from herringbone_sim.practice.trial import Setting, plan_of, remade
+from herringbone_sim.sweeps import cluster
 
 SETTING = Setting(truth="none")
 
@@ -77,12 +78,11 @@ def test_each_seed_draws_from_the_lists():
 def test_seeds_of_the_thresholds_are_refused(tmp_path):
     file = tmp_path / "calibration.json"
     file.write_text(json.dumps({"seeds": [[10, 20], [30, 31]], "limit": 0.1}))
-    assert check_seeds((9, 20, 29, 31), False, file).text == "not seen while calibrating"
+    assert check_seeds((9, 20, 29, 31), False, file).seeds == ()
     with pytest.raises(AnalysisError, match=r"2 of the seeds, 19 \.\. 30"):
         check_seeds((19, 30, 40), False, file)
     seen = check_seeds((19, 30, 40), True, file)
     assert seen.seeds == (19, 30)
-    assert seen.text == "seen while calibrating"
     file.write_text("{}")
     with pytest.raises(AnalysisError, match="must have seeds"):
         check_seeds((1,), False, file)
@@ -149,7 +149,7 @@ def test_labels_are_sealed_first_and_a_stopped_bench_goes_on(tmp_path, monkeypat
     monkeypatch.setattr(bench, "pool", _threads)
     monkeypatch.setattr(bench, "label_of_seed", label)
     monkeypatch.setattr(bench, "diagnose_case", diagnosis)
-    monkeypatch.setattr(bench, "AHEAD", 1)
+    monkeypatch.setattr(cluster, "AHEAD", 1)
     seen = check_seeds(FRESH, False)
     with pytest.raises(KeyboardInterrupt):
         run_bench(tmp_path, FRESH, SETTING, seen, say=said.append)

@@ -16,6 +16,7 @@ from herringbone_sim.practice.cause import at, mesh_mask
 from herringbone_sim.practice.label import read_label, seal
 from herringbone_sim.practice.laws import window
 from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
+from herringbone_sim.practice.outside import UNSEEN
 from herringbone_sim.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, RequestedNoise, draw_plan
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import (
@@ -32,7 +33,6 @@ from herringbone_sim.practice.solve import solve_size
 from herringbone_sim.practice.stepper import integrate
 from herringbone_sim.practice.store import write_campaign
 from herringbone_sim.practice.tables import table
-from herringbone_sim.practice.unseen import UNSEEN
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.reader import read_recording
 

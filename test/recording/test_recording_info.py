@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 
 import numpy as np
@@ -17,19 +16,14 @@ from recording_support import (
     write_run,
 )
 
-from herringbone_sim.cli import info as cli_info
-from herringbone_sim.cli import recover as cli_recover
+from herringbone_sim.__main__ import parser
 from herringbone_sim.recording.gaps import Gap, find_gaps
 from herringbone_sim.recording.info import recording_info
 
 
 def command(*words: object) -> int:
     """Exit code of a command line."""
-    parser = argparse.ArgumentParser()
-    subparsers = parser.add_subparsers(required=True)
-    cli_info.add_parser(subparsers)
-    cli_recover.add_parser(subparsers)
-    args = parser.parse_args([str(word) for word in words])
+    args = parser(["info", "recover"]).parse_args([str(word) for word in words])
     return int(args.func(args))
 
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError, shown
-from herringbone_sim.practice.frozen import frozen
+from herringbone_sim.practice.seeds import frozen
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.files import BagInformation, bag_information
 from herringbone_sim.recording.parameter_file import load_parameters, ros_text

@@ -16,7 +16,8 @@ from herringbone_sim.core.model import build
 from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.replay import verify
-from herringbone_sim.ros.recorder import Limits, Recorder
+from herringbone_sim.ros.recorder import Recorder
+from herringbone_sim.ros.session import Limits
 from herringbone_sim.runtime import Change, Delivery
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")

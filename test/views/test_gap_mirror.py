@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from gap_support import NOMINAL, rig
 
-from herringbone_sim.cli.gap_rerun import mirror_gap
+from herringbone_sim.cli.gap import mirror_gap
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
@@ -37,7 +37,7 @@ def campaign() -> PreparedCampaign:
 def found(campaign: PreparedCampaign) -> Diagnosis:
     """A verdict with the planted cause, put together by hand."""
     stiff = active(effects()["mean_stiffness"], Locus("sp"), {"factor": 1.1})
-    cases = tuple(case(run, fuse(run)) for run in campaign.of_role("fit"))
+    cases = tuple(fused_run(run, fuse(run)) for run in campaign.of_role("fit"))
     name, option = "mean_stiffness", NamedExplanation((stiff,))
     verdict = Verdict(name, (name,), {name: 1.0}, {}, (), "force_law", option, None, ())
     gap = Gap("force_law", tuple(RunGap(r.name, r.role, 3.0, 1.1, 1.0) for r in campaign.runs))

@@ -366,7 +366,8 @@ def test_a_server_ends_with_its_program_even_when_that_is_killed() -> None:
     program = (
         "import os, signal\n"
         "from herringbone_sim.views.mirror.sink import open_sink\n"
-        f"open_sink('serve', '{port}', None, '1GB')\n"
+        "from herringbone_sim.views.mirror.target import MirrorTarget\n"
+        f"open_sink(MirrorTarget('serve', '{port}'))\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     killed = subprocess.Popen([sys.executable, "-c", program])

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from herringbone_sim.__main__ import main
-from herringbone_sim.cli import show
+from herringbone_sim.__main__ import main, parser
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import build, half_backlashes
@@ -147,9 +146,7 @@ def test_layout_of_names() -> None:
 
 
 def arguments(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    show.add_parser(parser.add_subparsers())
-    return parser.parse_args(["show", *words])
+    return parser(["show"]).parse_args(["show", *words])
 
 
 def test_show_saves_a_file_that_rerun_verifies(run: Path, tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.evidence import Evidence, evidence_of
 from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
 from herringbone_sim.diagnosis.judge import NAMES, chances, fit
@@ -22,9 +22,7 @@ FIRST_SEED = 1000  # seed of the first practice rig
 PENALTY = 0.1  # prior precision of the judge's weights about zero, chosen: they are of order one
 
 
-def probabilities(
-    evidence: Evidence, weights: NDArray[np.float64]
-) -> dict[tuple[str, ...], float]:
+def probabilities(evidence: Evidence, weights: Array) -> dict[tuple[str, ...], float]:
     """Probabilities of explanations, summed over shapes of an effect, most probable first."""
     found: dict[tuple[str, ...], float] = {}
     for one in chances(evidence, weights):
@@ -32,7 +30,7 @@ def probabilities(
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def train_judge(rigs: int) -> NDArray[np.float64]:
+def train_judge(rigs: int) -> Array:
     """Fit the judge's weights to ``rigs`` simulated rigs of every cause, outside ones included."""
     evidence, truths = [], []
     for cause in ("none", *MODERATE_SIZES):
@@ -43,13 +41,13 @@ def train_judge(rigs: int) -> NDArray[np.float64]:
     return fit(evidence, truths, PENALTY)
 
 
-def load_weights() -> NDArray[np.float64]:
+def load_weights() -> Array:
     """Read the judge's weights written by ``--practice``; those missing in the file are 0."""
     data = json.loads(WEIGHTS.read_text(encoding="utf-8"))
     return np.array([data.get(name, 0.0) for name in NAMES])
 
 
-def verdict(found: Examination, weights: NDArray[np.float64]) -> str:
+def verdict(found: Examination, weights: Array) -> str:
     """Text with probabilities from 0.1 % on, and the best single effect with its fit."""
     lines = []
     for effects, p in probabilities(evidence_of(found), weights).items():

@@ -10,14 +10,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.products import Coefficient, Placement
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.examples.damper import simulate
 from herringbone_sim.examples.damper.simulate import SIGMA, STEP, Run
 
-Array = NDArray[np.float64]
 LAW, IMPULSE = "force law", "impulse"  # the two observations
 # Grids of Stribeck's law, chosen as for lubricated contacts: velocity over which friction falls
 # [m/s], and its excess at rest over Coulomb friction.

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Amplitudes, Hypothesis, Score
@@ -26,7 +26,6 @@ from herringbone_sim.examples.damper.effects import (
 )
 from herringbone_sim.examples.damper.simulate import OFFSET, PLAY, SIGMA, STEP, C, K, M, Run
 
-Array = NDArray[np.float64]
 SIMPSON_WEIGHTS = STEP / 3.0 * np.array([1.0, 4.0, 2.0, 4.0, 2.0, 4.0, 2.0, 4.0, 1.0])  # [s]
 
 
@@ -167,7 +166,7 @@ def _block(
     sigma: Array,
     columns: Mapping[str, Array],
     offset: float,
-    at: NDArray[np.int64] | None = None,
+    at: Indices | None = None,
 ) -> Block:
     """Block of one row; nuisance: offset of F, ``offset`` times it in the residual."""
     n, q = len(residual), len(columns)

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
 
 M, K, C, PLAY = 2.0, 2e4, 60.0, 5e-4  # [kg], [N/m], [N s/m], half play [m]
 M_SHARE, K_SHARE, C_SHARE = 0.01, 0.02, 0.04  # tolerances, chosen as in a data sheet

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.law import no_react
 from herringbone_sim.gap.attribution.hypothesis import (
-    Case,
+    FusedRun,
     effect_contributions,
     fine_law_with_effects,
 )
@@ -27,13 +27,11 @@ from herringbone_sim.gap.residuals.balance import (
 )
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
 
-Array = NDArray[np.float64]
-
 FREE_PIN_UNCERTAINTY = 0.4  # sigma of the reaction of a free pin on the carrier, over its RMS
 
 
 def balance_with_effects(
-    one: Case,
+    one: FusedRun,
     factors: Array,
     force_n: Array | None = None,
     actives: Sequence[Active] = (),
@@ -67,7 +65,7 @@ def balance_with_effects(
     return balance
 
 
-def mesh_effects_on_bodies(one: Case, actives: Sequence[Active]) -> tuple[Active, ...]:
+def mesh_effects_on_bodies(one: FusedRun, actives: Sequence[Active]) -> tuple[Active, ...]:
     """Mesh effects that exert torques on bodies by moving parts of their own, as free pins do."""
     model = one.run.model
     return tuple(
@@ -77,16 +75,13 @@ def mesh_effects_on_bodies(one: Case, actives: Sequence[Active]) -> tuple[Active
     )
 
 
-def balance_measured(cases: Sequence[Case]) -> bool:
+def balance_measured(cases: Sequence[FusedRun]) -> bool:
     """Whether every coordinate, rate and mesh force is measured in all runs."""
-    return all(
-        c.usable.all() and np.isfinite(c.fused.z_rate).all() and np.isfinite(c.fused.z).all()
-        for c in cases
-    )
+    return all(c.usable.all() and c.fused.complete for c in cases)
 
 
 def effect_accelerations(
-    one: Case, factors: Array, law: ForceLaw, probe: Active, width: float = WIDTH
+    one: FusedRun, factors: Array, law: ForceLaw, probe: Active, width: float = WIDTH
 ) -> Array:
     """Accelerations (k, m) of the coordinates by an effect's torques, window average [m/s^2].
 

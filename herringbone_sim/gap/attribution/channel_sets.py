@@ -8,13 +8,13 @@ import numpy as np
 
 from herringbone_sim.core.mirror import has_equal_planets
 from herringbone_sim.gap.attribution.bodies import balance_measured
-from herringbone_sim.gap.attribution.hypothesis import Case
+from herringbone_sim.gap.attribution.hypothesis import FusedRun
 
 LEAST_COMPLETE_RUNS = 2  # with every force and rate, to tell friction and torque ripple
 FULL, NO_FORCE, FEW, NOTHING = "full", "no_force", "few", "nothing"
 
 
-def channel_set(cases: Sequence[Case]) -> str:
+def channel_set(cases: Sequence[FusedRun]) -> str:
     """Class of the channels that all runs have: ``full``, ``no_force``, ``few`` or ``nothing``.
 
     Full: displacement, rate and force of at least one mesh. No force: every displacement and every
@@ -23,21 +23,19 @@ def channel_set(cases: Sequence[Case]) -> str:
     """
     if cases and all(c.usable.any() for c in cases):
         return FULL
-    if cases and all(
-        bool(np.isfinite(c.fused.x).all() and np.isfinite(c.fused.v).all()) for c in cases
-    ):
+    if cases and all(c.fused.known_meshes.all() for c in cases):
         return NO_FORCE
     if cases and all(c.run.shafts_known or motion_channels(c) >= 2 for c in cases):
         return FEW
     return NOTHING
 
 
-def motion_channels(one: Case) -> int:
+def motion_channels(one: FusedRun) -> int:
     """Number of recorded displacements and rotations."""
     return int(one.run.u.recorded.sum() + one.run.x.recorded.sum())
 
 
-def undecidable_by_channels(cases: Sequence[Case]) -> list[str]:
+def undecidable_by_channels(cases: Sequence[FusedRun]) -> list[str]:
     """Sentences on what the channels of the runs can't decide; empty where all are recorded."""
     kind = channel_set(cases)
     if kind == NOTHING:
@@ -68,7 +66,7 @@ def undecidable_by_channels(cases: Sequence[Case]) -> list[str]:
     return [*limits, *_limits_of_few(cases)]
 
 
-def _limits_of_few(cases: Sequence[Case]) -> list[str]:
+def _limits_of_few(cases: Sequence[FusedRun]) -> list[str]:
     """Limits of runs with few channels."""
     if not all(c.run.shafts_known for c in cases):
         return [
@@ -89,7 +87,7 @@ def _limits_of_few(cases: Sequence[Case]) -> list[str]:
     return limits
 
 
-def planets_indistinguishable(cases: Sequence[Case]) -> bool:
+def planets_indistinguishable(cases: Sequence[FusedRun]) -> bool:
     """Whether neither the nominal gear nor a channel distinguishes one planet from another."""
     layout = cases[0].run.model.layout
     of_planets = [j for j, body in enumerate(layout.bodies) if body.startswith("p")]
@@ -101,7 +99,7 @@ def planets_indistinguishable(cases: Sequence[Case]) -> bool:
     )
 
 
-def _limits_of_partial(cases: Sequence[Case]) -> list[str]:
+def _limits_of_partial(cases: Sequence[FusedRun]) -> list[str]:
     """Limits of runs of which some mesh lacks displacement, rate or force in some run."""
     usable = np.logical_and.reduce([c.usable for c in cases])
     if usable.all():

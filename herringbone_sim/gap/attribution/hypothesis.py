@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
@@ -25,18 +25,17 @@ from herringbone_sim.gap.residuals.balance import FineLaw
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw, fine_law, force_law
 
-Array = NDArray[np.float64]
 SUBSTEPS = 8  # of a sample, for states of effects
 
 
 @dataclass(frozen=True)
-class Case:
+class FusedRun:
     """A run with its fused motion and the nominal force law.
 
     Attributes:
         run: the run.
         fused: its fused motion.
-        now: (n, 5) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
+        now: (n, 5) see ``instants``.
         usable: (n_mesh,) meshes with x, v and F.
         floor: (n, n_mesh) standard deviation of the residual of the nominal force law [N].
     """
@@ -44,23 +43,27 @@ class Case:
     run: PreparedRun
     fused: Fused
     now: Array
-    usable: NDArray[np.bool_]
+    usable: Flags
     floor: Array
 
 
-def case(run: PreparedRun, fused: Fused) -> Case:
-    """Build the ``Case`` of a run and its fused motion."""
+def fused_run(run: PreparedRun, fused: Fused) -> FusedRun:
+    """A run with its fused motion."""
+    usable = fused.known_meshes & np.isfinite(run.F.values).all(axis=0)
+    floor = force_law(run, fused, np.ones(6)).sigma_n
+    return FusedRun(run, fused, instants(run), usable, floor)
+
+
+def instants(run: PreparedRun) -> Array:
+    """(n, 5) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K at the samples."""
     p = run.model.parameters
     columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
     now = np.stack([np.broadcast_to(column, run.phase.shape) for column in columns], axis=1)
-    seen = np.isfinite(fused.x).all(axis=0) & np.isfinite(fused.v).all(axis=0)
-    usable: NDArray[np.bool_] = np.logical_and(seen, np.isfinite(run.F.values).all(axis=0))
-    floor = force_law(run, fused, np.ones(6)).sigma_n
-    return Case(run, fused, np.ascontiguousarray(now, dtype=float), usable, floor)
+    return np.ascontiguousarray(now, dtype=float)
 
 
 def expected_forces(
-    one: Case,
+    one: FusedRun,
     factors: Array,
     actives: Sequence[Active],
     law: ForceLaw | None = None,
@@ -79,7 +82,7 @@ def expected_forces(
     force = law.modelled_n
     if any(a.effect.level == "mesh" for a in actives):
         force = force + effect_contributions(one, factors, law, actives, substeps)[0]
-    names = tuple(f"F_{m}" for m in one.run.model.layout.meshes)
+    names = one.run.model.layout.channels_of("F")
     sensors = on_channels(names, actives)
     if sensors:
         known = np.isfinite(force)
@@ -89,7 +92,7 @@ def expected_forces(
 
 
 def effect_contributions(
-    one: Case,
+    one: FusedRun,
     factors: Array,
     law: ForceLaw,
     actives: Sequence[Active],
@@ -110,7 +113,7 @@ def effect_contributions(
     return _contributions(one, factors, motion, actives, substeps)
 
 
-def fine_law_with_effects(one: Case, factors: Array, actives: Sequence[Active]) -> FineLaw:
+def fine_law_with_effects(one: FusedRun, factors: Array, actives: Sequence[Active]) -> FineLaw:
     """The force law with mesh effects at any phase and motion, for ``quadrature_correction``."""
     plain = fine_law(one.run, factors)
     on_meshes = tuple(a for a in actives if a.effect.level == "mesh")
@@ -151,7 +154,7 @@ class _LawInputs:
 
     Attributes:
         times: (n,) [s].
-        now: (n, 5), see ``Case``.
+        now: (n, 5), see ``FusedRun``.
         x, v: (n, n_mesh) displacement and rate relative to the calibrated e(t) [m], [m/s].
         force: (n, n_mesh) mesh forces that drive the states of effects [N].
         k: (n, n_mesh) nominal stiffness [N/m].
@@ -166,7 +169,7 @@ class _LawInputs:
 
 
 def _contributions(
-    one: Case,
+    one: FusedRun,
     factors: Array,
     motion: _LawInputs,
     actives: Sequence[Active],
@@ -200,7 +203,7 @@ def _contributions(
     return force - without, torque
 
 
-def calibrated_gear_table(one: Case, factors: Array) -> Array:
+def calibrated_gear_table(one: FusedRun, factors: Array) -> Array:
     """``effects.gear.gear_table`` of the run with factors (6,) on k, c and e."""
     table = gear_table(one.run.model)
     k, c, e = (np.repeat(factors[i : i + 2], table.shape[1] // 2) for i in (0, 2, 4))
@@ -212,13 +215,13 @@ def calibrated_gear_table(one: Case, factors: Array) -> Array:
     return table
 
 
-def with_law_forces(c: Case, law: ForceLaw) -> Case:
+def with_law_forces(c: FusedRun, law: ForceLaw) -> FusedRun:
     """Fill in the forces of the law where none are measured: they drive states of effects."""
     values = np.where(np.isfinite(c.run.F.values), c.run.F.values, law.modelled_n)
     return replace(c, run=replace(c.run, F=replace(c.run.F, values=values)))
 
 
-def calibration_columns(c: Case, law: ForceLaw, factors: Array) -> list[Array]:
+def calibration_columns(c: FusedRun, law: ForceLaw, factors: Array) -> list[Array]:
     """Derivatives (n, n_mesh) of the forces with respect to factors on k, c and e of each mesh."""
     n = law.f_m.shape[1]
     k = c.run.waves.k * np.repeat(factors[:2], n // 2)

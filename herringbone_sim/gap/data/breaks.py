@@ -7,12 +7,10 @@ longest part is used. Nothing is interpolated and no time stamp is changed.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Flags
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.screen import HEAD, Finding, may_have_gaps
-
-Mask = NDArray[np.bool_]
 
 STEP_TOLERANCE = 0.5  # relative deviation of a step of time or phase from the median step
 DROPOUT_SHARE = 0.5  # share of NaN channels above which a sample counts as a dropout
@@ -73,25 +71,25 @@ def unwrap_phase(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
     return unwrapped, (Finding("phase", name, ("phase",), at, text),)
 
 
-def _odd_time_steps(series: TimeSeries) -> Mask:
+def _odd_time_steps(series: TimeSeries) -> Flags:
     """Time steps (n - 1,) that differ from the median step by more than ``STEP_TOLERANCE``."""
     steps = np.diff(series.times)
-    odd: Mask = np.abs(steps / np.median(steps) - 1.0) > STEP_TOLERANCE
+    odd: Flags = np.abs(steps / np.median(steps) - 1.0) > STEP_TOLERANCE
     return odd
 
 
-def _odd_phase_steps(series: TimeSeries) -> Mask:
+def _odd_phase_steps(series: TimeSeries) -> Flags:
     """The same of the mesh phase (n - 1,); a step from or to NaN counts as regular."""
     if "phase" not in series:
         return np.zeros(len(series) - 1, dtype=bool)
     turn = np.diff(series["phase"])
     known = np.isfinite(turn)
     usual = float(np.median(turn[known])) if known.any() else np.nan
-    odd: Mask = known & ~(np.abs(turn / usual - 1.0) < STEP_TOLERANCE)
+    odd: Flags = known & ~(np.abs(turn / usual - 1.0) < STEP_TOLERANCE)
     return odd
 
 
-def _dropouts(series: TimeSeries) -> Mask:
+def _dropouts(series: TimeSeries) -> Flags:
     """Samples (n,) in which most channels, or the phase, are NaN.
 
     Channels that are NaN throughout, and force gauges that may have gaps (``may_have_gaps``),
@@ -103,7 +101,7 @@ def _dropouts(series: TimeSeries) -> Mask:
     )
     missing = ~np.isfinite(series.data)
     counted &= ~missing.all(axis=0)
-    dropout: Mask = np.zeros(len(series), dtype=bool)
+    dropout: Flags = np.zeros(len(series), dtype=bool)
     if counted.any():
         dropout = missing[:, counted].mean(axis=1) > DROPOUT_SHARE
     if "phase" in series and np.isfinite(series["phase"]).any():
@@ -111,7 +109,7 @@ def _dropouts(series: TimeSeries) -> Mask:
     return dropout
 
 
-def _clock_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Finding:
+def _clock_jump(name: str, series: TimeSeries, odd: Flags, remedy: str) -> Finding:
     """Finding for odd time steps."""
     steps, at = np.diff(series.times), int(odd.argmax())
     often = f", the first of {int(odd.sum())} such steps" if odd.sum() > 1 else ""
@@ -122,7 +120,7 @@ def _clock_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Findin
     return Finding("clock", name, ("t",), float(series.times[at]), text)
 
 
-def _phase_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Finding:
+def _phase_jump(name: str, series: TimeSeries, odd: Flags, remedy: str) -> Finding:
     """Finding for odd steps of the mesh phase."""
     turn, at = np.diff(series["phase"]), int(odd.argmax())
     text = (
@@ -132,7 +130,7 @@ def _phase_jump(name: str, series: TimeSeries, odd: Mask, remedy: str) -> Findin
     return Finding("phase", name, ("phase",), float(series.times[at]), text)
 
 
-def _dropout(name: str, series: TimeSeries, dropout: Mask, remedy: str) -> Finding:
+def _dropout(name: str, series: TimeSeries, dropout: Flags, remedy: str) -> Finding:
     """Finding for samples in which most channels are NaN."""
     at = float(series.times[int(dropout.argmax())])
     text = (

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
+from herringbone_sim.core.layout import QUANTITIES
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import Waves
 
@@ -35,17 +37,13 @@ def slice_run(run: PreparedRun, rows: slice, name: str) -> PreparedRun:
         return replace(measured, values=measured.values[rows])
 
     w = run.waves
+    cuts: dict[str, Any] = {q: cut(getattr(run, q)) for q in QUANTITIES}
     return replace(
         run,
         name=name,
         times=run.times[rows],
         phase=run.phase[rows],
-        x=cut(run.x),
-        v=cut(run.v),
-        F=cut(run.F),
-        u=cut(run.u),
-        a=cut(run.a),
-        pin=cut(run.pin),
+        **cuts,
         waves=Waves(w.k[rows], w.e[rows], w.e_rate[rows], w.e_acceleration[rows]),
         recorded_point={q: values[rows] for q, values in run.recorded_point.items()},
     )

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model
-
-Array = NDArray[np.float64]
 
 
 def coordinates_to_meshes(layout: Layout) -> Array:
@@ -33,3 +31,8 @@ def bodies_to_coordinates(model: Model) -> Array:
     B[2:, 2] = -cos_beta
     B[2:, 3:] = cos_beta * np.eye(layout.n_coordinate - 2)
     return B
+
+
+def bodies_to_meshes(model: Model) -> Array:
+    """G = D B (n_mesh, n_bodies) of x = G u - e."""
+    return np.asarray(coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model))

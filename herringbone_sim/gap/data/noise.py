@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
 
 
 def spectral_floor(values: Array, share: float = 0.2) -> Array:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.core.layout import PREFIX_UNITS, Layout
+from herringbone_sim.core.layout import PREFIX_UNITS, QUANTITIES, Layout
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
@@ -25,8 +25,6 @@ from herringbone_sim.gap.data.screen import Finding, screen
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
 from herringbone_sim.recording.reader import Recording, read_recording
-
-Array = NDArray[np.float64]
 
 
 def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
@@ -102,22 +100,16 @@ def prepare_run(
     phase = series["phase"].copy()
     omega = float((phase[-1] - phase[0]) / (series.times[-1] - series.times[0]))
     layout = model.layout
-    x, v, F = (
-        _measured(series, tuple(f"{q}_{m}" for m in layout.meshes), noise_share) for q in "xvF"
-    )
-    u = _measured(series, tuple(f"u_{body}" for body in layout.bodies), noise_share)
+    measured: dict[str, Any] = {
+        q: _measured(series, layout.channels_of(q), noise_share) for q in QUANTITIES
+    }
     return PreparedRun(
         name=name,
         role=run.role,
         point=run.point,
         times=series.times - whole.times[0],
         phase=phase,
-        x=x,
-        v=v,
-        F=F,
-        u=u,
-        a=_measured(series, tuple(f"a_{body}" for body in layout.bodies), noise_share),
-        pin=_measured(series, tuple(f"F_pin{p}" for p in layout.planets), noise_share),
+        **measured,
         model=model,
         waves=waves(model, phase, omega),
         recorded_point={q: series[q].copy() for q in ("K", "delta_T", "T_1") if q in series},
@@ -175,8 +167,7 @@ def _reader_findings(name: str, recording: Recording) -> list[Finding]:
 
 def _unknown_channels(name: str, series: TimeSeries, layout: Layout) -> list[Finding]:
     """Channels of meshes and bodies that the nominal gear does not have."""
-    known = {*layout.channels, *(f"{q}_{body}" for q in "ua" for body in layout.bodies)}
-    known |= {f"F_pin{planet}" for planet in layout.planets}
+    known = {*layout.channels, *layout.channels_of("a"), *layout.channels_of("pin")}
     others = tuple(n for n in series.names if n.split("_")[0] in PREFIX_UNITS and n not in known)
     if not others:
         return []

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.layout import KINDS, SIDES, Layout
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.data.waves import Waves
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -30,13 +27,18 @@ class Measured:
     """
 
     values: Array
-    recorded: Mask
+    recorded: Flags
     sigma: Array
 
     @property
     def complete(self) -> bool:
         """Whether every channel was recorded."""
         return bool(self.recorded.all())
+
+    def without(self, off: Flags) -> Measured:
+        """Copy with the channels ``off`` (k,) not recorded."""
+        values, sigma = (np.where(off, np.nan, one) for one in (self.values, self.sigma))
+        return Measured(values, self.recorded & ~off, sigma)
 
 
 SHAFTS = ("s_L", "s_R", "c")
@@ -85,6 +87,16 @@ class PreparedRun:
     def __len__(self) -> int:
         return len(self.times)
 
+    def with_measured(self, quantity: str, measured: Measured) -> PreparedRun:
+        """Copy with another ``x``, ``v``, ``F``, ``u``, ``a`` or ``pin``."""
+        changed: dict[str, Any] = {quantity: measured}
+        return replace(self, **changed)
+
+    def without(self, quantity: str, off: Flags) -> PreparedRun:
+        """Copy with the channels ``off`` (k,) of a quantity not recorded."""
+        measured: Measured = getattr(self, quantity)
+        return self.with_measured(quantity, measured.without(off))
+
     @property
     def shafts_known(self) -> bool:
         """Whether rotations or accelerations of both suns and the carrier are measured.
@@ -100,6 +112,11 @@ class PreparedRun:
     def step_s(self) -> float:
         """Mean time between samples [s]."""
         return float((self.times[-1] - self.times[0]) / (len(self.times) - 1))
+
+    @property
+    def cycles(self) -> float:
+        """Number of mesh cycles."""
+        return float((self.phase[-1] - self.phase[0]) / (2.0 * np.pi))
 
     @property
     def cycle_s(self) -> float:
@@ -124,9 +141,9 @@ class MeshTable:
     """
 
     names: tuple[str, ...]
-    kind: Index
-    side: Index
-    planet: Index
+    kind: Indices
+    side: Indices
+    planet: Indices
 
 
 @dataclass(frozen=True)

@@ -7,19 +7,14 @@ by a power of a thousand is in another unit; it is left out, not rescaled.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.mesh import backlash
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
-from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.core.model import mean_sun_force
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.screen import Finding
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 POWERS = {3: "a thousand", -3: "a thousandth of", 6: "a million", -6: "a millionth of"}
 CLOCK_UNITS = {  # ratio of the apparent to the nominal mesh frequency
@@ -62,28 +57,18 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
             "than SI, throughout; left out of this run, not rescaled"
         )
         findings.append(Finding("unit", run.name, wrong, float(run.times[0]), text))
-        run = mark_not_recorded(run, q, np.ones_like(run.u.recorded) if q == "u" else off)
+        run = run.without(q, np.ones_like(run.u.recorded) if q == "u" else off)
     return run, findings
-
-
-def mark_not_recorded(run: PreparedRun, q: str, off: Mask) -> PreparedRun:
-    """Mark channels (k,) of the quantity x, v, F or u as not recorded."""
-    old: Measured = getattr(run, q)
-    values = np.where(off, np.nan, old.values)
-    fewer = Measured(values, old.recorded & ~off, np.where(off, np.nan, old.sigma))
-    parts = {"x": run.x, "v": run.v, "F": run.F, "u": run.u, q: fewer}
-    return replace(run, x=parts["x"], v=parts["v"], F=parts["F"], u=parts["u"])
 
 
 def _displacements(run: PreparedRun) -> dict[str, Array]:
     """Powers of ten (n_mesh,) by which x, v and u are off."""
-    D, B = coordinates_to_meshes(run.model.layout), bodies_to_coordinates(run.model)
     sizes = {
         "x": run.x.values.std(axis=0),
         "v": run.v.values.std(axis=0) / run.omega_rad_per_s,
     }
     if run.u.complete:
-        sizes["u"] = (run.u.values @ (D @ B).T).std(axis=0)
+        sizes["u"] = (run.u.values @ bodies_to_meshes(run.model).T).std(axis=0)
     usual = float(run.waves.e.std(axis=0).mean())
     known = np.concatenate([s[np.isfinite(s) & (s > 0.0)] for s in sizes.values()])
     near = known[np.abs(np.log10(known / usual)) < np.log10(FAR)]
@@ -97,12 +82,10 @@ def _forces(run: PreparedRun) -> Array:
 
     Where displacements are recorded, their spread against the force law must agree in sign.
     """
-    p, s = run.model.parameters, run.model.scales
-    load = p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
     nominal = run.waves.k * backlash(run.x.values, run.model.half_backlash_m)
     with np.errstate(divide="ignore", invalid="ignore"):
         by_law = _powers(run.F.values.std(axis=0) / nominal.std(axis=0))
-        by_load = _powers(np.abs(run.F.values.mean(axis=0)) / abs(load))
+        by_load = _powers(np.abs(run.F.values.mean(axis=0)) / abs(mean_sun_force(run.model)))
     no_displacement = ~np.isfinite(nominal).all(axis=0)
     agree = no_displacement | (by_law * by_load > 0.0)
     powers: Array = np.where(agree, by_load, 0.0)
@@ -116,10 +99,7 @@ def _powers(ratio: Array) -> Array:
     return powers
 
 
-def _channels(run: PreparedRun, q: str, off: Mask) -> tuple[str, ...]:
+def _channels(run: PreparedRun, q: str, off: Flags) -> tuple[str, ...]:
     """Names of the channels of the quantity ``q`` where ``off`` (k,) is set; of u, all."""
-    layout = run.model.layout
-    if q == "u":
-        return tuple(f"u_{body}" for body in layout.bodies)
-    names: Sequence[str] = layout.meshes
-    return tuple(f"{q}_{n}" for n, o in zip(names, off, strict=True) if o)
+    names = run.model.layout.channels_of(q)
+    return names if q == "u" else tuple(n for n, o in zip(names, off, strict=True) if o)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.products import Block, Coefficient
 from herringbone_sim.diagnosis.search import amplitudes, functions_used
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
-from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function, force_column
@@ -127,7 +127,7 @@ def reconstructed_forces(
         run.role,
         tuple(h.effect for h in fit.hypotheses),
         run.model.layout.meshes,
-        planets_indistinguishable([case(run, gear.runs[0].fused)]),
+        planets_indistinguishable([fused_run(run, gear.runs[0].fused)]),
         run.times[first : first + len(whole)],
         m.phase[at],
         now.force[at],

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.information import Information
@@ -31,7 +31,6 @@ from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.seats import SEAT_PARAMETERS
 from herringbone_sim.gap.planning.synthetic import SensorNoise, simulate_campaign
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 NAMED = 0.9  # probability from which on an effect, or a place, counts as named
 SIZES = np.geomspace(1e-3, 10.0, 81)  # in units of a moderate effect; ten is beyond any real gear

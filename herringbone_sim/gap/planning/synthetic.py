@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import simulate
-from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.layout import QUANTITIES, Layout
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.examine import BLOCK_CYCLES
 from herringbone_sim.errors import ParameterError, listed
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
 from herringbone_sim.gap.observations.window_channels import pin_names, pin_weights
 
-Array = NDArray[np.float64]
 LEAST_CYCLES = round(BLOCK_CYCLES)  # shortest run in mesh cycles: a block of the diagnosis
 TRANSIENT = 80  # mesh cycles before a recording, as for practice rigs
 
@@ -50,9 +50,7 @@ class SensorNoise:
 
 def known_sensors(layout: Layout) -> tuple[str, ...]:
     """Names of all channels that can be recorded."""
-    found = [f"{q}_{mesh}" for q in "xvF" for mesh in layout.meshes]
-    found += [f"{q}_{body}" for q in "ua" for body in layout.bodies]
-    return (*found, *(f"F_{pin}" for pin in pin_names(layout)))
+    return tuple(name for quantity in QUANTITIES for name in layout.channels_of(quantity))
 
 
 def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
@@ -119,30 +117,26 @@ def _run(
     series, _ = simulate(model, cycles, settled)
     layout, phase = model.layout, series["phase"].copy()
     omega = model.parameters.Omega * model.scales.omega_n
-    clean = {q: series.columns(tuple(f"{q}_{m}" for m in layout.meshes)) for q in "xvF"}
-    clean["u"] = series.columns(tuple(f"u_{b}" for b in layout.bodies))
+    clean = {q: series.columns(layout.channels_of(q)) for q in "xvFu"}
     clean["a"] = accelerations(model, phase, clean["F"])
     clean["pin"] = clean["F"] @ pin_weights(layout).T
 
-    def record(q: str, names: Sequence[str]) -> Measured:
+    def record(q: str) -> Measured:
+        names = layout.channels_of(q)
         there = np.array([n in sensors for n in names])
         rms = np.sqrt(np.mean(clean[q] ** 2, axis=0))
         sigma = np.array([noise.sigma(n, r) for n, r in zip(names, rms, strict=True)])
         values = clean[q] + sigma * rng.normal(size=clean[q].shape)
         return Measured(np.where(there, values, np.nan), there, np.where(there, sigma, np.nan))
 
+    measured: dict[str, Any] = {q: record(q) for q in QUANTITIES}
     return PreparedRun(
         name=name,
         role="fit",
         point=dict(point),
         times=series.times - series.times[0],
         phase=phase,
-        x=record("x", [f"x_{mesh}" for mesh in layout.meshes]),
-        v=record("v", [f"v_{mesh}" for mesh in layout.meshes]),
-        F=record("F", [f"F_{mesh}" for mesh in layout.meshes]),
-        u=record("u", [f"u_{body}" for body in layout.bodies]),
-        a=record("a", [f"a_{body}" for body in layout.bodies]),
-        pin=record("pin", [f"F_{p}" for p in pin_names(layout)]),
+        **measured,
         model=model,
         waves=waves(model, phase, omega),
         recorded_point={},
@@ -152,5 +146,5 @@ def _run(
 
 def accelerations(model: Model, phase: Array, force: Array) -> Array:
     """Accelerations (n, n_bodies) [m/s^2] of the nominal gear by mesh forces (n, n_mesh) [N]."""
-    G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
+    G = bodies_to_meshes(model)
     return np.asarray(inverse_masses(model) * (body_loads(model, phase) - force @ G))

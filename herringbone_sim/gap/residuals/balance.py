@@ -14,15 +14,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window, gaussian_window
 from herringbone_sim.gap.residuals.fusion import Fused
-
-Array = NDArray[np.float64]
 
 FineLaw = Callable[[Array, Array, Array], Array]  # phase, D z and its rate -> mesh forces [N]
 
@@ -80,8 +78,7 @@ class AveragedForce:
 
 def window_of(run: PreparedRun, width: float = WIDTH) -> Window:
     """Gaussian window of standard deviation ``width`` [mesh cycles] on the samples of a run."""
-    cycle_s = 2.0 * np.pi / run.omega_rad_per_s
-    return gaussian_window(width * cycle_s / run.step_s, run.step_s)
+    return gaussian_window(width * run.cycle_s / run.step_s, run.step_s)
 
 
 def torque_balance(

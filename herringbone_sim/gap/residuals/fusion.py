@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh, solveh_banded
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
-
-Array = NDArray[np.float64]
 
 # Integral over the middle step of six equidistant samples, exact for polynomials of degree five.
 QUADRATURE = np.array([11.0, -93.0, 802.0, 802.0, -93.0, 11.0]) / 1440.0
@@ -42,6 +40,16 @@ class Fused:
     v: Array
     sigma_x: Array
     sigma_v: Array
+
+    @property
+    def complete(self) -> bool:
+        """Whether the channels determine every coordinate and its rate."""
+        return bool(np.isfinite(self.z).all() and np.isfinite(self.z_rate).all())
+
+    @property
+    def known_meshes(self) -> Flags:
+        """Meshes (n_mesh,) whose displacement and rate are known."""
+        return np.asarray(np.isfinite(self.x).all(axis=0) & np.isfinite(self.v).all(axis=0))
 
 
 def fuse(run: PreparedRun) -> Fused:

@@ -12,14 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtri
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.gap.data.prepared import MeshTable, PreparedRun
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 PHASES = 12
 SHAFT_ORDERS = 60
@@ -122,7 +119,7 @@ def _shares(
     shares["side"] = _along_meshes(square, meshes.side, ["L", "R"])
     planets = [str(i + 1) for i in range(int(meshes.planet.max()) + 1)]
     shares["planet"] = _along_meshes(square, meshes.planet, planets)
-    contact = np.concatenate([_contact(law) for law in laws])
+    contact = np.concatenate([law.flank for law in laws])
     shares["contact"] = _over(square, contact, ["back", "apart", "drive"])
     phase = np.concatenate([_phase_bin(run.phase) for run in runs])
     names = [f"{360 * i // PHASES} deg" for i in range(PHASES)]
@@ -142,12 +139,12 @@ def _over_runs(runs: Sequence[PreparedRun], units: Sequence[Array], factor: str)
     return _over(np.concatenate(square), np.concatenate(rank), labels)
 
 
-def _along_meshes(square: Array, of_mesh: Index, labels: Sequence[str]) -> Share:
+def _along_meshes(square: Array, of_mesh: Indices, labels: Sequence[str]) -> Share:
     """Shares by a factor (n_mesh,) of the meshes."""
     return _over(square, np.broadcast_to(of_mesh, square.shape), labels)
 
 
-def _over(square: Array, values: Index, labels: Sequence[str]) -> Share:
+def _over(square: Array, values: Indices, labels: Sequence[str]) -> Share:
     """Shares of squares (n, m) by the factor ``values`` (n, m), an index of ``labels``."""
     known = np.isfinite(square)
     at = values[known]
@@ -159,15 +156,8 @@ def _over(square: Array, values: Index, labels: Sequence[str]) -> Share:
     return Share(tuple(labels), energy / np.maximum(count, 1), share)
 
 
-def _contact(law: ForceLaw) -> Index:
-    """Contact (n, n_mesh): 0 back flank, 1 apart, 2 driving flank."""
-    sides = np.where(law.x_m > 0.0, 2, 0)
-    state: Index = np.where(law.contact > 0.5, sides, 1)
-    return state
-
-
-def _phase_bin(phase: Array) -> Index:
-    """Index (n,) of the part of the mesh cycle, 0 ... PHASES - 1."""
+def _phase_bin(phase: Array) -> Indices:
+    """Indices (n,) of the part of the mesh cycle, 0 ... PHASES - 1."""
     return np.floor(np.mod(phase, 2.0 * np.pi) / (2.0 * np.pi) * PHASES).astype(int) % PHASES
 
 
@@ -189,7 +179,7 @@ def _modes(unit: Array, meshes: MeshTable) -> Share:
     return Share(tuple(labels), chi2, excess / max(excess.sum(), 1e-300))
 
 
-def _cycles(run: PreparedRun, unit: Array) -> tuple[Index, Array]:
+def _cycles(run: PreparedRun, unit: Array) -> tuple[Indices, Array]:
     """Numbers (c,) of the mesh cycles, and the residual over phase in each (c, PHASES, m).
 
     A value is the mean of the samples in its phase bin times the root of their number.
@@ -205,7 +195,7 @@ def _cycles(run: PreparedRun, unit: Array) -> tuple[Index, Array]:
 
 
 def _teeth(
-    cycles: Sequence[tuple[Index, Array]],
+    cycles: Sequence[tuple[Indices, Array]],
     length: int,
     names: tuple[str, ...],
     rng: np.random.Generator,
@@ -230,7 +220,7 @@ def _teeth(
     return Periodicity(names, strength, float(np.quantile(chance.max(axis=1), 0.999)))
 
 
-def _repeats(flat: Array, number: Index, length: int) -> Array:
+def _repeats(flat: Array, number: Indices, length: int) -> Array:
     """Largest energy (m,) of the mean residual at one position of the turn."""
     fold = np.mod(number, length)
     counts = np.bincount(fold, minlength=length)

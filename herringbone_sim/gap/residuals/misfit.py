@@ -10,15 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.arrays import Array
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
-
-Array = NDArray[np.float64]
 
 SPEED_TOLERANCE = 2e-3  # relative, of a mesh frequency against that of the other runs
 GEOMETRY_TOLERANCE = 0.2  # of the scales of u and e(t) against those of the other runs
@@ -74,7 +72,7 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
                 f"e(t), {usual[0]:.3f} and {usual[1]:.3f} in the other runs: a run of another "
                 "gear or with other sensors; it is left out"
             )
-            channels = tuple(f"x_{mesh}" for mesh in run.model.layout.meshes)
+            channels = run.model.layout.channels_of("x")
             at = float(run.times[0])
             findings.append(Finding("other_gear", run.name, channels, at, text, fatal=True))
     return findings
@@ -88,7 +86,7 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     """
     if not (run.u.complete and run.x.recorded.any()):
         return np.nan, np.nan
-    G = coordinates_to_meshes(run.model.layout) @ bodies_to_coordinates(run.model)
+    G = bodies_to_meshes(run.model)
     given = run.u.values @ G.T
     noise = (G**2) @ run.u.sigma**2
     pairs = []
@@ -151,7 +149,7 @@ def runs_with_other_force_law(
             + ("" if inside else ", or an effect that only its operating point shows")
             + ("; it is left out" if out else "; it is kept")
         )
-        channels = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+        channels = run.model.layout.channels_of("F")
         findings.append(
             Finding("other_gear", run.name, channels, float(run.times[0]), text, fatal=out)
         )

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import Waves
 from herringbone_sim.gap.residuals.balance import (
@@ -29,14 +28,14 @@ from herringbone_sim.gap.residuals.recalibrate import (
     BOUNDS,
     HEAVIEST,
     LIGHTEST,
-    NAMES,
     Calibration,
     InertiaFactors,
+    bounded_step,
+    by_mesh,
     fine_law,
     force_law,
+    names_at_bound,
 )
-
-Array = NDArray[np.float64]
 
 SEED = 20  # of the noise realisation
 WIDTH = 0.08  # of the window, mesh cycles: averages the noise of dv/dt, but passes order 3
@@ -55,8 +54,8 @@ def motion_balance(
         inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
     """
     law = force_law(run, fused, factors)
-    half = factors.repeat(run.x.recorded.size // 2).reshape(6, -1)
-    k, c = run.waves.k * np.concatenate(half[:2]), run.model.damping_n_s_per_m
+    k_f, _, _ = by_mesh(factors, run.x.recorded.size)
+    k, c = run.waves.k * k_f, run.model.damping_n_s_per_m
     force_noise = k * law.contact * noise.x + c * noise.v
     force = averaged_law_force(window_of(run, WIDTH), law.modelled_n, force_noise)
     correction = quadrature_correction(run, fused, fine_law(run, factors), WIDTH)
@@ -82,7 +81,7 @@ def recalibrate_motion(
     rng: np.random.Generator,
     rounds: int = 4,
 ) -> tuple[Calibration, InertiaFactors]:
-    """ForceLaw and inertias inside their tolerance from the motion of the fit runs, together.
+    """Force law and inertias inside their tolerance from the motion of the fit runs, together.
 
     Coordinates whose residual stays above the floor count less, as in ``recalibrate``.
     """
@@ -100,13 +99,13 @@ def recalibrate_motion(
             J, r = _linearised(run, one, noise, p)
             normal += J @ J.T
             right += J @ r
-        root = np.linalg.cholesky(normal).T
-        p = p + lsq_linear(root, np.linalg.solve(root.T, right), (low - p, high - p + 1e-12)).x
+        p = p + bounded_step(normal, right, low - p, high - p + 1e-12)
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    on = tuple(n for n, f, b in zip(NAMES, p, BOUNDS, strict=False) if abs(f - 1.0) > 0.999 * b)
     masses = 1.0 / p[6:]
     sigma = np.sqrt(np.diag(covariance)[6:]) * masses**2
-    return Calibration(p[:6], covariance[:6, :6], on), InertiaFactors(masses, sigma)
+    return Calibration(p[:6], covariance[:6, :6], names_at_bound(p[:6])), InertiaFactors(
+        masses, sigma
+    )
 
 
 def _linearised(run: PreparedRun, fused: Fused, noise: Fused, p: Array) -> tuple[Array, Array]:

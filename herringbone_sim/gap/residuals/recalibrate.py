@@ -11,17 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.balance import FineLaw
 from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import Fused
-
-Array = NDArray[np.float64]
 
 NAMES = ("k_sp", "k_rp", "c_sp", "c_rp", "e_sp", "e_rp")
 # c follows xi, the root of k and the masses of Eq. (11), each within 2 %.
@@ -56,6 +54,11 @@ class ForceLaw:
         chi2: Array = np.mean((self.residual_n / self.sigma_n) ** 2, axis=0)
         return chi2
 
+    @property
+    def flank(self) -> Indices:
+        """Contact (n, n_mesh): 0 on the back flank, 1 apart, 2 on the driving flank."""
+        return np.asarray(np.where(self.contact > 0.5, np.where(self.x_m > 0.0, 2, 0), 1))
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -88,7 +91,7 @@ class InertiaFactors:
 
 def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
     """Evaluate the force law on fused x and v, with factors (6,) on k, c and e (``NAMES``)."""
-    k_f, c_f, e_f = (_of_meshes(factors[i : i + 2], run.x.sigma.size) for i in (0, 2, 4))
+    k_f, c_f, e_f = by_mesh(factors, run.x.sigma.size)
     k, c = run.waves.k * k_f, run.model.damping_n_s_per_m * c_f
     x = fused.x - (e_f - 1.0) * run.waves.e
     v = fused.v - (e_f - 1.0) * run.waves.e_rate
@@ -104,11 +107,11 @@ def fine_law(run: PreparedRun, factors: Array) -> FineLaw:
     Returns:
         Function of phase (n,) [rad], D z (n, n_mesh) [m] and its rate [m/s], with forces [N].
     """
-    k_f, c_f, e_f = (_of_meshes(factors[i : i + 2], run.x.sigma.size) for i in (0, 2, 4))
+    k_f, c_f, e_f = by_mesh(factors, run.x.sigma.size)
 
     def law(phase: Array, deflection: Array, rate: Array) -> Array:
         w = waves(run.model, phase, run.omega_rad_per_s)
-        spring = w.k * k_f * backlash(deflection - e_f * w.e, run.model.half_backlash_m)
+        spring: Array = w.k * k_f * backlash(deflection - e_f * w.e, run.model.half_backlash_m)
         damper: Array = run.model.damping_n_s_per_m * c_f * (rate - e_f * w.e_rate)
         return spring + damper
 
@@ -121,8 +124,7 @@ def recalibrate(
     """Fit the factors on k, c and e to runs with forces.
 
     A mesh whose residual exceeds its noise in a run is down-weighted there, as if its noise were
-    as
-    large as the residual: an effect on one mesh does not bias the factors.
+    as large as the residual: an effect on one mesh does not bias the factors.
 
     Args:
         runs: those of the role ``fit`` are used.
@@ -137,26 +139,30 @@ def recalibrate(
         parts = [_normal_equations(run, f, factors) for run, f in chosen]
         normal = prior + sum((part[0] for part in parts), np.zeros((6, 6)))
         right = prior @ (1.0 - factors) + sum((part[1] for part in parts), np.zeros(6))
-        root = np.linalg.cholesky(normal).T
-        step = lsq_linear(
-            root,
-            np.linalg.solve(root.T, right),
-            bounds=(1.0 - BOUNDS - factors - 1e-12, 1.0 + BOUNDS - factors + 1e-12),
-        )
-        factors = factors + step.x
-    on = tuple(
-        n for n, f, b in zip(NAMES, factors, BOUNDS, strict=True) if abs(f - 1.0) > 0.999 * b
-    )
+        low, high = 1.0 - BOUNDS - factors - 1e-12, 1.0 + BOUNDS - factors + 1e-12
+        factors = factors + bounded_step(normal, right, low, high)
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    return Calibration(factors, covariance, on)
+    return Calibration(factors, covariance, names_at_bound(factors))
+
+
+def bounded_step(normal: Array, right: Array, low: Array, high: Array) -> Array:
+    """Solution (p,) of the normal equations between the bounds ``low`` and ``high`` (p,)."""
+    root = np.linalg.cholesky(normal).T
+    return np.asarray(lsq_linear(root, np.linalg.solve(root.T, right), (low, high)).x)
+
+
+def names_at_bound(factors: Array) -> tuple[str, ...]:
+    """Names of the factors (6,) on a bound of their tolerance."""
+    on = np.abs(factors - 1.0) > 0.999 * BOUNDS
+    return tuple(name for name, held in zip(NAMES, on, strict=True) if held)
 
 
 def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[Array, Array]:
     """Normal matrix (6, 6) and right side (6,) of a step of the factors, by one run."""
     law = force_law(run, fused, factors)
     n = run.x.sigma.size
-    k = run.waves.k * _of_meshes(factors[:2], n)
-    c = run.model.damping_n_s_per_m * _of_meshes(factors[2:4], n)
+    k_f, c_f, _ = by_mesh(factors, n)
+    k, c = run.waves.k * k_f, run.model.damping_n_s_per_m * c_f
     columns = (
         run.waves.k * law.f_m,
         run.model.damping_n_s_per_m * law.v_m_per_s,
@@ -176,7 +182,6 @@ def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[A
     return A, b
 
 
-def _of_meshes(pair: Array, n_mesh: int) -> Array:
-    """A factor for sun and one for ring meshes (2,) as a factor for each mesh (n_mesh,)."""
-    factors: Array = np.repeat(pair, n_mesh // 2)
-    return factors
+def by_mesh(factors: Array, n_mesh: int) -> Array:
+    """Factors (3, n_mesh) on k, c and e of each mesh, from those of both kinds (6,)."""
+    return np.asarray(np.repeat(factors, n_mesh // 2).reshape(3, n_mesh))

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core import mesh
 from herringbone_sim.core.model import Model, mean_stiffness, mesh_phases
 from herringbone_sim.core.parameters import spread
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import Waves
@@ -24,8 +24,6 @@ from herringbone_sim.gap.residuals.fusion import (
     increments,
     velocity,
 )
-
-Array = NDArray[np.float64]
 
 KINDS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 

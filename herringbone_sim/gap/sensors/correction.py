@@ -6,15 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import between, channels_of
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 
-Array = NDArray[np.float64]
 Undo = Callable[[float, Array, Array], Array]  # size, times, values -> corrected values
 
 UNDO: Mapping[str, Undo] = {
@@ -77,9 +76,7 @@ def is_motion_sensor_effect(one: Active) -> bool:
 
 def _affected_channels(run: PreparedRun, one: Active) -> tuple[str, ...]:
     """Names of the channels x, v and u that a sensor effect acts on."""
-    layout = run.model.layout
-    meshes = tuple(f"{q}_{m}" for q in "xvF" for m in layout.meshes)
-    names = (*meshes, *(f"u_{body}" for body in layout.bodies))
+    names = tuple(n for q in "xvFu" for n in run.model.layout.channels_of(q))
     empty = TimeSeries(run.times, np.zeros((len(run), len(names))), names)
     return tuple(n for n in channels_of(empty, one) if not n.startswith("F"))
 
@@ -101,7 +98,7 @@ def _with_undo(run: PreparedRun, name: str, undo: Undo, size: float) -> Prepared
     values[:, j] = undo(size, run.times, values[:, j])
     if undo is UNDO["sensor_gain"]:
         sigma[j] /= abs(size)
-    return _with(run, quantity, replace(measured, values=values, sigma=sigma))
+    return run.with_measured(quantity, replace(measured, values=values, sigma=sigma))
 
 
 def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
@@ -115,36 +112,19 @@ def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
         measured: Measured = getattr(run, quantity)
         changed = measured.values.copy()
         changed[:, column] = values
-        run = _with(run, quantity, replace(measured, values=changed))
+        run = run.with_measured(quantity, replace(measured, values=changed))
     return run
-
-
-def _with(run: PreparedRun, quantity: str, measured: Measured) -> PreparedRun:
-    """Replace one quantity of a run."""
-    changed: dict[str, Measured] = {quantity: measured}
-    return PreparedRun(**{**vars(run), **changed})
 
 
 def _with_times(run: PreparedRun, times: Array) -> PreparedRun:
     """Replace the time stamps (n,) of a run."""
-    omega = float((run.phase[-1] - run.phase[0]) / (times[-1] - times[0]))
-    return replace(run, times=times, waves=waves(run.model, run.phase, omega))
+    run = replace(run, times=times)
+    return replace(run, waves=waves(run.model, run.phase, run.omega_rad_per_s))
 
 
 def without_channels(run: PreparedRun, channels: Sequence[str]) -> PreparedRun:
     """Mark channels of x, v or u, given by their names, as not recorded."""
-    layout = run.model.layout
-    names = {"x": layout.meshes, "v": layout.meshes, "u": layout.bodies}
-    rest = {
-        q: _without(getattr(run, q), [f"{q}_{n}" in channels for n in names[q]]) for q in names
-    }
-    return replace(run, x=rest["x"], v=rest["v"], u=rest["u"])
-
-
-def _without(measured: Measured, columns: Sequence[bool]) -> Measured:
-    """Mark columns (k,) as not recorded."""
-    out = np.array(columns)
-    values, sigma = measured.values.copy(), measured.sigma.copy()
-    values[:, out] = np.nan
-    sigma[out] = np.nan
-    return Measured(values, measured.recorded & ~out, sigma)
+    for q in "xvu":
+        off = [name in channels for name in run.model.layout.channels_of(q)]
+        run = run.without(q, np.array(off))
+    return run

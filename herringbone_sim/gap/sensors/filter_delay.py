@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 
@@ -56,7 +56,7 @@ def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 
 def _e_ratio(run: PreparedRun) -> NDArray[np.complex128]:
     """Component of D B u - x at the mesh frequency over that of the nominal e(t) (k,)."""
-    through = coordinates_to_meshes(run.model.layout) @ bodies_to_coordinates(run.model)
+    through = bodies_to_meshes(run.model)
     e = (run.u.values @ through.T - run.x.values)[:, run.x.recorded]
     wave = np.exp(-1j * run.phase)
     return np.asarray(wave @ (e - e.mean(axis=0)) / (wave @ run.waves.e[:, run.x.recorded]))

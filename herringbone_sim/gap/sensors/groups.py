@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Flags
 from herringbone_sim.core.layout import KINDS, SIDES, Layout
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ class Group:
     names: tuple[str, ...]
 
 
-def groups_of(layout: Layout, there: Mask | None = None) -> list[Group]:
+def groups_of(layout: Layout, there: Flags | None = None) -> list[Group]:
     """All groups of the channels x, v and u.
 
     Of loci with the same recorded channels, only the smallest is returned.
@@ -64,8 +62,7 @@ def groups_of(layout: Layout, there: Mask | None = None) -> list[Group]:
 
 def sensor_names(layout: Layout) -> tuple[str, ...]:
     """Names of all channels x, v and u, in the order of the layout."""
-    meshes = tuple(f"{q}_{m}" for q in "xv" for m in layout.meshes)
-    return (*meshes, *(f"u_{b}" for b in layout.bodies))
+    return tuple(name for quantity in "xvu" for name in layout.channels_of(quantity))
 
 
 def _inside(name: str, quantity: str, kind: str, planet: str, side: str) -> bool:

@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import geometric_residuals
-
-Array = NDArray[np.float64]
 
 COPY = 1e-3  # residual over noise below which channels were computed from one another
 LEAST = 0.3  # least noise of a force over that from its spectrum

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.sensors.consistency import channel_arrays, relations
 from herringbone_sim.gap.sensors.groups import sensor_names
-
-Array = NDArray[np.float64]
 
 APART = 1.5  # least power of the difference of two channels over that of its noise
 
@@ -36,7 +34,7 @@ def find_swap(runs: Sequence[PreparedRun]) -> tuple[str, str] | None:
     return (names[a[best]], names[b[best]]) if fall[best] > 0.0 else None
 
 
-def _falls(run: PreparedRun, a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+def _falls(run: PreparedRun, a: Indices, b: Indices) -> Array:
     """Decrease (p,) of the sum of squared residuals by the exchange of channels a[p] and b[p]."""
     values, sigma = channel_arrays(run)
     known = np.isfinite(sigma)

@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.hypothesis import case
+from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
@@ -31,11 +30,9 @@ from herringbone_sim.gap.residuals.motion import (
 )
 from herringbone_sim.gap.residuals.recalibrate import force_law, recalibrate
 from herringbone_sim.gap.stream.stretch import MotionStatistics, Residual
-from herringbone_sim.recording.campaign import CampaignRun
+from herringbone_sim.recording.campaign import POINT, CampaignRun
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
-
-Array = NDArray[np.float64]
 
 NOISELESS = 1e-4  # least noise over RMS of a channel, that of a converter of 14 bits
 ROUNDS = 3  # Gauss-Newton steps of a recalibration
@@ -103,9 +100,9 @@ def residual(
         run = replace(run, x=x, v=v, F=F, u=u)
         fused = fuse(run)
         remarks += tuple(finding.text for finding in run.findings)
-        if case(run, fused).usable.any():
+        if fused_run(run, fused).usable.any():
             return _force_law_residual(run, fused, float(series.times[-1]), remarks)
-        if np.isfinite(fused.x).all() and np.isfinite(fused.v).all():
+        if fused.known_meshes.all():
             return _motion_residual(run, fused, float(series.times[-1]), remarks)
     raise AnalysisError(
         "no residual: it needs x (or u), v and F of a mesh, or x (or u) and v of all, got "
@@ -117,7 +114,7 @@ def motion_statistics(series: TimeSeries, model: Model) -> MotionStatistics:
     """Statistics of a stretch; contact is determined by the half-backlash of the model."""
     meshes = model.layout.meshes
     p = model.parameters
-    point = {name: float(getattr(p, name)) for name in ("delta_T", "K", "T_1", "Omega")}
+    point = {name: float(getattr(p, name)) for name in POINT}
     force = np.full(len(meshes), np.nan)
     contact = np.full((len(meshes), 3), np.nan)
     for j, mesh in enumerate(meshes):
@@ -171,7 +168,7 @@ def _force_law_residual(
     if missing:
         remarks += (f"no residual of {', '.join(missing)}: x, v or F is missing",)
     square = (law.residual_n[:, on] / law.sigma_n[:, on]) ** 2
-    state = np.where(law.contact > 0.5, np.where(law.x_m > 0.0, 2, 0), 1)[:, on]
+    flank = law.flank[:, on].ravel()
     return Residual(
         metric="force_law",
         places=names,
@@ -183,8 +180,8 @@ def _force_law_residual(
         recalibrated=np.sum(law.residual_n[:, on] ** 2, axis=0),
         floor=np.sum(law.sigma_n[:, on] ** 2, axis=0),
         signal=np.sum(run.F.values[:, on] ** 2, axis=0),
-        contact_square=np.bincount(state.ravel(), square.ravel(), 3).astype(float),
-        contact_count=np.bincount(state.ravel(), minlength=3).astype(float),
+        contact_square=np.bincount(flank, square.ravel(), 3).astype(float),
+        contact_count=np.bincount(flank, minlength=3).astype(float),
         remarks=remarks,
     )
 

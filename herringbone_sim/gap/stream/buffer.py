@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError, listed
-
-Array = NDArray[np.float64]
 
 MOST, LEAST = 2048, 64  # samples of a stretch
 POINT_TOLERANCE = {"delta_T": 1.0, "K": 0.01, "T_1": 0.01}  # drift in a stretch: [K], -, relative

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
 
 CONTACTS = ("back", "apart", "drive")
 NOISE_LIMIT = 1.15  # mean square of residual over noise up to which a place counts as noise

@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build, mean_stiffness
 from herringbone_sim.core.parameters import Parameters, spread
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.recording.parameter_file import save_parameters
-
-Array = NDArray[np.float64]
 
 TITLE = """\
 The augmented model of {campaign}: the nominal gear, recalibrated, with the effects of the verdict.

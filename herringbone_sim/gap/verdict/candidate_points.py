@@ -6,21 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.attribution.hypothesis import Case, case
+from herringbone_sim.gap.attribution.hypothesis import FusedRun, fused_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.recording.campaign import POINT
 
-Array = NDArray[np.float64]
-
-NAMES = ("delta_T", "K", "T_1", "Omega")
 DIGITS = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}
 LEVELS = 16
 GENERATORS = (3, 7, 5, 6)  # of the lattice: each level of each quantity occurs once
@@ -36,14 +34,14 @@ class PredictedRun:
     """A run predicted at an operating point, and its largest mesh force [N]."""
 
     point: dict[str, float]
-    case: Case
+    case: FusedRun
     peak_n: float
 
 
 def value_ranges(points: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float]]:
     """Range of each quantity to try: that of the runs with a margin on either side."""
     found = {}
-    for name in NAMES:
+    for name in POINT:
         values = [float(p[name]) for p in points if name in p] or [0.0]
         low, high = min(values), max(values)
         share = LEAST_MARGIN_SHARE.get(name, 0.0)
@@ -66,7 +64,7 @@ def candidate_points(points: Sequence[Mapping[str, float]]) -> list[dict[str, fl
     for i in range(1, LEVELS + 1):
         shares = {
             name: ((i * g) % (LEVELS + 1) - 1) / (LEVELS - 1)
-            for name, g in zip(NAMES, GENERATORS, strict=True)
+            for name, g in zip(POINT, GENERATORS, strict=True)
         }
         found.append({n: round(_level(n, s, *ranges[n]), DIGITS[n]) for n, s in shares.items()})
     return found
@@ -82,7 +80,7 @@ def _level(name: str, share: float, low: float, high: float) -> float:
 
 
 def predict_run(
-    cases: Sequence[Case],
+    cases: Sequence[FusedRun],
     nominal: Parameters,
     gear: Parameters,
     factors: Array,
@@ -105,8 +103,8 @@ def predict_run(
         _, settled = simulate(model, TRANSIENT)
         series, _ = simulate(model, CYCLES, settled)
         run = _recorded([c.run for c in cases], series, build(nominal.changed(point)), factors)
-        forces = series.columns(tuple(f"F_{mesh}" for mesh in model.layout.meshes))
-        return PredictedRun(point, case(run, fuse(run)), float(np.abs(forces).max()))
+        forces = series.columns(model.layout.channels_of("F"))
+        return PredictedRun(point, fused_run(run, fuse(run)), float(np.abs(forces).max()))
     except (HerringboneError, np.linalg.LinAlgError):
         return None
 
@@ -122,12 +120,11 @@ def _recorded(
     omega = model.parameters.Omega * model.scales.omega_n
     w = waves(model, phase, omega)
     e = np.repeat(factors[4:6] - 1.0, layout.n_mesh // 2)
-    x, v, force = (series.columns(tuple(f"{q}_{m}" for m in layout.meshes)) for q in "xvF")
-    u = series.columns(tuple(f"u_{body}" for body in layout.bodies))
+    x, v, force, u = (series.columns(layout.channels_of(q)) for q in "xvFu")
     return replace(
         runs[0],
         name="predicted",
-        point={name: getattr(model.parameters, name) for name in NAMES},
+        point={name: getattr(model.parameters, name) for name in POINT},
         times=series.times - series.times[0],
         phase=phase.copy(),
         x=_as_recorded(x + e * w.e, [r.x for r in runs]),

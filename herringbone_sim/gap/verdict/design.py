@@ -19,7 +19,7 @@ import numpy as np
 
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.gap.attribution.bodies import balance_measured
-from herringbone_sim.gap.attribution.hypothesis import Case
+from herringbone_sim.gap.attribution.hypothesis import FusedRun
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.recalibrate import force_law
@@ -136,7 +136,7 @@ def _predictable_quantity(
 
 
 def _separations(
-    one: Case, explanations: Sequence[FittedExplanation], quantity: str
+    one: FusedRun, explanations: Sequence[FittedExplanation], quantity: str
 ) -> list[Separation]:
     """Of each ordered pair of explanations in a run."""
     predictions = linear_predictions(one, explanations, quantity)
@@ -195,7 +195,7 @@ def _chance(count: float) -> float:
     return float(3.1 * np.sqrt(2.0 / count))
 
 
-def _largest_force(one: Case) -> float:
+def _largest_force(one: FusedRun) -> float:
     """Largest mesh force [N] of a run; that of the force law where none is measured."""
     force = one.run.F.values
     if not np.isfinite(force).any():

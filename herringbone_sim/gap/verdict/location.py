@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
 from herringbone_sim.gap.calibrated import Calibrated
@@ -14,8 +14,6 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.locate import Share, locate
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verdict.decide import Verdict
-
-Array = NDArray[np.float64]
 
 SEED = 21  # of the permutations
 PERMUTATIONS = 200

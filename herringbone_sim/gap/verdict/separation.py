@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.attribution.bodies import masses
 from herringbone_sim.gap.attribution.hypothesis import (
-    Case,
+    FusedRun,
     calibration_columns,
     effect_contributions,
     expected_forces,
@@ -32,8 +32,6 @@ from herringbone_sim.gap.residuals.motion import WIDTH as MOTION_WIDTH
 from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance
 from herringbone_sim.gap.residuals.recalibrate import BOUNDS, HEAVIEST, ForceLaw, force_law
 from herringbone_sim.gap.verdict.words import effect_names
-
-Array = NDArray[np.float64]
 
 SEED = 21  # of the noise realisation for the noise of the accelerations
 FORCES, BALANCE, MOTION = "forces", "balance", "motion"
@@ -146,7 +144,7 @@ def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation
 
 
 def linear_predictions(
-    one: Case, explanations: Sequence[FittedExplanation], quantity: str
+    one: FusedRun, explanations: Sequence[FittedExplanation], quantity: str
 ) -> list[LinearPrediction]:
     """Predictions of explanations in a run.
 
@@ -164,7 +162,7 @@ def linear_predictions(
 
 
 def _linear_prediction(
-    predictor: _Forces | _Bodies, one: Case, explanation: FittedExplanation
+    predictor: _Forces | _Bodies, one: FusedRun, explanation: FittedExplanation
 ) -> LinearPrediction:
     """Prediction of one explanation and its derivatives, by finite differences for effects."""
     law = force_law(one.run, one.fused, explanation.factors)
@@ -200,7 +198,7 @@ def _with_step(active: Active, k: int) -> tuple[Active, float]:
 class _Forces:
     """Predicts mesh forces of a run, in units of their noise."""
 
-    case: Case
+    case: FusedRun
 
     def values(
         self, explanation: FittedExplanation, law: ForceLaw, actives: Sequence[Active]
@@ -236,7 +234,7 @@ class _Bodies:
         motion: whether forces are not measured, so that those of the law are used.
     """
 
-    case: Case
+    case: FusedRun
     balance: Balance
     through: Array
     of_force: Array
@@ -278,7 +276,7 @@ class _Bodies:
         return white
 
 
-def _bodies(one: Case, explanation: FittedExplanation, motion: bool) -> _Bodies:
+def _bodies(one: FusedRun, explanation: FittedExplanation, motion: bool) -> _Bodies:
     """Predictor of accelerations; its noise and inertias follow the calibration of a fit."""
     run, model = one.run, one.run.model
     through = bodies_to_coordinates(model) / masses(model)

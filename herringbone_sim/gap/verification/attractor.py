@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active
@@ -22,8 +22,6 @@ from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
-
-Array = NDArray[np.float64]
 
 SETTLE = 20  # mesh cycles of transient before the compared motion
 BANDS = 12  # frequency bands, each half a mesh order wide
@@ -95,7 +93,7 @@ def model_motion(
     start = run.phase[:1] - before * turn
     found = simulator.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
     force = found.force_n[0, before:]
-    names = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+    names = run.model.layout.channels_of("F")
     sensors = on_channels(names, actives)
     if sensors:
         force = distort(TimeSeries(run.times, force, names), sensors).columns(names)
@@ -133,8 +131,8 @@ def distances(one: Statistics, other: Statistics) -> dict[str, float]:
     contact = 0.5 * np.abs(one.contact - other.contact).sum(axis=1)
     return {
         "contact": float(contact.mean()),
-        "load_sharing": _rms(one.sharing - other.sharing),
-        "spectrum": _rms(one.bands - other.bands),
+        "load_sharing": rms(one.sharing - other.sharing),
+        "spectrum": rms(one.bands - other.bands),
         "section": _energy_distance(one.points, other.points),
     }
 
@@ -206,7 +204,3 @@ def _energy_distance(one: Array, other: Array) -> float:
         for a, b in zip(one, other, strict=True)
     ]
     return float(np.sqrt(max(np.mean(squares), 0.0)))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

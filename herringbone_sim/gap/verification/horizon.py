@@ -10,18 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices, rms
 from herringbone_sim.effects.gear import gear_table, pointers_allowed, scratch
 from herringbone_sim.effects.instant import recorded
+from herringbone_sim.gap.attribution.hypothesis import instants
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 LONGEST = 1.0  # largest horizon, mesh cycles
 LYAPUNOV_TIMES = 0.5  # horizon of a chaotic motion
@@ -41,7 +39,7 @@ class Horizon:
         cycles: the same in mesh cycles.
     """
 
-    starts: Index
+    starts: Indices
     samples: int
     cycles: float
 
@@ -99,7 +97,7 @@ def largest_exponent(
     s = simulator.model.scales
     m = simulator.model.layout.n_coordinate
     unit = np.repeat([s.b_c, s.velocity_m_per_s], m)
-    cycles = max(int((run.phase[-1] - run.phase[0]) / (2.0 * np.pi)), 10)
+    cycles = max(int(run.cycles), 10)
     state = np.concatenate([fused.z[0], fused.z_rate[0]])
     own = np.zeros((2, simulator.laws.n_own))
     tangent = rng.normal(size=2 * m)
@@ -123,7 +121,7 @@ def largest_exponent(
 
 
 def states_of_effects(
-    run: PreparedRun, fused: Fused, simulator: GearSimulator, starts: Index
+    run: PreparedRun, fused: Fused, simulator: GearSimulator, starts: Indices
 ) -> Array:
     """States of effects (s, n_own) at the samples ``starts``, integrated along the run.
 
@@ -135,9 +133,7 @@ def states_of_effects(
         return result
     law = force_law(run, fused, np.ones(6)).modelled_n
     force = np.where(np.isfinite(run.F.values), run.F.values, law)
-    p = run.model.parameters
-    columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
-    now = np.stack([np.broadcast_to(one, run.phase.shape) for one in columns], axis=1)
+    now = instants(run)
     own, before = np.zeros(n_own), 0
     work, gear = scratch(simulator.model, n_own), gear_table(simulator.model)
     with pointers_allowed():
@@ -150,7 +146,7 @@ def states_of_effects(
                 simulator.laws.theta,
                 gear,
                 run.times[rows],
-                np.ascontiguousarray(now[rows], dtype=float),
+                now[rows],
                 fused.x[rows],
                 fused.v[rows],
                 force[rows],
@@ -189,4 +185,4 @@ def _after_starts(z: Array, horizon: Horizon) -> Array:
 def _rms(error: Array, run: PreparedRun) -> float:
     """RMS of the errors of mesh displacements, from those of coordinates."""
     x = error @ coordinates_to_meshes(run.model.layout).T
-    return float(np.sqrt(np.mean(x**2)))
+    return rms(x)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.lyapunov import largest_exponent as exponent_of_data
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.motion import SEED, fused_noise
@@ -38,7 +38,6 @@ from herringbone_sim.gap.verification.horizon import (
 from herringbone_sim.gap.verification.simulator import GearSimulator, simulator_of
 from herringbone_sim.gap.verification.verify import Correction, Gap, RunGap
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 MODELS = ("nominal", "augmented", "runner_up")
 
@@ -102,8 +101,8 @@ def measure_senses(
         corrected = correct(run)
         fused = fuse(corrected)
         raw = fused if corrected is run else fuse(run)
-        if _motion_known(fused):
-            raw = raw if _motion_known(raw) else fused
+        if fused.complete:
+            raw = raw if raw.complete else fused
             measured.append(_senses_of_run(run, corrected, raw, fused, model, other))
         else:
             unknown.append(run.name)
@@ -135,11 +134,6 @@ def _unknown_reasons(unknown: Sequence[str]) -> tuple[str, ...]:
         f"{', '.join(unknown)}: neither prediction nor attractor, for which x (or u) and v must "
         "give every coordinate",
     )
-
-
-def _motion_known(fused: Fused) -> bool:
-    """Whether all coordinates and rates are known."""
-    return bool(np.isfinite(fused.z).all() and np.isfinite(fused.z_rate).all())
 
 
 def _unknown_senses(run: PreparedRun) -> _RunSenses:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.effects.effect import Active
@@ -17,8 +17,6 @@ from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scr
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
 from herringbone_sim.gap.verification.rollout import roll
-
-Array = NDArray[np.float64]
 
 STEPS = 128  # Runge-Kutta steps per natural period; their error is far below recording noise
 

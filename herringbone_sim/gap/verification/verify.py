@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import rms
 from herringbone_sim.gap.attribution.bodies import balance_with_effects, effect_accelerations
 from herringbone_sim.gap.attribution.hypothesis import (
-    Case,
-    case,
+    FusedRun,
     effect_contributions,
     expected_forces,
+    fused_run,
     with_law_forces,
 )
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -25,7 +25,6 @@ from herringbone_sim.gap.sensors.consistency import consistency_chi2
 from herringbone_sim.gap.sensors.correction import is_motion_sensor_effect
 from herringbone_sim.gap.verdict.augmented import Augmented
 
-Array = NDArray[np.float64]
 Correction = Callable[[PreparedRun], PreparedRun]
 
 UNITS = {
@@ -87,7 +86,7 @@ class Gap:
         chosen = [run for run in self.runs if role in (run.role, None)]
         values = np.array([getattr(run, what) for run in chosen])
         values = values[np.isfinite(values)]
-        return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+        return rms(values)
 
     @property
     def closure(self) -> float:
@@ -129,14 +128,14 @@ def residual_gap(
     model = replace(
         model, actives=tuple(a for a in model.actives if not is_motion_sensor_effect(a))
     )
-    cases = [(run, case(m, fuse(m))) for run in runs for m in (correct(run),)]
+    cases = [(run, fused_run(m, fuse(m))) for run in runs for m in (correct(run),)]
     if model.motion:
         return Gap(metric, tuple(_motion_gap(run, c, model) for run, c in cases))
     run_gap = _balance_gap if metric == "torque_balance" else _force_law_gap
     return Gap(metric, tuple(run_gap(run, c, model) for run, c in cases))
 
 
-def _force_law_gap(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+def _force_law_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
     """Gap in the force law [N]."""
     law = force_law(c.run, c.fused, np.ones(6))
     after = expected_forces(c, model.factors, model.actives)
@@ -144,25 +143,25 @@ def _force_law_gap(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
     return RunGap(
         run.name,
         run.role,
-        _rms(law.residual_n[:, on]),
-        _rms((c.run.F.values - after)[:, on]),
-        _rms(law.sigma_n[:, on]),
+        rms(law.residual_n[:, on]),
+        rms((c.run.F.values - after)[:, on]),
+        rms(law.sigma_n[:, on]),
     )
 
 
-def _balance_gap(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+def _balance_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
     """Gap in the torque balance with measured forces [m/s^2]."""
     sensors = tuple(a for a in model.actives if a.effect.level == "sensor")
     error = expected_forces(c, model.factors, sensors) - expected_forces(c, model.factors, ())
     before = balance_with_effects(c, model.factors)
     balance = balance_with_effects(c, model.factors, c.run.F.values - error, model.actives)
     after = balance.measured - np.tensordot(model.inverse, balance.parts, axes=1)
-    return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(before.sigma))
+    return RunGap(run.name, run.role, rms(before.residual), rms(after), rms(before.sigma))
 
 
-def _motion_gap(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
+def _motion_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
     """Gap in the torque balance with forces of the law [m/s^2]; NaN where x or v is missing."""
-    if not (np.isfinite(c.fused.x).all() and np.isfinite(c.fused.v).all()):
+    if not c.fused.known_meshes.all():
         return RunGap(run.name, run.role, *(float("nan"),) * 3)
     noise = fused_noise(c.run, np.random.default_rng(SEED))
     before = motion_balance(c.run, c.fused, noise, np.ones(6), np.ones(3))
@@ -177,14 +176,10 @@ def _motion_gap(run: PreparedRun, c: Case, model: Augmented) -> RunGap:
         elif one.effect.level == "mesh":
             force = effect_contributions(c, model.factors, law, (one,))[0]
             after = after - window_of(c.run, WIDTH).average(force) @ through.T
-    return RunGap(run.name, run.role, _rms(before.residual), _rms(after), _rms(balance.sigma))
+    return RunGap(run.name, run.role, rms(before.residual), rms(after), rms(balance.sigma))
 
 
 def _consistency_gap(run: PreparedRun, correct: Correction) -> RunGap:
     """Gap in the consistency of the motion sensors [sigma], before and after their correction."""
     before, after = (consistency_chi2([r]) for r in (run, correct(run)))
     return RunGap(run.name, run.role, float(np.sqrt(before)), float(np.sqrt(after)), 1.0)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import MEANINGS, describe
 from herringbone_sim.core.model import build
 from herringbone_sim.errors import HerringboneError, RecordingError
@@ -30,7 +30,6 @@ from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.parameter_file import save_parameters
 from herringbone_sim.recording.writer import RunWriter, split_rows
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 NOMINAL = "nominal.yaml"
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import RecordingError, listed
 from herringbone_sim.recording.importing.columns import Columns
 from herringbone_sim.recording.importing.spec import ChannelSpec, FileSpec
 
-Array = NDArray[np.float64]
 # Largest time difference of simultaneous samples, in sample steps: at 16 samples a mesh cycle it
 # shifts a channel by 0.4 % of its amplitude, less than the noise of 40 dB.
 SAME = 0.01

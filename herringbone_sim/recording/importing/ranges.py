@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.core.model import Model
+from herringbone_sim.arrays import Array
+from herringbone_sim.core.model import Model, mean_sun_force
 from herringbone_sim.recording.importing.units import si_unit
 
-Array = NDArray[np.float64]
 # Factor beyond which the next unit prefix (1000) is closer than the right one.
 FAR = 10.0**1.5
 SPEED = 0.05  # larger relative deviations mean a wrong Omega, slip or another gear
@@ -55,7 +54,7 @@ def _sizes(model: Model, name: str, values: Array) -> tuple[float, float]:
     """Expected and actual size of a channel; (0, 0) where nothing is expected."""
     p, s = model.parameters, model.scales
     omega, error = p.Omega * (p.omega_n or s.omega_n), p.e_m * s.b_c
-    load = abs(p.T_1) / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
+    load = abs(mean_sun_force(model))
     kind = name.split("_")[0]
     moved = {"x": error, "u": error, "v": error * omega, "a": error * omega**2}
     if not len(values):

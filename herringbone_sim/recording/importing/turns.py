@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
-
-Array = NDArray[np.float64]
 
 
 def unwrapped(values: Array) -> Array:

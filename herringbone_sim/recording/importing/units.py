@@ -34,9 +34,9 @@ def package(name: str, pip_name: str, reads: str) -> Any:
 
 def channel_names(layout: Layout) -> tuple[str, ...]:
     """Every channel that a spec may give, without the time."""
-    of_bodies = (f"{kind}_{body}" for kind in ("angle", "a") for body in layout.bodies)
-    pins = (f"F_pin{planet}" for planet in layout.planets)
-    return (*layout.channels[1:], *of_bodies, *pins, "T_in", "T_out")
+    angles = (f"angle_{body}" for body in layout.bodies)
+    others = (*angles, *layout.channels_of("a"), *layout.channels_of("pin"))
+    return (*layout.channels[1:], *others, "T_in", "T_out")
 
 
 def si_unit(channel: str) -> str:

@@ -10,13 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.basins import Basins
 from herringbone_sim.dynamics.portraits import Portrait
 from herringbone_sim.views.figures.style import BLUE, GREEN, GREY, INK, ORANGE, STYLE
-
-Array = NDArray[np.float64]
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#7f4f24", "#F0E442", INK)
 PORTRAITS = 5

@@ -10,15 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from herringbone_sim.sweeps.compare import APERIODIC, FAILED, GearSweeps
 from herringbone_sim.sweeps.diagram import diagram_of
 from herringbone_sim.views.figures import maps
-from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE
+from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, parameter_label
 from herringbone_sim.views.figures.text import mesh_symbol
-
-Array = NDArray[np.float64]
 
 COLOURS = {"nominal": BLUE, "augmented": ORANGE}
 OTHER = "#d9c7b8"  # a period that has no colour of its own
@@ -55,7 +52,7 @@ def starts_figure(nominal: GearSweeps, augmented: GearSweeps) -> Figure:
         axes.imshow(picture, extent=(low, high, len(rows), 0.0), **look)
         axes.axhline(len(nominal.results), color="white", linewidth=3.0)
         axes.set_yticks(np.arange(len(rows)) + 0.5, [f"{side.name}, {way}" for side, way in rows])
-        axes.set_xlabel(maps.axis_label(nominal.axis.name))
+        axes.set_xlabel(parameter_label(nominal.axis.name))
         handles = [Patch(facecolor=colour(k), edgecolor=GREY, label=k) for k in kinds]
         look = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "fontsize": 8}
         axes.legend(handles=handles, **look)
@@ -112,5 +109,5 @@ def _finish(rows: Any, nominal: GearSweeps, way: str, known: bool) -> None:
         rows[1].set(title=title, ylabel=r"$\lambda_1$ per $\tau$")
     title = "time without contact, sun meshes; dotted: ring meshes"
     rows[-1].set(title=title, ylabel="share [%]", ylim=(0.0, None))
-    rows[-1].set_xlabel(maps.axis_label(nominal.axis.name))
+    rows[-1].set_xlabel(parameter_label(nominal.axis.name))
     rows[-1].set_xlim(*_ends(nominal.axis.values))

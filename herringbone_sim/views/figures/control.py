@@ -13,16 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.control.amplitude import LeastAmplitude, Survey, Target
 from herringbone_sim.control.runs import LEAST_EXPONENT
 from herringbone_sim.control.shape import ShapeMap
-from herringbone_sim.views.figures.maps import APERIODIC, PERIOD_COLOURS, exponent_norm
+from herringbone_sim.views.figures.maps import (
+    APERIODIC,
+    PERIOD_COLOURS,
+    exponent_norm,
+    period_places,
+)
 from herringbone_sim.views.figures.style import FRAMED_STYLE, GREEN, INK, ORANGE, parameter_label
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 NEITHER = "#8d93a0"
 REACHED = ("#1d2027", "#7d8794", "#86b8df", "#dce9f5")
@@ -75,19 +77,16 @@ def draw_periods(
         chaotic: (n, m) whether it is chaotic; distinguishes motions without a period.
         below: whether the legend stands below the axes.
     """
-    periods = [0, *PERIOD_COLOURS]
     colours = [APERIODIC, *PERIOD_COLOURS.values(), NEITHER]
-    places = np.full(period.shape, np.nan)
-    for place, one in enumerate(periods):
-        places[period == one] = place
+    places = period_places(period)
     names = [(PERIOD_COLOURS[n], f"P{n}") for n in sorted(PERIOD_COLOURS) if (period == n).any()]
     names.append((APERIODIC, "aperiodic" if chaotic is None else "chaotic"))
     longer = period > max(PERIOD_COLOURS)
     other = longer if chaotic is None else longer | ((period == 0) & ~chaotic)
     if other.any():
-        places[other] = len(periods)
+        places[other] = len(PERIOD_COLOURS) + 1
         names.append((NEITHER, "neither"))
-    options: Any = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(periods) + 0.5}
+    options: Any = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(colours) - 0.5}
     cells(axes, values, K, places, **options)
     _legend(axes, names, below)
 

@@ -9,14 +9,12 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Flags
 from herringbone_sim.sweeps.diagram import Branch, Diagram
-from herringbone_sim.views.figures.maps import axis_label, save_map
-from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE
+from herringbone_sim.views.figures.maps import save_map
+from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE, parameter_label
 from herringbone_sim.views.figures.text import mesh_symbol
-
-Array = NDArray[np.float64]
 
 LOOKS = {
     "fixed": (INK, "from the initial state"),
@@ -51,7 +49,7 @@ def diagram_figure(diagram: Diagram) -> Figure:
         if known:
             draw_exponents(rows[-1, 0], known)
         last = rows[-1, 0]
-        last.set_xlabel(axis_label(diagram.axis.name))
+        last.set_xlabel(parameter_label(diagram.axis.name))
         last.set_xlim(diagram.axis.values[0], diagram.axis.values[-1])
         return figure
 
@@ -98,7 +96,7 @@ def _legend(axes: Axes, ncols: int) -> None:
     axes.legend(fontsize=8, ncols=ncols, handletextpad=0.4, columnspacing=1.2, **look)
 
 
-def _spans(values: tuple[float, ...], chosen: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _spans(values: tuple[float, ...], chosen: Flags) -> list[tuple[float, float]]:
     """Stretches of the axis around neighbouring chosen values."""
     places = np.array(values)
     half = np.diff(places).mean() / 2.0 if len(places) > 1 else 0.0

@@ -8,14 +8,12 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.zero_one import ZeroOne, walks
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.exponent_methods import ExponentComparison
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE
-
-Array = NDArray[np.float64]
 
 UNIT = r"$\lambda$ per $\tau$"
 STRETCH = 25  # periods of one finite-time exponent

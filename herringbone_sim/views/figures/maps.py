@@ -13,20 +13,17 @@ from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from herringbone_sim.core.parameters import meaning
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.store import Result
 from herringbone_sim.views.figures.style import (
     FRAMED_STYLE,
     INK,
-    PARAMETER_LABELS,
     cell_edges,
+    parameter_label,
     save,
 )
-
-Array = NDArray[np.float64]
 
 DPI = 220
 NO_LOSS = "#e9eaec"
@@ -52,17 +49,18 @@ PERIOD_COLOURS = {
     13: "#c9b21d",
     15: "#7a5546",
 }
-LABELS = PARAMETER_LABELS | {"Omega": r"mesh frequency $\Omega=\omega/\omega_n$"}
 HATCH = "//////"
 LEAST_EXPONENT = 2e-3  # per tau; a smaller one counts as 0
 LISTED = 1e-3  # least share of the map of a period in the legend
 STRETCH = 99.0  # percentile of the exponents at which the colours saturate
 
 
-def axis_label(name: str) -> str:
-    """Label of an axis with symbol and unit."""
-    unit = meaning(name).unit
-    return LABELS.get(name, name if unit == "-" else f"{name} [{unit}]")
+def period_places(period: Array) -> Array:
+    """Place of each period in (0, *PERIOD_COLOURS); NaN where it is none of them."""
+    places = np.full(period.shape, np.nan)
+    for place, value in enumerate([0, *PERIOD_COLOURS]):
+        places[period == value] = place
+    return places
 
 
 def write_maps(folder: Path, result: Result) -> list[Path]:
@@ -99,12 +97,9 @@ def draw_period(axes: Axes, result: Result) -> None:
     right start alike.
     """
     period = result["period"]
-    periods = [0, *PERIOD_COLOURS]
-    places = np.full(period.shape, np.nan)
-    for place, value in enumerate(periods):
-        places[period == value] = place
     colours = ListedColormap([APERIODIC, *PERIOD_COLOURS.values()])
-    _mesh(axes, result, places, cmap=colours, vmin=-0.5, vmax=len(periods) - 0.5)
+    limits = {"vmin": -0.5, "vmax": len(PERIOD_COLOURS) + 0.5}
+    _mesh(axes, result, period_places(period), cmap=colours, **limits)
     axes.set_title("period of the motion, mesh cycles")
     handles = [
         Patch(facecolor=PERIOD_COLOURS[n], edgecolor=INK, linewidth=0.4, label=f"P{n}")
@@ -191,8 +186,8 @@ def _figure(
             figure.subplots(1, len(draws), squeeze=False)[0], draws, strict=True
         ):
             draw(axes, result)
-            axes.set_xlabel(axis_label(result.axes[0].name))
-            axes.set_ylabel(axis_label(result.axes[1].name))
+            axes.set_xlabel(parameter_label(result.axes[0].name))
+            axes.set_ylabel(parameter_label(result.axes[1].name))
         return figure
 
 

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 from herringbone_sim.analysis.bifurcation import BifurcationDiagram
 from herringbone_sim.analysis.motion import Motion
 from herringbone_sim.analysis.pipeline import SegmentResult
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array
 from herringbone_sim.views.figures.style import (
     BLUE,
     DENSE,

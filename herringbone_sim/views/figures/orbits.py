@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.boundaries import Boundary
 from herringbone_sim.dynamics.cascade import Followed
 from herringbone_sim.dynamics.curve import BranchPoint
-from herringbone_sim.dynamics.orbits import Array
 from herringbone_sim.dynamics.turning import section
 from herringbone_sim.views.figures.style import (
     BLUE,

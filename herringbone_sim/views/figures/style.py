@@ -9,12 +9,11 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.arrays import Array
+from herringbone_sim.core.parameters import meaning, names
 from herringbone_sim.views.figures.text import mesh_symbol, plain_text
-
-Array = NDArray[np.float64]
 
 BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#22262c", "#9aa1ab"
 STYLE: Any = {
@@ -54,6 +53,7 @@ PARAMETER_LABELS = {
     "T_1": "input torque $T_1$ [N m]",
     "xi": r"mesh damping ratio $\xi$",
     "control_phase": "phase of the control [rad]",
+    "Omega": r"mesh frequency $\Omega=\omega/\omega_n$",
     FREQUENCY: "mesh frequency [Hz]",
 }
 PARAMETER_SYMBOLS = {
@@ -109,8 +109,11 @@ class Scale:
 
 
 def parameter_label(name: str) -> str:
-    """Axis label of a parameter with symbol and unit."""
-    return PARAMETER_LABELS.get(name, plain_text(name))
+    """Axis label of a parameter with symbol and unit; another name stands as it is."""
+    if name in PARAMETER_LABELS:
+        return PARAMETER_LABELS[name]
+    unit = meaning(name).unit if name in names() else "-"
+    return plain_text(name if unit == "-" else f"{name} [{unit}]")
 
 
 def cell_edges(values: Array) -> Array:

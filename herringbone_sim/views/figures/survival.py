@@ -10,8 +10,8 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.survival import FATES, Survival
 from herringbone_sim.views.figures.style import (
     BLUE,
@@ -23,8 +23,6 @@ from herringbone_sim.views.figures.style import (
     cell_edges,
     parameter_label,
 )
-
-Array = NDArray[np.float64]
 
 COLOURS = (BLUE, GREEN, "#E8C468", ORANGE)
 LETTER = 0.013  # width of a letter over that of the axes

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.errors import ParameterError, listed
-
-Array = NDArray[np.float64]
 
 DRIVE, SEPARATED, BACK = "drive", "separated", "back"
 STATES = (DRIVE, SEPARATED, BACK)
@@ -130,6 +128,6 @@ class MirrorBlock:
         return self.sections[:, self.names.index(name)]
 
 
-def contact_states(x: Array, b_half: float) -> NDArray[np.int64]:
+def contact_states(x: Array, b_half: float) -> Indices:
     """Index into ``STATES`` (n,) of displacements (n,) [m] in a backlash of 2 b' [m]."""
     return np.where(x > b_half, 0, np.where(x < -b_half, 2, 1))

@@ -43,9 +43,15 @@ def blueprint(available: AvailableViews) -> Any:
     left = stack([*courses, views.get("contact")], [4.0, 4.0, 5.0])
     right = stack([*planes, text_row()], [1.1, 1.1, 1.0])
     columns = [column for column in (left, right) if column is not None]
+    shares = [3, 2][: len(columns)]
+    return arranged(rrb.Horizontal(*columns, column_shares=shares), "sim_time", "following")
+
+
+def arranged(views: Any, timeline: str, play_state: Any = None) -> Any:
+    """Blueprint of these views alone: the time line collapsed, all other panels hidden."""
     return rrb.Blueprint(
-        rrb.Horizontal(*columns, column_shares=[3, 2][: len(columns)]),
-        rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="following"),
+        views,
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state=play_state),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         auto_views=False,
@@ -71,17 +77,22 @@ def course_row(
 ) -> Any:
     """Time courses of a quantity, one view per mesh kind side by side; None without a kind."""
     views = [
-        rrb.TimeSeriesView(
-            origin=f"/{path}/{kind}",
-            name=f"{title}, {KIND_WORDS[kind]} [{unit}]",
+        time_course(
+            f"/{path}/{kind}",
+            f"{title}, {KIND_WORDS[kind]} [{unit}]",
             axis_x=time_axis(available.window_s),
             plot_legend=rrb.PlotLegend(visible="contact" not in available.planes),
-            background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
             time_ranges=[window(available.window_s)],
         )
         for kind in kinds
     ]
     return side_by_side(*views)
+
+
+def time_course(origin: str, name: str, **more: Any) -> Any:
+    """View of curves over time, with a grid."""
+    background = rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True)
+    return rrb.TimeSeriesView(origin=origin, name=name, background=background, **more)
 
 
 def plane_view(path: str, title: str, width: float, height: float) -> Any:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS
-from herringbone_sim.core.timeseries import Array
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.run_views import COLUMNS, RunView, mesh_shares, run_views

@@ -9,9 +9,15 @@ from typing import Any
 import rerun.blueprint as rrb
 
 from herringbone_sim.gap.run_views import COLUMNS
-from herringbone_sim.views.mirror.blueprint import KIND_WORDS, plane_view, stack
+from herringbone_sim.views.mirror.blueprint import (
+    KIND_WORDS,
+    arranged,
+    plane_view,
+    side_by_side,
+    stack,
+    time_course,
+)
 from herringbone_sim.views.mirror.gear import HEIGHT, WIDTH
-from herringbone_sim.views.mirror.palette import BACKGROUND
 
 COURSES = ("force", "residual")
 TITLES = {"measured": "measured", "nominal": "nominal model", "augmented": "augmented model"}
@@ -41,14 +47,8 @@ def blueprint(gear: bool, runs: Sequence[RunLayout]) -> Any:
     Args:
         gear: whether there are drawings of the gear.
     """
-    return rrb.Blueprint(
-        rrb.Tabs(_overview(gear, runs), *(_run(run) for run in runs), active_tab=0),
-        rrb.TimePanel(state="collapsed", timeline="run_time"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    tabs = rrb.Tabs(_overview(gear, runs), *(_run(run) for run in runs), active_tab=0)
+    return arranged(tabs, "run_time")
 
 
 def _overview(gear: bool, runs: Sequence[RunLayout]) -> Any:
@@ -92,14 +92,13 @@ def _planes(run: RunLayout, mesh: str) -> Any:
         for name in COLUMNS
         if name in run.planes
     ]
-    return rrb.Horizontal(*views) if views else None
+    return side_by_side(*views)
 
 
 def _course(run: RunLayout, what: str, name: str, kind: str) -> Any:
-    return rrb.TimeSeriesView(
-        origin=f"/{run.name}/{what}/{name}/{kind}",
-        name=f"{what} [kN], {KIND_WORDS[kind]}, {TITLES[name]}",
+    return time_course(
+        f"/{run.name}/{what}/{name}/{kind}",
+        f"{what} [kN], {KIND_WORDS[kind]}, {TITLES[name]}",
         axis_y=rrb.ScalarAxis(range=run.kinds[kind][what]),
         plot_legend=rrb.PlotLegend(visible=name == COLUMNS[0]),
-        background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
     )

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS, SIDES
 from herringbone_sim.views.mirror.frame import strips, words
 from herringbone_sim.views.mirror.palette import FRAME, WORDS, Colour
@@ -79,7 +79,7 @@ def _bodies(side: str) -> list[tuple[tuple[float, float], float]]:
     return [(middle, float(SUN)), (middle, float(RING)), (middle, REACH), *planets]
 
 
-def _spots(mesh: str) -> NDArray[np.float64]:
+def _spots(mesh: str) -> Array:
     """Where a mesh sits (k, 2): one spot, or one a planet where they are not told apart."""
     head, _, side = mesh.partition("_")
     kind, number = head[:2], head[2:]
@@ -88,6 +88,6 @@ def _spots(mesh: str) -> NDArray[np.float64]:
     return np.array([_at(side, planet, radius) for planet in planets], dtype=float)
 
 
-def _circle(centre: tuple[float, float], radius: float) -> NDArray[np.float64]:
+def _circle(centre: tuple[float, float], radius: float) -> Array:
     angle = np.linspace(0.0, 2.0 * np.pi, 97)
     return np.column_stack((np.cos(angle), np.sin(angle))) * radius + centre

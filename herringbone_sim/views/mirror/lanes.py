@@ -9,7 +9,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from herringbone_sim.views.mirror.block import STATES, Array, contact_states
+from herringbone_sim.arrays import Array, Indices
+from herringbone_sim.views.mirror.block import STATES, contact_states
 from herringbone_sim.views.mirror.frame import TICK_X, TITLE_Y, send_box, words
 from herringbone_sim.views.mirror.palette import LANE, STATE_COLOURS, WORDS, Colour
 from herringbone_sim.views.mirror.plane import Axes, ticks
@@ -79,7 +80,7 @@ class Lanes:
         self.recording.log("contact/frame/keys", words(keys_at, list(STATES), colours))
 
 
-def painted(states: NDArray[np.int64], times: Array, lane: int) -> NDArray[np.uint8]:
+def painted(states: Indices, times: Array, lane: int) -> NDArray[np.uint8]:
     """Class image (n_mesh * lane, COLUMNS) of states (n_mesh, n); a line parts the lanes."""
     pick = np.searchsorted(times, np.linspace(times[0], times[-1], COLUMNS))
     image = np.repeat(states[:, pick].astype(np.uint8), lane, axis=0)

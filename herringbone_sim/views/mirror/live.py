@@ -35,7 +35,7 @@ class LiveMirror:
         try:
             from herringbone_sim.views.mirror.sink import open_sink
 
-            self._sink = open_sink(target.mode, target.address, target.path, target.memory_limit)
+            self._sink = open_sink(target)
         except (HerringboneError, ModuleNotFoundError) as error:
             self._fail(error)
 

@@ -9,9 +9,16 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from herringbone_sim.core.layout import Layout
-from herringbone_sim.views.mirror.blueprint import KIND_WORDS, plane_view, side_by_side, stack
+from herringbone_sim.views.mirror.blueprint import (
+    KIND_WORDS,
+    arranged,
+    plane_view,
+    side_by_side,
+    stack,
+    time_course,
+)
 from herringbone_sim.views.mirror.gear import HEIGHT, WIDTH, send_gear
-from herringbone_sim.views.mirror.palette import BACKGROUND, WORDS, mesh_colours
+from herringbone_sim.views.mirror.palette import WORDS, mesh_colours
 
 WORDS_OF = {**KIND_WORDS, "bodies": "all bodies"}
 
@@ -50,20 +57,8 @@ def _blueprint(gear: bool, kinds: tuple[str, ...]) -> Any:
     text = rrb.TextDocumentView(origin="/text", name="Rig and simulator")
     left = stack([drawing, side_by_side(*floors)], [3.0, 2.0])
     right = stack([text, side_by_side(*force) if gear else None], [3.0, 2.0])
-    columns = [column for column in (left, right) if column is not None]
-    return rrb.Blueprint(
-        rrb.Horizontal(*columns),
-        rrb.TimePanel(state="collapsed", timeline="wall_time", play_state="following"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return arranged(side_by_side(left, right), "wall_time", "following")
 
 
 def _course(path: str, title: str, kind: str) -> Any:
-    return rrb.TimeSeriesView(
-        origin=f"/{path}/{kind}",
-        name=f"{title}, {WORDS_OF[kind]}",
-        background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
-    )
+    return time_course(f"/{path}/{kind}", f"{title}, {WORDS_OF[kind]}")

@@ -114,7 +114,7 @@ class RerunMirror:
         try:
             from herringbone_sim.views.mirror.sink import open_sink
 
-            sink = open_sink(self.mode, self.address, self._target.path, self._target.memory_limit)
+            sink = open_sink(self._target)
             opened = True
             self._mirror(sink)
         except Exception as error:

@@ -9,7 +9,8 @@ from math import ceil, floor, inf, log2, log10
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array, Indices
+
 Range = tuple[float, float]
 
 
@@ -103,7 +104,7 @@ class Bifurcation:
     def __len__(self) -> int:
         return sum(len(kept) for ways in self._bins.values() for kept in ways.values())
 
-    def add(self, x: Array, y: Array, state: NDArray[np.int64], rising: bool = True) -> set[int]:
+    def add(self, x: Array, y: Array, state: Indices, rising: bool = True) -> set[int]:
         """Take points (m,) with their contact states (m,); which pages have changed."""
         good = np.isfinite(x) & np.isfinite(y)
         points = list(zip(x[good].tolist(), y[good].tolist(), state[good].tolist(), strict=True))

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import UNITS, Layout
-from herringbone_sim.views.mirror.block import STATES, Array, MirrorBlock, Scale, contact_states
+from herringbone_sim.views.mirror.block import STATES, MirrorBlock, Scale, contact_states
 from herringbone_sim.views.mirror.blueprint import Plane
 from herringbone_sim.views.mirror.frame import Frame, send_frame
 from herringbone_sim.views.mirror.palette import (

@@ -14,11 +14,12 @@ from herringbone_sim.analysis.motion import Motion, motion_of
 from herringbone_sim.analysis.noise import white_noise_rms
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.analysis.sections import stroboscopic_section
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import half_backlashes
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.core.scaling import scales
-from herringbone_sim.core.timeseries import Array, TimeSeries
+from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values
 from herringbone_sim.recording.reader import Recording
@@ -74,8 +75,8 @@ def prepare(recording: Recording, nominal: bool = False) -> Replay:
     try:
         motion = motion_of(samples)
         sections = section_rows(samples, motion, names)
-        rms = white_noise_rms(motion.x)
-        noise = {f"x_{m}": float(s) for m, s in zip(motion.meshes, rms, strict=True)}
+        sizes = white_noise_rms(motion.x)
+        noise = {f"x_{m}": float(s) for m, s in zip(motion.meshes, sizes, strict=True)}
     except AnalysisError as error:
         notes += [f"no section points: {error}"]
     return Replay(names, rows, sections, noise, layout_of(names), gear, tuple(notes))
@@ -261,7 +262,7 @@ def regime_at(recording: Recording, replay: Replay, behind: int) -> str:
     x = window[:, columns]
     size = np.std(replay.rows[:, columns], axis=0).clip(min=1e-12)
     noise = np.array([replay.noise[replay.names[i]] for i in columns]) / size
-    return find_period(x / size, float(np.sqrt(np.mean(noise**2)))).label
+    return find_period(x / size, rms(noise)).label
 
 
 def constant_since(recording: Recording, replay: Replay, window: Array) -> int:

@@ -19,6 +19,7 @@ from urllib.parse import urlsplit
 import rerun as rr
 
 from herringbone_sim.errors import HerringboneError, ParameterError, RecordingError
+from herringbone_sim.views.mirror.target import MirrorTarget
 
 APPLICATION = "herringbone_sim"
 HOST, PORT = "127.0.0.1", 9876
@@ -91,8 +92,8 @@ class Sink:
                 self.errors.close()
 
 
-def open_sink(mode: str, address: str, path: Path | None, memory_limit: str) -> Sink:
-    """Open the sink of a mirror mode.
+def open_sink(target: MirrorTarget) -> Sink:
+    """Open the sink of a target that is not ``off``.
 
     Raises:
         ParameterError: an address that names no port.
@@ -100,13 +101,13 @@ def open_sink(mode: str, address: str, path: Path | None, memory_limit: str) -> 
         RecordingError: the file can't be written.
     """
     recording = rr.RecordingStream(APPLICATION)
-    if mode == "save" and path is not None:
-        return save_to(recording, path)
-    host, port = parse_address(address)
-    if mode == "serve":
-        return serve_at(recording, host, port, memory_limit)
-    if mode == "spawn" and not answers(host, port):
-        return spawn_viewer(recording, port, memory_limit)
+    if target.mode == "save" and target.path is not None:
+        return save_to(recording, target.path)
+    host, port = parse_address(target.address)
+    if target.mode == "serve":
+        return serve_at(recording, host, port, target.memory_limit)
+    if target.mode == "spawn" and not answers(host, port):
+        return spawn_viewer(recording, port, target.memory_limit)
     return connect_to(recording, host, port)
 
 

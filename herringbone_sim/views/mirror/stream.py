@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.layout import KINDS
-from herringbone_sim.views.mirror.block import Array, Drawing, MirrorBlock
+from herringbone_sim.views.mirror.block import Drawing, MirrorBlock
 from herringbone_sim.views.mirror.blueprint import AvailableViews, Plane, blueprint
 from herringbone_sim.views.mirror.lanes import Lanes
 from herringbone_sim.views.mirror.palette import BORDER, mesh_colours
@@ -36,7 +36,7 @@ class Burst:
 
     rows: Array
     times: Array
-    wall_ns: NDArray[np.int64]
+    wall_ns: Indices
     gap: bool
 
     def indexes(self, pick: Any = slice(None)) -> list[Any]:

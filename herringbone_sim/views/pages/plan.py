@@ -20,6 +20,7 @@ from herringbone_sim.gap.planning.summary import (
     sensors_text,
     size_reduction,
 )
+from herringbone_sim.recording.campaign import POINT
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, DPI, GREEN, GREY, INK, ORANGE, STYLE
 from herringbone_sim.views.pages.html import Picture, html_page, number, picture_html, table
@@ -129,7 +130,7 @@ def point_rows(plan: Plan, points: Sequence[Mapping[str, float]]) -> list[list[s
     return [
         [
             f"run {r + 1}",
-            *(number(points[r][n], 4) for n in ("delta_T", "K", "T_1", "Omega")),
+            *(number(points[r][n], 4) for n in POINT),
             f"{share:.0%}",
         ]
         for r, share in ranked_runs(plan)

@@ -13,6 +13,7 @@ from herringbone_sim.dynamics.cascade import Followed
 from herringbone_sim.dynamics.turning import section
 from herringbone_sim.views.figures.orbits import stability_of
 from herringbone_sim.views.tables.csv_file import write_csv
+from herringbone_sim.views.tables.text import aligned
 
 NONE = complex("nan")
 ORBIT_COLUMNS = [
@@ -59,7 +60,7 @@ def summary(branches: Sequence[Followed], name: str) -> str:
         )
     table = [[name, "kind", "branch", "period", "along the branch", "detail"]]
     table += [_row(number, b) for number, b in _ordered(branches)]
-    return f"{_aligned(rows)}\n\n{_aligned(table)}"
+    return "\n".join([*aligned(rows), "", *aligned(table)])
 
 
 def _ordered(branches: Sequence[Followed]) -> list[tuple[int, Boundary]]:
@@ -80,12 +81,6 @@ def _words(unstable: tuple[int, int]) -> str:
     within, transverse = unstable
     parts = [f"{within} within"] * bool(within) + [f"{transverse} transverse"] * bool(transverse)
     return "+".join(parts) or "stable"
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> str:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = ("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in rows)
-    return "\n".join(line.rstrip() for line in lines)
 
 
 def write_orbits(folder: Path, branches: Sequence[Followed], p: Parameters) -> None:
