@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import stepper
 from herringbone_sim.core.lanes.packed import (
     chosen_own,
@@ -34,7 +35,6 @@ from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.sensitivity import Direction, Directions, near_of
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 BATCHES = 10

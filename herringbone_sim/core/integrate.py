@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.run import Kernel, Moving
@@ -22,7 +23,6 @@ from herringbone_sim.core.sensitivity import Direction, Directions, need_series
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError, ParameterError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
 
 
 def backlash(x: Array | float, b: Array | float) -> Array:

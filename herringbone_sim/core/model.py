@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core import mesh
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.packed import Packed
@@ -22,8 +22,6 @@ from herringbone_sim.core.parameters import Parameters, spread
 from herringbone_sim.core.right_hand_side import accelerate
 from herringbone_sim.core.scaling import Scales, scales
 from herringbone_sim.errors import ParameterError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.columns import Near
 from herringbone_sim.core.lanes.packed import (
     DONE,
     MOVE,
     SHARE,
     SWITCHES,
-    Array,
     Work,
     constants,
     make_work,

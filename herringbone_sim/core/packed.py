@@ -15,10 +15,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.cache import compiled_from, forget_stale
 from herringbone_sim.core.numba_private import COMPILED, LINKED
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 TWO_PI = 2.0 * np.pi

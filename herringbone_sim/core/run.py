@@ -12,6 +12,7 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.any_moves import move_any
 from herringbone_sim.core.lanes.run import move_plain
 from herringbone_sim.core.model import Model
@@ -19,8 +20,6 @@ from herringbone_sim.core.orbit import Orbit, grid_step, orbit_of
 from herringbone_sim.core.packed import LIMIT, TWO_PI, compiled, embedded, inlined, make_work
 from herringbone_sim.core.right_hand_side import hide_displacement, mesh_forces, rk4_step
 from herringbone_sim.core.sensitivity import Directions
-
-Array = NDArray[np.float64]
 
 
 @compiled

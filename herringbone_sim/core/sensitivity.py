@@ -20,16 +20,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.columns import Near
 from herringbone_sim.core.lanes.packed import AnyWork, Shape, Work, constants
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import Packed
 from herringbone_sim.errors import ParameterError
-
-Array = NDArray[np.float64]
 
 # Constants of the excitation, with errors and loads.
 EXCITATION = (

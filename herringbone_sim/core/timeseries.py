@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.errors import AnalysisError, listed, shown
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import (
@@ -23,8 +24,6 @@ from herringbone_sim.diagnosis.search import (
     amplitudes,
 )
 from herringbone_sim.diagnosis.threads import parallel_map
-
-Array = NDArray[np.float64]
 
 # Limits of the search, chosen for run time:
 MAX_SCREENED_PER_EFFECT = 6  # places of an effect scored linearly by leave-one-run-out

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import (
     Block,
@@ -31,7 +31,6 @@ from herringbone_sim.diagnosis.products import (
 from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out, within
 from herringbone_sim.diagnosis.threads import parallel_map
 
-Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]
 # Chosen, not fitted: bound of a departure from the catalogue's curve, in its prior standard
 # deviations.

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.effect import Active, Option
 from herringbone_sim.errors import ParameterError, listed
 
-Array = NDArray[np.float64]
 CHANNELS = Option("channels", "channels concerned: names, or x, v, F of the locus", ("F",))
 PREFIXES = ("x", "v", "F")
 

@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.instant import FREE, clamp_to_contact
 from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.run import LENGTH, slope_of
-
-Array = NDArray[np.float64]
 
 A = np.zeros((7, 6))
 A[1, :1] = 1 / 5

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS, SIDES, Layout
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
@@ -16,7 +16,6 @@ from herringbone_sim.effects.law import no_drive, no_excite, no_react
 from herringbone_sim.effects.slots import Slots
 from herringbone_sim.errors import ParameterError, listed, shown
 
-Array = NDArray[np.float64]
 Options = Mapping[str, Any]
 LEVELS = ("mesh", "body", "sensor")
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.effect import Active
@@ -19,7 +19,6 @@ from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scr
 from herringbone_sim.effects.instant import recorded
 from herringbone_sim.errors import AnalysisError
 
-Array = NDArray[np.float64]
 SUBSTEPS = 8
 
 

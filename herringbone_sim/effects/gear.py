@@ -12,13 +12,13 @@ import numpy as np
 from numba import float64, types, void
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import NumbaExperimentalFeatureWarning, wrapper_address
 from herringbone_sim.effects.effect import Active, Effect
 from herringbone_sim.effects.instant import FREE
 from herringbone_sim.effects.law import no_excite, no_react
 
-Array = NDArray[np.float64]
 _ROW, _ROWS = float64[::1], float64[:, ::1]
 _HEAD = (_ROW, _ROWS, _ROWS, _ROW, _ROW)
 EXCITE = void(*_HEAD, _ROWS)

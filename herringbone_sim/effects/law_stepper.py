@@ -13,6 +13,7 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import Stepper, carrier_row
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import entry_point
@@ -21,7 +22,6 @@ from herringbone_sim.effects.dormand_prince import Gear, trial
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.rows import cross, run
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _COMPILING = threading.Lock()  # warning filters are global to the process
 

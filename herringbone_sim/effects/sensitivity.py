@@ -16,7 +16,6 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, lengths, meaning, names
@@ -25,8 +24,6 @@ from herringbone_sim.effects.assemble import acting, build_with
 from herringbone_sim.effects.effect import Active, Parameter
 from herringbone_sim.effects.written import parameter_values, parse_effect
 from herringbone_sim.errors import ParameterError, shown
-
-Array = NDArray[np.float64]
 
 # About the cube root of the rounding error, where truncation and rounding of a difference balance.
 STEP = 1e-5  # relative to the size of a parameter

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import Block, State, Stepper
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model
@@ -22,7 +22,6 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import laws
 from herringbone_sim.errors import ParameterError
 
-Array = NDArray[np.float64]
 BESIDE = 4  # samples on each side that the interpolation needs
 HISTORY = 256  # samples kept for a sensor that looks back from its first one
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS, Layout
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Option, Options
 from herringbone_sim.errors import ParameterError
 
-Array = NDArray[np.float64]
 ANYWHERE = (
     *(("all", "all", "all"), ("*", "all", "all"), ("all", "*", "all"), ("all", "all", "*")),
     *(("*", "*", "all"), ("*", "all", "*"), ("all", "*", "*"), ("*", "*", "*")),

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.core.packed import Packed
-
-Array = NDArray[np.float64]
 
 
 class Slots:

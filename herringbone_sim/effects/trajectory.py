@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.sensitivity import Direction, in_units_of, need_series
 from herringbone_sim.effects.sensitivity import directions
 
-Array = NDArray[np.float64]
 NUDGE = 1e-6  # half of the difference of states (b_c, b_c omega_n) for derivatives of samples
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.evidence import Evidence, evidence_of
 from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
@@ -43,7 +42,6 @@ from herringbone_sim.gap.verdict.undecidable import nominal_mismatched, undecida
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 GAUGE_TOLERANCE = 0.05  # of the gain of a strain gauge if campaign.yaml gives none, data sheet
 STRIDE = 2  # samples between values of the force law in the search

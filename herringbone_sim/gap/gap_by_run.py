@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.verification.verify import Gap, RunGap
-
-Array = NDArray[np.float64]
 
 
 def metric_of(

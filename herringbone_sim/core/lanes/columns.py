@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.any_series import expand_any_motion, expand_any_tangent
 from herringbone_sim.core.lanes.extended import jump_rows, shift_row
 from herringbone_sim.core.lanes.packed import (
@@ -26,7 +27,6 @@ from herringbone_sim.core.lanes.packed import (
     MOVE,
     NEXT,
     SWITCHES,
-    Array,
     Work,
 )
 from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state

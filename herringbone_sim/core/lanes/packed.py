@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # Rows of the constants (rows, n_mesh, LANES); by mesh, side or coordinate as in ``Packed``.

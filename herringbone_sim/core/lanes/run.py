@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.any_moves import move_any
 from herringbone_sim.core.lanes.columns import (
     jump_columns,
@@ -43,7 +44,6 @@ from herringbone_sim.core.lanes.packed import (
     STEP,
     SWITCHES,
     WIDTH,
-    Array,
     Indices,
 )
 from herringbone_sim.core.lanes.rows import load_row, window_row

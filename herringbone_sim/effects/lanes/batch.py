@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.lanes.gear import lane_gear
 from herringbone_sim.effects.lanes.machine import Queue, run_queue
 from herringbone_sim.effects.law_stepper import LawStepper
-
-Array = NDArray[np.float64]
 
 
 class LaneStepper(LawStepper):

@@ -12,13 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.dormand_prince import Gear
 from herringbone_sim.effects.gear import LANE_DRIVE, LANE_EXCITE, LANE_REACT, pointers
 from herringbone_sim.effects.lanes.places import ROWS
-
-Array = NDArray[np.float64]
 
 # Rows of ``LaneGear.one``, as fields of ``core.packed.Packed`` and of ``dormand_prince.Gear``.
 INV_SUN, LOAD_Q, CONTROL_Q, CONTROL_R = 0, 2, 4, 6

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.vector import LANES, choose, give, load, store, take
 from herringbone_sim.core.packed import LIMIT, TWO_PI, called, inlined
 from herringbone_sim.core.right_hand_side import angle_of
@@ -42,8 +43,6 @@ from herringbone_sim.effects.lanes.places import (
 from herringbone_sim.effects.lanes.step import attempt, carry
 from herringbone_sim.effects.law import law
 from herringbone_sim.effects.located import FIRST, INSIDE, RESIDUE, to_edge
-
-Array = NDArray[np.float64]
 
 
 class Queue(NamedTuple):

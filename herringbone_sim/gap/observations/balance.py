@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
@@ -25,8 +26,6 @@ from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, encoder_nuis
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, load_accelerations, window_of
-
-Array = NDArray[np.float64]
 
 NAME = "torque_balance"
 # Error of ``quadrature_n`` counted as noise, as a share of its variance (20 % of its RMS); chosen.

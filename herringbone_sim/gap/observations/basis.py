@@ -9,11 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 
-Array = NDArray[np.float64]
 Values = Callable[[MeshMotion, Law], Array]
 # Mesh orders of stiffness and profile waves, chosen: form of a tooth flank.
 ORDERS = tuple(range(1, 9))

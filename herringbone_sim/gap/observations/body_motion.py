@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
-
-Array = NDArray[np.float64]
 
 
 def body_loads(model: Model, phase: Array) -> Array:

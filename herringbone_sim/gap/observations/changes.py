@@ -6,13 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.law import Displacements, Law, LawChange, MeshMotion, law
-
-Array = NDArray[np.float64]
 
 # Order in which slots are filled: later ones depend on the law that earlier ones leave.
 STAGES: tuple[Callable[[Function], bool], ...] = (

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.products import Coefficient, Placement
 from herringbone_sim.gap.observations import balance, force_law, trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.residuals.balance import inertia_parts
 
-Array = NDArray[np.float64]
 DEPARTURE_SHARE = 0.25  # prior departure of a curve, as a share of the effect; chosen
 Weights = dict[str | tuple[str, str], float | Array]
 

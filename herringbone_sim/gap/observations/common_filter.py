@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.law import MeshMotion, law
 from herringbone_sim.gap.sensors.filter_delay import CORNER
-
-Array = NDArray[np.float64]
 
 # t_1 and t_2 times powers of the corner frequency: first order, and Butterworth of second order.
 # Others of second order, damping ratio d, are nearly combinations: 2 (2 d^2 - 1) of the first.

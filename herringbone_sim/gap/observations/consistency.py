@@ -7,8 +7,8 @@ relations, and of increments against integrated rates, are noise unless a sensor
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -21,8 +21,6 @@ from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.sensors.consistency import Relation, error_signals, relations
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.groups import sensor_names
-
-Array = NDArray[np.float64]
 
 NAME = "consistency"
 ERROR_KINDS = ("gain", "bias", "delay", "clock")

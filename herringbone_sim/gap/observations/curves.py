@@ -10,8 +10,8 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.products import Coefficient
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Effect, Locus
@@ -30,8 +30,6 @@ from herringbone_sim.gap.observations.sensor_errors import (
     motion_sensor_errors,
     window_sensor_errors,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
@@ -29,8 +29,6 @@ from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
-
-Array = NDArray[np.float64]
 
 BINS_PER_CYCLE = 6  # of the average; runs have ten samples a mesh cycle or more
 CONTACT_CYCLES = 1.5  # mesh cycles of contact of a tooth pair (contact ratio), by data sheet

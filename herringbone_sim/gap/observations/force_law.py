@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
@@ -27,8 +27,6 @@ from herringbone_sim.gap.observations.basis import (
 )
 from herringbone_sim.gap.observations.common_filter import FILTERS
 from herringbone_sim.gap.observations.law import Law, MeshMotion
-
-Array = NDArray[np.float64]
 
 NAME = "force_law"
 SLOW_HZ = 150.0  # [Hz] hum and drift lie below: third harmonic of the mains

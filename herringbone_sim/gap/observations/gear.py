@@ -14,6 +14,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
@@ -34,7 +35,6 @@ from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.swaps import find_swap
 
-Array = NDArray[np.float64]
 Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
 # Width of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3.
 WINDOW_CYCLES = 0.12

@@ -16,12 +16,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import Waves, waves
 from herringbone_sim.gap.residuals.fusion import Fused
 
-Array = NDArray[np.float64]
 Displacements = Mapping[str, tuple[Array, Array]]  # [m] and rate [m/s], (n, n_mesh), by function
 
 

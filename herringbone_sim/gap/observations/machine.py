@@ -6,8 +6,8 @@ import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Hypothesis, Score
@@ -29,8 +29,6 @@ from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.tolerances import tolerances
-
-Array = NDArray[np.float64]
 
 
 class GearMachine:

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.products import Block, Coefficient
 from herringbone_sim.diagnosis.search import amplitudes, functions_used
@@ -42,8 +42,6 @@ from herringbone_sim.gap.observations.shooting import (
 from herringbone_sim.gap.observations.trajectory import STATE_PRECISION, Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels
 from herringbone_sim.gap.observations.window_columns import encoder_columns, window_columns
-
-Array = NDArray[np.float64]
 
 HALF_90 = float(norm.ppf(0.95))  # half-width of a 90 % interval, in standard deviations
 # Prior of the start of the first window over the RMS of the motion, as in the filter of

@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import PREFIX_UNITS
 from herringbone_sim.gap.data.noise import resolution
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.law import law
 from herringbone_sim.gap.observations.runs import GearRun
-
-Array = NDArray[np.float64]
 
 MAINS_HZ = (50.0, 100.0, 150.0)
 SLOW_HZ = 150.0  # drift and hum lie below: third harmonic of the mains

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.observations.law import MeshMotion, law
-
-Array = NDArray[np.float64]
 
 # Time constants of low-passed inputs [mesh cycles], for causes with memory; chosen.
 MEMORIES = (0.3, 3.0)

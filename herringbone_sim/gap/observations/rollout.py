@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
+
 STATES = 18  # nine rotations [m] and their rates [m/s]
 BODIES = STATES // 2
 BODIES_PER_MESH = 3  # bodies that a mesh depends on: two gears and the carrier

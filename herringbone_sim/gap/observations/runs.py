@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.common_filter import with_filter_responses
 from herringbone_sim.gap.observations.law import MeshMotion, mesh_motion
 from herringbone_sim.gap.residuals.balance import FINE, hermite_interpolation
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.products import Block, CampaignProducts, products
 from herringbone_sim.diagnosis.regression import solve
 from herringbone_sim.diagnosis.search import Score, functions_used
@@ -20,8 +21,6 @@ from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, select_meshes
 from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
-
-Array = NDArray[np.float64]
 
 # Grids of stiffness and clearance, chosen; fits reach 1.5 decades beyond (``seats``).
 RING_N_PER_M = np.geomspace(3e8, 3e11, 13)

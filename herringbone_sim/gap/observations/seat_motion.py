@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
 
 MAX_STEP_RAD = 1.25  # phase of the fastest oscillation per step; stability limit 2.8; chosen
 MAX_SUBSTEPS = 40  # steps per sample, limit of run time

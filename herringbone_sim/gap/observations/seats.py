@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
@@ -28,8 +29,6 @@ from herringbone_sim.gap.observations.law import (
     select_meshes,
 )
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motion
-
-Array = NDArray[np.float64]
 
 # Range of a parameter's logarithm about the grid, 1.5 decades; chosen.
 MAX_LOG_OFFSET = np.log(30.0)

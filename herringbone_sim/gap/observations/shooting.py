@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.body_motion import (
@@ -28,8 +29,6 @@ from herringbone_sim.gap.observations.window_channels import (
     window_channels,
 )
 from herringbone_sim.gap.observations.window_states import BlockTridiagonal, WindowJacobian
-
-Array = NDArray[np.float64]
 
 # Chosen; times in units of 1 / omega_n:
 STEP_RAD = 0.08  # longest integration step

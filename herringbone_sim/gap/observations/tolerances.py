@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.products import Coefficient
 from herringbone_sim.effects.site import is_ring
@@ -12,7 +11,6 @@ from herringbone_sim.gap.observations.coefficients import CoefficientBuilder, We
 from herringbone_sim.gap.observations.common_filter import MAX_FILTER_COEFFICIENTS
 from herringbone_sim.gap.residuals.balance import inertia_parts
 
-Array = NDArray[np.float64]
 GAUGE_GAIN_TOLERANCE = 0.05  # gain of a strain gauge, by data sheet
 
 

@@ -15,8 +15,8 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
@@ -59,8 +59,6 @@ from herringbone_sim.gap.observations.window_starts import (
 )
 from herringbone_sim.gap.observations.window_states import StateElimination
 from herringbone_sim.gap.residuals.balance import hermite_interpolation
-
-Array = NDArray[np.float64]
 
 NAME = "trajectory"
 # Levenberg-Marquardt rounds under a change for the first time, and later, from the last states;

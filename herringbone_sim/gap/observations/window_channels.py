@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.gap.observations import balance
@@ -21,8 +21,6 @@ from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import JUMP_SD, Windows, WindowSolution
 from herringbone_sim.gap.observations.window_sensors import error_columns
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
@@ -29,8 +29,6 @@ from herringbone_sim.gap.observations.events import (
 from herringbone_sim.gap.observations.gear import Amplitudes, Gear
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_columns import responses
-
-Array = NDArray[np.float64]
 
 MIDDLES_PER_CYCLE = 4  # trial positions of a contact per mesh cycle, a sixth of its length apart
 MEMBERS = ("sun", "planet", "ring")

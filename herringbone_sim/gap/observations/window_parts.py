@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import Score
@@ -20,8 +19,6 @@ from herringbone_sim.gap.observations.law import law
 from herringbone_sim.gap.observations.seat_grid import PartTrial, RowChange, TrialRun, best_seats
 from herringbone_sim.gap.observations.seats import Seat, pin_meshes
 from herringbone_sim.gap.observations.window_columns import responses
-
-Array = NDArray[np.float64]
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:

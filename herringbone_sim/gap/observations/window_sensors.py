@@ -6,13 +6,11 @@ from collections.abc import Container, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.channels import between
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import Windows, WindowSolution
-
-Array = NDArray[np.float64]
 
 TINY = 1e-300  # avoids division by zero where there is no reading
 SWAP_PREFIX = "swap of "  # prefix of ``A and B``; present or absent, its column is zero

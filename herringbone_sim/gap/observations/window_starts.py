@@ -9,8 +9,8 @@ B. M. Bell and F. W. Cathey, IEEE Trans. Autom. Control 38, 294 (1993).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
 from herringbone_sim.gap.observations.shooting import (
     JUMP_SD,
@@ -20,8 +20,6 @@ from herringbone_sim.gap.observations.shooting import (
     propagators,
     symmetric_starts,
 )
-
-Array = NDArray[np.float64]
 
 OUT_OF_STEP = (0.1, 0.3, 0.6)  # initial differences between planets over the motion's RMS, chosen
 N_FITTED = 2  # initial states fitted to convergence

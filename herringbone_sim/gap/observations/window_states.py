@@ -7,9 +7,8 @@ the number of windows (block Cholesky: Golub and Van Loan, Matrix Computations, 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from herringbone_sim.arrays import Array
 
 
 class BlockTridiagonal:

@@ -11,15 +11,13 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.search import Hypothesis, Score, amplitudes
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.trajectory import MAX_FIT_CHI2
-
-Array = NDArray[np.float64]
 
 # Sizes over the moderate one, in the direction of the linear fit; chosen.
 SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)

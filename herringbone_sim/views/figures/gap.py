@@ -10,8 +10,8 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS, SIDES
-from herringbone_sim.core.timeseries import Array
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap_forces import forces_caption, forces_figure

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from herringbone_sim.core.timeseries import Array
+from herringbone_sim.arrays import Array
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
