@@ -137,8 +137,9 @@ def examine(
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
                 better = _refit_first_alone(search, first, pairs[0])
                 if better.energy < first.energy:
-                    singles = (better, *(f for f in singles if f is not first))
-                    singles = tuple(sorted(singles, key=lambda f: f.energy))
+                    others = (f for f in singles if f is not first)
+                    first = better
+                    singles = tuple(sorted((first, *others), key=lambda f: f.energy))
                     flexible["single"] = _predictable_remainder(search, singles[0], left)
             second = _refit_second_alone(search, singles, pairs)
             if second is not None and second.energy < singles[0].energy:

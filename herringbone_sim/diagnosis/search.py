@@ -419,13 +419,21 @@ class Search:
         mean, campaign = best
         found = compute_score(campaign, coefficients, mean)
         # The last step was not tried: stay at the solution.
-        means = mean + (found.leave_one_out_means - found.mean)
-        left = float(campaign.energy.sum())
-        found = replace(found, mean=mean, leave_one_out_means=means, in_sample=left)
-        if not all(c.scales_with_effect for c in every):
-            # Columns change with the amplitudes: evaluate exactly.
-            exact = self.about(coefficients, means.T, functions_used(self.base)).energy
-            found = replace(found, energy=exact)
+        off = found.leave_one_out_means - found.mean
+        if all(c.scales_with_effect for c in every):
+            A, b = campaign.normal_equations(coefficients)
+            gained = 2.0 * np.einsum("rp,rp->r", b, off) - np.einsum("rp,rpq,rq->r", off, A, off)
+            energy = campaign.energy - gained
+        else:  # columns change with the amplitudes: evaluate exactly
+            used = functions_used(self.base)
+            energy = self.about(coefficients, (mean + off).T, used).energy
+        found = replace(
+            found,
+            mean=mean,
+            leave_one_out_means=mean + off,
+            energy=energy,
+            in_sample=float(campaign.energy.sum()),
+        )
         energy_by_row, count = _energy_by_row(campaign)
         return replace(found, coefficients=every, energy_by_row=energy_by_row, count=count)
 
@@ -441,7 +449,7 @@ class Search:
         return self.null.in_sample - target.in_sample < MIN_GAIN_PER_VALUE * self.null.count
 
     def settled(self, found: Score) -> Score:
-        """Score with one more step if it helps, all observations computed exactly."""
+        """Score with one more step if it helps, all observations computed exactly at the fit."""
         fine = copy.copy(self)
         fine.machine = self.machine.without_linearisation()
         coefficients = found.coefficients[len(self.base) :]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ B = TypeVar("B")
 # Longest time [s] that a thread back from a compiled call waits for the interpreter: a tenth of
 # such a call (Python's own is five of them).
 SWITCH_INTERVAL_S = 1e-4
+_lock = threading.Lock()
+_before: list[float] = []  # interval to restore, once for each map that runs
 
 
 def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
@@ -25,9 +28,13 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
 @contextmanager
 def _short_turns() -> Iterator[None]:
     """Let threads take turns every ``SWITCH_INTERVAL_S``."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    with _lock:
+        _before.append(_before[0] if _before else sys.getswitchinterval())
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
         yield
     finally:
-        sys.setswitchinterval(before)
+        with _lock:
+            before = _before.pop()
+            if not _before:
+                sys.setswitchinterval(before)

@@ -122,13 +122,15 @@ def diagnose(
     say("held-out runs")
     model = augmented(examined.none if chosen is None else chosen, verdict.chosen)
     noise = examined.noise.get(verdict.metric, 1.0)
-    gap = gap_of(machine, campaign.runs, verdict.metric, examined.none, chosen, other, noise)
+    whole = machine.for_runs(campaign.runs)
+    gap = gap_of(whole, campaign.runs, verdict.metric, examined.none, chosen, other, noise)
     calibrated = _calibrated(machine, examined)
     forces = None
-    if senses:
+    if senses and machine.gear.uses_windows:
         explanation = examined.none if chosen is None or verdict.verdict == "unknown" else chosen
         of_windows = examined.noise.get(trajectory.NAME, 1.0)
-        forces = forces_of_run(machine, campaign.runs, explanation, of_windows)
+        channels = machine.gear.followed_channels.names
+        forces = forces_of_run(whole, campaign.runs, explanation, of_windows, channels)
     result = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings, forces)
     in_senses = None
     if senses and verdict.metric != trajectory.NAME:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -51,23 +51,22 @@ def gap_of(
     """The gap of runs in one observation.
 
     Args:
-        machine: gear and fit runs as the engine has them.
-        runs: runs of the campaign, at every sample.
+        machine: of all runs of the campaign, at every sample.
+        runs: these runs.
         metric: name of the observation.
         none: fit of the calibrated gear.
         best: fit of the verdict's explanation.
         other: fit of the runner-up.
         noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
     """
-    whole = machine.for_runs(runs)
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
     row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
-    rms = {
-        name: _residual_rms(whole, metric, fit, row_noise)
+    found = {
+        name: _residual_rms(machine, metric, fit, row_noise)
         for name, fit in after.items()
         if fit is not None
     }
-    before = _residual_rms(whole, metric, None, row_noise)
+    before = _residual_rms(machine, metric, None, row_noise)
     nan = [(float("nan"),) * 2] * len(runs)
     return Gap(
         metric,
@@ -76,9 +75,9 @@ def gap_of(
             for run, n, a, r, c in zip(
                 runs,
                 before,
-                rms["augmented"],
-                rms.get("runner_up", nan),
-                rms["recalibrated"],
+                found["augmented"],
+                found.get("runner_up", nan),
+                found["recalibrated"],
                 strict=True,
             )
         ),
@@ -108,9 +107,5 @@ def _residual_rms(
             continue
         b = block[metric]
         known = np.any(b.residual != 0.0, axis=0)
-        result.append((_rms(b.residual[:, known]), _rms((b.sigma * noise)[:, known])))
+        result.append((rms(b.residual[:, known]), rms((b.sigma * noise)[:, known])))
     return result
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

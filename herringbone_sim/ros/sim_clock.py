@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+import threading
 import time
 from collections.abc import Callable
 
@@ -17,6 +19,7 @@ from herringbone_sim.ros.qos import STREAM, open_publisher
 PERIOD_S = 0.01
 DISCOVERY_S = 0.5  # wait for the discovery of other publishers
 LATE_S = 10.0  # of the start, in which this one still gives way to a publisher discovered late
+PATIENCE_S = 2.0  # longest wait for the other to give way; drawn, so that not both do
 
 
 class SimClock:
@@ -39,19 +42,33 @@ class SimClock:
             return
         self._publisher = open_publisher(node, ClockMessage, "/clock", STREAM)
         self._settled = time.monotonic() + LATE_S
+        self._give_way_at: float | None = None
+        self._lock = threading.Lock()
         self._timer = node.create_timer(PERIOD_S, self.tick, group, clock=steady)
 
     def tick(self) -> None:
         """Publish the present simulation time."""
         if self._publisher is None:
             return
-        if time.monotonic() < self._settled and self._node.count_publishers("/clock") > 1:
-            self._timer.cancel()
-            self._node.destroy_publisher(self._publisher)
-            self._publisher = None
-            self._give_way()
-            return
-        self._publisher.publish(clock_message(self._t_s()))
+        with self._lock:
+            if self._second_publisher_stays():
+                self._timer.cancel()
+                self._node.destroy_publisher(self._publisher)
+                self._publisher = None
+                self._give_way()
+            if self._publisher is not None:
+                self._publisher.publish(clock_message(self._t_s()))
+
+    def _second_publisher_stays(self) -> bool:
+        """Whether another publisher, discovered late, has not given way after a drawn wait."""
+        now = time.monotonic()
+        if self._publisher is None or self._node.count_publishers("/clock") < 2:
+            self._give_way_at = None
+        elif self._give_way_at is not None:
+            return now > self._give_way_at
+        elif now < self._settled:
+            self._give_way_at = now + random.uniform(0.0, PATIENCE_S)
+        return False
 
     def _give_way(self) -> None:
         """Say why this node publishes no clock."""

@@ -216,7 +216,7 @@ def test_clock_follows_the_simulation_and_has_one_publisher(bench: Bench) -> Non
 
 
 def test_a_clock_that_is_discovered_late_has_it_alone(bench: Bench) -> None:
-    """The node that starts later gives way, also where it found the other while it ran."""
+    """The node gives way to it, and says nothing more on the topic."""
     node = bench.simulator(publish_clock=True)
     bench.client.create_publisher(Clock, "/clock", 10)
 

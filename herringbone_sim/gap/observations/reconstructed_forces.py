@@ -138,17 +138,25 @@ def forces_of_run(
     machine: GearMachine,
     runs: Sequence[PreparedRun],
     fit: FittedExplanation,
-    noise: Array | float = 1.0,
+    noise: Array | float,
+    channels: Sequence[str],
 ) -> ReconstructedForces | None:
-    """Forces in the first held-out run, else in the first run; None without windows.
+    """Forces in the first held-out run with the channels of the fit runs, else in a fit run.
 
     Args:
+        machine: of any runs of the rig; windows that it has fitted are taken over.
         noise: (fit runs, 1) actual over assumed noise of the channels.
+        channels: names of those followed by the windows of the fit runs.
+
+    Returns:
+        None where no run is followed by windows of these channels.
     """
-    if not machine.gear.uses_windows or not runs:
-        return None
-    run = next((run for run in runs if run.role == "held_out"), runs[0])
-    return reconstructed_forces(machine, run, fit, float(np.sqrt(np.mean(np.square(noise)))))
+    size = float(np.sqrt(np.mean(np.square(noise))))
+    for run in sorted(runs, key=lambda run: run.role != "held_out"):
+        gear = machine.for_runs([run]).gear
+        if gear.uses_windows and gear.followed_channels.names == tuple(channels):
+            return reconstructed_forces(machine, run, fit, size)
+    return None
 
 
 class StateErrors(NamedTuple):

@@ -243,9 +243,9 @@ class PartTrial:
         look = window_of(g.run, self.gear.window_cycles)
         whole = np.arange(len(g.motion.times))
         steps = np.arange(len(more)) * self.gear.stride
-        parallel_map = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)
+        forces = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)
         reach = inertia_parts(self.gear.model).sum(0)[:, at]
-        pushed = look.average(parallel_map)[:: max(1, round(look.deviation))] @ reach.T
+        pushed = look.average(forces)[:: max(1, round(look.deviation))] @ reach.T
         weight = np.sqrt(block.independent_share) / block.sigma
         for row in np.flatnonzero(np.any(reach != 0.0, axis=1)).tolist():
             without = block.residual[:, row] * weight[:, row]

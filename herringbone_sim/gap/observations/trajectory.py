@@ -221,7 +221,7 @@ class Trajectory:
         """Fit states under a change, from those fitted last for the same ``key``.
 
         States are restarted by the filter where they may be in a wrong minimum, and from those
-        of the change with the least energy so far, once for each.
+        of the change with the least energy so far, sensor errors aside, once for each.
 
         Args:
             key: names of the functions with an amplitude.
@@ -264,7 +264,8 @@ class Trajectory:
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_energies[key] = solution.cost
         self._solutions[key], self._energies[key] = solution, solution.cost
-        if self._least is None or solution.cost < self._least.cost:
+        comparable = self.windows is self.recorded
+        if comparable and (self._least is None or solution.cost < self._least.cost):
             self._least = solution
         return solution
 
