@@ -34,6 +34,11 @@ def _slope(p, w, y, phase, cycle, dy):
     right_hand_side(p, w, y, phase, cycle, dy)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest tests first, so that none of the processes is left alone with one."""
+    items.sort(key=lambda item: "test_ways_in.py" not in item.nodeid)
+
+
 @pytest.fixture(scope="session")
 def gear():
     """Builder of models: the nominal rig with some values changed."""
