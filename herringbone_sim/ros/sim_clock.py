@@ -51,7 +51,7 @@ class SimClock:
         if self._publisher is None:
             return
         with self._lock:
-            if self._second_publisher_stays():
+            if self._publisher is not None and self._second_publisher_stays():
                 self._timer.cancel()
                 self._node.destroy_publisher(self._publisher)
                 self._publisher = None
@@ -62,7 +62,9 @@ class SimClock:
     def _second_publisher_stays(self) -> bool:
         """Whether another publisher, discovered late, has not given way after a drawn wait."""
         now = time.monotonic()
-        if self._publisher is None or self._node.count_publishers("/clock") < 2:
+        if now > self._settled + PATIENCE_S:
+            return False
+        if self._node.count_publishers("/clock") < 2:
             self._give_way_at = None
         elif self._give_way_at is not None:
             return now > self._give_way_at
