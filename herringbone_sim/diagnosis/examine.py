@@ -137,7 +137,7 @@ def examine(
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
                 better = _refit_first_alone(search, first, pairs[0])
                 if better.energy < first.energy:
-                    others = (f for f in singles if f is not first)
+                    others = [f for f in singles if f is not first]
                     first = better
                     singles = tuple(sorted((first, *others), key=lambda f: f.energy))
                     flexible["single"] = _predictable_remainder(search, singles[0], left)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from herringbone_sim.diagnosis import examine as examining
 from herringbone_sim.diagnosis.evidence import evidence_of
-from herringbone_sim.diagnosis.examine import Examination, examine
+from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.examples.damper.__main__ import load_weights, main, probabilities
 from herringbone_sim.examples.damper.effects import IMPULSE, LAW, dahl_state
@@ -219,3 +220,20 @@ def test_what_needs_no_first_effect_is_tried_alone(monkeypatch: pytest.MonkeyPat
     found = examine(Damper(simulate("play", SEED)))
     assert [f.hypotheses[0].effect for f in found.singles] == ["play", "coulomb"]
     assert found.singles[0].energy == pytest.approx(examined("play").singles[0].energy, rel=1e-3)
+
+
+def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An explanation that stood twice would be counted twice."""
+    refit = examining._refit_first_alone
+
+    def better(search: Search, first: FittedExplanation, pair: FittedExplanation):
+        again = refit(search, first, pair)
+        return replace(again, score=replace(again.score, energy=0.999 * first.score.energy))
+
+    monkeypatch.setattr(examining, "_refit_first_alone", better)
+    found = examine(Damper(simulate("maxwell", SEED)))
+    (first,) = found.singles[0].hypotheses
+    assert found.singles[0].energy < examined("maxwell").singles[0].energy
+    assert sum(f.hypotheses == (first,) for f in found.singles) == 1
