@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.numba_private import event
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
+from herringbone_sim.ros import sim_clock
 
 STATE = "/herringbone_sim/state"
 SAMPLES = "/herringbone_sim/samples"
@@ -225,6 +227,50 @@ def test_a_clock_that_is_discovered_late_has_it_alone(bench: Bench) -> None:
 
     assert node.get_name() in publishers()
     wait_until(lambda: publishers() == {bench.client.get_name()})
+
+
+class FakeNode:
+    """A node that discovers other publishers of /clock only once it has one; all are ``live``."""
+
+    live: ClassVar[list[FakeNode]] = []
+
+    def count_publishers(self, topic: str) -> int:
+        return len(self.live) if self in self.live else 0
+
+    def create_timer(self, *given: object, **named: object) -> FakeNode:
+        return self
+
+    def cancel(self) -> None:
+        pass
+
+    def destroy_publisher(self, publisher: FakeNode) -> None:
+        self.live.remove(publisher)
+
+    def publish(self, message: Clock) -> None:
+        pass
+
+    def get_logger(self) -> FakeNode:
+        return self
+
+    def error(self, text: str) -> None:
+        pass
+
+
+def test_of_two_clocks_that_start_together_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither has discovered the other when it starts; if both gave way, time would stand."""
+    monkeypatch.setattr(sim_clock, "DISCOVERY_S", 0.0)
+    monkeypatch.setattr(sim_clock, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(FakeNode, "live", [])
+    monkeypatch.setattr(
+        sim_clock, "open_publisher", lambda node, *rest: FakeNode.live.append(node) or node
+    )
+    clocks = [sim_clock.SimClock(FakeNode(), None, None, lambda: 0.0) for _ in range(2)]
+    assert len(FakeNode.live) == 2
+    for _ in range(30):
+        for clock in clocks:
+            clock.tick()
+        time.sleep(0.01)
+    assert len(FakeNode.live) == 1
 
 
 def test_blocks_leave_often_however_slow(bench: Bench) -> None:
