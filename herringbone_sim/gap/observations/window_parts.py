@@ -64,6 +64,7 @@ class WindowPartTrial(PartTrial):
         size = more.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)]
         pushed = responses(s, solution, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
-        before = block.residual[:, 0] * (np.sqrt(block.independent_share) / block.sigma[:, 0])
-        after = before - one.last_elimination.clear(pushed[:, None])[:, 0]
+        weight = np.sqrt(block.independent_share) / block.sigma[:, 0]
+        before = block.residual[:, 0] * weight
+        after = before - one.last_elimination.clear(pushed[:, None])[:, 0] * weight
         yield trajectory.NAME, 0, before, after, np.ones(len(before))
