@@ -10,9 +10,11 @@ flexible regression still predicts of them: the gap is what can be predicted bes
 machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
 (E_h - E_best + R_best) / (E_none - E_best + R_best) of it. The strain says how far a learned curve
 departs from the catalogue's beside the effect's size; the excess is the largest mean square that
-is left of an observation, above the noise's one. Shares are of values, and models miss some of
-each; what noise leaves does not go with their number, so an explanation has both: (E_h - E_best) /
-N with ``LEAST`` beside it, and E_h - E_best with ``CHANCE_CHI2``, which chance alone gives.
+is left of an observation, above the noise's one. The second effect of a pair may follow what the
+curve of the first one misses, which is little of all that the pair takes, where the data are
+fitted. Shares are of values, and models miss some of each; what noise leaves does not go with
+their number, so an explanation has both: (E_h - E_best) / N with ``LEAST`` beside it, and E_h -
+E_best with ``CHANCE_CHI2``, which chance alone gives.
 What a share of a value says changes with N, from thousands of windows to half a million.
 
 A second effect is tried for the best single ones alone, and need not be among those tried. So each
@@ -50,6 +52,7 @@ NAMES = (
     "unknown: log gap",
     "pair",
     "pair: log second share",
+    "pair: log second share in sample",
     "log strain",
     "unknown: log unevenness",
     "log squares left",
@@ -63,6 +66,7 @@ NAMES = (
 )
 FULL, FEWEST = 1e5, 5e3  # values of a campaign: with all channels, about; no fewer were practised
 LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
+LEAST_SHARE = 1e-4  # of the squares that a pair takes, by its second effect: below it is nothing
 
 
 @dataclass(frozen=True)
@@ -139,8 +143,19 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
         first = singles[0].energy
         taken = (first - c.energy) / (max(first - floor, 0.0) + LEAST * evidence.count)
         second = float(np.log(np.clip(taken, LEAST, 1.0)))
-        own = {"pair": 1.0, "pair: log second share": second, "pair: log count": log_count}
+        own = {
+            "pair": 1.0,
+            "pair: log second share": second,
+            "pair: log second share in sample": second_in_sample(c),
+            "pair: log count": log_count,
+        }
         return {**fit_numbers(c), **own}
+
+    def second_in_sample(c: Candidate) -> float:
+        either = [one.in_sample for one in singles if one.effects[0] in c.effects]
+        added = min(either, default=singles[0].in_sample) - c.in_sample
+        whole = max(none.in_sample - c.in_sample, CHANCE_CHI2)
+        return float(np.log(np.clip(added / whole, LEAST_SHARE, 1.0)))
 
     def beside_numbers(c: Candidate) -> dict[str, float]:
         alone = fit_numbers(c)

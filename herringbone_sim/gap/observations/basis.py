@@ -16,7 +16,7 @@ from herringbone_sim.gap.observations.law import Law, MeshMotion
 Values = Callable[[MeshMotion, Law], Array]
 # Mesh orders of stiffness and profile waves, chosen: form of a tooth flank.
 ORDERS = tuple(range(1, 9))
-TURNS = (1, 2, 3)  # harmonics of a revolution
+TURNS = tuple(range(1, 7))  # harmonics of a revolution, chosen: long waves of a pitch error
 # Knots over the deflection |f|, chosen: static to violent load.
 LOADS_M = np.array([1e-7, 5e-7, 2e-6, 8e-6, 3e-5, 1e-4])
 

@@ -11,6 +11,7 @@ from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance
+from herringbone_sim.gap.observations.basis import TURNS
 from herringbone_sim.gap.observations.coefficients import (
     DEPARTURE_SHARE,
     CoefficientBuilder,
@@ -50,14 +51,15 @@ def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 
 
 def ripple(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Torque ripple of every order of the input shaft, with its second and third harmonic."""
+    """Torque ripple of every order of the input shaft, with its harmonics."""
     gear = builder.gear
     push = np.zeros(len(gear.model.layout.bodies))
     push[:2] = 0.5 / gear.model.scales.r_bs
     rows = gear.T_1[:, None] * (balance.accelerations(gear.model) @ push)
     for order in balance.RIPPLES:
         terms = []
-        for times, sd in ((1, 1.0), (2, DEPARTURE_SHARE), (3, DEPARTURE_SHARE / 2)):
+        for times in TURNS:
+            sd = 1.0 if times == 1 else DEPARTURE_SHARE
             if times * order in balance.RIPPLES:
                 for trig in ("cos", "sin"):
                     of: Weights = {(balance.NAME, f"ripple {times * order} {trig}"): rows}

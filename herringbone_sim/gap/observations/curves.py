@@ -6,8 +6,9 @@ ones let the curve depart from it by ``DEPARTURE_SHARE`` of the effect's size.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -62,13 +63,26 @@ def hypotheses(builder: CoefficientBuilder, only: Collection[str] = ()) -> Itera
             for locus in effect.candidates(layout):
                 if _member_meets(options, locus):
                     mask = locus.mask(layout)
-                    made = tuple(_placed_term(builder, t, mask, unit) for t in terms)
+                    made = tuple(
+                        _placed_term(builder, t, mask, unit) for t in _distinct(terms, mask)
+                    )
                     yield Hypothesis(effect.id, options, locus, made, mains)
     yield from friction(builder)
     yield from ripple(builder)
     yield from force_sensor_errors(builder)
     yield from motion_sensor_errors(builder)
     yield from window_sensor_errors(builder)
+
+
+def _distinct(terms: Sequence[Term], mask: Array) -> Iterator[Term]:
+    """Terms that act on the meshes of a mask (n_mesh,), each otherwise than those before it."""
+    before: list[dict[Any, bytes]] = []
+    for term in terms:
+        on = {f: np.asarray(w) * mask + 0.0 for f, w in term.weights.items()}
+        acts = {f: w.tobytes() for f, w in on.items() if np.any(w)}
+        if acts and acts not in before:
+            before.append(acts)
+            yield term
 
 
 def _placed_term(builder: CoefficientBuilder, term: Term, mask: Array, unit: float) -> Coefficient:
@@ -100,8 +114,9 @@ def variants(effect: Effect, gear: Gear) -> Iterator[Variant]:
 
 
 def _mean_stiffness(gear: Gear) -> Iterator[Variant]:
-    """Change of the mean stiffness."""
-    yield (), 0.1, [Term("factor", {"kappa": 1.0}, 1.0)], 1
+    """Change of the mean stiffness; ring meshes may change differently."""
+    ring = Term("ring", {"kappa": is_ring(gear.model.layout)}, DEPARTURE_SHARE)
+    yield (), 0.1, [Term("factor", {"kappa": 1.0}, 1.0), ring], 1
 
 
 def _waves(
@@ -136,8 +151,13 @@ def _waves(
 
 
 def _phase_terms(gear: Gear) -> Iterator[Variant]:
-    """Phase advance of k(t) and e(t) [rad]."""
-    yield (), 0.1, [Term("phase", {"advance k": 1.0, "advance e": 1.0}, 1.0)], 1
+    """Phase advance of k(t) and e(t) [rad]; e(t) and ring meshes may advance differently."""
+    ring = is_ring(gear.model.layout)
+    departures = [
+        Term("advance of e", {"advance e": 1.0}, DEPARTURE_SHARE),
+        Term("ring", {"advance k": ring, "advance e": ring}, DEPARTURE_SHARE),
+    ]
+    yield (), 0.1, [Term("phase", {"advance k": 1.0, "advance e": 1.0}, 1.0), *departures], 1
 
 
 def _runout(gear: Gear) -> Iterator[Variant]:
@@ -150,66 +170,65 @@ def _runout(gear: Gear) -> Iterator[Variant]:
             terms = []
             for h in TURNS:
                 cos, sin = f"{member} {h} cos", f"{member} {h} sin"
-                sd = 1.0 if h == 1 else DEPARTURE_SHARE / h
+                sd = 1.0 if h == 1 else DEPARTURE_SHARE
                 a, b = np.cos(h * lag), np.sin(h * lag)
                 terms.append(Term(f"{h} cos", {cos: -a, sin: -b}, sd))
                 terms.append(Term(f"{h} sin", {cos: b, sin: -a}, sd))
             yield (("member", member), ("sense", sense)), 5e-6, terms, 2
 
 
+def _flanks(name: str, drive: Array | float, back: Array | float) -> Term:
+    """Departure in the shift of the drive and of the back flank."""
+    return Term(name, {"b_plus": drive, "b_minus": back}, DEPARTURE_SHARE)
+
+
 def _pin(gear: Gear) -> Iterator[Variant]:
-    """Tangential pin offset: backlash moves from one flank to the other."""
-    ring = is_ring(gear.model.layout)
-    yield (
-        (),
-        5e-6,
-        [
-            Term("offset", {"b_plus": 1.0, "b_minus": -1.0}, 1.0),
-            Term("ring share", {"b_plus": ring, "b_minus": -ring}, DEPARTURE_SHARE),
-        ],
-        1,
-    )
+    """Tangential pin offset: backlash moves from one flank to the other.
+
+    A pin that is also off radially moves ring meshes less, a tilted one the sides differently.
+    """
+    ring, right = is_ring(gear.model.layout), Locus(side="R").mask(gear.model.layout)
+    departures = [_flanks("ring", ring, -ring), _flanks("right side", right, -right)]
+    yield (), 5e-6, [Term("offset", {"b_plus": 1.0, "b_minus": -1.0}, 1.0), *departures], 1
 
 
 def _backlash(gear: Gear) -> Iterator[Variant]:
-    """Change of the half-backlash, with a difference between flanks."""
-    yield (
-        (),
-        5e-6,
-        [
-            Term("offset", {"b_plus": 1.0, "b_minus": 1.0}, 1.0),
-            Term("flanks", {"b_plus": 1.0, "b_minus": -1.0}, DEPARTURE_SHARE),
-        ],
-        1,
-    )
+    """Change of the half-backlash; the back flank and ring meshes may change differently."""
+    ring = is_ring(gear.model.layout)
+    departures = [
+        _flanks("back flank", 0.0, 1.0),
+        _flanks("ring", ring, ring),
+        _flanks("back flank of the ring", 0.0, ring),
+    ]
+    yield (), 5e-6, [Term("offset", {"b_plus": 1.0, "b_minus": 1.0}, 1.0), *departures], 1
+
+
+def _temperatures(gear: Gear) -> tuple[Array, Array, Array]:
+    """delta_T and its departures of second and third order (runs, meshes), zero at 0 and 50 K."""
+    T = gear.delta_T[:, None] * np.ones(gear.model.layout.n_mesh)
+    off = T / 50.0 - 1.0
+    return T, T * off, T * off**2
 
 
 def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
-    """Change of the half-backlash per kelvin, with curvature and a difference between flanks."""
-    T = gear.delta_T
-    t, bend = T[:, None] * np.ones(12), (T * (T / 50.0 - 1.0))[:, None] * np.ones(12)
-    yield (
-        (),
-        1e-7,
-        [
-            Term("rate", {"b_plus": t, "b_minus": t}, 1.0),
-            Term("curvature", {"b_plus": bend, "b_minus": bend}, DEPARTURE_SHARE),
-            Term("flanks", {"b_plus": t, "b_minus": -t}, DEPARTURE_SHARE),
-        ],
-        1,
-    )
+    """Change of the half-backlash per kelvin, not in proportion, and by flank and mesh."""
+    T, bend, curl = _temperatures(gear)
+    ring = is_ring(gear.model.layout)
+    departures = [
+        _flanks("curvature", bend, bend),
+        _flanks("third order", curl, curl),
+        _flanks("back flank", 0.0, T),
+        _flanks("ring", T * ring, T * ring),
+    ]
+    yield (), 1e-7, [Term("rate", {"b_plus": T, "b_minus": T}, 1.0), *departures], 1
 
 
 def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
-    """Decrease of the stiffness per kelvin, with curvature."""
-    T = gear.delta_T
-    t, bend = T[:, None] * np.ones(12), (T * (T / 50.0 - 1.0))[:, None] * np.ones(12)
-    yield (
-        (),
-        2e-3,
-        [Term("rate", {"kappa": -t}, 1.0), Term("curvature", {"kappa": -bend}, DEPARTURE_SHARE)],
-        1,
-    )
+    """Decrease of the stiffness per kelvin, not in proportion, and by mesh."""
+    T, bend, curl = _temperatures(gear)
+    of = {"curvature": bend, "third order": curl, "ring": T * is_ring(gear.model.layout)}
+    departures = [Term(name, {"kappa": -w}, DEPARTURE_SHARE) for name, w in of.items()]
+    yield (), 2e-3, [Term("rate", {"kappa": -T}, 1.0), *departures], 1
 
 
 def _contact_terms(gear: Gear) -> Iterator[Variant]:
