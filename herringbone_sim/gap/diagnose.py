@@ -190,7 +190,7 @@ def augmented(fit: FittedExplanation, explanation: NamedExplanation | None) -> A
         [1.0 + values[f"{q}_{kind}"] for q in "kce" for kind in ("sp", "rp")], dtype=float
     )
     inverse = np.array([1.0 + values[f"M_{body}"] for body in "spc"], dtype=float)
-    actives = () if explanation is None else (*explanation.actives, *explanation.harmonics)
+    actives = () if explanation is None else (*explanation.actives, *explanation.departures)
     return Augmented(factors, inverse, actives)
 
 

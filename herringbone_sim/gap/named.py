@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,8 @@ from herringbone_sim.gap.observations.seats import Seat
 
 DRAWS = 400  # random draws of the coefficients, for the intervals
 SEED = 13
-WAVES = ("stiffness_harmonic", "profile_error", "torque_ripple")  # with orders beside the main one
+# with orders beside the main one
+WAVES = ("stiffness_harmonic", "profile_error", "torque_ripple", "runout")
 OPTIONS = ("order", "member", "channels")  # of hypotheses that are options of the effect too
 Options = tuple[tuple[str, object], ...]
 
@@ -31,13 +32,13 @@ class NamedEffect:
         active: effect with parameters.
         intervals: 90 % interval of each parameter.
         law: learned curve; None without a free shape.
-        harmonics: further orders of the learned curve, as effects of the catalogue.
+        departures: what the learned curve adds to the catalogue's, as effects of the catalogue.
     """
 
     active: Active
     intervals: tuple[tuple[float, float], ...]
     law: LearnedLaw | None
-    harmonics: tuple[Active, ...] = ()
+    departures: tuple[Active, ...] = ()
 
 
 def name_effects(hypotheses: tuple[Hypothesis, ...], score: Score) -> tuple[NamedEffect, ...]:
@@ -80,25 +81,49 @@ def _named_effect(h: Hypothesis, mean: Array, spread: Array) -> NamedEffect:
     locus = h.locus if isinstance(h.locus, Locus) else Locus()
     active = Active(effect, tuple(inside.tolist()), locus, options)
     law = learned_law(h, mean, draws)
-    return NamedEffect(active, tuple(spans), law, _harmonics(active, h, mean))
+    return NamedEffect(active, tuple(spans), law, _departures(active, h, mean))
 
 
-def _harmonics(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...]:
-    """Further orders of an effect in ``WAVES``, as effects of their own."""
-    own = dict(active.options).get("order")
-    if h.effect not in WAVES or own is None:
-        return ()
+def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...]:
+    """Departures from the catalogue's curve, as effects of their own: as far as it has them.
+
+    Further harmonics of waves, other sizes at some meshes, another shift of the back flank.
+    """
+    c = {one.name: float(value) for one, value in zip(h.coefficients, mean, strict=True)}
+    found = [*_harmonics(active, h, c)]
+    of_ring = replace(active, locus=replace(active.locus, mesh="rp"))
+    of_right = replace(active, locus=replace(active.locus, side="R"))
+    for name, at in (("ring", of_ring), ("right side", of_right)):
+        size = c.get(name, 0.0)
+        if h.effect == "mean_stiffness":  # a factor on the other
+            size /= 1.0 + float(mean[0])
+        found.append(at.with_theta(_clipped(active.effect, active.effect.neutral + size)))
+    if h.effect == "backlash_offset":
+        for name, at in (("back flank", active), ("back flank of the ring", of_ring)):
+            half = 0.5 * c.get(name, 0.0)
+            found.append(at.with_theta(np.array([half])))
+            found.append(replace(at, effect=known_effects()["pin_position"], theta=(-half,)))
+    return tuple(one for one in found if np.any(np.array(one.theta) != one.effect.neutral))
+
+
+def _harmonics(active: Active, h: Hypothesis, c: Mapping[str, float]) -> Iterator[Active]:
+    """Further harmonics of an effect in ``WAVES`` by its coefficients, named as ``2 cos``."""
+    own = dict(active.options).get("order", 1)
     of: dict[int, Array] = {}
-    for c, value in zip(h.coefficients[h.n_own :], mean[h.n_own :], strict=True):
-        order, _, trig = c.name.partition(" ")
-        at = int(order) * (int(own) if h.effect == "torque_ripple" else 1)
-        of.setdefault(at, np.zeros(2))[int(trig == "sin")] = value
-    make, bounds = THETA[h.effect], active.effect.bounds
-    return tuple(
-        replace(active, options=(("order", order),)).with_theta(np.clip(make(c), *bounds))
-        for order, c in of.items()
-        if np.any(c)
-    )
+    for one in h.coefficients[h.n_own :] if h.effect in WAVES else ():
+        order, _, trig = one.name.partition(" ")
+        at = int(order) * (int(str(own)) if h.effect == "torque_ripple" else 1)
+        of.setdefault(at, np.zeros(2))[int(trig == "sin")] = c[one.name]
+    for at, pair in of.items():
+        options = tuple({**dict(active.options), "order": at}.items())
+        if np.any(pair):
+            theta = _clipped(active.effect, THETA[h.effect](pair))
+            yield replace(active, options=options).with_theta(theta)
+
+
+def _clipped(effect: Effect, c: Sequence[float] | Array) -> Array:
+    """Parameters inside the bounds of an effect."""
+    return np.clip(c, *effect.bounds)
 
 
 def _size(effect: Effect, p: Parameter, theta: Array) -> float:

@@ -1,9 +1,9 @@
-"""Run-out: e + amplitude sin(2 pi (cycles - late) / Z + phase), once a revolution of a member.
+"""Run-out: e + amplitude sin(order 2 pi (cycles - late) / Z + phase), by the turn of a member.
 
-Z are the mesh cycles of a revolution relative to the carrier (27, 25, 77 for sun, planet, ring of
-the nominal rig); ``late`` is when the same place of the member reaches the mesh of each planet.
-Source: eccentricity as one more harmonic of e(t), Eq. (9), which Eqs. (15), (16) subtract from the
-deflection.
+Order 1 is eccentricity, higher ones are further long waves of its pitch error. Z are the mesh
+cycles of a revolution relative to the carrier (27, 25, 77 for sun, planet, ring of the nominal
+rig); ``late`` is when the same place of the member reaches the mesh of each planet. Source: one
+more harmonic of e(t), Eq. (9), which Eqs. (15), (16) subtract from the deflection.
 """
 
 from __future__ import annotations
@@ -11,16 +11,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.effects.effect import Effect, Options, Parameter
+from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import FREQUENCY, PHASE, SHIFT, SHIFT_RATE, law
 from herringbone_sim.effects.site import MEMBER, revolutions
 from herringbone_sim.effects.slots import Slots
 
 
+def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+    """Rows (3, n_mesh): mask, mesh cycles of a wave, delay in mesh cycles."""
+    rows = revolutions(model, mask, options)
+    rows[1] /= options["order"]
+    return rows
+
+
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add a wave to e, once a revolution, and its rate."""
+    """Add a wave to e and its rate."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = (now[PHASE] - TWO_PI * site[2, m]) / site[1, m] + theta[1]
@@ -31,8 +39,8 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add one harmonic to e, once a revolution."""
-    _, cycles, late = revolutions(slots.model, mask, options)
+    """Add one harmonic to e."""
+    _, cycles, late = place(slots.model, mask, options)
     order = 1.0 / float(cycles[0])
     angle = theta[1] - 2.0 * np.pi * late * order
     amplitude = theta[0] * mask
@@ -41,15 +49,15 @@ def fill(
 
 EFFECT = Effect(
     id="runout",
-    text="once-a-revolution (against the carrier) displacement of one member",
+    text="displacement by the turn of one member against the carrier",
     level="mesh",
     parameters=(
         Parameter("amplitude", "m", "of the wave in e", 0.0, 2e-4, 1e-5),
         Parameter("phase", "rad", "at phase 0 on planet 1", -3.1416, 3.1416, 0.0, neutral=None),
     ),
-    options=(MEMBER,),
+    options=(MEMBER, Option("order", "waves a revolution", 1, tuple(range(1, 7)))),
     loci=(("*", "all", "all"), ("*", "all", "*"), ("all", "*", "all"), ("all", "*", "*")),
-    place=revolutions,
+    place=place,
     fill=fill,
     excite=excite,
 )

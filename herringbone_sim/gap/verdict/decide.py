@@ -25,13 +25,13 @@ class NamedExplanation:
         actives: effects with parameters.
         intervals: 90 % interval of each parameter of each effect.
         laws: learned curves, of effects that have one.
-        harmonics: further orders of learned waves, which the augmented model includes.
+        departures: of learned curves from the catalogue's, which the augmented model includes.
     """
 
     actives: tuple[Active, ...]
     intervals: tuple[tuple[tuple[float, float], ...], ...] = ()
     laws: tuple[LearnedLaw, ...] = ()
-    harmonics: tuple[Active, ...] = ()
+    departures: tuple[Active, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def explanation_of(effects: Sequence[NamedEffect]) -> NamedExplanation:
         tuple(n.active for n in effects),
         tuple(n.intervals for n in effects),
         tuple(n.law for n in effects if n.law is not None),
-        tuple(one for n in effects for one in n.harmonics),
+        tuple(one for n in effects for one in n.departures),
     )
 
 
