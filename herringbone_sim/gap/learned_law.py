@@ -150,14 +150,8 @@ def _over_temperature(y_name: str, y_unit: str, sign: float) -> Callable[[Hypoth
 def _friction(h: Hypothesis) -> Curve:
     """Curve of the coefficient of friction over the mesh phase."""
     s = np.linspace(-np.pi, np.pi, 96)
-    shapes = {
-        "sin 1": np.sin(s),
-        "sin 2": np.sin(2 * s),
-        "sin 3": np.sin(3 * s),
-        "cos 1": np.cos(s),
-        "cos 2": np.cos(2 * s),
-    }
-    columns = [np.sign(s), *(shapes[g] for g in balance.FRICTION[2:])]
+    shapes = balance.friction_shapes(s)
+    columns = [shapes[g] for g in balance.FRICTION if g != "lever"]
     matrix = np.stack(columns, axis=1)
     return s, matrix, ("mesh phase from the pitch point", "rad", "coefficient of friction", "-")
 

@@ -33,7 +33,11 @@ QUADRATURE_NOISE = 0.04
 MASSES = ("M_s", "M_p", "M_c")
 RIPPLES = tuple(range(1, 61))  # orders of the input shaft, chosen
 # Shapes of friction over the mesh cycle: the sliding direction, its lever arm, free departures.
-FRICTION = ("sign", "lever", "sin 1", "sin 2", "sin 3", "cos 1", "cos 2")
+# Knots about the pitch point [mesh cycles], chosen: it may lie a sixth of a cycle off, and the
+# friction rises or fades near it.
+NEAR_PITCH = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
+NEAR = tuple(f"near {i}" for i in range(len(NEAR_PITCH)))
+FRICTION = ("sign", "lever", "sin 1", "sin 2", "cos 1", "cos 2", *NEAR)
 
 
 def function_names(
@@ -198,10 +202,17 @@ def friction_shapes(phase: Array) -> dict[str, Array]:
         "lever": np.abs(s),
         "sin 1": np.sin(phase),
         "sin 2": np.sin(2 * phase),
-        "sin 3": np.sin(3 * phase),
         "cos 1": np.cos(phase),
         "cos 2": np.cos(2 * phase),
+        **dict(zip(NEAR, _tents(s), strict=True)),
     }
+
+
+def _tents(s: Array) -> Array:
+    """Tents (knots, n) about ``NEAR_PITCH`` at s (n,) mesh cycles from the pitch point."""
+    width = NEAR_PITCH[1] - NEAR_PITCH[0]
+    tents: Array = np.maximum(1.0 - np.abs(s - NEAR_PITCH[:, None]) / width, 0.0)
+    return tents
 
 
 def _columns(

@@ -46,7 +46,9 @@ def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             }
             for o in builder.window_observation:
                 bend |= {(o, f"friction {g} of {j}"): 1.0 for j in at}
-            terms.append(builder.coefficient(g, bend, 0.05 * DEPARTURE_SHARE))
+            # Near the pitch point friction may still, or already, have the other sign.
+            share = 1.0 if g in balance.NEAR else DEPARTURE_SHARE
+            terms.append(builder.coefficient(g, bend, 0.05 * share))
         yield Hypothesis("tooth_friction", (), locus, tuple(terms), 1)
 
 
