@@ -7,8 +7,9 @@ import pytest
 from gap_support import with_few_runs
 from scipy.integrate import solve_ivp
 
+from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import products
-from herringbone_sim.diagnosis.search import Hypothesis, Search, amplitudes
+from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose, machine_of
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motion
 from herringbone_sim.practice.arrays import as_prepared

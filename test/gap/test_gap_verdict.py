@@ -13,7 +13,7 @@ from gap_support import a_report
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.judge import Chance
-from herringbone_sim.diagnosis.search import Score
+from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.calibrated import Calibrated

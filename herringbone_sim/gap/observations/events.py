@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
-from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
@@ -25,7 +25,7 @@ from herringbone_sim.gap.observations.coefficients import (
     CoefficientBuilder,
     Weights,
 )
-from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of

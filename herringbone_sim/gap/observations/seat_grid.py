@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block, CampaignProducts, products
 from herringbone_sim.diagnosis.regression import solve
-from herringbone_sim.diagnosis.search import Score, functions_used
+from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.search import functions_used
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, force_law
-from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, select_meshes
 from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
