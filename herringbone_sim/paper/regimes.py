@@ -47,9 +47,11 @@ class Cut:
     Attributes:
         at: middle between the two neighbouring values of the sweep.
         low, high: these two values.
-        share_before, share_after: shares of the values with the motion, within 3 % of the sweep
-            on either side; 1 and 1 for a clean change.
-        clean: whether the two neighbouring values have the motions, so that bisection applies.
+        share_before: share of the values with motion ``before`` within 3 % of the sweep below
+            ``at``.
+        share_after: the same of ``after`` above it.
+        clean: whether ``low`` has motion ``before`` and ``high`` has ``after``, so that bisection
+            applies.
     """
 
     at: float

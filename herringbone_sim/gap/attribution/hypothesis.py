@@ -21,9 +21,9 @@ from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scr
 from herringbone_sim.effects.instant import recorded
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.residuals.balance import FineLaw
+from herringbone_sim.gap.residuals.balance import ForceFunction
 from herringbone_sim.gap.residuals.fusion import Fused
-from herringbone_sim.gap.residuals.recalibrate import ForceLaw, fine_law, force_law
+from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_function, force_law
 
 SUBSTEPS = 8  # of a sample, for states of effects
 
@@ -113,9 +113,11 @@ def effect_contributions(
     return _contributions(one, factors, motion, actives, substeps)
 
 
-def fine_law_with_effects(one: FusedRun, factors: Array, actives: Sequence[Active]) -> FineLaw:
+def force_function_with_effects(
+    one: FusedRun, factors: Array, actives: Sequence[Active]
+) -> ForceFunction:
     """The force law with mesh effects at any phase and motion, for ``quadrature_correction``."""
-    plain = fine_law(one.run, factors)
+    plain = force_function(one.run, factors)
     on_meshes = tuple(a for a in actives if a.effect.level == "mesh")
     if not on_meshes:
         return plain

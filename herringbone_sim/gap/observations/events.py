@@ -267,7 +267,12 @@ class Event:
     late: tuple[float, ...]
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
-        """Basis functions of its window, on its meshes alone."""
+        """Functions of the force law that span its window, on its meshes alone.
+
+        Args:
+            gear: with the runs.
+            label: prefix of their names.
+        """
         late = np.array(self.late)
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
         every = window_functions(gear, label, self.effect, self.member, self.middle, late)
