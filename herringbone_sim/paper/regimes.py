@@ -139,9 +139,9 @@ def route(sweep: Sweep) -> tuple[int, ...]:
     return tuple(m for i, m in enumerate(long) if i == 0 or m != long[i - 1])
 
 
-def shares_text(sweep: Sweep, low: float, high: float, limit: int = 4) -> str:
-    """Shares of the commonest motions between two values, as ``P2 60%, chaos 40%``."""
+def shares_text(sweep: Sweep, low: float, high: float) -> str:
+    """Shares of the four commonest motions between two values, as ``P2 60%, chaos 40%``."""
     inside = sweep.motions[(sweep.values >= low) & (sweep.values <= high)]
     kinds, counts = np.unique(inside, return_counts=True)
-    order = np.argsort(-counts, kind="stable")[:limit]
+    order = np.argsort(-counts, kind="stable")[:4]
     return ", ".join(f"{motion_name(int(kinds[i]))} {counts[i] / len(inside):.0%}" for i in order)

@@ -115,6 +115,9 @@ class TrialRun:
     blocks: Mapping[str, Block]
 
 
+EVERY = 2  # runs between two that a trial looks at; chosen for run time
+
+
 class PartTrial:
     """Evaluates the energy that a moving part removes when all other coefficients are refitted.
 
@@ -122,12 +125,11 @@ class PartTrial:
         gear: with its runs.
         amplitudes: of the current fit.
         known: the current fit.
-        every: use every so many-th run.
     """
 
-    def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
+    def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score) -> None:
         self.gear, self._amplitudes = gear, amplitudes
-        looked = range(0, len(gear.runs), every)
+        looked = range(0, len(gear.runs), EVERY)
         self._known = known.coefficients
         blocks = gear.blocks(amplitudes, functions_used(self._known), self._observations())
         every_one = [{o: products(b) for o, b in one.items()} for one in blocks]
