@@ -15,7 +15,7 @@ REPEATS = 1000
 
 
 @dataclass(frozen=True)
-class Figure:
+class IntervalEstimate:
     """A number with its 95 % interval.
 
     Attributes:
@@ -29,18 +29,18 @@ class Figure:
     n: int
 
 
-NOTHING = Figure(float("nan"), float("nan"), float("nan"), 0)
+NOTHING = IntervalEstimate(float("nan"), float("nan"), float("nan"), 0)
 
 
-def share(hits: Sequence[bool]) -> Figure:
+def share(hits: Sequence[bool]) -> IntervalEstimate:
     """Share of True with Wilson's interval."""
     n = len(hits)
     if n == 0:
         return NOTHING
-    return Figure(sum(hits) / n, *wilson(sum(hits), n), n)
+    return IntervalEstimate(sum(hits) / n, *wilson(sum(hits), n), n)
 
 
-def bootstrap(rows: Array, statistic: Callable[[Array], Any]) -> Figure:
+def bootstrap(rows: Array, statistic: Callable[[Array], Any]) -> IntervalEstimate:
     """A statistic of rows (n, ...) with the percentile interval of 1000 bootstrap resamples.
 
     Resamples with a statistic of NaN (only one class) are left out.
@@ -52,7 +52,7 @@ def bootstrap(rows: Array, statistic: Callable[[Array], Any]) -> Figure:
     drawn = [float(statistic(rows[rng.integers(0, n, n)])) for _ in range(REPEATS)]
     kept = [value for value in drawn if np.isfinite(value)]
     low, high = np.percentile(kept, [2.5, 97.5]) if kept else (float("nan"), float("nan"))
-    return Figure(float(statistic(rows)), float(low), float(high), n)
+    return IntervalEstimate(float(statistic(rows)), float(low), float(high), n)
 
 
 def auroc(rows: Array) -> float:

@@ -1,4 +1,7 @@
-"""All observations of a gear's runs, about any change of the force law."""
+"""All observations of a gear's runs, about any change of the force law.
+
+Longer than 300 lines: the observations share caches and copies of one object.
+"""
 
 from __future__ import annotations
 
