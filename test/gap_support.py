@@ -12,11 +12,15 @@ import numpy as np
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.report import Report
+from herringbone_sim.gap.verdict.decide import Verdict
+from herringbone_sim.gap.verdict.next_experiment import NextExperiment
+from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.practice.campaign import PracticeCampaign
 from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.recording.campaign import CampaignRun
@@ -125,3 +129,13 @@ def of_shafts(run: PreparedRun) -> PreparedRun:
     planets = tuple(b for b in layout.bodies if b.startswith("p"))
     parts = {q: without(getattr(run, q), layout.meshes, layout.meshes) for q in "xvF"}
     return replace(run, u=without(run.u, layout.bodies, planets), **parts)
+
+
+def a_report(verdict: Verdict | None = None, **more: Any) -> Report:
+    """A report of a gap of one held-out run; by default of a verdict of no effect."""
+    nothing = Verdict("none", (), {"none": 1.0}, {}, (), "force_law", None, None, ())
+    gap = Gap("force_law", (RunGap("run_00", "held_out", 3.0, 1.2, 1.0),))
+    point = {"delta_T": 70.0, "K": 0.0, "T_1": 440.0, "Omega": 0.6}
+    asked = NextExperiment(point, "at twice the load a crack grows and a spall does not")
+    plain = Report("rig", verdict or nothing, [(Locus(), 1.0)], gap, [], asked)
+    return replace(plain, **more)

@@ -14,7 +14,7 @@ from gears import UNEVEN, make
 from herringbone_sim.core import orbit
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
-from herringbone_sim.core.lanes import any_moves, any_series
+from herringbone_sim.core.lanes import any_forces, any_moves, any_series
 from herringbone_sim.core.lanes import columns as lane_columns
 from herringbone_sim.core.lanes import extended as lane_extended
 from herringbone_sim.core.lanes import run as lane_run
@@ -144,7 +144,7 @@ def read_lanes():
     vector = VECTOR | {"store": store, "put": put}
     for module in (
         *(orbit, lane_run, lane_series, lane_switching, lane_extended),
-        *(lane_columns, any_series, any_moves),
+        *(lane_columns, any_forces, any_series, any_moves),
     ):
         for name in vars(module).keys() & vector.keys():
             setattr(module, name, vector[name])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.recording.messages import encode_samples, encode_string
 from herringbone_sim.recording.schemas import FLOAT64_MULTI_ARRAY, STRING
-from herringbone_sim.recording.writer import RunWriter
+from herringbone_sim.recording.writer import SAMPLES, RunWriter
 
 NAMES = ("t", "phase", "K", "delta_T", "T_1", "x_sp_L", "F_sp_L")
 START_NS = 1_700_000_000_000_000_000
@@ -85,3 +85,9 @@ def foreign_file(
         else:
             writer.flush()
     return path
+
+
+def write_message(writer: RunWriter, message: bytes, t_s: float, n: int) -> None:
+    """Write a message as if it held n samples from t_s [s] on, which the writer never does."""
+    writer._write(SAMPLES, t_s, message, None)
+    writer._files.count(n, t_s, t_s)

@@ -85,10 +85,10 @@ def _evenly_in_phase(motion: Motion) -> Array:
     return np.stack([np.interp(grid, motion.turns, column) for column in motion.x.T], axis=1)
 
 
-def lines(spectrum: Spectrum, period: int, up_to_order: int = 6) -> tuple[Line, ...]:
-    """Amplitudes at the orders h / n of all meshes, h = 1 ... n up_to_order, n the period or 1."""
+def lines(spectrum: Spectrum, period: int) -> tuple[Line, ...]:
+    """Amplitudes at the orders h / n of all meshes, h = 1 ... 6 n, n the period or 1."""
     n = max(period, 1)
-    wanted = np.arange(1, n * up_to_order + 1)
+    wanted = np.arange(1, 6 * n + 1)
     wanted = wanted[wanted / n <= spectrum.orders[-1]]
     bins = np.rint(wanted / n / spectrum.orders[1]).astype(int)
     return tuple(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ from herringbone_sim.api.shown import NotebookResult, data_frame
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import diagnose as diagnose_campaign
-from herringbone_sim.gap.report import write_report
+from herringbone_sim.gap.report import Cause, Report
+from herringbone_sim.gap.report_file import write_report
 from herringbone_sim.gap.verdict.augmented import Augmented, save_augmented
 from herringbone_sim.recording import campaign as recorded
 from herringbone_sim.recording.parameter_file import load_parameters
@@ -61,52 +62,54 @@ class Diagnosis(NotebookResult):
     """Result of a diagnosis: effects that the nominal model lacks, with place, size, probability.
 
     Attributes:
-        report: as ``report.json`` has it.
+        result: verdict, causes, gap and all else that the report tells.
         augmented: the model with the effects, recalibrated.
         nominal: parameter file of the rig.
-        rig: its name.
         arrays: residuals or mesh forces for the figures of the page; None if none are formed.
     """
 
-    report: Mapping[str, Any]
+    result: Report
     augmented: Augmented
     nominal: Path
-    rig: str
     arrays: GapArrays | None
 
     @property
-    def verdict(self) -> str:
-        """``none``, ``unknown``, or the id of an effect, two of a pair, as in the report."""
-        return str(self.report["verdict"])
+    def report(self) -> Mapping[str, Any]:
+        """As ``report.json`` has it."""
+        return self.result.to_dict()
 
     @property
-    def causes(self) -> list[Mapping[str, Any]]:
+    def verdict(self) -> str:
+        """``none``, ``unknown``, ``ambiguous`` or the id of an effect."""
+        return self.result.verdict.verdict
+
+    @property
+    def causes(self) -> Sequence[Cause]:
         """Effects with place, parameters and probability, the likeliest first."""
-        return list(self.report["causes"])
+        return self.result.causes
 
     def title(self) -> str:
-        return f"{self.rig}: {self.verdict}"
+        return f"{self.result.campaign}: {self.verdict}"
 
     def facts(self) -> list[tuple[str, str]]:
         return [
-            (f"{one['probability']:.1%}", f"{one['effect']} at {'/'.join(one['locus'].values())}")
-            for one in self.causes[:5]
+            (f"{one.probability:.1%}", f"{one.effect} at {one.place}") for one in self.causes[:5]
         ]
 
     def to_pandas(self) -> Any:
         """A row per cause and parameter, with its 90 % interval, as a ``pandas.DataFrame``."""
         rows = [
             {
-                "effect": one["effect"],
-                "place": "/".join(one["locus"].values()),
-                "probability": one["probability"],
+                "effect": one.effect,
+                "place": one.place,
+                "probability": one.probability,
                 "parameter": name,
-                "value": value["value"],
-                "ci90": value["ci90"],
-                "unit": value["unit"],
+                "value": value.value,
+                "ci90": value.ci90,
+                "unit": value.unit,
             }
             for one in self.causes
-            for name, value in one["parameters"].items()
+            for name, value in one.parameters.items()
         ]
         return data_frame(
             {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
@@ -121,11 +124,11 @@ class Diagnosis(NotebookResult):
         """
         out = make_folder(Path(folder))
         nominal = load_parameters(self.nominal).changed({"model": "full"})
-        write_report(out / "report.json", self.report)
-        save_augmented(out / "augmented.yaml", nominal, self.augmented, self.rig)
+        write_report(out / "report.json", self.result)
+        save_augmented(out / "augmented.yaml", nominal, self.augmented, self.result.campaign)
         if self.arrays is not None and self.arrays.forces is not None:
             write_forces(out / "forces.csv", self.arrays.forces)
-        return write_gap_page(self.report, out, self.arrays, self.nominal)
+        return write_gap_page(self.result, out, self.arrays, self.nominal)
 
 
 @any_gear()
@@ -145,8 +148,8 @@ def diagnose(campaign: Campaign | Path | str, nominal: Path | str) -> Diagnosis:
     parameters = load_parameters(nominal).changed({"model": "full"})
     prepared = prepare(Path(folder), parameters)
     result = diagnose_campaign(prepared)
-    arrays = gap_arrays(result.calibrated, result.forces)
-    return Diagnosis(result.report, result.augmented, Path(nominal), prepared.rig, arrays)
+    arrays = gap_arrays(result.calibrated, result.report.forces)
+    return Diagnosis(result.report, result.augmented, Path(nominal), arrays)
 
 
 @dataclass(frozen=True, repr=False)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from herringbone_sim.cli.options import (
     add_file,
@@ -23,9 +21,13 @@ from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
-from herringbone_sim.gap.report import write_report
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.report import Estimate, Report
+from herringbone_sim.gap.report_file import write_report
 from herringbone_sim.gap.residuals.residual import ForceResidual, force_residual
 from herringbone_sim.gap.verdict.augmented import save_augmented
+from herringbone_sim.gap.verdict.next_experiment import NextExperiment
+from herringbone_sim.gap.verification.serialise import forces_to_dict
 from herringbone_sim.gap.verification.verify import Gap
 from herringbone_sim.recording.campaign import Campaign, CampaignRun, read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters
@@ -76,12 +78,12 @@ def run(args: argparse.Namespace) -> int:
         diagnosis = diagnose(prepared, step)
     write_report(args.out / "report.json", diagnosis.report)
     save_augmented(args.out / "augmented.yaml", nominal, diagnosis.augmented, prepared.rig)
-    arrays = gap_arrays(diagnosis.calibrated, diagnosis.forces)
+    arrays = gap_arrays(diagnosis.calibrated, diagnosis.report.forces)
     page = write_gap_page(diagnosis.report, args.out, arrays, args.nominal)
-    print(summary(diagnosis))
+    print(summary(diagnosis.report))
     names = ["residual.csv", "report.json", "augmented.yaml"]
-    if diagnosis.forces is not None:
-        write_forces(args.out / "forces.csv", diagnosis.forces)
+    if diagnosis.report.forces is not None:
+        write_forces(args.out / "forces.csv", diagnosis.report.forces)
         names.append("forces.csv")
     print(f"written: {', '.join(str(args.out / name) for name in names)}, {page}")
     if target is not None:
@@ -123,19 +125,13 @@ def residual_line(run: CampaignRun, residual: ForceResidual) -> str:
     )
 
 
-def summary(diagnosis: Diagnosis) -> str:
+def summary(report: Report) -> str:
     """Text of a diagnosis: verdict, likeliest causes, gap before and after, open questions."""
-    verdict, gap = diagnosis.verdict, diagnosis.gap
+    verdict, gap = report.verdict, report.gap
     lines = [f"verdict: {verdict.verdict}  {', '.join(verdict.effects)}".rstrip()]
-    for cause in diagnosis.report["causes"][:4]:
-        values = ", ".join(
-            f"{name} {p['value']:.4g} {p['unit']} [{p['ci90'][0]:.4g}, {p['ci90'][1]:.4g}]"
-            if p["ci90"]
-            else f"{name} {p['value']}"
-            for name, p in cause["parameters"].items()
-        )
-        place = "/".join(cause["locus"].values())
-        lines.append(f"  {cause['probability']:7.2%}  {cause['effect']:22s} {place:10s} {values}")
+    for cause in report.causes[:4]:
+        values = ", ".join(_value(name, value) for name, value in cause.parameters.items())
+        lines.append(f"  {cause.probability:7.2%}  {cause.effect:22s} {cause.place:10s} {values}")
     if math.isfinite(gap.rms("nominal")):
         lines.append(
             f"{gap.metric} on held-out runs: nominal {gap.rms('nominal'):.4g}, augmented "
@@ -145,21 +141,30 @@ def summary(diagnosis: Diagnosis) -> str:
     runner_up = gap.closed("runner_up")
     if math.isfinite(runner_up):
         lines.append(f"  runner-up as a control: closure {runner_up:.1%}")
-    if diagnosis.senses is not None:
-        others = (diagnosis.senses.prediction, diagnosis.senses.attractor)
+    if report.senses is not None:
+        others = (report.senses.prediction, report.senses.attractor)
         lines += [sense_line(gap) for gap in others if math.isfinite(gap.rms("nominal"))]
-    if diagnosis.forces is not None:
-        lines.append(forces_line(diagnosis.report["reconstructed_forces"]))
-    wrong = [finding["text"] for finding in diagnosis.report["findings"]]
+    if report.forces is not None:
+        lines.append(forces_line(report.forces))
+    wrong = [finding.text for finding in report.findings]
     lines += [f"wrong with the recording: {text}" for text in wrong]
-    open_ = [text for text in diagnosis.report["undecidable"] if text not in wrong]
+    open_ = [text for text in report.undecidable if text not in wrong]
     lines += [f"can't tell: {text}" for text in open_]
-    return "\n".join([*lines, next_line(diagnosis.report["next_experiment"])])
+    return "\n".join([*lines, next_line(report.next_experiment)])
 
 
-def forces_line(forces: Mapping[str, Any]) -> str:
+def _value(name: str, value: Estimate) -> str:
+    """A parameter with its interval, or an option."""
+    if value.ci90 is None:
+        shown = list(value.value) if isinstance(value.value, tuple) else value.value
+        return f"{name} {shown}"
+    low, high = value.ci90
+    return f"{name} {value.value:.4g} {value.unit} [{low:.4g}, {high:.4g}]"
+
+
+def forces_line(reconstructed: ReconstructedForces) -> str:
     """RMS force of sun and ring meshes with half its 90 % band, from few sensors."""
-    parts = []
+    parts, forces = [], forces_to_dict(reconstructed)
     for kind in KINDS:
         of = [mesh for name, mesh in forces["meshes"].items() if name.startswith(kind)]
         size, half = (max(mesh[key] for mesh in of) for key in ("rms", "half_width_90"))
@@ -167,10 +172,10 @@ def forces_line(forces: Mapping[str, Any]) -> str:
     return f"mesh forces of {forces['run']} [N], largest: {'; '.join(parts)}"
 
 
-def next_line(experiment: Mapping[str, Any]) -> str:
-    """The operating point to measure next, and why; from ``next_experiment`` of a report."""
-    point = ", ".join(f"{name} {experiment[name]:g}{unit}" for name, unit in POINT.items())
-    return f"next to run: {point}; {experiment['why']}"
+def next_line(experiment: NextExperiment) -> str:
+    """The operating point to measure next, and why."""
+    point = ", ".join(f"{name} {experiment.point[name]:g}{unit}" for name, unit in POINT.items())
+    return f"next to run: {point}; {experiment.why}"
 
 
 def sense_line(gap: Gap) -> str:

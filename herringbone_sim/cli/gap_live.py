@@ -108,7 +108,10 @@ def table_printer() -> Output:
 
 
 def line_printer(every_s: float) -> Output:
-    """Output that prints a line every so many seconds, and at once for the first residual."""
+    """Output that prints a comparison as one line, at most every ``every_s`` seconds.
+
+    The first comparison with a residual, also after one was lost, is printed at once.
+    """
     from herringbone_sim.views.mirror.live_text import line
 
     printed_at, had_residual = -every_s, False

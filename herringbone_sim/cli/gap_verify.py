@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+import math
 from pathlib import Path
-from typing import Any
 
 from herringbone_sim.cli.options import add_file, add_out, progress
 from herringbone_sim.gap.data.prepare import prepare
-from herringbone_sim.gap.repeat import read_report, repeat
-from herringbone_sim.gap.verification.serialise import SENSES
+from herringbone_sim.gap.repeat import Repetition, repeat
+from herringbone_sim.gap.report_file import read_report
+from herringbone_sim.gap.verification.verify import GapNumbers
 from herringbone_sim.recording.parameter_file import load_gear, load_parameters
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.gap.senses import write_verify_page
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     make_folder(args.out)
     with progress(1 + len(campaign.runs)) as step:
         result = repeat(campaign, own, actives, report, step)
-    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+    text = json.dumps(result.to_dict(), indent=2, allow_nan=False) + "\n"
     (args.out / "verify.json").write_text(text, encoding="utf-8")
     page = write_verify_page(result, args.out)
     print(table(result))
@@ -58,29 +58,25 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def table(result: Mapping[str, Any]) -> str:
-    """Text: each measure on these runs and, below it, in the report; content of verify.json."""
-    effects = ", ".join(result["effects"]) or "no effect"
+def table(result: Repetition) -> str:
+    """Text: the gap in each sense on these runs and, below it, in the report."""
+    earlier, gaps = result.earlier, result.senses.gaps
+    effects = ", ".join(earlier.effects) or "no effect"
     lines = [
-        f"verdict on {result['diagnosed']}: {result['verdict']}  ({effects})",
+        f"verdict on {earlier.campaign}: {earlier.verdict}  ({effects})",
         f"{'':34s} {'nominal':>10s} {'augmented':>10s} {'floor':>10s} {'closure':>8s}",
     ]
-    runs = len(result["gap"]["runs"])
-    for name in SENSES:
-        for where, senses in (
-            (f"{runs} runs", result["gap"]["senses"]),
-            ("report", result["reported"]),
-        ):
-            sense = senses.get(name)
-            if sense:
-                title = f"{sense['metric']} [{sense['unit']}], {where}"
-                lines.append(f"{title:34s} {_numbers(sense)}")
-    lines += [f"can't tell: {text}" for text in result["undecidable"]]
+    for name, gap in gaps.items():
+        lines.append(_line(gap.numbers(None), f"{len(gap.runs)} runs"))
+        if name in earlier.numbers:
+            lines.append(_line(earlier.numbers[name], "report"))
+    lines += [f"can't tell: {text}" for text in result.undecidable]
     return "\n".join(lines)
 
 
-def _numbers(sense: Mapping[str, Any]) -> str:
-    values = [sense[key] for key in ("nominal", "augmented", "noise_floor")]
-    cells = " ".join("         -" if v is None else f"{v:10.3g}" for v in values)
-    closure = sense["closure"]
-    return f"{cells} " + ("       -" if closure is None else f"{closure:8.1%}")
+def _line(gap: GapNumbers, where: str) -> str:
+    title = f"{gap.metric} [{gap.unit}], {where}"
+    values = (gap.nominal, gap.augmented, gap.noise_floor)
+    cells = " ".join(f"{v:10.3g}" if math.isfinite(v) else "         -" for v in values)
+    closure = f"{gap.closure:8.1%}" if math.isfinite(gap.closure) else "       -"
+    return f"{title:34s} {cells} {closure}"

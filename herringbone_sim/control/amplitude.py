@@ -161,19 +161,15 @@ def run_survey(
     return Survey(base, axis, K, starts, states, settings, motions, runner.effect_period(gears[0]))
 
 
-def least_amplitudes(
-    runner: MotionRunner, survey: Survey, target: Target, halvings: int = HALVINGS
-) -> list[LeastAmplitude]:
-    """Least amplitudes at each value of the axis of a survey, refined by bisection.
-
-    Args:
-        halvings: of the distance between two K of the survey.
+def least_amplitudes(runner: MotionRunner, survey: Survey, target: Target) -> list[LeastAmplitude]:
+    """Least amplitudes at each value of the axis of a survey, refined by ``HALVINGS`` bisections
+    of the distance between two K of the survey.
     """
     K = survey.K
     stairs = refined(
-        K, survey.reached(target), lambda i, k: _reached(runner, survey, target, i, k), halvings
+        K, survey.reached(target), lambda i, k: _reached(runner, survey, target, i, k), HALVINGS
     )
-    half = float(np.diff(K).max()) / 2.0 ** (halvings + 1) if len(K) > 1 else 0.0
+    half = float(np.diff(K).max()) / 2.0 ** (HALVINGS + 1) if len(K) > 1 else 0.0
     pairs = zip(survey.axis.values, stairs, strict=True)
     return [LeastAmplitude(value, target, stair, half) for value, stair in pairs]
 

@@ -98,7 +98,6 @@ def start_shares(
     wanted: Sequence[int],
     starts: int,
     settings: RunSettings,
-    seed: int = 0,
 ) -> list[StartShares]:
     """Share of random starts with unequal halves that reach each motion at each place.
 
@@ -107,10 +106,9 @@ def start_shares(
         wanted: periods of the motions.
         starts: number of starts, the same at each place.
         settings: length of the runs.
-        seed: of the starts.
     """
     gears = [base.changed(place) for place in places]
-    begin = [random_starts(runner.build(g), starts, np.random.default_rng(seed)) for g in gears]
+    begin = [random_starts(runner.build(g), starts, np.random.default_rng(0)) for g in gears]
     sets = [gear for gear in gears for _ in range(starts)]
     motions = runner.run(sets, np.concatenate(begin), settings)
     alike, forcing = motions.alike.reshape(-1, starts), runner.effect_period(gears[0])

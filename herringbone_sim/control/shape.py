@@ -56,7 +56,15 @@ def phases(n: int) -> tuple[float, ...]:
 def shape_map(
     runner: MotionRunner, base: Parameters, axis: Axis, K: Array, settings: RunSettings
 ) -> ShapeMap:
-    """Periods and exponents over one axis of the control and over K, from the zero start."""
+    """Integrate from the zero start at every value of an axis of the control and every K.
+
+    Args:
+        runner: integrates the runs.
+        base: parameters of the gear.
+        axis: values of ``control_phase`` [rad] or ``control_order``.
+        K: (m,) amplitudes.
+        settings: lengths of the runs.
+    """
     survey = run_survey(runner, base, axis, K, Starts(0, 0, running=False), settings)
     unit = np.array([survey.target_cycles({axis.name: v}, 1) for v in axis.values])
     names = ("exponent", "exponent_error", "transverse", "within", "apart")

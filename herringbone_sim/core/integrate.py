@@ -294,8 +294,10 @@ def largest_exponent(
     error.
 
     Args:
+        model: see ``build``.
         cycles: mesh cycles averaged over, in 10 batches.
         transient: mesh cycles left out before.
+        state: to start from; None: the initial state.
 
     Raises:
         DivergenceError: the state left the range of any physical motion.

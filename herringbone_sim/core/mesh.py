@@ -1,7 +1,4 @@
-"""The mesh: backlash and its thermal loss, stiffness, error, damping; one function per equation.
-
-Plain NumPy functions in SI units; the compiled kernel is tested against them.
-"""
+"""The mesh: backlash and its thermal loss, stiffness, damping; a function per equation, in SI."""
 
 from __future__ import annotations
 
@@ -45,29 +42,6 @@ def half_backlash(b: float, b_c: float, loss: float) -> float:
     return b * b_c - loss / 2.0
 
 
-def single_pair_stiffness(
-    k_h: float,
-    k_a: Sequence[float],
-    k_b: Sequence[float],
-    k_s: Sequence[float],
-    k_f: Sequence[float],
-) -> float:
-    """Stiffness of one tooth pair [N/m], Eq. (5): all parts in series.
-
-    Args:
-        k_h: contact stiffness [N/m].
-        k_a, k_b, k_s, k_f: compression, bending, shear and foundation stiffness [N/m] of the
-            driving and of the driven tooth.
-    """
-    parts = [k_h, *k_a, *k_b, *k_s, *k_f]
-    return 1.0 / sum(1.0 / part for part in parts)
-
-
-def double_pair_stiffness(first: float, second: float) -> float:
-    """Stiffness of two tooth pairs in parallel [N/m], Eq. (6)."""
-    return first + second
-
-
 def stiffness(
     phase: Array | float, k_m: float, k_amp: Sequence[float], phi_a: float = 0.0
 ) -> Array:
@@ -84,19 +58,6 @@ def stiffness(
     terms = [a * np.cos((j + 1) * phase + phi_a) for j, a in enumerate(k_amp)]
     k: Array = k_m * (1.0 + np.sum(terms, axis=0))
     return k
-
-
-def mesh_error(
-    phase: Array | float, amplitudes: Sequence[float], mean: float = 0.0, phi_b: float = 0.0
-) -> Array:
-    """e(t) [m] at a mesh phase [rad], Eq. (9); with one harmonic and no mean it is Eq. (10).
-
-    Misprint corrected: Eq. (10) gives the ring meshes e_mspi; they have their own amplitude.
-    """
-    phase = np.asarray(phase, dtype=float)
-    terms = [a * np.sin((j + 1) * phase + phi_b) for j, a in enumerate(amplitudes)]
-    e: Array = mean + np.sum(terms, axis=0)
-    return e
 
 
 def damping(xi: float, k_m: float, M_1: float, M_2: float) -> float:

@@ -1,9 +1,7 @@
-"""The equations of motion: Eqs. (12)-(16) of the bodies, Eqs. (18)-(22) of the reduced system.
+"""The gear that the kernel integrates: a parameter set packed for the equations of motion.
 
-``build`` packs a parameter set for the kernel. The plain NumPy functions are the equations as in
-the paper, with misprints corrected; the tests compare the kernel with them.
-
-Over 300 lines, so that the equations and what the kernel makes of them are read side by side.
+The equations themselves, (12)-(16) of the bodies and (18)-(22) of the reduced system, are in
+``right_hand_side``.
 """
 
 from __future__ import annotations
@@ -293,62 +291,6 @@ def body_displacements(model: Model, y: Array) -> Array:
     whole = s.M_c + 4.0 * M_s.sum() + share * M_p.sum()
     u_c = -(2.0 * (M_s @ q) + share * (M_p @ r)) / whole
     return np.concatenate([q + 2.0 * u_c, [u_c], r + u_c])
-
-
-def body_accelerations(model: Model, force_n: Array) -> Array:
-    """Accelerations r_b d2theta/dt2 [m/s^2] of all bodies (n_bodies,), Eqs. (12)-(14).
-
-    Args:
-        force_n: (n_mesh,) mesh forces k f(x) + c v [N] of the full model.
-    """
-    s, p = model.scales, model.parameters
-    sun, ring = force_n.reshape(2, 2, -1)
-    share = model.packed.multiplicity
-    M_s, M_p = 1.0 / model.packed.inv_M_s, 1.0 / model.packed.inv_M_p
-    suns = (p.T_1 / 2.0 / s.r_bs - share * sun.sum(axis=1) * s.cos_beta) / M_s
-    planets = (sun - ring) * s.cos_beta / M_p
-    carrier = (share * force_n.sum() * s.cos_beta - s.T_2 / s.r_bc) / s.M_c
-    return np.concatenate([suns, [carrier], planets.ravel()])
-
-
-def reduced_accelerations(model: Model, x: Array, v: Array, phase: float) -> Array:
-    """Second derivatives of (x_sp_L, x_sp_R, x_rp_L, x_rp_R), Eqs. (18) and (22), dimensionless.
-
-    Misprints corrected: Eq. (22) writes k y for k f(y); its line of y6 contains k_sp, c_sp before
-    y3, y4; the planet's part of k_rp is missing in its line of y8. Eq. (18) is correct.
-
-    Args:
-        x, v: (4,) relative displacements and velocities.
-        phase: mesh phase [rad] = Omega tau.
-    """
-    s, p, N = model.scales, model.parameters, model.parameters.n_planets
-    half = model.half_backlash_m / s.b_c
-    k_m = mean_stiffness(p)
-    shift = mesh_phases(p)
-    k = np.array(
-        [float(mesh.stiffness(phase, km, p.k_amp, a)) for km, a in zip(k_m, shift, strict=True)]
-    )
-    spring = k * mesh.backlash(x, half) / s.omega_n**2
-    damper = model.damping_n_s_per_m * v / s.omega_n
-    sp_L, sp_R, rp_L, rp_R = (spring + damper) * s.projection
-    carrier = N * (sp_L + sp_R + rp_L + rp_R) / s.M_c
-    M_s, M_p = 1.0 / model.packed.inv_M_s, 1.0 / model.packed.inv_M_p[:, 0]
-    unit = s.omega_n**2 * s.b_c
-    T_1_term = p.T_1 * s.cos_beta / (2.0 * s.r_bs * M_s * unit)
-    T_2_term = s.T_2 * s.cos_beta / (s.r_bc * s.M_c * unit)
-    e_dd = -p.e_m * p.Omega**2 * np.sin(phase + shift)
-    control = p.K * np.cos(p.control_order * phase + p.control_phase)
-    loads = np.array([*(T_1_term + T_2_term), T_2_term, T_2_term])
-    meshes = np.array(
-        [
-            carrier + N * sp_L / M_s[0] + sp_L / M_p[0] - rp_L / M_p[0],
-            carrier + N * sp_R / M_s[1] + sp_R / M_p[1] - rp_R / M_p[1],
-            carrier - sp_L / M_p[0] + rp_L / M_p[0],
-            carrier - sp_R / M_p[1] + rp_R / M_p[1],
-        ]
-    )
-    result: Array = loads - meshes - e_dd - control * np.array(spread(p.control_on, 4))
-    return result
 
 
 def jacobian(model: Model, y: Array, phase: float) -> Array:

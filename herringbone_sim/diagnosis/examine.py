@@ -14,15 +14,10 @@ from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
+from herringbone_sim.diagnosis.machine import Hypothesis, Machine
 from herringbone_sim.diagnosis.products import residual_without_nuisance
-from herringbone_sim.diagnosis.search import (
-    MIN_GAIN_PER_VALUE,
-    Hypothesis,
-    Machine,
-    Score,
-    Search,
-    amplitudes,
-)
+from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search, amplitudes
 from herringbone_sim.diagnosis.threads import parallel_map
 
 # Limits of the search, chosen for run time:

@@ -206,7 +206,13 @@ def recentred(p: Products, a: Array) -> Products:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a coefficient acts in one observation: k rows, k functions, (runs, k) weights."""
+    """Where a coefficient acts in one observation: on k functions, each in one row.
+
+    Attributes:
+        rows: (k,) indices of the rows.
+        functions: (k,) names of the functions.
+        weights: (runs, k) amplitude of each function for a coefficient of 1.
+    """
 
     rows: tuple[int, ...]
     functions: tuple[str, ...]

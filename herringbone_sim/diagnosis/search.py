@@ -1,25 +1,18 @@
 """Score hypotheses by leave-one-run-out prediction: all of them linearly, the best ones exactly.
 
-Longer than 300 lines: ``Machine``, ``Hypothesis``, ``Score`` and ``Search`` are the interface that
-a machine implements and are read together.
-
-Energy means whitened sum of squares (chi2) throughout. Amplitudes are the values at which
-functions act: observation -> function -> (runs, rows).
+Energy means whitened sum of squares (chi2) throughout.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.flexible import RegressionInputs
+from herringbone_sim.diagnosis.machine import Amplitudes, Machine
 from herringbone_sim.diagnosis.products import (
     Block,
     CampaignProducts,
@@ -28,242 +21,19 @@ from herringbone_sim.diagnosis.products import (
     products,
     recentred,
 )
-from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out, within
+from herringbone_sim.diagnosis.regression import within
+from herringbone_sim.diagnosis.score import PRIOR_SCALES, Score, compute_score, trust_region
 from herringbone_sim.diagnosis.threads import parallel_map
 
-Amplitudes = Mapping[str, Mapping[str, Array]]
-# Chosen, not fitted: bound of a departure from the catalogue's curve, in its prior standard
-# deviations.
-MAX_DEPARTURE_SD = 3.0
-# Iterations between the size of an effect and the prior of its departures; chosen.
-DEPARTURE_ROUNDS = 2
-# Factors tried on the prior of an effect's size (1: moderate effect), half a decade apart; chosen.
-PRIOR_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
-
-
-class Machine(Protocol):
-    """Interface of a machine: observations of its runs, linearised about any amplitudes.
-
-    Attributes:
-        base: coefficients that every hypothesis contains: the tolerances.
-        rows: number of rows of each observation.
-        runs: number of runs.
-    """
-
-    base: tuple[Coefficient, ...]
-    rows: Mapping[str, int]
-    runs: int
-
-    @property
-    def functions(self) -> Mapping[str, tuple[str, ...]]:
-        """Names of the functions (columns) of each observation."""
-
-    def hypotheses(self) -> list[Hypothesis]:
-        """The catalogue: every effect at every place with every option."""
-
-    def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Machine, list[Hypothesis]]:
-        """Hypotheses suggested by the residual beyond the catalogue, such as a damaged tooth.
-
-        Args:
-            amplitudes: of the current fit; its residual is searched.
-            known: the current fit.
-
-        Returns:
-            Machine extended by the functions of the new hypotheses (itself if there are none),
-            and the new hypotheses.
-        """
-
-    def nonlinear_trials(
-        self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
-    ) -> list[tuple[float, Hypothesis, Array]]:
-        """Evaluate hypotheses at finite sizes, for gaps that no linear fit explains.
-
-        Args:
-            ranked: hypotheses with the mean of their linear fits, best first.
-            known: fit without any of them.
-
-        Returns:
-            Energy, hypothesis and start of its fit (coefficients of ``known`` first), best first.
-        """
-
-    def without_linearisation(self) -> Machine:
-        """Copy whose blocks are computed exactly at the amplitudes, none extrapolated linearly."""
-
-    def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
-        """Measured quantities that an unknown law of these rows may depend on, for run r."""
-
-    def cycles(self, observation: str, r: int) -> Array:
-        """(n,) cycles since the start of run r at every sample."""
-
-    def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        """Observations whose residual is linear in the functions up to these amplitudes."""
-
-    def blocks(
-        self,
-        amplitudes: Amplitudes,
-        wanted: Mapping[str, Sequence[str]] | None,
-        observations: Sequence[str],
-    ) -> list[dict[str, Block]]:
-        """Residuals and columns of all runs about some amplitudes.
-
-        Args:
-            wanted: functions whose columns are formed, by observation; None: all.
-            observations: names of those that are formed.
-
-        Returns:
-            For each run, its blocks by observation.
-        """
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """An effect with its options at a place.
-
-    Attributes:
-        effect, options: as in the catalogue.
-        locus: place, such as (mesh, planet, side).
-        coefficients: to fit; the effect's own parameters first, then departures from its curve.
-        n_own: number of own parameters.
-        source: object from which the machine rebuilds the hypothesis for other runs; None for
-            those of the catalogue.
-        measured_gain: energy removed at the centres of its coefficients, evaluated by the machine
-            where the effect is strongly nonlinear; None: the linear screen decides.
-        base_mean: values of all other coefficients at ``measured_gain``.
-    """
-
-    effect: str
-    options: tuple[tuple[str, object], ...]
-    locus: Hashable
-    coefficients: tuple[Coefficient, ...]
-    n_own: int
-    source: Any = None
-    measured_gain: float | None = None
-    base_mean: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        departures = [replace(c, departs_from=self.n_own) for c in self.coefficients[self.n_own :]]
-        object.__setattr__(self, "coefficients", (*self.coefficients[: self.n_own], *departures))
-
-
-@dataclass(frozen=True)
-class Score:
-    """Fit of p coefficients and its leave-one-run-out prediction error.
-
-    Attributes:
-        coefficients: tolerances first.
-        mean: (p,) posterior mean from all runs.
-        covariance: (p, p) posterior covariance for the assumed noise.
-        leave_one_out_means: (runs, p) posterior means without one run each.
-        energy: (runs,) energy left of each run when predicted from the others.
-        in_sample: energy left when all runs are fitted.
-        log_density: sum of log predictive densities of the left-out runs.
-        prior_scale: factor on the priors that predicted best, see ``PRIOR_SCALES``.
-        energy_by_row: (runs, R) energy left in sample, by observation.
-        count: number of whitened values.
-    """
-
-    coefficients: tuple[Coefficient, ...]
-    mean: Array
-    covariance: Array
-    leave_one_out_means: Array
-    energy: Array
-    in_sample: float
-    log_density: float
-    prior_scale: float
-    energy_by_row: Mapping[str, Array]
-    count: float = 0.0
-
-    def covariance_with_jackknife(self) -> Array:
-        """(p, p) posterior covariance plus the jackknife covariance over runs.
-
-        The posterior assumes white noise; the jackknife also contains model error that differs
-        between runs. It is widened by the ratio of Student's to normal 95 % quantiles.
-        """
-        runs = len(self.leave_one_out_means)
-        if runs < 2:
-            return self.covariance
-        off = self.leave_one_out_means - self.leave_one_out_means.mean(axis=0)
-        wide = float(student.ppf(0.95, runs - 1) / norm.ppf(0.95)) ** 2
-        jackknife: Array = wide * (runs - 1) / runs * off.T @ off
-        return self.covariance + jackknife
-
-
-def compute_score(
-    campaign: CampaignProducts,
-    coefficients: Sequence[Coefficient],
-    mean: Array | None = None,
-    sizes: Sequence[float] = PRIOR_SCALES,
-) -> Score:
-    """Score of the linearised campaign, at the prior scale with the best predictive density.
-
-    Args:
-        campaign: products formed about ``mean``.
-        coefficients: of a hypothesis, beyond the tolerances.
-        mean: (p,) point of linearisation; None: zero.
-        sizes: prior scales to try.
-    """
-    every = (*campaign.base, *coefficients)
-    A, b = campaign.normal_equations(coefficients)
-    n = len(campaign.base)
-    center = np.array([c.center for c in every])
-    # Shift the origin from ``mean`` to the centre of the prior.
-    off = center - (np.zeros(len(every)) if mean is None else mean)
-    energy = campaign.energy - _energy_reduction(A, b, off)
-    b = b - A @ off
-    prior, bound = np.array([c.sd for c in every]), np.array([c.bound for c in every])
-    best: tuple[float, LeftOut, float, Array] | None = None
-    sized = np.array([i >= n and c.scales_with_effect for i, c in enumerate(every)])
-    reach = _trust_region(every)
-    for size in sizes if sized.any() else (1.0,):
-        sd = prior * np.where(sized, size, 1.0)
-        found = leave_one_out(Normal(A, b, sd, bound, reach))
-        density = float(found.log_density.sum())
-        if best is None or density > best[0]:
-            best = density, found, size, sd
-    assert best is not None
-    density, found, size, sd = best
-    bent = np.array([c.departs_from > 0 for c in every])
-    for _ in range(DEPARTURE_ROUNDS if bent.any() else 0):
-        sd = np.where(bent, prior * _effect_sizes(every, center + found.whole.mean), sd)
-        found = leave_one_out(
-            Normal(A, b, sd, np.where(bent, MAX_DEPARTURE_SD * sd, bound), reach)
-        )
-        density = float(found.log_density.sum())
-    whole = found.whole
-    return Score(
-        every,
-        center + whole.mean,
-        whole.covariance,
-        center + found.means,
-        energy - found.fall,
-        float(np.sum(energy - _energy_reduction(A, b, whole.mean))),
-        density - 0.5 * float(energy.sum()),
-        size,
-        {},
-    )
-
-
-def _trust_region(coefficients: Sequence[Coefficient]) -> Array:
-    """(p,) largest steps for which columns hold: the prior where they change with amplitudes."""
-    return np.array([np.inf if c.scales_with_effect else c.sd for c in coefficients])
-
-
-def _effect_sizes(coefficients: Sequence[Coefficient], mean: Array) -> Array:
-    """(p,) size of the effect that each departure belongs to, 1 for a moderate one; else 1."""
-    found, size = np.ones(len(mean)), 1.0
-    for i, c in enumerate(coefficients):
-        if c.departs_from and not coefficients[i - 1].departs_from:
-            own = range(i - c.departs_from, i)
-            size = max(abs(mean[j]) / coefficients[j].sd for j in own)
-        if c.departs_from:
-            found[i] = size
-    return np.maximum(found, PRIOR_SCALES[0] ** 2)
-
-
-def _energy_reduction(A: Array, b: Array, step: Array) -> Array:
-    """(runs,) decrease of the energy by a step (p,) of the coefficients."""
-    fall: Array = 2.0 * b @ step - np.einsum("i,rij,j->r", step, A, step)
-    return fall
+# Settings of Gauss-Newton and of the search, chosen, not fitted:
+MAX_ROUNDS = 20
+# Energy per value worth explaining: an effect at the noise level (d = 1) on 2 % of the rows.
+MIN_GAIN_PER_VALUE = 0.02
+RELATIVE_TOLERANCE = 1e-4  # relative change of the energy at which a fit has converged
+MAX_STEP_CUTS = 4  # successive step reductions by 0.3, together to 0.8 %
+# Energy difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
+# exp(5), 150. Also absolute tolerance of fits.
+CHANCE_CHI2 = 10.0
 
 
 def amplitudes(
@@ -287,17 +57,6 @@ def functions_used(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
         for o, placement in c.placements.items():
             found.setdefault(o, {}).update(dict.fromkeys(placement.functions))
     return {o: list(names) for o, names in found.items()}
-
-
-# Settings of Gauss-Newton and of the search, chosen, not fitted:
-MAX_ROUNDS = 20
-# Energy per value worth explaining: an effect at the noise level (d = 1) on 2 % of the rows.
-MIN_GAIN_PER_VALUE = 0.02
-RELATIVE_TOLERANCE = 1e-4  # relative change of the energy at which a fit has converged
-MAX_STEP_CUTS = 4  # successive step reductions by 0.3, together to 0.8 %
-# Energy difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
-# exp(5), 150. Also absolute tolerance of fits.
-CHANCE_CHI2 = 10.0
 
 
 class Search:
@@ -389,7 +148,7 @@ class Search:
         step = np.zeros_like(mean)
         best: tuple[Array, CampaignProducts] | None = None
         sizes: Sequence[float] = PRIOR_SCALES
-        reach = _trust_region(every)
+        reach = trust_region(every)
         refused = 0
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)

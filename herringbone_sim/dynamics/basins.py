@@ -115,6 +115,10 @@ def gear_sections(
         points: mesh cycles recorded, one section point each.
         workers: threads among which the initial states are divided; the result does not depend on
             it.
+
+    Returns:
+        Function of initial states (n, n_state) that gives section points (n, points, n_state),
+        NaN where the motion diverged.
     """
 
     def run(starts: Array) -> Array:

@@ -59,18 +59,18 @@ class Growth:
         return means
 
 
-def batch_error(values: Array, batches: int = BATCHES) -> Array:
+def batch_error(values: Array) -> Array:
     """Standard error (k,) of the mean of correlated values (m, k), from batch means.
 
     Raises:
-        AnalysisError: fewer values than batches.
+        AnalysisError: fewer values than ``BATCHES``.
     """
-    if len(values) < batches:
+    if len(values) < BATCHES:
         raise AnalysisError(
-            f"an error needs at least {batches} periods, got {len(values)}: take more"
+            f"an error needs at least {BATCHES} periods, got {len(values)}: take more"
         )
-    means = np.array([part.mean(axis=0) for part in np.array_split(values, batches)])
-    error: Array = means.std(axis=0, ddof=1) / np.sqrt(batches)
+    means = np.array([part.mean(axis=0) for part in np.array_split(values, BATCHES)])
+    error: Array = means.std(axis=0, ddof=1) / np.sqrt(BATCHES)
     return error
 
 

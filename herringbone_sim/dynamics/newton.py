@@ -34,12 +34,7 @@ class Solution:
     reason: str = ""
 
 
-def newton(
-    equations: Equations,
-    z: Array,
-    tolerance: float = TOLERANCE,
-    max_iterations: int = MAX_ITERATIONS,
-) -> Solution:
+def newton(equations: Equations, z: Array, tolerance: float = TOLERANCE) -> Solution:
     """Solve a system by Newton's method, each step halved until the largest residual falls.
 
     Args:
@@ -51,7 +46,7 @@ def newton(
         residual, jacobian = equations(z)
     except (DivergenceError, ParameterError) as error:
         return Solution(z, float("nan"), 0, str(error))
-    for iteration in range(max_iterations):
+    for iteration in range(MAX_ITERATIONS):
         size = float(np.abs(residual).max())
         if size <= tolerance:
             return Solution(z, size, iteration)
@@ -66,8 +61,8 @@ def newton(
                 return Solution(z, size, iteration, "no step along Newton's direction helps")
         z, (residual, jacobian) = z + share * step, found
     size = float(np.abs(residual).max())
-    reason = "" if size <= tolerance else f"no convergence in {max_iterations} steps"
-    return Solution(z, size, max_iterations, reason)
+    reason = "" if size <= tolerance else f"no convergence in {MAX_ITERATIONS} steps"
+    return Solution(z, size, MAX_ITERATIONS, reason)
 
 
 def _attempt(equations: Equations, z: Array, size: float) -> tuple[Array, Array] | None:

@@ -141,7 +141,11 @@ def multipliers(orbit: Orbit, mirror: Indices | None = None) -> Multipliers:
     if not orbit.converged:
         raise AnalysisError(f"multipliers need a periodic orbit: {orbit.reason}")
     even = basis_of(orbit.points, mirror)
-    odd = parts(mirror)[1] if even.shape[1] < len(even) and mirror is not None else even[:, :0]
+    odd = (
+        symmetry_bases(mirror)[1]
+        if even.shape[1] < len(even) and mirror is not None
+        else even[:, :0]
+    )
     return Multipliers(_eigenvalues(orbit, even), _eigenvalues(orbit, odd))
 
 
@@ -166,10 +170,14 @@ def basis_of(points: Array, mirror: Indices | None) -> Array:
     states.
     """
     n = points.shape[-1]
-    return np.eye(n) if mirror is None or not is_symmetric(points, mirror) else parts(mirror)[0]
+    return (
+        np.eye(n)
+        if mirror is None or not is_symmetric(points, mirror)
+        else symmetry_bases(mirror)[0]
+    )
 
 
-def parts(mirror: Indices) -> tuple[Array, Array]:
+def symmetry_bases(mirror: Indices) -> tuple[Array, Array]:
     """Orthonormal bases (n, k) of the symmetric and (n, n - k) of the antisymmetric states."""
     unit = np.eye(len(mirror))
     first = [i for i, other in enumerate(mirror) if i < other]

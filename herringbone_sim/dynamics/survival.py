@@ -48,7 +48,7 @@ class Survival:
 
     @property
     def shares(self) -> Array:
-        """(4, 3) share of each final motion and its 95 % Wilson interval."""
+        """(4, 3) share of each of ``FATES`` with the ends of its 95 % Wilson interval."""
         return np.array([[c / self.starts, *wilson(int(c), self.starts)] for c in self.counts])
 
 

@@ -204,7 +204,7 @@ class Active:
 
     @property
     def chosen(self) -> dict[str, Any]:
-        """All options by name."""
+        """Value of every option by name; its start value where none was given."""
         return {o.name: o.start for o in self.effect.options} | dict(self.options)
 
 

@@ -85,7 +85,9 @@ def motion(model: Model, series: TimeSeries) -> Motion:
     )
 
 
-def answer(model: Model, actives: Sequence[Active], moved: Motion) -> Answer:
+def answer(
+    model: Model, actives: Sequence[Active], moved: Motion, table: Array | None = None
+) -> Answer:
     """Mesh forces and torques of a gear with effects at recorded motion.
 
     States of effects (ring, bearing) start at rest and follow the measured forces, so their first
@@ -93,6 +95,9 @@ def answer(model: Model, actives: Sequence[Active], moved: Motion) -> Answer:
 
     Args:
         model: built for the operating point (delta_T sets the backlash).
+        actives: the effects.
+        moved: the motion.
+        table: of the gear, see ``gear_table``; None: that of the model.
 
     Raises:
         AnalysisError: an effect with states of its own, and no measured forces.
@@ -112,7 +117,7 @@ def answer(model: Model, actives: Sequence[Active], moved: Motion) -> Answer:
             found.kernel,
             found.site,
             found.theta,
-            gear_table(model),
+            gear_table(model) if table is None else table,
             moved.times,
             moved.now,
             moved.x,

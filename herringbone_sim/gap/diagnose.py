@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -30,8 +30,8 @@ from herringbone_sim.gap.observations.reconstructed_forces import (
     forces_of_run,
 )
 from herringbone_sim.gap.observations.recorded_noise import recorded_noise
-from herringbone_sim.gap.report import ReportContent, report
-from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
+from herringbone_sim.gap.report import Report
+from herringbone_sim.gap.sensors.correction import correct_motion_sensors
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide, explanation_of
@@ -54,29 +54,14 @@ class Diagnosis:
     Attributes:
         evidence: scores of all hypotheses; None where nothing could be examined.
         calibrated: fit runs and calibration.
-        verdict: verdict with probabilities.
-        gap: of all runs, held-out ones included, in the metric of the verdict.
-        report: plain data of ``report.json``.
         augmented: the nominal model, recalibrated, with the effects of the verdict.
-        senses: the gap as residual, prediction and attractor; None where not measured.
-        findings: problems of the data, and limits on what they can show.
-        forces: of all meshes in a run, where the diagnosis rests on windows of the motion.
+        report: verdict, gap and all else that is told of the diagnosis.
     """
 
     evidence: Evidence | None
     calibrated: Calibrated
-    verdict: Verdict
-    gap: Gap
-    report: dict[str, Any]
-    augmented: Augmented = field(default_factory=nominal_model)
-    senses: Senses | None = None
-    findings: tuple[Finding, ...] = ()
-    forces: ReconstructedForces | None = None
-
-    def mend(self, run: PreparedRun) -> PreparedRun:
-        """Remove the sensor effects of the verdict from a run."""
-        wrong = [a for a in self.augmented.actives if is_motion_sensor_effect(a)]
-        return correct_sensors(run, wrong) if wrong else run
+    augmented: Augmented
+    report: Report
 
 
 def diagnose(
@@ -131,12 +116,15 @@ def diagnose(
         of_windows = examined.noise.get(trajectory.NAME, 1.0)
         channels = machine.gear.followed_channels.names
         forces = forces_of_run(whole, campaign.runs, explanation, of_windows, channels)
-    result = Diagnosis(evidence, calibrated, verdict, gap, {}, model, None, findings, forces)
     in_senses = None
     if senses and verdict.metric != trajectory.NAME:
         runner_up = None if other is None else augmented(other, verdict.runner_up)
-        in_senses = measure_senses(campaign.runs, result.mend, gap, model, runner_up, say)
-    return _with_report(result, campaign, machine, in_senses, senses)
+        correct = partial(correct_motion_sensors, actives=model.actives)
+        in_senses = measure_senses(campaign.runs, correct, gap, model, runner_up, say)
+    report = _report(
+        campaign, findings, machine, calibrated, model, verdict, gap, senses, in_senses, forces
+    )
+    return Diagnosis(evidence, calibrated, model, report)
 
 
 def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
@@ -210,7 +198,7 @@ def _undiagnosed(
     campaign: PreparedCampaign,
     findings: tuple[Finding, ...],
     machine: GearMachine,
-    senses: bool,
+    full: bool,
 ) -> Diagnosis:
     """Result for a campaign without any observation, or with a nominal file of another rig."""
     judged = [Chance(("unknown",), None, 0.5), Chance((), None, 0.5)]
@@ -221,34 +209,42 @@ def _undiagnosed(
     runs = tuple(RunGap(run.name, run.role, nan, nan, nan) for run in campaign.runs)
     cases = tuple(fused_run(g.run, g.fused) for g in machine.gear.runs)
     calibrated = Calibrated(cases, np.ones(6), None)
-    result = Diagnosis(None, calibrated, verdict, Gap("force_law", runs), {}, findings=findings)
-    return _with_report(result, campaign, machine, None, senses)
+    gap, model = Gap("force_law", runs), nominal_model()
+    report = _report(campaign, findings, machine, calibrated, model, verdict, gap, full)
+    return Diagnosis(None, calibrated, model, report)
 
 
-def _with_report(
-    result: Diagnosis,
+def _report(
     campaign: PreparedCampaign,
+    findings: tuple[Finding, ...],
     machine: GearMachine,
-    senses: Senses | None,
+    calibrated: Calibrated,
+    model: Augmented,
+    verdict: Verdict,
+    gap: Gap,
     full: bool,
-) -> Diagnosis:
-    """Add the senses and the report.
+    senses: Senses | None = None,
+    forces: ReconstructedForces | None = None,
+) -> Report:
+    """Report of a diagnosis.
 
     Args:
-        result: of the diagnosis.
-        campaign: that was diagnosed.
+        campaign, findings: as checked.
         machine: gear with its fit runs.
-        senses: of the gap, where measured.
+        calibrated: fit runs and calibration.
+        model: augmented model.
+        verdict: of the diagnosis.
+        gap: of all runs in the metric of the verdict.
         full: whether to design the next experiment and locate the residual too.
+        senses, forces: where measured.
     """
-    verdict, findings, calibrated = result.verdict, result.findings, result.calibrated
-    point = design(campaign, calibrated, verdict, result.augmented) if full else None
+    point = design(campaign, calibrated, verdict, model) if full else None
     limits = [f.text for f in findings] + undecidable(campaign, calibrated, verdict, findings)
-    content = ReportContent(
+    return Report(
         campaign=campaign.rig,
         verdict=verdict,
         where=residual_by_mesh(campaign, calibrated, verdict),
-        gap=result.gap,
+        gap=gap,
         undecidable=[*limits, *(senses.unknown if senses else ())],
         next_experiment=next_experiment(campaign, verdict, point),
         findings=[f for f in findings if not f.limit],
@@ -257,6 +253,5 @@ def _with_report(
         structure=residual_structure(campaign, calibrated) if full else {},
         noise=recorded_noise(machine.gear.runs, campaign.noise_known),
         observations=machine.observation_names,
-        forces=result.forces,
+        forces=forces,
     )
-    return replace(result, report=report(content), senses=senses)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import LOADS_M
 from herringbone_sim.gap.observations.events import BUMP, KNOTS

@@ -9,7 +9,8 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.judge import HALF_90, relative_error
-from herringbone_sim.diagnosis.search import Hypothesis, Score
+from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import Active, Effect, Locus, Parameter
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.learned_law import LearnedLaw, learned_law

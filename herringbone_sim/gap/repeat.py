@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,19 +13,19 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
-from herringbone_sim.gap.report import METRICS, plain_numbers
-from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.report import plain_numbers
+from herringbone_sim.gap.report_file import StoredReport
+from herringbone_sim.gap.sensors.correction import correct_motion_sensors
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import from_parameters
-from herringbone_sim.gap.verification.senses import measure_senses
+from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.serialise import (
     attractor_to_dict,
     gap_to_dict,
     senses_to_dict,
 )
 from herringbone_sim.gap.verification.verify import residual_gap
-from herringbone_sim.recording.safe_json import JsonError, read_json
 
 Say = Callable[[str], None]
 SCHEMA = "herringbone_sim/gap-verify/1"
@@ -33,46 +33,51 @@ ROLE_FINDINGS = ("no_fit", "no_held_out", "one_run")  # irrelevant here: all run
 REPEATED = ("metric", "unit", "nominal", "augmented", "noise_floor", "closure")
 
 
-def read_report(path: Path) -> dict[str, Any]:
-    """Read the report of an earlier diagnosis.
+@dataclass(frozen=True)
+class Repetition:
+    """The gap of an earlier diagnosis on further runs.
 
-    Raises:
-        AnalysisError: the file can't be read, or is no report.
+    Attributes:
+        campaign: name of the rig of the further runs.
+        earlier: report of the diagnosis.
+        senses: the gap of the further runs, whatever their role.
+        undecidable: sentences on problems of the data and on what could not be measured.
     """
-    try:
-        data = read_json(path)
-    except (OSError, JsonError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise AnalysisError(
-            f"{path} can't be read ({reason}): give the folder that `gap CAMPAIGN --out` wrote"
-        ) from None
-    if not _is_report(data):
-        raise AnalysisError(f"{path} is no report of a gap: give the folder that `gap` wrote")
-    return data
 
+    campaign: str
+    earlier: StoredReport
+    senses: Senses
+    undecidable: tuple[str, ...]
 
-def _is_report(data: Mapping[str, Any]) -> bool:
-    """Whether the fields of a report that are used here have the right types."""
-    gap, effects = data.get("gap"), data.get("effects")
-    if not isinstance(gap, dict) or not isinstance(effects, list):
-        return False
-    senses = gap.get("senses") or {}
-    return (
-        gap.get("metric") in METRICS
-        and isinstance(senses, dict)
-        and all(isinstance(one, dict) for one in senses.values())
-        and all(isinstance(one, str) for one in effects)
-        and all(isinstance(data.get(name), str) for name in ("campaign", "verdict"))
-    )
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``verify.json``; NaN becomes null."""
+        gap = gap_to_dict(self.senses.residual, None)
+        reported = {name: asdict(numbers) for name, numbers in self.earlier.numbers.items()}
+        data: dict[str, Any] = plain_numbers(
+            {
+                "schema": SCHEMA,
+                "campaign": self.campaign,
+                "diagnosed": self.earlier.campaign,
+                "verdict": self.earlier.verdict,
+                "effects": list(self.earlier.effects),
+                "gap": gap | {"senses": senses_to_dict(self.senses, None)},
+                "reported": {
+                    name: {key: one[key] for key in REPEATED} for name, one in reported.items()
+                },
+                "attractor": attractor_to_dict(self.senses),
+                "undecidable": list(self.undecidable),
+            }
+        )
+        return data
 
 
 def repeat(
     campaign: PreparedCampaign,
     own: Parameters,
     actives: Sequence[Active],
-    report: Mapping[str, Any],
+    report: StoredReport,
     say: Say = lambda text: None,
-) -> dict[str, Any]:
+) -> Repetition:
     """Measure the gap in three senses over all runs of a campaign, whatever their role.
 
     Sensor effects of the verdict on x, v, u and the clock are removed from the runs.
@@ -96,28 +101,9 @@ def repeat(
         )
     forces = all(np.isfinite(run.F.values).all(axis=0).any() for run in campaign.runs)
     model = from_parameters(campaign.nominal, own, actives, motion=not forces)
-    sensor_effects = [one for one in actives if is_motion_sensor_effect(one)]
-
-    def correct(run: PreparedRun) -> PreparedRun:
-        return correct_sensors(run, sensor_effects) if sensor_effects else run
-
+    correct = partial(correct_motion_sensors, actives=actives)
     say("residual")
-    gap = residual_gap(campaign.runs, correct, report["gap"]["metric"], model)
+    gap = residual_gap(campaign.runs, correct, report.metric, model)
     senses = measure_senses(campaign.runs, correct, gap, model, None, say)
-    before = report["gap"].get("senses") or {"residual": report["gap"]}
-    result: dict[str, Any] = plain_numbers(
-        {
-            "schema": SCHEMA,
-            "campaign": campaign.rig,
-            "diagnosed": report["campaign"],
-            "verdict": report["verdict"],
-            "effects": report["effects"],
-            "gap": gap_to_dict(gap, None) | {"senses": senses_to_dict(senses, None)},
-            "reported": {
-                name: {key: sense.get(key) for key in REPEATED} for name, sense in before.items()
-            },
-            "attractor": attractor_to_dict(senses),
-            "undecidable": [*(f.text for f in findings), *senses.unknown],
-        }
-    )
-    return result
+    undecidable = (*(f.text for f in findings), *senses.unknown)
+    return Repetition(campaign.rig, report, senses, undecidable)

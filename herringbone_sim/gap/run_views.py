@@ -18,6 +18,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
+from herringbone_sim.gap.sensors.correction import correct_motion_sensors
 from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
 
 COLUMNS = ("measured", "nominal", "augmented")
@@ -57,7 +58,7 @@ def run_views(campaign: PreparedCampaign, diagnosis: Diagnosis) -> list[RunView]
     for run in check(campaign)[0].runs:
         one = known.get(run.name)
         if one is None:
-            whole = diagnosis.mend(run)
+            whole = correct_motion_sensors(run, model.actives)
             one = fused_run(whole, fuse(whole))
         views.append(run_view(one, model))
     return views

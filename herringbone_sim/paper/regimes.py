@@ -47,9 +47,11 @@ class Cut:
     Attributes:
         at: middle between the two neighbouring values of the sweep.
         low, high: these two values.
-        share_before, share_after: shares of the values with the motion, within 3 % of the sweep
-            on either side; 1 and 1 for a clean change.
-        clean: whether the two neighbouring values have the motions, so that bisection applies.
+        share_before: share of the values with motion ``before`` within 3 % of the sweep below
+            ``at``.
+        share_after: the same of ``after`` above it.
+        clean: whether ``low`` has motion ``before`` and ``high`` has ``after``, so that bisection
+            applies.
     """
 
     at: float
@@ -137,9 +139,9 @@ def route(sweep: Sweep) -> tuple[int, ...]:
     return tuple(m for i, m in enumerate(long) if i == 0 or m != long[i - 1])
 
 
-def shares_text(sweep: Sweep, low: float, high: float, limit: int = 4) -> str:
-    """Shares of the commonest motions between two values, as ``P2 60%, chaos 40%``."""
+def shares_text(sweep: Sweep, low: float, high: float) -> str:
+    """Shares of the four commonest motions between two values, as ``P2 60%, chaos 40%``."""
     inside = sweep.motions[(sweep.values >= low) & (sweep.values <= high)]
     kinds, counts = np.unique(inside, return_counts=True)
-    order = np.argsort(-counts, kind="stable")[:limit]
+    order = np.argsort(-counts, kind="stable")[:4]
     return ", ".join(f"{motion_name(int(kinds[i]))} {counts[i] / len(inside):.0%}" for i in order)

@@ -15,7 +15,7 @@ REPEATS = 1000
 
 
 @dataclass(frozen=True)
-class Figure:
+class IntervalEstimate:
     """A number with its 95 % interval.
 
     Attributes:
@@ -29,18 +29,18 @@ class Figure:
     n: int
 
 
-NOTHING = Figure(float("nan"), float("nan"), float("nan"), 0)
+NOTHING = IntervalEstimate(float("nan"), float("nan"), float("nan"), 0)
 
 
-def share(hits: Sequence[bool]) -> Figure:
+def share(hits: Sequence[bool]) -> IntervalEstimate:
     """Share of True with Wilson's interval."""
     n = len(hits)
     if n == 0:
         return NOTHING
-    return Figure(sum(hits) / n, *wilson(sum(hits), n), n)
+    return IntervalEstimate(sum(hits) / n, *wilson(sum(hits), n), n)
 
 
-def bootstrap(rows: Array, statistic: Callable[[Array], Any], seed: int = 0) -> Figure:
+def bootstrap(rows: Array, statistic: Callable[[Array], Any]) -> IntervalEstimate:
     """A statistic of rows (n, ...) with the percentile interval of 1000 bootstrap resamples.
 
     Resamples with a statistic of NaN (only one class) are left out.
@@ -48,11 +48,11 @@ def bootstrap(rows: Array, statistic: Callable[[Array], Any], seed: int = 0) -> 
     n = len(rows)
     if n == 0:
         return NOTHING
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     drawn = [float(statistic(rows[rng.integers(0, n, n)])) for _ in range(REPEATS)]
     kept = [value for value in drawn if np.isfinite(value)]
     low, high = np.percentile(kept, [2.5, 97.5]) if kept else (float("nan"), float("nan"))
-    return Figure(float(statistic(rows)), float(low), float(high), n)
+    return IntervalEstimate(float(statistic(rows)), float(low), float(high), n)
 
 
 def auroc(rows: Array) -> float:
@@ -66,8 +66,8 @@ def auroc(rows: Array) -> float:
     return float(np.mean(0.5 + 0.5 * above))
 
 
-def calibration_error(rows: Array, bins: int = 10) -> float:
-    """Expected calibration error of rows (n, 2): probability given, whether right."""
-    where = np.minimum((rows[:, 0] * bins).astype(int), bins - 1)
-    gaps = [abs(np.sum(rows[where == b, 0] - rows[where == b, 1])) for b in range(bins)]
+def calibration_error(rows: Array) -> float:
+    """Expected calibration error of rows (n, 2): probability given, whether right; in ten bins."""
+    where = np.minimum((rows[:, 0] * 10).astype(int), 9)
+    gaps = [abs(np.sum(rows[where == b, 0] - rows[where == b, 1])) for b in range(10)]
     return float(np.sum(gaps) / len(rows))

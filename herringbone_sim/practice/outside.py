@@ -22,7 +22,7 @@ from herringbone_sim.practice.cause import (
     size_as,
 )
 from herringbone_sim.practice.rig_model import RigModel
-from herringbone_sim.practice.sensors import sensor
+from herringbone_sim.practice.sensors import sensor_kind
 
 
 def _plate(p: RigModel, c: Cause, _: Point) -> RigModel:
@@ -119,6 +119,6 @@ UNSEEN: dict[str, Kind] = {
         lambda p, c, _: p._replace(windage=c.size),
         size_as("size", "N s2/m2"),
     ),
-    "crosstalk": sensor(0.02, 0.6, lambda c: {"size": (c.size, "-")}),
-    "soft_saturation": sensor(0.02, 1.0, lambda c: {"size": (c.size, "-")}),
+    "crosstalk": sensor_kind(0.02, 0.6, lambda c: {"size": (c.size, "-")}),
+    "soft_saturation": sensor_kind(0.02, 1.0, lambda c: {"size": (c.size, "-")}),
 }

@@ -142,10 +142,10 @@ def radii() -> tuple[float, float, float, float]:
     return r_s, r_p, r_r, r_s + r_p
 
 
-def omega_n(c: Constants = NOMINAL) -> float:
-    """Natural frequency [rad/s], Eq. (17)."""
+def omega_n() -> float:
+    """Natural frequency [rad/s] of the nominal gear, Eq. (17)."""
     r_s, r_p, _, _ = radii()
-    return float(np.sqrt(c.k_sp * (r_s**2 / c.I_s + r_p**2 / c.I_p)))
+    return float(np.sqrt(NOMINAL.k_sp * (r_s**2 / NOMINAL.I_s + r_p**2 / NOMINAL.I_p)))
 
 
 def half_backlash(c: Constants, delta_T: float) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.practice.intervals import (
-    Figure,
+    IntervalEstimate,
     auroc,
     bootstrap,
     calibration_error,
@@ -30,7 +30,7 @@ class Metric:
     """A figure: its function of the outcomes, and its target range."""
 
     name: str
-    compute: Callable[[Outcomes], Figure]
+    compute: Callable[[Outcomes], IntervalEstimate]
     least: float = -np.inf
     most: float = np.inf
 
@@ -41,7 +41,7 @@ class Row:
 
     figure: str
     stratum: str
-    result: Figure
+    result: IntervalEstimate
     least: float
     most: float
 
@@ -58,41 +58,41 @@ def of_kind(cases: Outcomes, *kinds: str) -> list[Outcome]:
     return [case for case in cases if case.kind in kinds]
 
 
-def _share(name: str, *kinds: str) -> Callable[[Outcomes], Figure]:
+def _share(name: str, *kinds: str) -> Callable[[Outcomes], IntervalEstimate]:
     """Function that gives the share of an attribute over the outcomes of some kinds."""
     return lambda cases: share([getattr(case, name) for case in of_kind(cases, *kinds)])
 
 
-def _mean_p(cases: Outcomes) -> Figure:
+def _mean_p(cases: Outcomes) -> IntervalEstimate:
     return bootstrap(np.array([case.p_truth for case in cases]), np.mean)
 
 
-def _brier(cases: Outcomes) -> Figure:
+def _brier(cases: Outcomes) -> IntervalEstimate:
     values = [case.brier for case in of_kind(cases, "none", "single", "unknown")]
     return bootstrap(np.array(values), np.mean)
 
 
-def _calibration(cases: Outcomes) -> Figure:
+def _calibration(cases: Outcomes) -> IntervalEstimate:
     rows = [(case.sure, float(case.held)) for case in cases]
     return bootstrap(np.array(rows).reshape(-1, 2), calibration_error)
 
 
-def _unknown(cases: Outcomes) -> Figure:
+def _unknown(cases: Outcomes) -> IntervalEstimate:
     known = of_kind(cases, "single", "pair", "unknown")
     rows = [(case.p_unknown, float(case.kind == "unknown")) for case in known]
     figure = bootstrap(np.array(rows).reshape(-1, 2), auroc)
     return figure if np.isfinite(figure.value) else share([])
 
 
-def _locus(cases: Outcomes) -> Figure:
+def _locus(cases: Outcomes) -> IntervalEstimate:
     return share([case.locus for case in cases if case.locus is not None])
 
 
-def _error(cases: Outcomes) -> Figure:
+def _error(cases: Outcomes) -> IntervalEstimate:
     return bootstrap(np.array([case.error for case in cases if case.error is not None]), np.median)
 
 
-def _coverage(cases: Outcomes) -> Figure:
+def _coverage(cases: Outcomes) -> IntervalEstimate:
     return share([held for case in cases for held in case.covered])
 
 

@@ -95,10 +95,10 @@ def _missing_codes(values: Array, size: float) -> Array:
     return shown
 
 
-def sensor(
+def sensor_kind(
     start: float, cap: float, parameters: Any, draw: Any = draw_channel, least: float = 0.0
 ) -> Kind:
-    """A kind of sensor fault."""
+    """A fault of sensors, which leaves the rig model as it is; see ``Kind`` for the arguments."""
     return Kind("sensor", start, cap, draw, lambda p, c, _: p, parameters, least)
 
 
@@ -108,15 +108,15 @@ def _bias_parameter(c: Cause) -> dict[str, tuple[Any, str]]:
 
 
 SENSORS: dict[str, Kind] = {
-    "sensor_gain": sensor(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
-    "sensor_bias": sensor(0.02, 2.0, _bias_parameter),
-    "sensor_delay": sensor(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
-    "clock_drift": sensor(
+    "sensor_gain": sensor_kind(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
+    "sensor_bias": sensor_kind(0.02, 2.0, _bias_parameter),
+    "sensor_delay": sensor_kind(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
+    "clock_drift": sensor_kind(
         50.0, 5e3, size_as("ppm", "1e-6"), signed(lambda rng: at() | {"channels": ["t"]})
     ),
-    "channel_swap": sensor(1.0, 1.0, lambda c: {}, draw_swap, 1.0),
+    "channel_swap": sensor_kind(1.0, 1.0, lambda c: {}, draw_swap, 1.0),
 }
 OUTSIDE_SENSORS: dict[str, Kind] = {
-    "missing_codes": sensor(0.05, 1.5, lambda c: {"size": (c.size, "-")}),
-    "mains_hum": sensor(0.02, 1.0, lambda c: {"size": (c.size, "-")}),
+    "missing_codes": sensor_kind(0.05, 1.5, lambda c: {"size": (c.size, "-")}),
+    "mains_hum": sensor_kind(0.02, 1.0, lambda c: {"size": (c.size, "-")}),
 }

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.practice.intervals import Figure
+from herringbone_sim.practice.intervals import IntervalEstimate
 from herringbone_sim.practice.outcome import Outcome
 from herringbone_sim.practice.reasons import by_cause, reasons
 from herringbone_sim.practice.score import (
@@ -159,7 +159,7 @@ def _row_cells(row: Row) -> list[str]:
     return [row.figure, _value(r), span, str(r.n), target(row), mark]
 
 
-def _value(figure: Figure) -> str:
+def _value(figure: IntervalEstimate) -> str:
     return f"{figure.value:.3f}" if np.isfinite(figure.value) else "-"
 
 

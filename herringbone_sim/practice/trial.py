@@ -134,7 +134,7 @@ def diagnose_case(
         "baselines.json": _json(plain),
         "evidence.json": _json({} if found.evidence is None else found.evidence.written()),
         "case.json": _json(case),
-        "report.json": _json(found.report),
+        "report.json": _json(found.report.to_dict()),
     }
 
 

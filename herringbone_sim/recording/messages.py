@@ -136,16 +136,6 @@ def encode_joint_state(state: JointState) -> bytes:
     return bytes(out.buffer)
 
 
-@checked
-def decode_joint_state(message: Buffer) -> JointState:
-    """Content of a sensor_msgs/JointState."""
-    source = CdrReader(message)
-    stamp_ns = source.scalar("i") * 10**9 + source.scalar("I")
-    frame_id, names = source.text(), tuple(source.texts())
-    position, velocity, effort = (source.doubles() for _ in range(3))
-    return JointState(stamp_ns, names, position, velocity, effort, frame_id)
-
-
 @dataclass(frozen=True)
 class ParameterEvent:
     """Content of a rcl_interfaces/ParameterEvent.

@@ -184,13 +184,6 @@ class RunWriter:
             self._write(SAMPLES, first_s, message, publish_ns)
             self._files.count(rows.stop - rows.start, first_s, float(times[rows.stop - 1]))
 
-    def write_serialized_samples(
-        self, message: Buffer, t_s: float, n: int, publish_ns: int | None = None
-    ) -> None:
-        """Write a message of ``encode_samples`` with n samples, the first at t_s [s]."""
-        self._write(SAMPLES, t_s, message, publish_ns)
-        self._files.count(n, t_s, t_s)
-
     def write_state(
         self,
         t_s: float,

@@ -28,18 +28,14 @@ from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.runtime.delivery import Change, Delivery
 from herringbone_sim.runtime.pace import (
-    LATEST_BLOCK_S,
     WALL_TIME,
     Pace,
     WallTime,
+    block_length,
     check_pace,
-    sample_period_s,
 )
 from herringbone_sim.runtime.stepping import Step, Stepped
 
-BLOCK_WALL_S = 0.02
-FREE_CYCLES = 64
-MOST_SAMPLES = 100_000
 LATE_S = 0.1
 IDLE_S = 0.05
 
@@ -377,17 +373,10 @@ class Loop:
         return not same and self._state.index != 0
 
     def _block_length(self) -> int:
-        per_cycle = self._model.parameters.samples_per_cycle
-        if self._factor == 0.0:
-            n = FREE_CYCLES * per_cycle
-        else:
-            n = max(int(BLOCK_WALL_S * self._factor / sample_period_s(self._model)), 1)
-        if self._rate:
-            n = min(n, max(int(self._rate * LATEST_BLOCK_S / 2.0), 1))
-        n = min(n, MOST_SAMPLES)
+        n = block_length(self._model, self._factor, self._rate)
         if self._pending:
-            stride = self._model.parameters.steps // per_cycle
-            n = min(n, (self._model.parameters.steps - self._state.index) // stride)
+            p = self._model.parameters
+            n = min(n, (p.steps - self._state.index) // (p.steps // p.samples_per_cycle))
         return min(n, self._step.left) if self._step else n
 
     def _keep_pace(self, block: Block, factor: float) -> None:

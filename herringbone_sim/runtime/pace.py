@@ -11,6 +11,9 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.errors import ParameterError
 
+BLOCK_WALL_S = 0.02  # wall time that a block covers
+FREE_CYCLES = 64  # mesh cycles of a block as fast as possible
+MOST_SAMPLES = 100_000  # of a block
 LATEST_BLOCK_S = 0.1  # wall time between samples, at most: so late a viewer still moves
 
 
@@ -71,6 +74,23 @@ def check_pace(model: Model, real_time_factor: float) -> None:
             f"samples, more than {LATEST_BLOCK_S} s: raise it to "
             f"{sample_period_s(model) / LATEST_BLOCK_S:.3g} or samples_per_cycle to {enough:.0f}"
         )
+
+
+def block_length(model: Model, real_time_factor: float, rate: float) -> int:
+    """Samples of a block, at least 1.
+
+    Args:
+        model: in force.
+        real_time_factor: simulation over wall time, 0 as fast as possible.
+        rate: samples that the last block made a second of wall time; 0 before the first.
+    """
+    if real_time_factor == 0.0:
+        n = FREE_CYCLES * model.parameters.samples_per_cycle
+    else:
+        n = max(int(BLOCK_WALL_S * real_time_factor / sample_period_s(model)), 1)
+    if rate:
+        n = min(n, max(int(rate * LATEST_BLOCK_S / 2.0), 1))
+    return min(n, MOST_SAMPLES)
 
 
 def sample_period_s(model: Model) -> float:

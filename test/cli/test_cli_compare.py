@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gap_support import a_report
 from sweep_support import ROOT, gear
 
 from herringbone_sim.__main__ import main
@@ -217,9 +218,9 @@ def test_what_cannot_be_compared_is_said(
 
 def test_a_diagnosis_tells_the_command() -> None:
     command = compare_command(Path("my rig/rig.yaml"), Path("found"))
-    page = gap_page({"campaign": "one"}, (), command)
+    page = gap_page(a_report(), (), command)
     assert (
         "compare &#x27;my rig/rig.yaml&#x27; found/augmented.yaml --over delta_T=0:100:400" in page
     )
     assert "What the real gear will do" in page
-    assert "What the real gear will do" not in gap_page({"campaign": "one"})
+    assert "What the real gear will do" not in gap_page(a_report())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from equations import body_accelerations
 from gears import make
 
 from herringbone_sim.control.amplitude import Target, run_survey
@@ -20,7 +21,6 @@ from herringbone_sim.control.realisation import (
 from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.batch import run_batch
-from herringbone_sim.core.model import body_accelerations
 from herringbone_sim.sweeps.grid import Axis
 
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from equations import reduced_accelerations
 from gears import make
 
 from herringbone_sim.control.runs import MotionRunner, RunSettings
@@ -18,7 +19,7 @@ from herringbone_sim.control.shape import (
     shape_map,
 )
 from herringbone_sim.core.batch import run_batch
-from herringbone_sim.core.model import reduced_accelerations, relative, state
+from herringbone_sim.core.model import relative, state
 from herringbone_sim.sweeps.grid import Axis
 
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")

@@ -73,36 +73,22 @@ def test_backlash_function_keeps_the_shape_of_its_input():
     assert f.tolist() == [[-1.0, 0.0, 0.0], [0.0, 0.5, 2.0]]
 
 
-def test_stiffness_in_series_and_side_by_side():
-    """Eq. (5): 1 / (1/2 + 1/4 + 1/4 + 4 x 1/8 + 2 x 1/4) = 0.5; Eq. (6): the sum of two."""
-    one = mesh.single_pair_stiffness(2.0, [4.0, 4.0], [8.0, 8.0], [8.0, 8.0], [4.0, 4.0])
-    assert one == pytest.approx(0.5, rel=1e-15)
-    soft = mesh.single_pair_stiffness(1.0, [4.0, 4.0], [8.0, 8.0], [8.0, 8.0], [4.0, 4.0])
-    assert soft == pytest.approx(0.4, rel=1e-15)
-    assert mesh.double_pair_stiffness(one, soft) == pytest.approx(0.9, rel=1e-15)
-
-
-def test_first_harmonics_are_equations_8_and_10():
+def test_the_first_harmonic_is_equation_8():
     phase = np.linspace(-3.0, 9.0, 50)
     assert mesh.stiffness(phase, 1.5e9, [0.25], 0.3) == pytest.approx(
         1.5e9 + 0.375e9 * np.cos(phase + 0.3)
     )
-    assert mesh.mesh_error(phase, [35e-6], phi_b=0.3) == pytest.approx(35e-6 * np.sin(phase + 0.3))
 
 
 def test_fourier_series_of_three_orders():
-    """Eqs. (7), (9) term by term."""
+    """Eq. (7) term by term."""
     k = mesh.stiffness(0.7, 2.0, [0.3, 0.2, -0.1], 0.5)
     expected = 1.0 + 0.3 * np.cos(1.2) + 0.2 * np.cos(1.9) - 0.1 * np.cos(2.6)
     assert k == pytest.approx(2.0 * expected, rel=1e-14)
-    e = mesh.mesh_error(0.7, [0.3, 0.2, -0.1], mean=4.0, phi_b=0.5)
-    expected = 4.0 + 0.3 * np.sin(1.2) + 0.2 * np.sin(1.9) - 0.1 * np.sin(2.6)
-    assert e == pytest.approx(expected, rel=1e-14)
 
 
-def test_series_without_harmonics_are_their_means():
+def test_without_harmonics_the_stiffness_is_its_mean():
     assert mesh.stiffness(1.0, 3.0, []) == 3.0
-    assert mesh.mesh_error(1.0, [], mean=0.2) == 0.2
 
 
 def test_damping_by_hand():

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from equations import body_accelerations, reduced_accelerations
 
 from herringbone_sim.core import mesh
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.model import (
-    body_accelerations,
     body_displacements,
     carry_over,
     errors_at,
@@ -16,7 +16,6 @@ from herringbone_sim.core.model import (
     jacobian,
     mean_stiffness,
     mesh_phases,
-    reduced_accelerations,
     relative,
     state,
 )

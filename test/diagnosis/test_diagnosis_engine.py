@@ -14,6 +14,7 @@ from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.examine import _noise_factors
 from herringbone_sim.diagnosis.flexible import Predictable, RegressionInputs, predict_residuals
 from herringbone_sim.diagnosis.judge import NAMES, are_true, chances, fit, numbers
+from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import (
     Block,
     CampaignProducts,
@@ -24,7 +25,7 @@ from herringbone_sim.diagnosis.products import (
     residual_without_nuisance,
 )
 from herringbone_sim.diagnosis.regression import Normal, leave_one_out, solve
-from herringbone_sim.diagnosis.search import MAX_DEPARTURE_SD, Hypothesis, compute_score
+from herringbone_sim.diagnosis.score import MAX_DEPARTURE_SD, compute_score
 
 
 def density(y, Phi, sd, mean=0.0):

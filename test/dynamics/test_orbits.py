@@ -16,7 +16,7 @@ from herringbone_sim.dynamics.orbits import (
     iterate,
     least_period,
     multipliers,
-    parts,
+    symmetry_bases,
 )
 from herringbone_sim.errors import AnalysisError
 
@@ -97,7 +97,7 @@ def test_sides_part_at_the_rate_of_the_transverse_multiplier():
     split = multipliers(orbit, sides)
     assert least_period(orbit.points) == 3
     assert split.unstable == (0, 1)
-    states = iterate(flow, orbit.points[0] + 1e-9 * parts(sides)[1] @ np.ones(4), 25)[::3]
+    states = iterate(flow, orbit.points[0] + 1e-9 * symmetry_bases(sides)[1] @ np.ones(4), 25)[::3]
     apart = np.linalg.norm(states - states[:, sides], axis=1)
     assert apart[8] / apart[5] == pytest.approx(abs(split.transverse[0]) ** 3, rel=1e-3)
 
@@ -107,7 +107,9 @@ def stable():
     """The gear of the paper at 85 K: the motion that simulation reaches, and its orbit."""
     flow = GearFlow(make(**PAPER | {"delta_T": 85.0}))
     y = settle(flow, flow.start(), 600)
-    start = y + 1e-2 * parts(mirror(flow.model.layout))[0] @ np.array([1.0, -1.0, 1.0, 1.0])
+    start = y + 1e-2 * symmetry_bases(mirror(flow.model.layout))[0] @ np.array(
+        [1.0, -1.0, 1.0, 1.0]
+    )
     return flow, y, find_orbit(flow, start, mirror=mirror(flow.model.layout))
 
 

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from equations import body_accelerations
 from interpreted_effects import run_by_laws
 from numpy.typing import NDArray
 
 from benchmarks.reference import integrate
 from herringbone_sim.core.integrate import Block, Stepper
-from herringbone_sim.core.model import Model, body_accelerations, build
+from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import assemble, by_laws
 from herringbone_sim.effects.effect import Active, Locus, active

@@ -15,7 +15,7 @@ from herringbone_sim.gap.attribution.hypothesis import (
     FusedRun,
     effect_contributions,
     expected_forces,
-    fine_law_with_effects,
+    force_function_with_effects,
     fused_run,
 )
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
@@ -107,10 +107,10 @@ def test_a_late_sensor_beside_a_force_that_no_step_follows_is_no_crash() -> None
 def test_effects_between_samples_are_those_at_the_samples() -> None:
     one = made((CRACK,))[0]
     run, factors = one.run, np.ones(6)
-    law = fine_law_with_effects(one, factors, (CRACK,))
+    law = force_function_with_effects(one, factors, (CRACK,))
     deflection = one.fused.x + run.waves.e
     rate = one.fused.v + run.waves.e_rate
-    change = law(run.phase, deflection, rate) - fine_law_with_effects(one, factors, ())(
+    change = law(run.phase, deflection, rate) - force_function_with_effects(one, factors, ())(
         run.phase, deflection, rate
     )
     at_samples = effect_contributions(one, factors, force_law(run, one.fused, factors), (CRACK,))[

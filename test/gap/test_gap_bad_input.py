@@ -118,9 +118,9 @@ def test_without_a_run_to_fit_there_is_an_error_that_says_so(
 def test_one_run_alone_leaves_heat_and_load_open(tmp_path: Path, series: list[TimeSeries]) -> None:
     folder = write(tmp_path / "rig", series[:1], entries()[:1])
     found = diagnose(prepare(folder, load_parameters(RIG)))
-    assert found.report["gap"]["closure"] is None
-    assert {"mean_stiffness", "thermal_stiffness"} <= set(found.report["ambiguous_with"])
-    told = " ".join(found.report["undecidable"])
+    assert np.isnan(found.report.gap.closure)
+    assert {"mean_stiffness", "thermal_stiffness"} <= set(found.report.verdict.ambiguous_with)
+    told = " ".join(found.report.undecidable)
     assert "run_00 is the only run to fit" in told
     assert "no run is held out" in told
 
@@ -179,6 +179,6 @@ def test_without_noise_the_cause_is_found_and_the_lack_told(
     del content["noise"]
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
     found = diagnose(prepare(folder, load_parameters(RIG)), senses=False)
-    assert found.report["causes"][0]["effect"] in {"mean_stiffness", "thermal_stiffness"}
-    assert any("gives no noise" in text for text in found.report["undecidable"])
-    assert found.report["gap"]["runner_up_effects"]
+    assert found.report.causes[0].effect in {"mean_stiffness", "thermal_stiffness"}
+    assert any("gives no noise" in text for text in found.report.undecidable)
+    assert found.report.runner_up_effects

@@ -163,27 +163,27 @@ def _campaign(points: Sequence[Point]) -> PreparedCampaign:
 def test_the_reason_names_the_rivals_and_by_how_much_they_differ() -> None:
     campaign = _campaign(ONE_HEAT)
     asked = next_experiment(campaign, VERDICT, replace(FOUND, separated_with_point=True))
-    assert {name: asked[name] for name in FOUND.point} == FOUND.point
-    assert asked["why"].startswith("tells a from b: ")
-    assert "2 times the noise floor there, 0.05 times in the runs so far" in asked["why"]
+    assert asked.point == FOUND.point
+    assert asked.why.startswith("tells a from b: ")
+    assert "2 times the noise floor there, 0.05 times in the runs so far" in asked.why
     known = next_experiment(
         campaign, VERDICT, replace(FOUND, separated_so_far=True, force_ratio=1.4)
     )
-    assert known["why"].startswith("checks that it is a and not b: ")
-    assert known["why"].endswith("the largest mesh force there is 1.4 times theirs")
+    assert known.why.startswith("checks that it is a and not b: ")
+    assert known.why.endswith("the largest mesh force there is 1.4 times theirs")
 
 
 def test_says_when_no_point_would_do_or_none_was_worked_out() -> None:
     campaign = _campaign(ONE_HEAT)
     hopeless = next_experiment(campaign, VERDICT, replace(FOUND, separation_at_point=0.02))
-    assert set(hopeless) == {"delta_T", "K", "T_1", "Omega", "why"}
-    assert "no operating point in reach tells a and b apart" in hopeless["why"]
+    assert set(hopeless.point) == {"delta_T", "K", "T_1", "Omega"}
+    assert "no operating point in reach tells a and b apart" in hopeless.why
     nothing = next_experiment(campaign, replace(VERDICT, verdict="none", effects=()))
-    assert nothing["why"].startswith("nothing was found; ")
-    assert "no temperature rise but 50 K, load between 283 and 1000 N m" in nothing["why"]
-    assert nothing["delta_T"] != 50.0
+    assert nothing.why.startswith("nothing was found; ")
+    assert "no temperature rise but 50 K, load between 283 and 1000 N m" in nothing.why
+    assert nothing.point["delta_T"] != 50.0
     unknown = next_experiment(campaign, replace(VERDICT, verdict="unknown", effects=()))
-    assert "no effect explains the gap" in unknown["why"]
+    assert "no effect explains the gap" in unknown.why
 
 
 def test_names_a_class_and_what_is_not_excluded() -> None:

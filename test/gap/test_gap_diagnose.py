@@ -12,7 +12,7 @@ from gap_support import shortened, with_few_runs
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.gap.diagnose import diagnose
-from herringbone_sim.gap.report import check_report
+from herringbone_sim.gap.report_file import check_report
 from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -38,7 +38,7 @@ def diagnosed(
         warnings.simplefilter("ignore", ParameterWarning)
         made = make_campaign(plan)
         campaign = with_few_runs(as_prepared(shortened(made, cycles)))
-        report = diagnose(campaign, senses=False).report
+        report = diagnose(campaign, senses=False).report.to_dict()
     assert check_report(report) == []
     return report, outcome(made.label, report)
 
@@ -100,6 +100,6 @@ def test_forces_alone_say_nothing_and_end_nothing() -> None:
         motion = (*(f"{q}_{m}" for q in "xv" for m in layout.meshes),)
         rotations = tuple(f"u_{body}" for body in layout.bodies)
         runs = tuple(without_channels(run, (*motion, *rotations)) for run in campaign.runs)
-        report = diagnose(replace(campaign, runs=runs), senses=False).report
+        report = diagnose(replace(campaign, runs=runs), senses=False).report.to_dict()
     assert report["observations"] == []
     assert any("nothing can be said of the machine" in one for one in report["undecidable"])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gap_support import NOMINAL, POINTS, of_shafts, rig, sampled, without
+from gap_support import NOMINAL, POINTS, a_report, of_shafts, rig, sampled, without
 
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.search import Search
@@ -165,6 +165,8 @@ def test_forces_are_told_in_report_table_and_page(
         head, *rows = csv.reader(file)
     assert (head[0], head[1], head[13]) == ("t_s", "F_sp1_L_n", "half_sp1_L_n")
     assert float(rows[5][13]) == pytest.approx(forces.half[5, 0], rel=1e-8)
-    page = write_gap_page({}, tmp_path, GapArrays(forces=forces)).read_text(encoding="utf-8")
+    page = write_gap_page(a_report(), tmp_path, GapArrays(forces=forces)).read_text(
+        encoding="utf-8"
+    )
     assert "worked out from its recorded channels by the law of the calibrated gear" in page
     assert page.count("data:image/png;base64,") == 1

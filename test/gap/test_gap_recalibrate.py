@@ -17,7 +17,7 @@ from herringbone_sim.gap.residuals.balance import (
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import (
     BOUNDS,
-    fine_law,
+    force_function,
     force_law,
     recalibrate,
 )
@@ -55,7 +55,7 @@ def test_the_balance_holds_with_the_inertias_of_the_rig(drifted: tuple) -> None:
     found = recalibrate(campaign.runs, fused)
     balances = []
     for run, one in zip(campaign.runs, fused, strict=True):
-        extra = quadrature_correction(run, one, fine_law(run, found.factors))
+        extra = quadrature_correction(run, one, force_function(run, found.factors))
         force = averaged_measured_force(run, window_of(run), extra)
         balances.append(torque_balance(run, one, force=force))
     inverse = 1.0 / np.array([0.988, 1.015, 1.0])

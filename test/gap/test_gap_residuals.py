@@ -22,7 +22,7 @@ from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance, re
 from herringbone_sim.gap.residuals.recalibrate import (
     Calibration,
     InertiaFactors,
-    fine_law,
+    force_function,
     force_law,
     recalibrate,
 )
@@ -63,7 +63,7 @@ def test_a_rig_within_tolerance_is_at_the_noise_floor() -> None:
     factors: NDArray[np.float64] = recalibrate(runs, fused).factors
     balances = []
     for run, f in zip(runs, fused, strict=True):
-        extra = quadrature_correction(run, f, fine_law(run, factors))
+        extra = quadrature_correction(run, f, force_function(run, factors))
         force = averaged_measured_force(run, look_of(run), extra)
         balances.append(torque_balance(run, f, force=force))
         np.testing.assert_allclose(force_law(run, f, factors).chi2, 1.0, atol=0.4)

@@ -7,8 +7,9 @@ import pytest
 from gap_support import with_few_runs
 from scipy.integrate import solve_ivp
 
+from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import products
-from herringbone_sim.diagnosis.search import Hypothesis, Search, amplitudes
+from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose, machine_of
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motion
 from herringbone_sim.practice.arrays import as_prepared
@@ -83,7 +84,7 @@ def ring_campaign():  # type: ignore[no-untyped-def]
 
 def test_a_ring_on_a_hardening_spring_is_named_sized_and_closed(ring_campaign) -> None:  # type: ignore[no-untyped-def]
     """The catalogue's spring is linear; the rig's own growth is not in it."""
-    found = diagnose(with_few_runs(as_prepared(ring_campaign)), senses=False).report
+    found = diagnose(with_few_runs(as_prepared(ring_campaign)), senses=False).report.to_dict()
     assert found["effects"] == ["ring_flexibility"]
     assert found["gap"]["closure"] > 0.95
     true = ring_campaign.label["effects"][0]["parameters"]["stiffness"]["value"]

@@ -164,7 +164,7 @@ def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:
     channels = made.label["effects"][0]["locus"]["channels"]
     assert channels == ["v_rp1_L"]
     campaign = with_few_runs(as_prepared(shortened(made, 60)))
-    [cause, *_] = diagnose(campaign, senses=False).report["causes"]
+    [cause, *_] = diagnose(campaign, senses=False).report.to_dict()["causes"]
     assert cause["effect"] == "sensor_gain"
     assert cause["parameters"]["channels"]["value"] == channels
     assert list(cause["locus"].values()) == ["rp", "1", "L"]

@@ -8,22 +8,20 @@ from typing import cast
 
 import numpy as np
 import pytest
+from gap_support import a_report
 
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.judge import Chance
-from herringbone_sim.diagnosis.search import Score
-from herringbone_sim.effects.effect import Locus, active
+from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.gap_by_run import metric_of
-from herringbone_sim.gap.report import ReportContent, check_report, report
+from herringbone_sim.gap.report_file import check_report
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide
 from herringbone_sim.gap.verdict.undecidable import undecidable
-from herringbone_sim.gap.verification.verify import Gap, RunGap
-
-GAP = Gap("force_law", (RunGap("run_00", "held_out", 3.0, 1.2, 1.0),))
 
 
 def verdict_of(*told: tuple[tuple[str, ...], float]) -> Verdict:
@@ -92,7 +90,7 @@ def test_an_effect_with_something_beside_it_is_named_alone_and_half_is_unknown()
     said = undecidable(nothing, Calibrated((), np.ones(6), None), found)
     assert "something beside runout that was not found is not excluded: probability 50%" in said
     assert not any("outside the catalogue" in one for one in said)
-    made = report(ReportContent("rig", found, [(Locus(), 1.0)], GAP, [], {"delta_T": 20.0}))
+    made = a_report(found).to_dict()
     assert check_report(made) == []
     assert made["hypotheses"][0]["effects"] == ["runout", "unknown"]
 
@@ -108,7 +106,7 @@ def test_report_follows_the_contract(name: str) -> None:
     effects = () if name == "none" else (name,)
     verdict = verdict_of((effects, 0.8), (("runout",), 0.2))
     assert verdict.verdict == name
-    good = report(ReportContent("rig", verdict, [(Locus(), 1.0)], GAP, [], {"delta_T": 20.0}))
+    good = a_report(verdict).to_dict()
     assert check_report(good) == []
     assert good["gap"]["closure"] == pytest.approx(0.9)
     bad = copy.deepcopy(good)
@@ -122,7 +120,7 @@ def test_a_clock_is_told_with_the_channel_that_it_is() -> None:
     drift = active(effect("clock_drift"), values={"ppm": 200.0})
     option = NamedExplanation((drift,), (((190.0, 210.0),),))
     verdict = decide([Chance(("clock_drift",), None, 1.0)], {0: option}, "consistency")
-    told = report(ReportContent("rig", verdict, [], GAP, [], {"delta_T": 20.0}))["causes"]
+    told = a_report(verdict).to_dict()["causes"]
     assert told[0]["effect"] == "clock_drift"
     assert told[0]["parameters"]["channels"]["value"] == ["t"]
     assert told[0]["parameters"]["ppm"]["ci90"] == [190.0, 210.0]

@@ -17,8 +17,7 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.bodies import effect_accelerations
 from herringbone_sim.gap.attribution.hypothesis import fused_run
-from herringbone_sim.gap.repeat import read_report
-from herringbone_sim.gap.report import check_report
+from herringbone_sim.gap.report_file import check_report, read_report
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import consistency_chi2

@@ -11,7 +11,8 @@ from gap_support import of_shafts, rig
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.diagnosis.examine import examine
-from herringbone_sim.diagnosis.search import Score, Search
+from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.observations import shooting, window_events
@@ -174,7 +175,7 @@ def test_columns_of_bodies_are_differences(
     trajectory, shot = one
     m = trajectory._motion_at_half_steps(shot)
     pushes = [(push, step) for push in body_forces(trajectory.model, m, law(m), [name])]
-    drive = trajectory.forcing(LawChange(), trajectory._masses({name: step}), pushes)
+    drive = trajectory.forcing(LawChange(), trajectory.masses({name: step}), pushes)
     check(trajectory, gear, shot, name, step, 0.01, drive)
 
 

@@ -13,7 +13,6 @@ from herringbone_sim.recording.cdr import CdrReader
 from herringbone_sim.recording.messages import (
     JointState,
     ParameterEvent,
-    decode_joint_state,
     decode_parameter_event,
     decode_samples,
     decode_string,
@@ -129,15 +128,13 @@ def test_another_layout_is_refused(size, count, dims, said):
 
 
 @pytest.mark.parametrize("m", [0, 1, 3])
-@pytest.mark.parametrize("little", [True, False])
-def test_joint_state_goes_through_rosbags_and_back(m, little):
+def test_rosbags_reads_a_joint_state(m):
     state = joint_state(m)
     message = STORE.deserialize_cdr(encode_joint_state(state), JOINT_STATE.name)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_001)
-    got = decode_joint_state(foreign(message, JOINT_STATE, little))
-    assert (got.stamp_ns, got.names) == (state.stamp_ns, state.names)
-    np.testing.assert_array_equal(got.velocity, state.velocity)
-    np.testing.assert_array_equal(got.effort, state.effort)
+    assert tuple(message.name) == state.names
+    np.testing.assert_array_equal(message.velocity, state.velocity)
+    np.testing.assert_array_equal(message.effort, state.effort)
 
 
 def test_joint_state_of_unequal_lengths_is_refused():
@@ -193,10 +190,9 @@ def test_a_value_that_no_parameter_can_have_is_refused(value):
     [
         (decode_string, encode_string("abcdefgh")),
         (decode_samples, encode_samples(("t", "K"), np.ones((3, 2)))),
-        (decode_joint_state, encode_joint_state(joint_state())),
         (decode_parameter_event, encode_parameter_event(ParameterEvent(1, "/n", VALUES))),
     ],
-    ids=["string", "samples", "joint_state", "parameter_event"],
+    ids=["string", "samples", "parameter_event"],
 )
 def test_a_message_cut_anywhere_is_refused(decode, message):
     for length in range(len(message) - 1):
@@ -229,4 +225,3 @@ def test_rclpy_reads_all_types():
     event = serialization.deserialize_message(raw, RosEvent)
     assert list(event.changed_parameters[7].value.double_array_value) == [0.5, 1.5]
     assert decode_parameter_event(serialization.serialize_message(event)).changed == VALUES
-    assert decode_joint_state(serialization.serialize_message(state)).names == joint_state().names

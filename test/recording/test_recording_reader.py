@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.writer import CompressionType
-from recording_support import CHANNELS, NAMES, RATE_HZ, foreign_file, make_rows, new_run, write_run
+from recording_support import (
+    CHANNELS,
+    NAMES,
+    RATE_HZ,
+    foreign_file,
+    make_rows,
+    new_run,
+    write_message,
+    write_run,
+)
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -225,7 +234,7 @@ def test_missing_samples_are_counted_by_the_phase(tmp_path):
 
 def test_a_lost_sample_is_told_against_the_counter_of_the_writer(tmp_path):
     writer = new_run(tmp_path)
-    writer.write_serialized_samples(encode_samples(NAMES, make_rows(0, 99)), 0.0, 100)
+    write_message(writer, encode_samples(NAMES, make_rows(0, 99)), 0.0, 100)
     writer.close()
     notes = read_recording(writer.path).notes
     assert any("counted 100 samples, 99 were read" in note for note in notes)
@@ -302,7 +311,7 @@ def test_channels_that_change_are_refused(tmp_path):
     writer = new_run(tmp_path)
     writer.write_samples(make_rows(0, 100))
     narrow = encode_samples(NAMES[:3], make_rows(100, 200)[:, :3])
-    writer.write_serialized_samples(narrow, 1.0, 100)
+    write_message(writer, narrow, 1.0, 100)
     writer.close()
     with pytest.raises(RecordingError, match=r"must stay the same throughout .* at sample 100"):
         read_recording(writer.path)

@@ -16,7 +16,7 @@ from recording_support import CHANNELS, NAMES, RATE_HZ, START_NS, make_rows, new
 
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.recording.messages import decode_samples, encode_samples
+from herringbone_sim.recording.messages import decode_samples
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.writer import RunWriter, split_rows
 
@@ -103,16 +103,6 @@ def test_split_rows_covers_a_block_without_overlap():
     assert split_rows(0, 50) == []
     with pytest.raises(RecordingError, match="fewer channels"):
         split_rows(1, 8000)
-
-
-def test_serialized_samples_are_kept_byte_for_byte(tmp_path):
-    writer = new_run(tmp_path)
-    message = encode_samples(NAMES, make_rows(40, 60))
-    writer.write_serialized_samples(message, 40 / RATE_HZ, 20)
-    writer.close()
-    assert writer.samples_written == 20
-    _, _, messages, _ = read_mcap(writer.path)
-    assert messages[1][1].data == message
 
 
 def test_an_empty_block_is_nothing(tmp_path):

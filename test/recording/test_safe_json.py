@@ -12,7 +12,7 @@ import pytest
 from sweep_support import small
 
 from herringbone_sim.errors import AnalysisError, HerringboneError
-from herringbone_sim.gap.repeat import read_report
+from herringbone_sim.gap.report_file import read_report
 from herringbone_sim.practice.bench import read_json as read_bench_json
 from herringbone_sim.practice.bench import read_seals
 from herringbone_sim.practice.label import read_label

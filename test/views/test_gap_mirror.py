@@ -17,10 +17,12 @@ from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
+from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.run_views import mesh_shares, run_views
 from herringbone_sim.gap.verdict.augmented import Augmented
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
+from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.views.mirror.target import MirrorTarget
 
@@ -39,15 +41,15 @@ def found(campaign: PreparedCampaign) -> Diagnosis:
     stiff = active(effects()["mean_stiffness"], Locus("sp"), {"factor": 1.1})
     cases = tuple(fused_run(run, fuse(run)) for run in campaign.of_role("fit"))
     name, option = "mean_stiffness", NamedExplanation((stiff,))
-    verdict = Verdict(name, (name,), {name: 1.0}, {}, (), "force_law", option, None, ())
+    best = {name: (option, 0)}
+    verdict = Verdict(name, (name,), {name: 1.0}, best, (), "force_law", option, None, ())
     gap = Gap("force_law", tuple(RunGap(r.name, r.role, 3.0, 1.1, 1.0) for r in campaign.runs))
-    place = {"mesh": "sp", "planet": "all", "side": "all"}
-    cause = {"effect": name, "locus": place, "probability": 1.0, "parameters": {}}
     # Damping goes with the root of the stiffness, Eq. (11).
     factors = np.array([1.0, 1.0, 1.1**0.5, 1.0, 1.0, 1.0])
     model = Augmented(factors, np.ones(3), (stiff,))
     calibrated = Calibrated(cases, np.ones(6), None)
-    return Diagnosis(None, calibrated, verdict, gap, {"causes": [cause]}, model)
+    report = Report("rig", verdict, [], gap, [], NextExperiment({}, ""))
+    return Diagnosis(None, calibrated, model, report)
 
 
 def test_columns_hold_what_their_names_say(campaign: PreparedCampaign, found: Diagnosis) -> None:

@@ -6,8 +6,8 @@ hold.
 
 from __future__ import annotations
 
+from herringbone_sim.core.lanes.any_forces import NEAR
 from herringbone_sim.core.lanes.any_series import (
-    NEAR,
     expand_any_motion,
     expand_any_tangent,
     expand_derivatives,

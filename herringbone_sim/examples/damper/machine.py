@@ -13,8 +13,9 @@ from scipy.special import ndtr
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.flexible import RegressionInputs
+from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.search import Amplitudes, Hypothesis, Score
+from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.examples.damper import effects
 from herringbone_sim.examples.damper.effects import (
     FUNCTIONS,
@@ -64,7 +65,7 @@ def presliding(v: Array, force: float, longer: float, travel: float) -> dict[str
 
 
 class Damper:
-    """Runs of a damper with tolerances and hypotheses; see ``diagnosis.search.Machine``."""
+    """Runs of a damper with tolerances and hypotheses; see ``diagnosis.machine.Machine``."""
 
     def __init__(self, recorded: Sequence[Run]) -> None:
         self.recorded, self.runs = tuple(recorded), len(recorded)

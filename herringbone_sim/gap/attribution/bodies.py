@@ -14,7 +14,7 @@ from herringbone_sim.effects.law import no_react
 from herringbone_sim.gap.attribution.hypothesis import (
     FusedRun,
     effect_contributions,
-    fine_law_with_effects,
+    force_function_with_effects,
 )
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.residuals.balance import (
@@ -45,7 +45,7 @@ def balance_with_effects(
         actives: effects; those in the meshes also enter the quadrature correction of the forces.
     """
     run = one.run if force_n is None else replace(one.run, F=replace(one.run.F, values=force_n))
-    law = fine_law_with_effects(one, factors, actives)
+    law = force_function_with_effects(one, factors, actives)
     correction = quadrature_correction(run, one.fused, law)
     force = averaged_measured_force(run, window_of(run), correction)
     balance = torque_balance(run, one.fused, None, force)

@@ -17,15 +17,13 @@ from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active, Parameter
-from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
-from herringbone_sim.effects.instant import recorded
+from herringbone_sim.effects.evaluate import Motion, answer
+from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.residuals.balance import FineLaw
+from herringbone_sim.gap.residuals.balance import ForceFunction
 from herringbone_sim.gap.residuals.fusion import Fused
-from herringbone_sim.gap.residuals.recalibrate import ForceLaw, fine_law, force_law
-
-SUBSTEPS = 8  # of a sample, for states of effects
+from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_function, force_law
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,6 @@ def expected_forces(
     factors: Array,
     actives: Sequence[Active],
     law: ForceLaw | None = None,
-    substeps: int = SUBSTEPS,
 ) -> Array:
     """Forces (n, n_mesh) [N] that the force sensors would record if the effects were present.
 
@@ -76,12 +73,11 @@ def expected_forces(
         factors: (6,) on k, c and e, see ``recalibrate``.
         actives: effects; only those in the meshes and on force sensors change the forces.
         law: force law with the factors; None: it is computed.
-        substeps: of a sample, in which the states of effects are integrated.
     """
     law = law or force_law(one.run, one.fused, factors)
     force = law.modelled_n
     if any(a.effect.level == "mesh" for a in actives):
-        force = force + effect_contributions(one, factors, law, actives, substeps)[0]
+        force = force + effect_contributions(one, factors, law, actives)[0]
     names = one.run.model.layout.channels_of("F")
     sensors = on_channels(names, actives)
     if sensors:
@@ -96,26 +92,26 @@ def effect_contributions(
     factors: Array,
     law: ForceLaw,
     actives: Sequence[Active],
-    substeps: int = SUBSTEPS,
 ) -> tuple[Array, Array]:
     """Contribution of effects to mesh forces (n, n_mesh) [N] and body torques (n, n_bodies) [N].
 
     A torque is divided by the base radius. For the arguments see ``expected_forces``.
     """
-    motion = _LawInputs(
+    motion = Motion(
         one.run.times,
         one.now,
         np.nan_to_num(law.x_m),
         np.nan_to_num(law.v_m_per_s),
         _driving_forces(one.run.F.values, law.modelled_n),
-        one.run.waves.k,
     )
-    return _contributions(one, factors, motion, actives, substeps)
+    return _contributions(one, factors, motion, one.run.waves.k, actives)
 
 
-def fine_law_with_effects(one: FusedRun, factors: Array, actives: Sequence[Active]) -> FineLaw:
+def force_function_with_effects(
+    one: FusedRun, factors: Array, actives: Sequence[Active]
+) -> ForceFunction:
     """The force law with mesh effects at any phase and motion, for ``quadrature_correction``."""
-    plain = fine_law(one.run, factors)
+    plain = force_function(one.run, factors)
     on_meshes = tuple(a for a in actives if a.effect.level == "mesh")
     if not on_meshes:
         return plain
@@ -129,15 +125,14 @@ def fine_law_with_effects(one: FusedRun, factors: Array, actives: Sequence[Activ
         e = np.repeat(factors[4:6], deflection.shape[1] // 2)
         measured = np.stack([np.interp(at, index, f) for f in one.run.F.values.T], axis=1)
         modelled = plain(phase, deflection, rate)
-        motion = _LawInputs(
+        motion = Motion(
             np.interp(at, index, one.run.times),
             now,
             deflection - e * w.e,
             rate - e * w.e_rate,
             _driving_forces(measured, modelled),
-            w.k,
         )
-        return modelled + _contributions(one, factors, motion, on_meshes)[0]
+        return modelled + _contributions(one, factors, motion, w.k, on_meshes)[0]
 
     return law
 
@@ -148,59 +143,23 @@ def _driving_forces(measured: Array, modelled: Array) -> Array:
     return known
 
 
-@dataclass(frozen=True)
-class _LawInputs:
-    """Inputs of the laws of effects at n instants.
-
-    Attributes:
-        times: (n,) [s].
-        now: (n, 5), see ``FusedRun``.
-        x, v: (n, n_mesh) displacement and rate relative to the calibrated e(t) [m], [m/s].
-        force: (n, n_mesh) mesh forces that drive the states of effects [N].
-        k: (n, n_mesh) nominal stiffness [N/m].
-    """
-
-    times: Array
-    now: Array
-    x: Array
-    v: Array
-    force: Array
-    k: Array
-
-
 def _contributions(
-    one: FusedRun,
-    factors: Array,
-    motion: _LawInputs,
-    actives: Sequence[Active],
-    substeps: int = SUBSTEPS,
+    one: FusedRun, factors: Array, motion: Motion, k: Array, actives: Sequence[Active]
 ) -> tuple[Array, Array]:
-    """Mesh forces and body torques by the effects, see ``effect_contributions``."""
-    model = one.run.model
-    effects = laws(model, actives)
+    """Mesh forces and body torques by the effects, see ``effect_contributions``.
+
+    Args:
+        one: run with its fused motion.
+        factors: (6,) on k, c and e.
+        motion: relative to the calibrated e(t); its forces drive the states of effects.
+        k: (n, n_mesh) nominal stiffness [N/m].
+        actives: the effects.
+    """
     gear = calibrated_gear_table(one, factors)
-    force = np.empty_like(motion.x)
-    torque = np.empty((len(motion.x), len(model.layout.bodies)))
-    with pointers_allowed():
-        recorded(
-            effects.kernel,
-            effects.site,
-            effects.theta,
-            gear,
-            motion.times,
-            motion.now,
-            motion.x,
-            motion.v,
-            motion.force,
-            np.zeros(effects.n_own),
-            scratch(model, effects.n_own),
-            substeps,
-            force,
-            torque,
-        )
-    k = motion.k * np.repeat(factors[:2], motion.x.shape[1] // 2)
-    without = k * backlash(motion.x, gear[2]) + gear[1] * motion.v
-    return force - without, torque
+    found = answer(one.run.model, actives, motion, gear)
+    stiffness = k * np.repeat(factors[:2], motion.x.shape[1] // 2)
+    without = stiffness * backlash(motion.x, gear[2]) + gear[1] * motion.v
+    return found.force - without, found.torque
 
 
 def calibrated_gear_table(one: FusedRun, factors: Array) -> Array:

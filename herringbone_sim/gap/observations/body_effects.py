@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
-from herringbone_sim.diagnosis.search import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles
@@ -25,7 +25,7 @@ from herringbone_sim.gap.observations.coefficients import (
     CoefficientBuilder,
     Weights,
 )
-from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
@@ -267,7 +267,12 @@ class Event:
     late: tuple[float, ...]
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
-        """Basis functions of its window, on its meshes alone."""
+        """Functions of the force law that span its window, on its meshes alone.
+
+        Args:
+            gear: with the runs.
+            label: prefix of their names.
+        """
         late = np.array(self.late)
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
         every = window_functions(gear, label, self.effect, self.member, self.middle, late)

@@ -1,57 +1,45 @@
 """All observations of a gear's runs, about any change of the force law.
 
-Longer than 300 lines: the observations share runs, caches and copies of one object.
+Longer than 300 lines: the observations share caches and copies of one object.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
+from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
-from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function
+from herringbone_sim.gap.observations.block_columns import joined, linear_block_at
 from herringbone_sim.gap.observations.changes import LawChanges, MovingPart
 from herringbone_sim.gap.observations.law import Law, LawChange, MeshMotion, law
+from herringbone_sim.gap.observations.recorded_gear import RecordedGear
 from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
-from herringbone_sim.gap.observations.runs import GearRun, gear_run
+from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.observations.shooting import WindowSolution
-from herringbone_sim.gap.observations.trajectory import Trajectory
-from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
-from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
 from herringbone_sim.gap.residuals.balance import FINE, window_of
-from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.sensors.correction import without_sensor_error
-from herringbone_sim.gap.sensors.swaps import find_swap
 
-Amplitudes = Mapping[str, Mapping[str, Array]]  # observation -> function -> (runs, rows)
 # Width of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3.
 WINDOW_CYCLES = 0.12
 
 
-class Gear:
+class Gear(RecordedGear):
     """Observations of a gear's runs, linearised about any change of the law.
 
     Args:
-        runs: of one rig.
-        drift: RMS of drift and hum over that of the noise.
-        stride: samples between comparisons of the force law.
-        swap: motion channels that may have been swapped; None: searched for.
-        gain_tolerance: (n_mesh,) of force sensors as given by the campaign; empty: none.
+        runs, drift, stride, swap, gain_tolerance: see ``RecordedGear``.
 
     Attributes:
-        modelled: (n_mesh,) meshes whose force is not recorded in all runs and comes from the law.
         exact_forces: whether the balance integrates forces between samples with all changes.
         body_functions: further functions, forces on the carrier.
         part_numbers: counter that labels moving parts, shared by all copies.
@@ -65,21 +53,13 @@ class Gear:
         swap: tuple[str, str] | None = None,
         gain_tolerance: Sequence[float] = (),
     ) -> None:
+        super().__init__(runs, drift, stride, swap, gain_tolerance)
         self.window_cycles = WINDOW_CYCLES
-        self.model = runs[0].model
-        self.drift, self.stride = drift, stride
-        self.gain_tolerance = tuple(gain_tolerance) or (0.0,) * self.model.layout.n_mesh
-        self.runs = tuple(gear_run(run, stride) for run in runs)
-        known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
-        self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
-        self.swap = find_swap(runs) if swap is None else swap
         self.exact_forces = False
         self.body_functions: tuple[Function, ...] = ()
         self._changes = LawChanges(self.model, force_law.law_functions(self.model), {})
         self._part_amplitudes: Amplitudes = {}
         self._measured_balances: list[Block] = []  # shared by all copies
-        self._trajectories: dict[int, Trajectory] = {}  # likewise
-        self._swapped_trajectories: dict[tuple[int, str], Trajectory] = {}
         self.part_numbers = count()
 
     @property
@@ -109,39 +89,6 @@ class Gear:
             else (),
         }
 
-    @cached_property
-    def has_force_law(self) -> bool:
-        """Whether force and displacement are known of at least one mesh."""
-        known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
-        return bool((~self.modelled & np.logical_and.reduce(known)).any())
-
-    @cached_property
-    def uses_windows(self) -> bool:
-        """Whether trajectories are fitted: where neither force law nor balance is formed."""
-        few = not self.has_force_law and not self.has_balance
-        return few and all(g.run.shafts_known for g in self.runs)
-
-    @cached_property
-    def followed_channels(self) -> WindowChannels:
-        """Channels of the first run to which windows are fitted."""
-        return window_channels(self.runs[0].run)
-
-    @property
-    def gauges(self) -> tuple[str, ...]:
-        """Names of force channels to which windows are fitted."""
-        return self.followed_channels.gauges if self.uses_windows else ()
-
-    def trajectory_of(self, r: int) -> Trajectory:
-        """Windows of run r, shared by all copies."""
-        if r not in self._trajectories:
-            self._trajectories[r] = trajectory.trajectory(self.runs[r].run)
-        return self._trajectories[r]
-
-    @property
-    def trajectories(self) -> tuple[Trajectory, ...]:
-        """Windows of all runs."""
-        return tuple(parallel_map(self.trajectory_of, range(len(self.runs))))
-
     def for_runs(self, runs: Sequence[PreparedRun]) -> Gear:
         """Gear of other runs of the rig, at every sample; windows of shared runs are reused."""
         found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
@@ -150,44 +97,6 @@ class Gear:
         found._trajectories.update({r: t for r, t in kept.items() if t is not None})
         found.part_numbers = self.part_numbers
         return found
-
-    @cached_property
-    def omegas(self) -> Array:
-        """(runs,) mesh frequencies [rad/s]."""
-        return np.array([g.motion.omega for g in self.runs])
-
-    @cached_property
-    def rms_by_quantity(self) -> dict[str, float]:
-        """RMS of all channels over all runs, by quantity of x, v and u that is recorded."""
-        return {
-            q: float(
-                np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
-            )
-            for q in "xvu"
-            if any(getattr(g.run, q).recorded.any() for g in self.runs)
-        }
-
-    @cached_property
-    def n_relations(self) -> int:
-        """Number of rows of the consistency observation."""
-        few = slice_run(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
-        found = consistency.block(few, fuse(few), self.drift, self.swap)
-        return 0 if found is None else len(found.rows)
-
-    @cached_property
-    def _consistency(self) -> list[Block | None]:
-        """Consistency of every run as recorded."""
-        return [consistency.block(g.run, g.fused, self.drift, self.swap) for g in self.runs]
-
-    @cached_property
-    def delta_T(self) -> Array:
-        """(runs,) temperature rises [K]."""
-        return np.array([g.motion.point["delta_T"] for g in self.runs])
-
-    @cached_property
-    def T_1(self) -> Array:
-        """(runs,) input torques [N m]."""
-        return np.array([g.motion.point["T_1"] for g in self.runs])
 
     @cached_property
     def _quadrature(self) -> list[Array | None]:
@@ -234,15 +143,7 @@ class Gear:
             of_law = {f: a[r] for f, a in self._part_amplitudes.get(force_law.NAME, {}).items()}
             now = self.law_of(g.motion, of_law)
             more = self._balance(r, g, now, self.law_functions, names)
-            found.append(
-                replace(
-                    plain,
-                    functions=(*plain.functions, *more.functions),
-                    columns=np.concatenate([plain.columns, more.columns], axis=2),
-                    shared=np.concatenate([plain.shared, more.shared], axis=2),
-                    common_columns=np.concatenate([_common_columns(plain), _common_columns(more)]),
-                )
-            )
+            found.append(joined(plain, more))
         return found
 
     def _balance(
@@ -259,20 +160,6 @@ class Gear:
         )
         return balance.block(g, now, setup, chosen, self._quadrature[r], wanted)
 
-    def _corrected_run(self, r: int, errors: Mapping[str, Array]) -> GearRun:
-        """Run r with errors of motion sensors removed; ``errors``: amplitudes by column."""
-        g, run = self.runs[r], self.runs[r].run
-        for name, a in errors.items():
-            value = float(a[r][0])
-            if value == 0.0:
-                continue
-            kind, _, channel = name.partition(" of ")
-            names = self.swap or () if name == "swap" else (channel,)
-            run = without_sensor_error(run, kind, names, value)
-        if run is g.run:
-            return g
-        return gear_run(run, self.stride)
-
     def law_of(
         self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = None
     ) -> Law:
@@ -287,14 +174,9 @@ class Gear:
         self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = ()
     ) -> LawChange:
         """Change of the law of a run by functions at amplitudes (n_mesh,); see ``law_of``."""
-        r = self._number.get(m.name)
+        r = self.number_of.get(m.name)
         between = None if r is None or not self._changes.parts else self.runs[r].dense
         return self._changes.evaluated(m, m if self.uses_windows else between, amplitudes, wanted)
-
-    @cached_property
-    def _number(self) -> dict[str, int]:
-        """Number of each run, by name."""
-        return {g.motion.name: r for r, g in enumerate(self.runs)}
 
     def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
         """Consistency; balance, if all forces are recorded and no motion sensor is changed."""
@@ -304,18 +186,13 @@ class Gear:
         known = (balance.NAME,) if self.has_balance else ()
         return (*known, consistency.NAME) if self.n_relations else known
 
-    @cached_property
-    def has_balance(self) -> bool:
-        """Whether rates of all coordinates are known in all runs."""
-        return all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
-
     def blocks(
         self,
         amplitudes: Amplitudes,
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> list[dict[str, Block]]:
-        """Blocks of all runs about amplitudes; see ``diagnosis.search.Machine.blocks``."""
+        """Blocks of all runs about amplitudes; see ``diagnosis.machine.Machine.blocks``."""
         return parallel_map(
             lambda r: self._blocks(r, amplitudes, wanted, observations), range(len(self.runs))
         )
@@ -329,16 +206,16 @@ class Gear:
     ) -> dict[str, Block]:
         """Blocks of run r."""
         found: dict[str, Block] = {}
-        relations = self._consistency[r] if consistency.NAME in observations else None
+        relations = self.relations[r] if consistency.NAME in observations else None
         if relations is not None:
-            found[consistency.NAME] = _linear_block_at(
+            found[consistency.NAME] = linear_block_at(
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
         if trajectory.NAME in observations and self.uses_windows:
             found[trajectory.NAME] = self._windows(r, amplitudes, wanted)
         if not {force_law.NAME, balance.NAME} & set(observations):
             return found
-        g = self._corrected_run(r, amplitudes.get(consistency.NAME, {}))
+        g = self.corrected_run(r, amplitudes.get(consistency.NAME, {}))
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         chosen = self.law_functions
         if wanted is not None:
@@ -368,7 +245,7 @@ class Gear:
                 full = balance.with_quadrature(
                     full, self._quadrature_error(r, of_law), self._quadrature[r], g.run
                 )
-            found[balance.NAME] = _linear_block_at(full, of_balance, r, wanted)
+            found[balance.NAME] = linear_block_at(full, of_balance, r, wanted)
         return found
 
     def _windows(
@@ -395,18 +272,6 @@ class Gear:
         key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
         one = self.trajectory_under(r, amplitudes)
         return one.fitted_states(tuple(key), *self._windows_change(r, amplitudes))
-
-    def trajectory_under(self, r: int, amplitudes: Amplitudes) -> Trajectory:
-        """Windows of run r; with channels swapped back if the amplitudes contain a swap."""
-        for f, a in amplitudes.get(trajectory.NAME, {}).items():
-            if f.startswith(SWAP_PREFIX) and a[r][0] != 0.0:
-                key = r, f
-                if key not in self._swapped_trajectories:
-                    names = f.removeprefix(SWAP_PREFIX).split(" and ")
-                    run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
-                    self._swapped_trajectories[key] = trajectory.trajectory(run)
-                return self._swapped_trajectories[key]
-        return self.trajectory_of(r)
 
     def energy_near(
         self, r: int, near: WindowSolution, amplitudes: Amplitudes, rounds: int
@@ -474,47 +339,10 @@ class Gear:
         if observation == force_law.NAME:
             return about_meshes(g.strided, cycles, block)
         own: Sequence[Array] = (g.fused.z, g.fused.z_rate)
-        relations = self._consistency[r]
+        relations = self.relations[r]
         if observation == consistency.NAME and relations is not None:
             own = consistency.dominant_channels(relations)
         return about_rows(g.motion, own, cycles, block)
 
 
 SHAFT_NAMES = tuple(f"shaft {s} 1 {trig}" for s in "scp" for trig in ("cos", "sin"))
-
-
-def _linear_block_at(
-    block: Block,
-    amplitudes: Mapping[str, Array],
-    r: int,
-    wanted: Mapping[str, Sequence[str]] | None,
-) -> Block:
-    """Linear block of run r with its residual moved to amplitudes, restricted to wanted columns.
-
-    Columns used by shared nuisances are kept.
-    """
-    residual = block.residual
-    for name, a in amplitudes.items():
-        residual = residual - block.columns[:, :, block.functions.index(name)] * a[r]
-    if wanted is None:
-        return replace(block, residual=residual)
-    names = set(wanted.get(block.observation, ()))
-    shared = np.any(block.shared != 0.0, axis=(0, 1))
-    keep = [i for i, f in enumerate(block.functions) if f in names or shared[i]]
-    return replace(
-        block,
-        residual=residual,
-        functions=tuple(block.functions[i] for i in keep),
-        columns=block.columns[:, :, keep],
-        shared=block.shared[:, :, keep],
-        common_columns=None if block.common_columns is None else block.common_columns[keep],
-    )
-
-
-def _common_columns(block: Block) -> NDArray[np.bool_]:
-    """Mask (Q,) of common columns of a block, all false where it has none."""
-    return (
-        np.zeros(len(block.functions), bool)
-        if block.common_columns is None
-        else block.common_columns
-    )

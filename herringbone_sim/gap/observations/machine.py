@@ -9,8 +9,9 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
+from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.search import Hypothesis, Score
+from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import (
     balance,
@@ -26,13 +27,13 @@ from herringbone_sim.gap.observations import (
 )
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
-from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.tolerances import tolerances
 
 
 class GearMachine:
-    """Implements ``diagnosis.search.Machine`` for a gear."""
+    """Implements ``diagnosis.machine.Machine`` for a gear."""
 
     def __init__(self, gear: Gear) -> None:
         self.gear = gear

@@ -7,7 +7,7 @@ something is wrong.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,16 +23,37 @@ SLOW_HZ = 150.0  # drift and hum lie below: third harmonic of the mains
 EXCESS = 4.0  # power over the mean of the spectrum; white noise exceeds it at 1 of 50 lines
 
 
-def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, dict[str, Any]]:
-    """Noise by channel, in the form of the report.
+@dataclass(frozen=True)
+class ChannelNoise:
+    """Noise of a channel, by the keys of ``report.json``.
+
+    Attributes:
+        rms: in the unit of the channel.
+        unit: of the channel.
+        colour: ``white`` or ``1/f``.
+        lines_hz: mains lines that stand out [Hz].
+        step: resolution in the unit of the channel.
+        delay_s: common delay of the runs [s].
+        told: RMS that the campaign gives; None where it gives none.
+    """
+
+    rms: float
+    unit: str
+    colour: str
+    lines_hz: tuple[float, ...]
+    step: float
+    delay_s: float
+    told: float | None
+
+
+def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, ChannelNoise]:
+    """Noise by channel.
 
     Args:
+        runs: fit runs.
         noise_known: whether the campaign gives the noise.
-
-    Returns:
-        By channel: rms, unit, colour, lines_hz, step, delay_s, told.
     """
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, ChannelNoise] = {}
     first = runs[0].run
     layout = first.model.layout
     for quantity, names in (
@@ -55,7 +76,7 @@ def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, dict
 
 def _channel_noise(
     runs: Sequence[GearRun], quantity: str, j: int, noise_known: bool
-) -> dict[str, Any]:
+) -> ChannelNoise:
     measured = [getattr(g.run, quantity) for g in runs]
     sigma = float(np.sqrt(np.mean([m.sigma[j] ** 2 for m in measured])))
     left = [_residual(g, quantity, j) for g in runs]
@@ -69,15 +90,15 @@ def _channel_noise(
             f for i, f in enumerate(MAINS_HZ) if np.median([s[1][i] for s in spectra]) > EXCESS
         ]
     step = float(np.median([resolution(m.values[:, [j]])[0] for m in measured]))
-    return {
-        "rms": sigma,
-        "unit": PREFIX_UNITS["F" if quantity == "pin" else quantity],
-        "colour": colour,
-        "lines_hz": lines,
-        "step": step,
-        "delay_s": float(np.mean([g.run.delay_rad / g.run.omega_rad_per_s for g in runs])),
-        "told": sigma if noise_known else None,
-    }
+    return ChannelNoise(
+        rms=sigma,
+        unit=PREFIX_UNITS["F" if quantity == "pin" else quantity],
+        colour=colour,
+        lines_hz=tuple(lines),
+        step=step,
+        delay_s=float(np.mean([g.run.delay_rad / g.run.omega_rad_per_s for g in runs])),
+        told=sigma if noise_known else None,
+    )
 
 
 def _residual(g: GearRun, quantity: str, j: int) -> Array | None:

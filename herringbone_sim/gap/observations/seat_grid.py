@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block, CampaignProducts, products
 from herringbone_sim.diagnosis.regression import solve
-from herringbone_sim.diagnosis.search import Score, functions_used
+from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.search import functions_used
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, force_law
-from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, select_meshes
 from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
@@ -113,6 +115,9 @@ class TrialRun:
     blocks: Mapping[str, Block]
 
 
+EVERY = 2  # runs between two that a trial looks at; chosen for run time
+
+
 class PartTrial:
     """Evaluates the energy that a moving part removes when all other coefficients are refitted.
 
@@ -120,12 +125,11 @@ class PartTrial:
         gear: with its runs.
         amplitudes: of the current fit.
         known: the current fit.
-        every: use every so many-th run.
     """
 
-    def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score, every: int = 2) -> None:
+    def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score) -> None:
         self.gear, self._amplitudes = gear, amplitudes
-        looked = range(0, len(gear.runs), every)
+        looked = range(0, len(gear.runs), EVERY)
         self._known = known.coefficients
         blocks = gear.blocks(amplitudes, functions_used(self._known), self._observations())
         every_one = [{o: products(b) for o, b in one.items()} for one in blocks]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
-from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function

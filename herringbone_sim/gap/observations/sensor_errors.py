@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from herringbone_sim.core.layout import Layout
-from herringbone_sim.diagnosis.search import Hypothesis
+from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import balance, consistency, trajectory

@@ -192,7 +192,14 @@ def evaluated(s: Windows, starts: Array, forcing: Forcing) -> WindowSolution:
 
 
 def propagators(s: Windows, tangents: Array) -> Array:
-    """Propagators (W, samples + 1, 18, 18) from scaled start states to samples; end scaled."""
+    """Derivatives (W, samples + 1, 18, 18) of the states at samples by the start states.
+
+    Start states are in units of ``Windows.scale``, and so is the last sample, where windows meet.
+
+    Args:
+        s: the windows.
+        tangents: (W, steps, 18, 18) of single steps.
+    """
     found = np.empty((len(tangents), s.samples + 1, STATES, STATES))
     _propagate(tangents, np.diag(s.scale), s.steps_per_sample, found)
     found[:, -1] /= s.scale[:, None]

@@ -3,8 +3,6 @@
 Where neither force law nor balance can be formed, states of short windows are fitted to the
 recorded channels (``shooting``). Rows are the residuals of the channels and the jumps between
 windows. The column of a function is the linear response of the windows to its force.
-
-Longer than 300 lines: ``Trajectory`` holds the fitted states that all its methods share.
 """
 
 from __future__ import annotations
@@ -17,40 +15,33 @@ from itertools import combinations
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.model import Model, mean_stiffness
+from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
-from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.body_motion import body_loads, with_rigid_swing
-from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, waves_of
+from herringbone_sim.gap.observations.body_motion import with_rigid_swing
+from herringbone_sim.gap.observations.forced_windows import (
+    ForcedWindows,
+    concatenated_states,
+)
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
-    N_WINDOWS,
-    Windows,
     WindowSolution,
-    evaluated,
     fitted_windows,
     stacked_residual,
-    symmetric_starts,
     window_jacobian,
-    window_samples,
-    windows_of_run,
 )
 from herringbone_sim.gap.observations.window_columns import (
-    BodyForce,
-    body_forces,
     encoder_columns,
     window_columns,
 )
 from herringbone_sim.gap.observations.window_sensors import (
     ERRORS,
     SWAP_PREFIX,
-    without_sensor_errors,
 )
 from herringbone_sim.gap.observations.window_starts import (
     filter_and_fit,
@@ -58,7 +49,6 @@ from herringbone_sim.gap.observations.window_starts import (
     initial_states,
 )
 from herringbone_sim.gap.observations.window_states import StateElimination
-from herringbone_sim.gap.residuals.balance import hermite_interpolation
 
 NAME = "trajectory"
 # Levenberg-Marquardt rounds under a change for the first time, and later, from the last states;
@@ -70,9 +60,6 @@ GENERIC_FUNCTIONS = {
     *(f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")),
     *(f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")),
 }
-# Windows at the start of a run, used by the filter alone; in nine it converged from all initial
-# states tried.
-LEAD_WINDOWS = 12
 MAX_FIT_CHI2 = 1.5  # energy per reading above which states may be in a wrong minimum; chosen
 # Energy over that at the last restart below which states are restarted: the motion has changed;
 # chosen.
@@ -108,30 +95,19 @@ def function_names(
     return (*names, *(f.name for f in laws if f.slot == "body"))
 
 
-class Trajectory:
+class Trajectory(ForcedWindows):
     """Windows of a run and their fitted states under changes of the law.
 
     Args:
-        run: with rotations or accelerations of suns and carrier.
-        lead: windows at the start that only the filter uses.
-        windows: number of windows that are fitted.
+        run: see ``ForcedWindows``.
 
     Attributes:
-        recorded: windows as recorded.
-        windows: windows without the sensor errors of the last change.
         last_linearisation: states, law and motion of the block formed last.
         last_elimination: its elimination of states and encoder errors.
     """
 
-    def __init__(
-        self, run: PreparedRun, lead: int = LEAD_WINDOWS, windows: int = N_WINDOWS
-    ) -> None:
-        samples = window_samples(run)
-        self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - windows))
-        part = slice_run(run, slice(self.lead_windows * samples, None), run.name)
-        self.recorded: Windows = windows_of_run(part, windows)
-        self.windows = self.recorded
-        self.model = run.model
+    def __init__(self, run: PreparedRun) -> None:
+        super().__init__(run)
         self._solutions: dict[tuple[str, ...], WindowSolution] = {}
         self._restart_energies: dict[tuple[str, ...], float] = {}
         self._energies: dict[tuple[str, ...], float] = {}
@@ -139,77 +115,6 @@ class Trajectory:
         self._independent: float | None = None
         self._least: WindowSolution | None = None
         self._tried: dict[tuple[str, ...], WindowSolution] = {}
-
-    @cached_property
-    def _nominal(self) -> tuple[Array, Array, Array]:
-        """Nominal k, e and its rate at every half step."""
-        s = self.windows
-        w = waves(s.run.model, s.phase - s.run.delay_rad, s.run.omega_rad_per_s)
-        return w.k, w.e, w.e_rate
-
-    def forcing(
-        self, change: LawChange, masses: Array, pushes: Sequence[tuple[BodyForce, float]]
-    ) -> Forcing:
-        """Forcing of the windows under a change.
-
-        Args:
-            change: at every half step.
-            masses: (9,) factors on 1/M.
-            pushes: forces on bodies with their amplitudes.
-        """
-        s = self.windows
-        k, e, rate = self._nominal
-        m = self.model
-        one = np.ones_like(k)
-        tau = body_loads(m, s.phase - s.run.delay_rad)
-        for push, a in pushes:
-            tau = tau + a * push.size[:, None] * push.direction
-        return Forcing(
-            s.G,
-            s.inverse_masses * masses,
-            tau,
-            k * (1.0 + change.kappa) + mean_stiffness(m.parameters) * change.mean_kappa,
-            m.damping_n_s_per_m * (1.0 + change.gamma) * one,
-            change.d - e,
-            change.d_rate - rate,
-            np.maximum(m.half_backlash_m + change.b_plus, 0.0) * one,
-            np.maximum(m.half_backlash_m + change.b_minus, 0.0) * one,
-            change.extra_force * one,
-        )
-
-    def motion(self, states: Array, phase: Array) -> MeshMotion:
-        """Mesh motion at states (n, 18) and phases (n,), without noise."""
-        s, m = self.windows, self.model
-        w = waves(m, phase - s.run.delay_rad, s.run.omega_rad_per_s)
-        half = STATES // 2
-        n, meshes = len(states), m.layout.n_mesh
-        nothing = np.zeros(meshes)
-        return MeshMotion(
-            s.run.name,
-            phase,
-            (phase - s.run.phase[0]) / s.run.omega_rad_per_s,
-            s.run.omega_rad_per_s,
-            dict(s.run.point),
-            states[:, :half] @ s.G.T - w.e,
-            states[:, half:] @ s.G.T - w.e_rate,
-            np.full((n, meshes), np.nan),
-            nothing,
-            nothing,
-            nothing,
-            w.k,
-            w.e,
-            w.e_rate,
-            waves_of(m, s.run.omega_rad_per_s, s.run.delay_rad),
-            mean_stiffness(m.parameters),
-            m.damping_n_s_per_m,
-            m.half_backlash_m,
-        )
-
-    def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
-        """Mesh motion at every half step, windows concatenated."""
-        half, steps = STATES // 2, _concatenated(solution)
-        u, rate = hermite_interpolation(steps[:, :half], steps[:, half:], self.windows.h, 2)
-        return self.motion(np.hstack([u, rate]), self.windows.phase)
 
     def fitted_states(
         self,
@@ -229,7 +134,7 @@ class Trajectory:
             of_bodies: amplitudes of masses, sensor errors, friction, ripple and ``on_carrier``.
             on_carrier: functions on the carrier.
         """
-        forcing_at = self._forcing_under(change_of, of_bodies, on_carrier)
+        forcing_at = self.forcing_under(change_of, of_bodies, on_carrier)
         new = key not in self._solutions
         solution = self._solutions.get(key, self.nominal)
         solution = fitted_windows(
@@ -279,53 +184,19 @@ class Trajectory:
     ) -> float:
         """Energy under a change after ``rounds`` steps from the states ``near``; thread-safe."""
         own = copy.copy(self)
-        forcing_at = own._forcing_under(change_of, of_bodies, on_carrier)
+        forcing_at = own.forcing_under(change_of, of_bodies, on_carrier)
         return fitted_windows(own.windows, near.starts, forcing_at(near), rounds).cost
 
-    def in_step_forcing(
-        self,
-        change_of: Callable[[MeshMotion], LawChange],
-        of_bodies: Mapping[str, float],
-        on_carrier: Sequence[Function],
-    ) -> Forcing:
-        """Forcing under a change, evaluated at the motion with planets in step."""
-        forcing_at = self._forcing_under(change_of, of_bodies, on_carrier)
-        s = self.windows
-        return forcing_at(
-            evaluated(s, symmetric_starts(s), self.forcing(LawChange(), self._masses({}), ()))
-        )
-
-    def _forcing_under(
-        self,
-        change_of: Callable[[MeshMotion], LawChange],
-        of_bodies: Mapping[str, float],
-        on_carrier: Sequence[Function],
-    ) -> Callable[[WindowSolution], Forcing]:
-        """Forcing under a change as a function of the states; sets ``windows``."""
-        self.windows = without_sensor_errors(self.recorded, of_bodies)
-        masses = self._masses(of_bodies)
-
-        def forcing_at(solution: WindowSolution) -> Forcing:
-            m = self._motion_at_half_steps(solution)
-            change = change_of(m)
-            pushes = [
-                (push, of_bodies[push.name])
-                for push in body_forces(self.model, m, law(m, change), of_bodies, on_carrier)
-            ]
-            return self.forcing(change, masses, pushes)
-
-        return forcing_at
-
     @cached_property
-    def _with_lead(self) -> Trajectory:
+    def _with_lead(self) -> ForcedWindows:
         """Windows of the run including those of the lead."""
-        return Trajectory(self.run, 0, self.lead_windows + self.recorded.n_windows)
+        return ForcedWindows(self.run, 0, self.lead_windows + self.recorded.n_windows)
 
     @cached_property
     def nominal(self) -> WindowSolution:
         """States fitted with the nominal law, planets in step or out of step."""
         mine, of_whole = (
-            one.forcing(LawChange(), self._masses({}), ()) for one in (self, self._with_lead)
+            one.forcing(LawChange(), self.masses({}), ()) for one in (self, self._with_lead)
         )
         return filter_and_fit(self.recorded, mine, self._with_lead.recorded, of_whole)
 
@@ -344,11 +215,6 @@ class Trajectory:
         best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead_windows :]
         return fitted_windows(self.windows, best, forcing, ROUNDS_NEW)
 
-    def _masses(self, of_bodies: Mapping[str, float]) -> Array:
-        """(9,) factors on 1/M by the amplitudes of ``M_s``, ``M_c`` and ``M_p``."""
-        s, c, p = (1.0 + of_bodies.get(f"M_{body}", 0.0) for body in "scp")
-        return np.array([s, s, c, *[p] * (STATES // 2 - 3)])
-
     def block(
         self,
         solution: WindowSolution,
@@ -364,7 +230,7 @@ class Trajectory:
             wanted: names of the columns.
         """
         s = self.windows
-        m = self.motion(_concatenated(solution), s.phase[::2])
+        m = self.motion(concatenated_states(solution), s.phase[::2])
         now = law(m, change_of(m))
         self.last_linearisation = solution, now, m
         states = StateElimination(
@@ -414,8 +280,3 @@ class Trajectory:
         return np.concatenate(
             [data, jumps, np.zeros(2 * sum(c[0] == "u" for c in s.channels.names))]
         )
-
-
-def _concatenated(solution: WindowSolution) -> Array:
-    """States (n, 18) at every step; where windows meet, that of the later one."""
-    return np.vstack([solution.states[:, :-1].reshape(-1, STATES), solution.states[-1, -1:]])

@@ -104,11 +104,13 @@ def mesh_forces(
 def channel_outputs(
     c: WindowChannels, states: Array, forcing: Forcing, at: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Channel values (W, m, k) and derivatives by the state (W, m, k, 18).
+    """Values (W, m, k) of k channels, and their derivatives by the state (W, m, k, 18).
 
     Args:
-        states: (W, m, 18).
-        at: (W, m) indices of half steps.
+        c: the channels.
+        states: (W, m, 18) of m samples in W windows [m], [m/s].
+        forcing: of the windows.
+        at: (W, m) half steps at which the samples lie.
     """
     G = forcing.G
     of_u = np.hstack([c.of_u, np.zeros_like(c.of_u)])

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
@@ -26,7 +27,7 @@ from herringbone_sim.gap.observations.events import (
     mesh_delays,
     tooth_meets,
 )
-from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_columns import responses
 

@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.search import Score
+from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.gap.observations import force_law, trajectory
-from herringbone_sim.gap.observations.gear import Amplitudes, Gear
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import law
 from herringbone_sim.gap.observations.seat_grid import PartTrial, RowChange, TrialRun, best_seats
 from herringbone_sim.gap.observations.seats import Seat, pin_meshes

@@ -13,7 +13,9 @@ from functools import partial
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.search import Hypothesis, Score, amplitudes
+from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat

@@ -19,7 +19,8 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.information import Information
 from herringbone_sim.diagnosis.judge import chances
-from herringbone_sim.diagnosis.search import Hypothesis, Search
+from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError

@@ -22,7 +22,8 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window, gaussian_window
 from herringbone_sim.gap.residuals.fusion import Fused
 
-FineLaw = Callable[[Array, Array, Array], Array]  # phase, D z and its rate -> mesh forces [N]
+# phase, D z and its rate -> mesh forces [N]
+ForceFunction = Callable[[Array, Array, Array], Array]
 
 FINE = 4  # points per sample at which a force law is averaged
 CORRECTION_UNCERTAINTY = 0.2  # sigma of the quadrature correction over its RMS
@@ -140,7 +141,7 @@ def averaged_law_force(window: Window, force_n: Array, noise_n: Array) -> Averag
 
 
 def quadrature_correction(
-    run: PreparedRun, fused: Fused, law: FineLaw, width: float = WIDTH
+    run: PreparedRun, fused: Fused, law: ForceFunction, width: float = WIDTH
 ) -> Array:
     """Window integral minus window sum (k, n_mesh) [N] of the forces that a law gives.
 

@@ -32,7 +32,7 @@ from herringbone_sim.gap.residuals.recalibrate import (
     InertiaFactors,
     bounded_step,
     by_mesh,
-    fine_law,
+    force_function,
     force_law,
     names_at_bound,
 )
@@ -58,7 +58,7 @@ def motion_balance(
     k, c = run.waves.k * k_f, run.model.damping_n_s_per_m
     force_noise = k * law.contact * noise.x + c * noise.v
     force = averaged_law_force(window_of(run, WIDTH), law.modelled_n, force_noise)
-    correction = quadrature_correction(run, fused, fine_law(run, factors), WIDTH)
+    correction = quadrature_correction(run, fused, force_function(run, factors), WIDTH)
     force = replace(force, average_n=force.average_n + correction, correction_n=correction)
     return torque_balance(run, fused, inverse, force, WIDTH)
 

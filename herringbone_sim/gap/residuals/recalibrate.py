@@ -17,7 +17,7 @@ from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.residuals.balance import FineLaw
+from herringbone_sim.gap.residuals.balance import ForceFunction
 from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import Fused
 
@@ -101,11 +101,16 @@ def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
     return ForceLaw(modelled, run.F.values - modelled, sigma, x, v, soft.f, soft.contact)
 
 
-def fine_law(run: PreparedRun, factors: Array) -> FineLaw:
-    """Force law with factors (6,) for ``quadrature_correction``.
+def force_function(run: PreparedRun, factors: Array) -> ForceFunction:
+    """Force law as a function of the motion, for ``quadrature_correction``.
+
+    Args:
+        run: whose operating point and nominal waves are used.
+        factors: (6,) on k, c and e, see ``NAMES``.
 
     Returns:
-        Function of phase (n,) [rad], D z (n, n_mesh) [m] and its rate [m/s], with forces [N].
+        Function of mesh phase (n,) [rad], relative displacement of the bodies at each mesh
+        (n, n_mesh) [m], error not subtracted, and its rate [m/s]; gives forces (n, n_mesh) [N].
     """
     k_f, c_f, e_f = by_mesh(factors, run.x.sigma.size)
 

@@ -45,6 +45,11 @@ def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
     return run
 
 
+def correct_motion_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
+    """``correct_sensors`` by those of the effects that ``is_motion_sensor_effect`` accepts."""
+    return correct_sensors(run, [one for one in actives if is_motion_sensor_effect(one)])
+
+
 def without_sensor_error(
     run: PreparedRun, kind: str, names: Sequence[str], size: float
 ) -> PreparedRun:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,13 +14,27 @@ from herringbone_sim.gap.verdict.design import Design, leading_explanations
 from herringbone_sim.gap.verdict.undecidable import LEAST_VALUES
 from herringbone_sim.gap.verdict.words import effect_names, in_words
 
+POINT = ("delta_T", "K", "T_1", "Omega")
 WORDS = {"delta_T": ("temperature rise", " K"), "T_1": ("load", " N m"), "Omega": ("speed", "")}
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """Operating point to run next.
+
+    Attributes:
+        point: delta_T [K], K, T_1 [N m] and Omega by name.
+        why: reason, without a full stop.
+    """
+
+    point: Mapping[str, float]
+    why: str
 
 
 def next_experiment(
     campaign: PreparedCampaign, verdict: Verdict, design: Design | None = None
-) -> dict[str, Any]:
-    """Operating point delta_T [K], K, T_1 [N m], Omega to run next, and why.
+) -> NextExperiment:
+    """Operating point to run next, and why.
 
     The designed point where it separates the leading explanations, else one where nothing has been
     run.
@@ -30,19 +45,14 @@ def next_experiment(
         design: designed point; None where explanations can't be predicted.
     """
     if design is not None and (design.separated_so_far or design.separated_with_point):
-        return {**design.point, "why": _why_designed(design)}
+        return NextExperiment(design.point, _why_designed(design))
     points = [run.point for run in campaign.of_role("fit")]
     values = {n: sorted({round(float(p[n]), 6) for p in points if n in p}) for n in LEAST_VALUES}
     ranges = value_ranges(points)
     chosen = {n: _new_value(n, values[n], ranges[n]) for n in LEAST_VALUES}
     new = f"no {in_words([text for _, text in chosen.values()], ' or ')} has been run"
-    return {
-        "delta_T": chosen["delta_T"][0],
-        "K": 0.0,
-        "T_1": chosen["T_1"][0],
-        "Omega": chosen["Omega"][0],
-        "why": f"{_why_not_designed(verdict, design)}: {new}",
-    }
+    point = {name: 0.0 if name == "K" else chosen[name][0] for name in POINT}
+    return NextExperiment(point, f"{_why_not_designed(verdict, design)}: {new}")
 
 
 def _why_designed(design: Design) -> str:

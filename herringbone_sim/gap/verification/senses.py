@@ -65,6 +65,12 @@ class Senses:
     numbers: Mapping[str, Any] = field(default_factory=dict)
     unknown: tuple[str, ...] = ()
 
+    @property
+    def gaps(self) -> dict[str, Gap]:
+        """The gaps by name of the sense."""
+        names = ("residual", "prediction", "attractor")
+        return {name: getattr(self, name) for name in names}
+
 
 @dataclass(frozen=True)
 class _RunSenses:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -20,16 +21,7 @@ NUMBERS = ("nominal", "augmented", "noise_floor", "closure")
 def gap_to_dict(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
     """A gap over the runs of a role (None: all), and of every run, by the keys of the report."""
     return {
-        "metric": gap.metric,
-        "unit": gap.unit,
-        "nominal": gap.rms("nominal", role),
-        "augmented": gap.rms("augmented", role),
-        "noise_floor": gap.rms("floor", role),
-        "recalibrated": gap.rms("recalibrated", role),
-        "closure": gap.closed("augmented", role),
-        "closure_with_calibration": gap.closed_from("nominal", "augmented", role),
-        "runner_up": gap.rms("runner_up", role),
-        "closure_runner_up": gap.closed("runner_up", role),
+        **asdict(gap.numbers(role)),
         "runs": [
             {
                 "path": run.name,
@@ -47,7 +39,7 @@ def gap_to_dict(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
 
 def senses_to_dict(senses: Senses, role: str | None = ROLE) -> dict[str, Any]:
     """The gap as residual, prediction and attractor; predictions with horizon and exponent."""
-    data = {name: gap_to_dict(getattr(senses, name), role) for name in SENSES}
+    data = {name: gap_to_dict(gap, role) for name, gap in senses.gaps.items()}
     for run in data["prediction"]["runs"]:
         value, sigma = senses.exponents.get(run["path"], (float("nan"),) * 2)
         run["horizon_cycles"] = senses.horizon_cycles.get(run["path"], float("nan"))

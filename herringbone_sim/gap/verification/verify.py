@@ -60,6 +60,29 @@ class RunGap:
 
 
 @dataclass(frozen=True)
+class GapNumbers:
+    """A gap over several runs, by the keys of ``report.json``; NaN where unknown.
+
+    Attributes:
+        metric, unit: of the gap, see ``UNITS``.
+        nominal, augmented, noise_floor, runner_up, recalibrated: RMS, see ``RunGap``.
+        closure, closure_runner_up: share of the gap of the recalibrated gear that a model closes.
+        closure_with_calibration: share of the gap of the nominal gear.
+    """
+
+    metric: str
+    unit: str
+    nominal: float
+    augmented: float
+    noise_floor: float
+    recalibrated: float = float("nan")
+    closure: float = float("nan")
+    closure_with_calibration: float = float("nan")
+    runner_up: float = float("nan")
+    closure_runner_up: float = float("nan")
+
+
+@dataclass(frozen=True)
 class Gap:
     """The gap of all runs.
 
@@ -110,6 +133,21 @@ class Gap:
         before, floor = self.rms(start, role), self.rms("floor", role)
         above = before - floor
         return (before - self.rms(what, role)) / above if above > 0.0 else float("nan")
+
+    def numbers(self, role: str | None = "held_out") -> GapNumbers:
+        """The gap over the runs of a role, or over all (None)."""
+        return GapNumbers(
+            metric=self.metric,
+            unit=self.unit,
+            nominal=self.rms("nominal", role),
+            augmented=self.rms("augmented", role),
+            noise_floor=self.rms("floor", role),
+            recalibrated=self.rms("recalibrated", role),
+            closure=self.closed("augmented", role),
+            closure_with_calibration=self.closed_from("nominal", "augmented", role),
+            runner_up=self.rms("runner_up", role),
+            closure_runner_up=self.closed("runner_up", role),
+        )
 
 
 def residual_gap(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib
-import numpy as np
 from matplotlib.figure import Figure
 
+from herringbone_sim.gap.learned_law import LearnedLaw
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
@@ -18,8 +17,8 @@ from herringbone_sim.views.pages.html import Picture
 LOG_RATIO = 30.0  # of largest and smallest value, above which the axis is logarithmic
 
 
-def write_law_figures(folder: Path, laws: Sequence[Mapping[str, Any]]) -> list[Picture]:
-    """Write ``figures/gap_law_*.png`` and ``.svg`` of the laws of a report.
+def write_law_figures(folder: Path, laws: Sequence[LearnedLaw]) -> list[Picture]:
+    """Write ``figures/gap_law_*.png`` and ``.svg`` of laws.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -30,22 +29,20 @@ def write_law_figures(folder: Path, laws: Sequence[Mapping[str, Any]]) -> list[P
         for i, law in enumerate(laws):
             figure = law_figure(law)
             picture = save(figure, folder / "figures", f"gap_law_{i}")[0]
-            caption = f"The law of {law['effect']} that the runs show, with its 90 % band"
+            caption = f"The law of {law.effect} that the runs show, with its 90 % band"
             drawn.append(Picture(picture, caption))
     return drawn
 
 
-def law_figure(law: Mapping[str, Any]) -> Figure:
-    """Curve of an entry of ``law`` of a report."""
-    x, y = law["x"], law["y"]
-    values = np.array(x["values"], dtype=float)
+def law_figure(law: LearnedLaw) -> Figure:
+    """Curve of a law with its band."""
     figure = Figure(figsize=(6.4, 3.4))
     axes = figure.subplots()
-    axes.fill_between(values, y["low"], y["high"], color=BLUE, alpha=0.25, linewidth=0)
-    axes.plot(values, y["values"], color=BLUE)
-    if values.min() > 0.0 and values.max() > LOG_RATIO * values.min():
+    axes.fill_between(law.x, law.low, law.high, color=BLUE, alpha=0.25, linewidth=0)
+    axes.plot(law.x, law.y, color=BLUE)
+    if law.x.min() > 0.0 and law.x.max() > LOG_RATIO * law.x.min():
         axes.set_xscale("log")
     axes.axhline(0.0, color="#9aa3ad", linewidth=0.8)
-    axes.set_xlabel(plain_text(f"{x['name']} [{x['unit']}]"))
-    axes.set_ylabel(plain_text(f"{y['name']} [{y['unit']}]"))
+    axes.set_xlabel(plain_text(f"{law.x_name} [{law.x_unit}]"))
+    axes.set_ylabel(plain_text(f"{law.y_name} [{law.y_unit}]"))
     return figure

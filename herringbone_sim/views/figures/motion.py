@@ -182,14 +182,14 @@ def draw_exponents(axes: Axes, diagram: BifurcationDiagram) -> None:
     axes.legend(loc="best", fontsize=8)
 
 
-def representatives(results: Sequence[SegmentResult], limit: int = 6) -> list[SegmentResult]:
-    """At most ``limit`` segments to draw: one of each period first, the longest of each."""
+def representatives(results: Sequence[SegmentResult]) -> list[SegmentResult]:
+    """At most six segments to draw: one of each period first, the longest of each."""
     drawable = [r for r in results if r.spectrum is not None and not r.segment.ramp]
     drawable = drawable or [r for r in results if r.spectrum is not None]
     longest = sorted(drawable, key=lambda r: -r.segment.cycles)
     first_of_kind = {r.period.label: r for r in reversed(longest)}
     others = [r for r in longest if r is not first_of_kind[r.period.label]]
-    chosen = [*first_of_kind.values(), *others][:limit]
+    chosen = [*first_of_kind.values(), *others][:6]
     return sorted(chosen, key=lambda r: r.number)
 
 

@@ -90,8 +90,8 @@ def _look(traced: Followed, kind: Kind) -> tuple[str, str, str, float]:
     return (STABILITY if traced.symmetric else SIDES_DIFFER)[kind]
 
 
-def heights(traced: Followed, points: Sequence[BranchPoint], mesh: int) -> Array:
-    """Displacements (n, period) of a mesh at phase 0 along a branch."""
+def section_displacements(traced: Followed, points: Sequence[BranchPoint], mesh: int) -> Array:
+    """Relative displacements (n, period) [b_c] of mesh number ``mesh`` at phase 0 of n orbits."""
     flow_at = traced.curve.family.flow_at
     return np.array([section(flow_at(p.value), p.orbit.points)[0][:, mesh] for p in points])
 
@@ -103,9 +103,9 @@ def _draw_branches(axes: Axes, followed: Sequence[Followed], mesh: int) -> None:
             values = [point.value for point in points]
             # An unstable stretch lies below a stable one where they meet.
             style: Any = {"color": colour, "ls": line, "lw": width, "zorder": 2 - any(kind)}
-            axes.plot(values, heights(traced, points, mesh), **style)
+            axes.plot(values, section_displacements(traced, points, mesh), **style)
         for boundary in traced.boundaries:
-            at = heights(traced, [boundary.point], mesh)[0]
+            at = section_displacements(traced, [boundary.point], mesh)[0]
             marker, colour, _ = MARKERS[boundary.kind]
             face = "white" if boundary.kind != "grazing" else colour
             look: Any = {"ls": "", "marker": marker, "ms": 4.5, "mfc": face, "mec": colour}

@@ -52,13 +52,12 @@ def mirror(campaign: PreparedCampaign, diagnosis: Diagnosis, sink: Sink) -> None
 
 def verdict_text(diagnosis: Diagnosis) -> str:
     """Verdict, causes and gap as a page of Markdown."""
-    verdict, gap = diagnosis.verdict, diagnosis.gap
+    verdict, gap = diagnosis.report.verdict, diagnosis.report.gap
     named = ", ".join(verdict.effects)
     title = verdict.verdict if named in ("", verdict.verdict) else f"{verdict.verdict}: {named}"
     lines = [f"## {title}", "", "| cause | where | probability |", "| --- | --- | --- |"]
-    for cause in diagnosis.report["causes"][:5]:
-        place = "/".join(cause["locus"].values()) if cause.get("locus") else ""
-        lines.append(f"| {cause['effect']} | {place} | {cause['probability']:.1%} |")
+    for cause in diagnosis.report.causes[:5]:
+        lines.append(f"| {cause.effect} | {cause.place} | {cause.probability:.1%} |")
     closure = f"{gap.closure:.1%}" if np.isfinite(gap.closure) else "not known"
     lines += ["", f"Gap by {gap.metric}, RMS (closure on held-out runs: {closure}):", ""]
     lines += ["| run | role | nominal | augmented | floor |", "| --- | --- | --- | --- | --- |"]

@@ -73,7 +73,7 @@ class RerunStream:
 
     def send(self, block: MirrorBlock) -> None:
         """Send the burst at the end of a block, its section points and its text."""
-        block = timed(block)
+        block = with_finite_times(block)
         if not len(block.rows):
             return
         restart = self._restart(block)
@@ -211,7 +211,7 @@ class RerunStream:
         return {**(self.scale.b_half if self.scale else {}), **(block.b_half or {})}
 
 
-def timed(block: MirrorBlock) -> MirrorBlock:
+def with_finite_times(block: MirrorBlock) -> MirrorBlock:
     """The block without samples whose time is not finite."""
     rows, sections = (
         array[np.isfinite(array[:, block.names.index("t")])]

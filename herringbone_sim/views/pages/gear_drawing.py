@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from html import escape
 
 from herringbone_sim.core.layout import KINDS, SIDES
-from herringbone_sim.views.pages.gap.words import (
-    NOT_KNOWN,
-    known,
-    mapping,
-    percent,
-    sequence,
-    word,
-)
+from herringbone_sim.effects.effect import Locus
+from herringbone_sim.views.pages.gap.words import NOT_KNOWN, percent
 
 SUN, PLANET, RING = 27, 25, 77
 PLANETS = ("1", "2", "3")
@@ -26,35 +20,34 @@ PALE, DEEP = (255, 246, 232), (196, 68, 0)
 SIDE_NAMES = {"L": "Left half", "R": "Right half"}
 
 
-def mesh_shares(where: object) -> dict[str, tuple[float | None, bool]]:
+def mesh_shares(
+    where: Iterable[tuple[Locus, float]],
+) -> dict[str, tuple[float | None, bool]]:
     """By mesh: share of the residual (None if unknown), and whether it is of this mesh alone.
 
     The share of a locus with several meshes is divided evenly; where loci overlap, that with the
     fewest meshes counts.
 
     Args:
-        where: ``where`` of a gap report.
+        where: locus and share of the residual.
     """
-    loci = [(covered(mapping(e).get("locus")), mapping(e).get("share")) for e in sequence(where)]
-    loci.sort(key=lambda locus: len(locus[0]))
+    loci = sorted(((covered(locus), share) for locus, share in where), key=lambda one: len(one[0]))
     shares: dict[str, tuple[float | None, bool]] = {}
     for mesh in MESHES:
-        names, share = next((locus for locus in loci if mesh in locus[0]), ((mesh,), None))
-        value = known(share)
-        shares[mesh] = (None if value is None else value / len(names), len(names) == 1)
+        names, share = next((one for one in loci if mesh in one[0]), ((mesh,), None))
+        shares[mesh] = (None if share is None else share / len(names), len(names) == 1)
     return shares
 
 
-def covered(locus: object) -> tuple[str, ...]:
-    """Names of the meshes that a locus covers; none without a locus."""
-    place = mapping(locus)
-    wanted = [word(place.get(key), "all") for key in ("mesh", "planet", "side")]
+def covered(locus: Locus) -> tuple[str, ...]:
+    """Names of the meshes that a locus covers."""
+    wanted = (locus.mesh, locus.planet, locus.side)
 
     def inside(mesh: str) -> bool:
         parts = (mesh[:2], mesh[2], mesh[4])
         return all(w in ("all", part) for w, part in zip(wanted, parts, strict=True))
 
-    return tuple(mesh for mesh in MESHES if inside(mesh)) if place else ()
+    return tuple(mesh for mesh in MESHES if inside(mesh))
 
 
 def gear_svg(

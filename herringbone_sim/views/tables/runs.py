@@ -57,7 +57,7 @@ def segment_row(result: SegmentResult) -> list[Cell]:
 
 
 def write_segments(path: Path, results: Sequence[SegmentResult]) -> None:
-    """One row a segment."""
+    """Write a CSV table with a row per segment, columns of ``segment_columns``."""
     write_csv(path, segment_columns(results), (segment_row(result) for result in results))
 
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
+from herringbone_sim.gap.repeat import Repetition
+from herringbone_sim.gap.verification.senses import Senses
+from herringbone_sim.gap.verification.verify import GapNumbers
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.gap import words
 from herringbone_sim.views.pages.gap.style import STYLE
-from herringbone_sim.views.pages.gap.words import Part, figure, known, mapping, percent, sequence
+from herringbone_sim.views.pages.gap.words import figure, percent
 from herringbone_sim.views.pages.html import bullets, folded, html_page, section, table
 
 NAMES = {
@@ -45,65 +50,69 @@ MODELS = (
 )
 
 
-def senses_table(gap: Part) -> str:
-    """Table of a gap: before, after, floor and runner-up by measure; empty without ``senses``."""
-    senses = mapping(gap.get("senses"))
-    measures = {name: mapping(senses.get(name)) for name in NAMES if name in senses}
-    if not measures:
+def senses_table(senses: Senses | None, runner_up: Sequence[str] = ()) -> str:
+    """Table of a gap on held-out runs: before, after, floor and runner-up by sense.
+
+    Args:
+        senses: of the gap; the table is empty for None.
+        runner_up: ids of the effects of the runner-up.
+    """
+    if senses is None:
         return ""
-    control = any(known(sense.get("runner_up")) is not None for sense in measures.values())
+    numbers = {name: gap.numbers() for name, gap in senses.gaps.items()}
+    content = numbers_table(numbers, _horizon(senses))
+    others = " and ".join(runner_up)
+    if not others or not _has_runner_up(numbers):
+        return content
+    return content + f"<p><small>The runner-up: {escape(others)}.</small></p>"
+
+
+def numbers_table(senses: Mapping[str, GapNumbers], horizon: str = "") -> str:
+    """Table of numbers by sense, with a text on the horizon of the prediction."""
+    control = _has_runner_up(senses)
     columns = [c for c in COLUMNS if control or "runner_up" not in c[0]]
-    rows = [_row(name, sense, columns) for name, sense in measures.items()]
+    rows = [
+        _row(NAMES[name], TEXTS[name] + horizon * (name == "prediction"), senses[name], columns)
+        for name in NAMES
+        if name in senses
+    ]
     head = ["in the sense of", "unit", *(title for _, title in columns)]
-    others = " and ".join(str(effect) for effect in sequence(gap.get("runner_up_effects")))
-    note = f"<p><small>The runner-up: {escape(others)}.</small></p>" if control and others else ""
-    return table(head, rows, numeric=range(1, len(head))) + note
+    return table(head, rows, numeric=range(1, len(head)))
 
 
-def _row(name: str, sense: Part, columns: Sequence[tuple[str, str]]) -> list[str]:
-    factor, unit = DISPLAY_UNITS.get(
-        str(sense.get("unit")), (1.0, words.word(sense.get("unit"), ""))
-    )
+def _has_runner_up(senses: Mapping[str, GapNumbers]) -> bool:
+    return any(math.isfinite(one.runner_up) for one in senses.values())
+
+
+def _row(name: str, text: str, one: GapNumbers, columns: Sequence[tuple[str, str]]) -> list[str]:
+    factor, unit = DISPLAY_UNITS.get(one.unit, (1.0, one.unit))
     cells = [unit]
     for key, _ in columns:
-        value = sense.get(key)
-        cells.append(_closure(value) if "closure" in key else _scaled(value, factor))
-    text = TEXTS[name] + (_horizon(sense) if name == "prediction" else "")
-    return [f"{NAMES[name]}<br><small>{escape(text)}</small>", *map(escape, cells)]
+        value = getattr(one, key)
+        shown = percent(value) if "closure" in key else figure(factor * value)
+        cells.append(shown if math.isfinite(value) else "–")
+    return [f"{name}<br><small>{escape(text)}</small>", *map(escape, cells)]
 
 
-def _horizon(sense: Part) -> str:
-    runs = [mapping(run) for run in sequence(sense.get("runs"))]
-    horizons = (known(run.get("horizon_cycles")) for run in runs)
-    cycles = [horizon for horizon in horizons if horizon is not None]
+def _horizon(senses: Senses) -> str:
+    cycles = [cycles for cycles in senses.horizon_cycles.values() if math.isfinite(cycles)]
     if not cycles:
         return ""
     ends = dict.fromkeys(figure(end, 2) for end in (min(cycles), max(cycles)))
     return f", {' … '.join(ends)} mesh cycles ahead, at most half a Lyapunov time"
 
 
-def _scaled(value: object, factor: float) -> str:
-    number = known(value)
-    return "–" if number is None else figure(factor * number)
-
-
-def _closure(value: object) -> str:
-    return "–" if known(value) is None else percent(value)
-
-
-def _closed(value: object) -> str:
-    """Closure in percent, at most 100."""
-    closure = known(value)
-    return percent(None if closure is None else min(closure, 1.0))
-
-
-def distances_table(attractor: Part) -> str:
+def distances_table(senses: Senses | None) -> str:
     """Table: distance of each model's motion from that of the rig, by run; empty without any."""
-    runs = list(mapping(attractor.get("floor")))
-    models = [(key, title) for key, title in MODELS if mapping(attractor.get(key))]
-    rows = [row for run in runs for row in _distance_rows(attractor, run, models)]
-    if not rows:
+    runs = list(senses.numbers["floor"]) if senses else []
+    if senses is None or not runs:
         return ""
+    models = [(senses.numbers[key], title) for key, title in MODELS if key in senses.numbers]
+    rows = [
+        [escape(run) if i == 0 else "", title, *map(escape, _distances(numbers[run]))]
+        for run in runs
+        for i, (numbers, title) in enumerate(models)
+    ]
     head = ["run", "", *(f"{title} [{unit}]" for _, title, unit in DISTANCES)]
     head.append("largest exponent [1/cycle]")
     lead = (
@@ -114,20 +123,15 @@ def distances_table(attractor: Part) -> str:
     return folded(f"{len(runs)} runs", f"<p>{lead}</p>{content}")
 
 
-def _distance_rows(attractor: Part, run: str, models: list[tuple[str, str]]) -> list[list[str]]:
-    rows = []
-    for i, (key, title) in enumerate(models):
-        motion = mapping(mapping(attractor.get(key)).get(run))
-        distance = mapping(motion.get("distance"))
-        exponent = known(mapping(motion.get("exponent")).get("value"))
-        cells = [figure(distance.get(name)) for name, _, _ in DISTANCES]
-        cells.append("" if exponent is None else figure(exponent, 2))
-        rows.append([escape(run) if i == 0 else "", title, *map(escape, cells)])
-    return rows
+def _distances(motion: Mapping[str, Any]) -> list[str]:
+    """Cells of a motion: its distances and, where it is known, the largest exponent."""
+    exponent = motion.get("exponent", {}).get("value", math.nan)
+    cells = [figure(motion["distance"][name]) for name, _, _ in DISTANCES]
+    return [*cells, figure(exponent, 2) if math.isfinite(exponent) else ""]
 
 
-def write_verify_page(result: Part, folder: Path) -> Path:
-    """Write ``verify.html`` from the content of ``verify.json``; returns its path.
+def write_verify_page(result: Repetition, folder: Path) -> Path:
+    """Write ``verify.html``; returns its path.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -138,25 +142,26 @@ def write_verify_page(result: Part, folder: Path) -> Path:
     return page
 
 
-def verify_page(result: Part) -> str:
-    """Page with the gap on further runs beside that of the report; from ``verify.json``."""
-    name = words.word(result.get("campaign"), "campaign of unknown name")
-    gap = mapping(result.get("gap"))
-    effects = "; and ".join(words.effect_words(e) for e in sequence(result.get("effects")))
-    verdict = words.word(result.get("verdict"))
-    closes = [f"{_closed(gap.get('closure'))} of the gap closes here"]
-    before = known(mapping(mapping(result.get("reported")).get("residual")).get("closure"))
-    closes += [f"{_closed(before)} in the report"] if before is not None else []
-    undecidable = bullets(words.plain(text) for text in sequence(result.get("undecidable")))
+def verify_page(result: Repetition) -> str:
+    """Page with the gap on further runs beside that of the report."""
+    earlier, gap = result.earlier, result.senses.residual
+    effects = "; and ".join(words.effect_words(effect) for effect in earlier.effects)
+    closes = [f"{percent(min(gap.closed(role=None), 1.0))} of the gap closes here"]
+    if "residual" in earlier.numbers and math.isfinite(earlier.numbers["residual"].closure):
+        before = percent(min(earlier.numbers["residual"].closure, 1.0))
+        closes.append(f"{before} in the report")
+    title = words.capital(effects or earlier.verdict)
+    numbers = {name: gap.numbers(None) for name, gap in result.senses.gaps.items()}
     body = [
-        f'<p class="kicker">Gap verdict on further runs &nbsp;·&nbsp; {escape(name)}</p>',
-        f"<h1>{escape(words.capital(effects or verdict))}: {escape(', '.join(closes))}</h1>",
-        f"<p>Verdict of the diagnosis of {escape(words.word(result.get('diagnosed')))}; all "
-        f"{len(sequence(gap.get('runs')))} runs count here, nothing was fitted to them.</p>",
-        f"<h2>On these runs</h2>{senses_table(gap)}",
-        f"<h2>As reported</h2>{senses_table({'senses': result.get('reported')})}",
-        f"<h2>Attractor</h2>{distances_table(mapping(result.get('attractor')))}",
-        section("What is not decidable", undecidable),
+        '<p class="kicker">Gap verdict on further runs &nbsp;·&nbsp; '
+        f"{escape(result.campaign)}</p>",
+        f"<h1>{escape(title)}: {escape(', '.join(closes))}</h1>",
+        f"<p>Verdict of the diagnosis of {escape(earlier.campaign)}; all "
+        f"{len(gap.runs)} runs count here, nothing was fitted to them.</p>",
+        f"<h2>On these runs</h2>{numbers_table(numbers, _horizon(result.senses))}",
+        f"<h2>As reported</h2>{numbers_table(earlier.numbers)}",
+        f"<h2>Attractor</h2>{distances_table(result.senses)}",
+        section("What is not decidable", bullets(result.undecidable)),
         "<footer>The same in numbers: verify.json, beside this page.</footer>",
     ]
-    return html_page(f"Gap: {name}", body, STYLE)
+    return html_page(f"Gap: {result.campaign}", body, STYLE)

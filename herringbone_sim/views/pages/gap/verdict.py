@@ -5,76 +5,54 @@ from __future__ import annotations
 import math
 from html import escape
 
+from herringbone_sim.gap.report import Cause, Report
+from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.views.pages.gap import words
-from herringbone_sim.views.pages.gap.words import (
-    Part,
-    known,
-    mapping,
-    percent,
-    residual_words,
-    sequence,
-)
+from herringbone_sim.views.pages.gap.words import percent, residual_words
 
 OUTSIDE = ("none", "unknown")
 
 
-def headline(report: Part) -> str:
+def headline(verdict: Verdict) -> str:
     """The verdict as a sentence."""
-    verdict = words.word(report.get("verdict"), "")
-    effects = [words.effect_words(e) for e in sequence(report.get("effects"))]
-    if not verdict:
-        return "The report gives no verdict"
-    if verdict == "none":
+    if verdict.verdict == "none":
         return "No gap: the nominal model, within its tolerance, explains these runs"
-    if verdict == "unknown":
+    if verdict.verdict == "unknown":
         return "There is a gap, and nothing in the catalogue explains it"
-    if verdict == "ambiguous":
-        names = _alternatives(report)
-        causes = ": " + "; or ".join(names) if names else ""
-        return f"There is a gap, but these data cannot tell which cause it has{causes}"
+    effects = [words.effect_words(effect) for effect in named_effects(verdict)]
+    if verdict.verdict == "ambiguous":
+        causes = "; or ".join(effects)
+        return f"There is a gap, but these data cannot tell which cause it has: {causes}"
     if len(effects) > 1:
         return f"Two causes together: {'; and '.join(effects)}"
-    return words.capital(words.effect_words(verdict))
+    return words.capital(effects[0])
 
 
-def _alternatives(report: Part) -> list[str]:
-    ids = [*sequence(report.get("effects")), *sequence(report.get("ambiguous_with"))]
-    return [words.effect_words(effect) for effect in dict.fromkeys(map(words.word, ids))]
-
-
-def named_effects(report: Part) -> list[str]:
+def named_effects(verdict: Verdict) -> list[str]:
     """Ids of the effects that the verdict names, or between which it can't decide."""
-    verdict = words.word(report.get("verdict"))
-    ids = [words.word(effect) for effect in sequence(report.get("effects"))]
-    if verdict == "ambiguous":
-        ids += [words.word(effect) for effect in sequence(report.get("ambiguous_with"))]
-    return list(dict.fromkeys(ids or [verdict]))
+    ids = (*verdict.effects, *verdict.ambiguous_with) or (verdict.verdict,)
+    return list(dict.fromkeys(ids))
 
 
-def named_causes(report: Part) -> list[Part]:
-    """The most probable cause of each effect of ``named_effects``."""
-    causes = [mapping(cause) for cause in sequence(report.get("causes"))]
-    first = (
-        next((c for c in causes if c.get("effect") == effect), None)
-        for effect in named_effects(report)
-    )
-    return [cause for cause in first if cause is not None]
+def named_causes(report: Report) -> list[Cause]:
+    """The causes of ``named_effects``."""
+    causes = {cause.effect: cause for cause in report.causes}
+    return [causes[effect] for effect in named_effects(report.verdict) if effect in causes]
 
 
-def located_causes(report: Part) -> list[Part]:
+def located_causes(report: Report) -> list[Cause]:
     """Those of ``named_causes`` that have a place: neither ``none`` nor ``unknown``."""
-    return [cause for cause in named_causes(report) if cause.get("effect") not in OUTSIDE]
+    return [cause for cause in named_causes(report) if cause.effect not in OUTSIDE]
 
 
-def kind(report: Part) -> str:
+def kind(verdict: Verdict) -> str:
     """Kind of the verdict: ``none``, ``unknown``, ``ambiguous``, ``pair`` or ``one``."""
-    verdict = words.word(report.get("verdict"))
-    if verdict in (*OUTSIDE, "ambiguous"):
-        return verdict
-    return "pair" if len(named_effects(report)) > 1 else "one"
+    if verdict.verdict in (*OUTSIDE, "ambiguous"):
+        return verdict.verdict
+    return "pair" if len(named_effects(verdict)) > 1 else "one"
 
 
-def answers(report: Part) -> str:
+def answers(report: Report) -> str:
     """HTML of three boxes: where, which, how much."""
     boxes = (("Where", *_place(report)), ("Which", *_name(report)), ("How much", *_size(report)))
     parts = (
@@ -84,51 +62,46 @@ def answers(report: Part) -> str:
     return f'<div class="answers">{"".join(parts)}</div>'
 
 
-def _place(report: Part) -> tuple[str, str]:
+def _place(report: Report) -> tuple[str, str]:
     """Places of the named effects, and the mesh with the largest share of the residual."""
-    entries = [mapping(entry) for entry in sequence(report.get("where"))]
-    top = max(entries, key=lambda entry: known(entry.get("share")) or 0.0, default=None)
     share = "share of the residual not known"
-    if top is not None:
-        place = words.locus_words(top.get("locus"))
+    if report.where:
+        locus, largest = report.where[0]
         what = "largest share of the residual"
-        if mapping(report.get("gap")).get("metric") == "trajectory":
+        if report.gap.metric == "trajectory":
             what = "largest chance to hold the cause"
-        share = f"{what}: {place} ({percent(top.get('share'))})"
-        if known(top.get("share")) == 0.0:
+        share = f"{what}: {words.locus_words(locus)} ({percent(largest)})"
+        if largest == 0.0:
             share = "no residual in the meshes above the noise"
-    if kind(report) == "none":
+    if kind(report.verdict) == "none":
         return "Nowhere beyond the noise", share
     places = dict.fromkeys(words.place_words(cause) for cause in located_causes(report))
-    if places and _any_planet(report, entries):
-        return words.capital(" / ".join(places)), "or at another planet: nothing tells them apart"
+    if places and _any_planet(report):
+        share = "or at another planet: nothing tells them apart"
     return words.capital(" / ".join(places)) if places else "No place named", share
 
 
-def _any_planet(report: Part, entries: list[Part]) -> bool:
+def _any_planet(report: Report) -> bool:
     """Whether a cause sits at one planet, and all planets have the same share."""
     planets: dict[str, float] = {}
-    for entry in entries:
-        planet = words.word(mapping(entry.get("locus")).get("planet"))
-        planets[planet] = planets.get(planet, 0.0) + (known(entry.get("share")) or 0.0)
+    for locus, share in report.where:
+        planets[locus.planet] = planets.get(locus.planet, 0.0) + share
     shares = list(planets.values())
-    planets_named = [mapping(c.get("locus")).get("planet") for c in located_causes(report)]
-    single = any(planet not in ("all", None) for planet in planets_named)
+    single = any(cause.locus.planet != "all" for cause in located_causes(report))
     return single and len(shares) > 1 and math.isclose(min(shares), max(shares))
 
 
-def _name(report: Part) -> tuple[str, str]:
-    joint = {"ambiguous": " or ", "pair": " and "}.get(kind(report), "")
-    every = (known(cause.get("probability")) for cause in named_causes(report))
-    chances = [chance for chance in every if chance is not None]
-    total = percent(min(sum(chances), 1.0)) if chances else words.NOT_KNOWN
+def _name(report: Report) -> tuple[str, str]:
+    joint = {"ambiguous": " or ", "pair": " and "}.get(kind(report.verdict), "")
+    chances = [cause.probability for cause in named_causes(report)]
     together = "together " if len(chances) > 1 else ""
-    return joint.join(named_effects(report)), f"probability {together}{total}"
+    total = percent(min(sum(chances), 1.0))
+    return joint.join(named_effects(report.verdict)), f"probability {together}{total}"
 
 
-def _size(report: Part) -> tuple[str, str]:
-    gap = mapping(report.get("gap"))
-    change = f"{words.figure(gap.get('nominal'))} → {residual_words(gap.get('augmented'), gap)}"
-    floor = residual_words(gap.get("noise_floor"), gap)
-    closes = words.closure_words(gap.get("closure"), kind(report))
+def _size(report: Report) -> tuple[str, str]:
+    gap = report.gap.numbers()
+    change = f"{words.figure(gap.nominal)} → {residual_words(gap.augmented, gap.unit)}"
+    floor = residual_words(gap.noise_floor, gap.unit)
+    closes = words.closure_words(gap.closure, kind(report.verdict))
     return change, f"on held-out runs; noise floor {floor}; {closes}"

@@ -5,43 +5,42 @@ from __future__ import annotations
 from html import escape
 
 from herringbone_sim.core.layout import SIDES
+from herringbone_sim.gap.report import Cause, Report
 from herringbone_sim.views.pages.gap import words
 from herringbone_sim.views.pages.gap.verdict import located_causes
-from herringbone_sim.views.pages.gap.words import Part, mapping
 from herringbone_sim.views.pages.gear_drawing import PLANETS, covered, gear_svg, mesh_shares
 
 ON_PLANETS = ("bearing_clearance", "pin_position", "planet_phase")
 
 
-def where_section(report: Part) -> str:
+def where_section(report: Report) -> str:
     """HTML of the drawing, with remarks on what it leaves open."""
-    shares = mesh_shares(report.get("where"))
+    shares = mesh_shares(report.where)
     causes = located_causes(report)
-    sites = [covered(cause.get("locus")) for cause in causes]
+    sites = [covered(cause.locus) for cause in causes]
     # Rims around all twelve meshes mark no place.
     rims = {mesh for site in sites if len(site) < len(shares) for mesh in site}
     drawing = gear_svg(shares, rims, {body for cause in causes for body in bodies(cause)})
     return f'{drawing}<p class="lead">{escape(" ".join(_remarks(report, shares)))}</p>'
 
 
-def _remarks(report: Part, shares: dict[str, tuple[float | None, bool]]) -> list[str]:
+def _remarks(report: Report, shares: dict[str, tuple[float | None, bool]]) -> list[str]:
     remarks = []
     if all(share is None for share, _ in shares.values()):
         remarks.append("How the residual is shared among the meshes is not known.")
     if any(share is not None and not own for share, own in shares.values()):
         remarks.append("Where the report gives one share for several meshes it is spread evenly.")
-    metric = words.word(mapping(report.get("gap")).get("metric"))
+    metric = report.gap.metric
     if metric in ("torque_balance", "consistency", "trajectory"):
         remarks.append(f"What counts here is not the meshes but the {words.METRICS[metric]}.")
     return remarks
 
 
-def bodies(cause: Part) -> set[str]:
+def bodies(cause: Cause) -> set[str]:
     """Names of the bodies of a cause, such as ``sun_L``, ``planet2_R``, ``ring_L``."""
-    effect, place = words.word(cause.get("effect")), mapping(cause.get("locus"))
-    part = "ring" if effect == "ring_flexibility" else words.member(cause)
-    part = "planet" if effect in ON_PLANETS else part
-    planet, side = (words.word(place.get(key), "all") for key in ("planet", "side"))
+    planet, side = cause.locus.planet, cause.locus.side
+    part = "ring" if cause.effect == "ring_flexibility" else words.member(cause)
+    part = "planet" if cause.effect in ON_PLANETS else part
     numbers = PLANETS if planet == "all" else (planet,)
     names = [f"planet{number}" for number in numbers] if part == "planet" else [part]
     sides = SIDES if side == "all" else (side,)

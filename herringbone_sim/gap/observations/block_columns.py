@@ -1,0 +1,60 @@
+"""Move a linear block to amplitudes, choose its columns, and join those of two blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.products import Block
+
+
+def linear_block_at(
+    block: Block,
+    amplitudes: Mapping[str, Array],
+    r: int,
+    wanted: Mapping[str, Sequence[str]] | None,
+) -> Block:
+    """Linear block of run r with its residual moved to amplitudes, restricted to wanted columns.
+
+    Columns used by shared nuisances are kept.
+    """
+    residual = block.residual
+    for name, a in amplitudes.items():
+        residual = residual - block.columns[:, :, block.functions.index(name)] * a[r]
+    if wanted is None:
+        return replace(block, residual=residual)
+    names = set(wanted.get(block.observation, ()))
+    shared = np.any(block.shared != 0.0, axis=(0, 1))
+    keep = [i for i, f in enumerate(block.functions) if f in names or shared[i]]
+    return replace(
+        block,
+        residual=residual,
+        functions=tuple(block.functions[i] for i in keep),
+        columns=block.columns[:, :, keep],
+        shared=block.shared[:, :, keep],
+        common_columns=None if block.common_columns is None else block.common_columns[keep],
+    )
+
+
+def joined(one: Block, other: Block) -> Block:
+    """The first block with the columns of the other after its own."""
+    return replace(
+        one,
+        functions=(*one.functions, *other.functions),
+        columns=np.concatenate([one.columns, other.columns], axis=2),
+        shared=np.concatenate([one.shared, other.shared], axis=2),
+        common_columns=np.concatenate([_common_columns(one), _common_columns(other)]),
+    )
+
+
+def _common_columns(block: Block) -> NDArray[np.bool_]:
+    """Mask (Q,) of common columns of a block, all false where it has none."""
+    return (
+        np.zeros(len(block.functions), bool)
+        if block.common_columns is None
+        else block.common_columns
+    )

@@ -1,0 +1,173 @@
+"""Windows of a run, and the forces on them under a change of the law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from herringbone_sim.arrays import Array
+from herringbone_sim.core.model import mean_stiffness
+from herringbone_sim.gap.data.folds import slice_run
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.observations.basis import Function
+from herringbone_sim.gap.observations.body_motion import body_loads
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, waves_of
+from herringbone_sim.gap.observations.rollout import STATES, Forcing
+from herringbone_sim.gap.observations.shooting import (
+    N_WINDOWS,
+    Windows,
+    WindowSolution,
+    evaluated,
+    symmetric_starts,
+    window_samples,
+    windows_of_run,
+)
+from herringbone_sim.gap.observations.window_columns import BodyForce, body_forces
+from herringbone_sim.gap.observations.window_sensors import without_sensor_errors
+from herringbone_sim.gap.residuals.balance import hermite_interpolation
+
+# Windows at the start of a run, used by the filter alone; in nine it converged from all initial
+# states tried.
+LEAD_WINDOWS = 12
+
+
+class ForcedWindows:
+    """Windows of a run with the forces on them.
+
+    Args:
+        run: with rotations or accelerations of suns and carrier.
+        lead: windows at the start that only the filter uses.
+        windows: number of windows that are fitted.
+
+    Attributes:
+        recorded: windows as recorded.
+        windows: windows without the sensor errors of the last change.
+    """
+
+    def __init__(
+        self, run: PreparedRun, lead: int = LEAD_WINDOWS, windows: int = N_WINDOWS
+    ) -> None:
+        samples = window_samples(run)
+        self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - windows))
+        part = slice_run(run, slice(self.lead_windows * samples, None), run.name)
+        self.recorded: Windows = windows_of_run(part, windows)
+        self.windows = self.recorded
+        self.model = run.model
+
+    @cached_property
+    def _nominal(self) -> tuple[Array, Array, Array]:
+        """Nominal k, e and its rate at every half step."""
+        s = self.windows
+        w = waves(s.run.model, s.phase - s.run.delay_rad, s.run.omega_rad_per_s)
+        return w.k, w.e, w.e_rate
+
+    def forcing(
+        self, change: LawChange, masses: Array, pushes: Sequence[tuple[BodyForce, float]]
+    ) -> Forcing:
+        """Forcing of the windows under a change.
+
+        Args:
+            change: at every half step.
+            masses: (9,) factors on 1/M.
+            pushes: forces on bodies with their amplitudes.
+        """
+        s = self.windows
+        k, e, rate = self._nominal
+        m = self.model
+        one = np.ones_like(k)
+        tau = body_loads(m, s.phase - s.run.delay_rad)
+        for push, a in pushes:
+            tau = tau + a * push.size[:, None] * push.direction
+        return Forcing(
+            s.G,
+            s.inverse_masses * masses,
+            tau,
+            k * (1.0 + change.kappa) + mean_stiffness(m.parameters) * change.mean_kappa,
+            m.damping_n_s_per_m * (1.0 + change.gamma) * one,
+            change.d - e,
+            change.d_rate - rate,
+            np.maximum(m.half_backlash_m + change.b_plus, 0.0) * one,
+            np.maximum(m.half_backlash_m + change.b_minus, 0.0) * one,
+            change.extra_force * one,
+        )
+
+    def motion(self, states: Array, phase: Array) -> MeshMotion:
+        """Mesh motion at states (n, 18) and phases (n,), without noise."""
+        s, m = self.windows, self.model
+        w = waves(m, phase - s.run.delay_rad, s.run.omega_rad_per_s)
+        half = STATES // 2
+        n, meshes = len(states), m.layout.n_mesh
+        nothing = np.zeros(meshes)
+        return MeshMotion(
+            s.run.name,
+            phase,
+            (phase - s.run.phase[0]) / s.run.omega_rad_per_s,
+            s.run.omega_rad_per_s,
+            dict(s.run.point),
+            states[:, :half] @ s.G.T - w.e,
+            states[:, half:] @ s.G.T - w.e_rate,
+            np.full((n, meshes), np.nan),
+            nothing,
+            nothing,
+            nothing,
+            w.k,
+            w.e,
+            w.e_rate,
+            waves_of(m, s.run.omega_rad_per_s, s.run.delay_rad),
+            mean_stiffness(m.parameters),
+            m.damping_n_s_per_m,
+            m.half_backlash_m,
+        )
+
+    def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
+        """Mesh motion at every half step, windows concatenated."""
+        half, steps = STATES // 2, concatenated_states(solution)
+        u, rate = hermite_interpolation(steps[:, :half], steps[:, half:], self.windows.h, 2)
+        return self.motion(np.hstack([u, rate]), self.windows.phase)
+
+    def in_step_forcing(
+        self,
+        change_of: Callable[[MeshMotion], LawChange],
+        of_bodies: Mapping[str, float],
+        on_carrier: Sequence[Function],
+    ) -> Forcing:
+        """Forcing under a change, evaluated at the motion with planets in step."""
+        forcing_at = self.forcing_under(change_of, of_bodies, on_carrier)
+        s = self.windows
+        return forcing_at(
+            evaluated(s, symmetric_starts(s), self.forcing(LawChange(), self.masses({}), ()))
+        )
+
+    def forcing_under(
+        self,
+        change_of: Callable[[MeshMotion], LawChange],
+        of_bodies: Mapping[str, float],
+        on_carrier: Sequence[Function],
+    ) -> Callable[[WindowSolution], Forcing]:
+        """Forcing under a change as a function of the states; sets ``windows``."""
+        self.windows = without_sensor_errors(self.recorded, of_bodies)
+        masses = self.masses(of_bodies)
+
+        def forcing_at(solution: WindowSolution) -> Forcing:
+            m = self._motion_at_half_steps(solution)
+            change = change_of(m)
+            pushes = [
+                (push, of_bodies[push.name])
+                for push in body_forces(self.model, m, law(m, change), of_bodies, on_carrier)
+            ]
+            return self.forcing(change, masses, pushes)
+
+        return forcing_at
+
+    def masses(self, of_bodies: Mapping[str, float]) -> Array:
+        """(9,) factors on 1/M by the amplitudes of ``M_s``, ``M_c`` and ``M_p``."""
+        s, c, p = (1.0 + of_bodies.get(f"M_{body}", 0.0) for body in "scp")
+        return np.array([s, s, c, *[p] * (STATES // 2 - 3)])
+
+
+def concatenated_states(solution: WindowSolution) -> Array:
+    """States (n, 18) at every step; where windows meet, that of the later one."""
+    return np.vstack([solution.states[:, :-1].reshape(-1, STATES), solution.states[-1, -1:]])

@@ -1,0 +1,164 @@
+"""The runs of a gear and what their channels determine, whatever the law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.machine import Amplitudes
+from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.threads import parallel_map
+from herringbone_sim.gap.data.folds import slice_run
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations import consistency, force_law, trajectory
+from herringbone_sim.gap.observations.runs import GearRun, gear_run
+from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
+from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensors.correction import without_sensor_error
+from herringbone_sim.gap.sensors.swaps import find_swap
+
+
+class RecordedGear:
+    """Runs of a gear.
+
+    Args:
+        runs: of one rig.
+        drift: RMS of drift and hum over that of the noise.
+        stride: samples between comparisons of the force law.
+        swap: motion channels that may have been swapped; None: searched for.
+        gain_tolerance: (n_mesh,) of force sensors as given by the campaign; empty: none.
+
+    Attributes:
+        modelled: (n_mesh,) meshes whose force is not recorded in all runs and comes from the law.
+    """
+
+    def __init__(
+        self,
+        runs: Sequence[PreparedRun],
+        drift: float = force_law.DRIFT_SHARE,
+        stride: int = 1,
+        swap: tuple[str, str] | None = None,
+        gain_tolerance: Sequence[float] = (),
+    ) -> None:
+        self.model = runs[0].model
+        self.drift, self.stride = drift, stride
+        self.gain_tolerance = tuple(gain_tolerance) or (0.0,) * self.model.layout.n_mesh
+        self.runs = tuple(gear_run(run, stride) for run in runs)
+        known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
+        self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
+        self.swap = find_swap(runs) if swap is None else swap
+        self._trajectories: dict[int, Trajectory] = {}  # shared by all copies
+        self._swapped_trajectories: dict[tuple[int, str], Trajectory] = {}
+
+    @cached_property
+    def has_balance(self) -> bool:
+        """Whether rates of all coordinates are known in all runs."""
+        return all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
+
+    @cached_property
+    def has_force_law(self) -> bool:
+        """Whether force and displacement are known of at least one mesh."""
+        known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
+        return bool((~self.modelled & np.logical_and.reduce(known)).any())
+
+    @cached_property
+    def uses_windows(self) -> bool:
+        """Whether trajectories are fitted: where neither force law nor balance is formed."""
+        few = not self.has_force_law and not self.has_balance
+        return few and all(g.run.shafts_known for g in self.runs)
+
+    @cached_property
+    def followed_channels(self) -> WindowChannels:
+        """Channels of the first run to which windows are fitted."""
+        return window_channels(self.runs[0].run)
+
+    @property
+    def gauges(self) -> tuple[str, ...]:
+        """Names of force channels to which windows are fitted."""
+        return self.followed_channels.gauges if self.uses_windows else ()
+
+    def trajectory_of(self, r: int) -> Trajectory:
+        """Windows of run r, shared by all copies."""
+        if r not in self._trajectories:
+            self._trajectories[r] = trajectory.trajectory(self.runs[r].run)
+        return self._trajectories[r]
+
+    @property
+    def trajectories(self) -> tuple[Trajectory, ...]:
+        """Windows of all runs."""
+        return tuple(parallel_map(self.trajectory_of, range(len(self.runs))))
+
+    def trajectory_under(self, r: int, amplitudes: Amplitudes) -> Trajectory:
+        """Windows of run r; with channels swapped back if the amplitudes contain a swap."""
+        for f, a in amplitudes.get(trajectory.NAME, {}).items():
+            if f.startswith(SWAP_PREFIX) and a[r][0] != 0.0:
+                key = r, f
+                if key not in self._swapped_trajectories:
+                    names = f.removeprefix(SWAP_PREFIX).split(" and ")
+                    run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
+                    self._swapped_trajectories[key] = trajectory.trajectory(run)
+                return self._swapped_trajectories[key]
+        return self.trajectory_of(r)
+
+    @cached_property
+    def omegas(self) -> Array:
+        """(runs,) mesh frequencies [rad/s]."""
+        return np.array([g.motion.omega for g in self.runs])
+
+    @cached_property
+    def rms_by_quantity(self) -> dict[str, float]:
+        """RMS of all channels over all runs, by quantity of x, v and u that is recorded."""
+        return {
+            q: float(
+                np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
+            )
+            for q in "xvu"
+            if any(getattr(g.run, q).recorded.any() for g in self.runs)
+        }
+
+    @cached_property
+    def n_relations(self) -> int:
+        """Number of rows of the consistency observation."""
+        few = slice_run(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
+        found = consistency.block(few, fuse(few), self.drift, self.swap)
+        return 0 if found is None else len(found.rows)
+
+    @cached_property
+    def relations(self) -> list[Block | None]:
+        """Consistency of every run as recorded."""
+        return [consistency.block(g.run, g.fused, self.drift, self.swap) for g in self.runs]
+
+    @cached_property
+    def delta_T(self) -> Array:
+        """(runs,) temperature rises [K]."""
+        return np.array([g.motion.point["delta_T"] for g in self.runs])
+
+    @cached_property
+    def T_1(self) -> Array:
+        """(runs,) input torques [N m]."""
+        return np.array([g.motion.point["T_1"] for g in self.runs])
+
+    @cached_property
+    def number_of(self) -> dict[str, int]:
+        """Number of each run, by name."""
+        return {g.motion.name: r for r, g in enumerate(self.runs)}
+
+    def corrected_run(self, r: int, errors: Mapping[str, Array]) -> GearRun:
+        """Run r with errors of motion sensors removed; ``errors``: amplitudes by column."""
+        g, run = self.runs[r], self.runs[r].run
+        for name, a in errors.items():
+            value = float(a[r][0])
+            if value == 0.0:
+                continue
+            kind, _, channel = name.partition(" of ")
+            names = self.swap or () if name == "swap" else (channel,)
+            run = without_sensor_error(run, kind, names, value)
+        if run is g.run:
+            return g
+        return gear_run(run, self.stride)
