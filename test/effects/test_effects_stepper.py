@@ -121,15 +121,16 @@ def test_tangents_are_those_of_the_slots(text: str, error: float) -> None:
 
 
 def test_an_independent_method_confirms_a_law_that_no_slot_holds() -> None:
-    """Twenty mesh cycles against DOP853 with located events."""
+    """Eight mesh cycles, each with losses of contact, against DOP853 with located events."""
     thin = replace(effect("damping_law"), fill=None)
     actives = [Active(thin, (0.4, 0.0, 1e-5))]
     machine = stepper(build(Parameters(**PERIODIC)), actives)
     assert type(machine) is LawStepper
     start = machine.advance(machine.start(), 100 * 16).end
-    found = machine.advance(start, 20 * 16).end.y
-    wanted = integrate(machine.model, actives, start.y, start.cycle, 20, tolerance=1e-11)
-    np.testing.assert_allclose(found, wanted, atol=1e-6, rtol=0)
+    found = machine.advance(start, 8 * 16)
+    assert found.switches >= 8 * 8
+    wanted = integrate(machine.model, actives, start.y, start.cycle, 8, tolerance=1e-11)
+    np.testing.assert_allclose(found.end.y, wanted, atol=1e-7, rtol=0)
 
 
 def test_what_knows_no_plain_gear_is_compiled_once_for_all() -> None:
