@@ -1,6 +1,7 @@
 """Runs the cases of ``test_pure_python.py`` in this process and saves what they give.
 
-NUMBA_DISABLE_JIT=1 python interpreted.py OUT.npz
+NUMBA_DISABLE_JIT=1 python interpreted.py OUT.npz    # by the interpreter
+NUMBA_DISABLE_JIT=0 python interpreted.py OUT.npz    # compiled
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import sys
 
 import numpy as np
 from gears import UNEVEN, make
+from numba import config
 
 from herringbone_sim.core import orbit
 from herringbone_sim.core.batch import run_batch
@@ -21,6 +23,7 @@ from herringbone_sim.core.lanes import run as lane_run
 from herringbone_sim.core.lanes import series as lane_series
 from herringbone_sim.core.lanes import switching as lane_switching
 from herringbone_sim.core.lanes.vector import LANES
+from herringbone_sim.core.mirror import state_mirror
 from herringbone_sim.core.run import Kernel
 from herringbone_sim.core.switching import leaves_at
 from herringbone_sim.effects.assemble import assemble
@@ -189,10 +192,12 @@ def with_columns(cases):
 
 
 def lanes_with_columns(cases):
-    """Columns of gears in lanes, by name."""
+    """Columns of gears in lanes, by name; of the gear with powers for one half."""
     found = {}
     for name, (gear, wanted, _) in cases.items():
         y = np.linspace(-0.4, 0.4, gear.n_state)
+        if name == "powers":
+            y = 0.5 * (y + y[state_mirror(gear)])
         found[f"column_lanes_{name}"] = run_batch(
             [gear], y[None], 0, 1, 1, directions=[wanted]
         ).columns
@@ -285,10 +290,12 @@ if __name__ == "__main__":
     cases, batches = ready(), lane_models()
     others, more = ready_with_effects(), batches_with_effects()
     beside = ready_with_columns()
-    read_lanes()
+    if config.DISABLE_JIT:
+        read_lanes()
     found = lanes(batches) | lanes_with_effects(more) | with_effects(others)
     found |= lanes_with_columns(beside) | with_columns(beside)
-    # Compiled code calls the C library; NumPy has a cosine of its own on some processors.
-    np.cos, np.sin = math.cos, math.sin
+    if config.DISABLE_JIT:
+        # Compiled code calls the C library; NumPy has a cosine of its own on some processors.
+        np.cos, np.sin = math.cos, math.sin
     found |= results(cases) | whole_cycles(cases)
     np.savez(sys.argv[1], leaving=leaving(), **found)

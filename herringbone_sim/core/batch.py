@@ -217,7 +217,8 @@ def _run_lanes(
     if along:
         zeros = np.zeros((len(along[0].step), begin[0].shape[1]))
         inner = [one.to_kernel(y, zeros) for one, y in zip(along, begin[0], strict=True)]
-        near = near_of(along, work, every[n:], np.array(inner)[:, :, taken])
+        columns = np.ascontiguousarray(np.array(inner)[:, :, taken])  # of one type for any number
+        near = near_of(along, work, every[n:], columns)
     values = Values(
         table, np.array([model.parameters.steps for model in models]), starts, begin[1]
     )

@@ -134,6 +134,14 @@ class Packed(NamedTuple):
     Omega: float
 
 
+def of_one_type(packed: Packed) -> Packed:
+    """The model with the type of a plain one, for code that has no part for plain gears alone.
+
+    Such code is compiled once for both kinds.
+    """
+    return packed._replace(extended=())
+
+
 class Work(NamedTuple):
     """Work arrays of the right-hand side and of RK4; n = n_mesh, m = coordinates, s further
     ones.

@@ -17,7 +17,15 @@ from herringbone_sim.core.lanes.any_moves import move_any
 from herringbone_sim.core.lanes.run import move_plain
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.orbit import Orbit, grid_step, orbit_of
-from herringbone_sim.core.packed import LIMIT, TWO_PI, compiled, embedded, inlined, make_work
+from herringbone_sim.core.packed import (
+    LIMIT,
+    TWO_PI,
+    compiled,
+    embedded,
+    inlined,
+    make_work,
+    of_one_type,
+)
 from herringbone_sim.core.right_hand_side import hide_displacement, mesh_forces, rk4_step
 from herringbone_sim.core.sensitivity import Directions
 
@@ -274,6 +282,7 @@ class Kernel:
         self._along = along
         self._scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
         self._by_rk4, powers = model.parameters.method == "rk4", model.packed.powers
+        self._gear = of_one_type(model.packed) if self._by_rk4 else model.packed
         self._run = run_rk4 if self._by_rk4 else run_powers if powers else run_plain
         self._cross = cross_rk4 if self._by_rk4 else cross_powers if powers else cross_plain
         self._trace = trace_powers if powers else trace_plain
@@ -282,7 +291,7 @@ class Kernel:
     @cached_property
     def _kind(self) -> Any:
         """Numba type of the packed model."""
-        return typeof(self.model.packed)
+        return typeof(self._gear)
 
     @property
     def is_compiled(self) -> bool:
@@ -302,7 +311,7 @@ class Kernel:
         advances.
         """
         if self._by_rk4:
-            return (self.model.packed, self._scratch, self.model.parameters.steps), y, tangents
+            return (self._gear, self._scratch, self.model.parameters.steps), y, tangents
         k = len(tangents)
         if k not in self._orbits:
             others = self._along.models() if self._along else []
@@ -324,7 +333,7 @@ class Kernel:
         p, model = self.model.parameters, self.model
         kernel, states, vectors = self._begin(moving.y, moving.tangents, moving.columns)
         grid = model.scales.omega_n, p.steps, p.steps // p.samples_per_cycle
-        gear = kernel, model.packed, self._scratch
+        gear = kernel, self._gear, self._scratch
         time, filled, switches = self._run(
             *gear, states, vectors, moving.growth, moving.place, t, grid, out
         )
@@ -364,6 +373,6 @@ class Kernel:
         """
         rows = np.empty((len(states), len(self.model.layout.channels)))
         states = np.ascontiguousarray(states)
-        gear = self.model.packed, self._scratch
+        gear = of_one_type(self.model.packed), self._scratch
         read_rows(*gear, states, places, self.model.parameters.steps, *rest, rows)
         return rows

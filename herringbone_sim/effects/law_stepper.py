@@ -17,6 +17,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import Stepper, carrier_row
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import entry_point
+from herringbone_sim.core.packed import of_one_type
 from herringbone_sim.core.run import Moving
 from herringbone_sim.effects.dormand_prince import Gear, trial
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
@@ -64,7 +65,7 @@ class LawStepper(Stepper):
             site=found.site,
             theta=found.theta,
             gear=gear_table(model),
-            p=model.packed,
+            p=of_one_type(model.packed),
             si=np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta, s.omega_n]),
             now=np.array([0.0, p.Omega * s.omega_n, p.delta_T, p.T_1, p.K]),
             w=scratch(model, n_own),

@@ -16,7 +16,7 @@ from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import State, Stepper
 from herringbone_sim.core.mirror import has_equal_halves, state_mirror
 from herringbone_sim.core.model import Model, build
-from herringbone_sim.core.packed import make_work
+from herringbone_sim.core.packed import make_work, of_one_type
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.right_hand_side import rk4_step
 from herringbone_sim.dynamics.flow import GearFlow, settle
@@ -84,7 +84,7 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
             wanted = law.slope(tau, in_si(model, y, law.n_own))[:n]
         found, turn = y.copy(), tau * model.packed.Omega / (2 * np.pi)
         phase = 2 * np.pi * (turn - cycle)
-        rk4_step(model.packed, work, found, phase, cycle, h)
+        rk4_step(of_one_type(model.packed), work, found, phase, cycle, h)
         np.testing.assert_allclose((found - y)[:n] / h, wanted, rtol=1e-5, atol=1e-5)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
-from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.packed import TWO_PI, of_one_type
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -102,7 +102,7 @@ class GearSimulator:
                 self.laws.site,
                 self.laws.theta,
                 self._gear,
-                self.model.packed,
+                of_one_type(self.model.packed),
                 self._si,
                 now,
                 y,
