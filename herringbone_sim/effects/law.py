@@ -87,6 +87,12 @@ def shift_phase(gear, now, m, angle, own_law):
 
 
 @law
+def bent_temperature(delta_T, curvature):
+    """delta_T [1 + curvature (delta_T / 50 K - 1)] [K]: that at 50 K, not in proportion to it."""
+    return delta_T * (1.0 + curvature * (delta_T / 50.0 - 1.0))
+
+
+@law
 def cycles_from_event(now, period, late, position):
     """Mesh cycles from the nearest event, which recurs every ``period`` cycles from position +
     late.

@@ -7,13 +7,14 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS, Layout
 from herringbone_sim.core.model import Model
-from herringbone_sim.effects.effect import Option, Options
+from herringbone_sim.effects.effect import Option, Options, Parameter
 from herringbone_sim.errors import ParameterError
 
 ANYWHERE = (
     *(("all", "all", "all"), ("*", "all", "all"), ("all", "*", "all"), ("all", "all", "*")),
     *(("*", "*", "all"), ("*", "all", "*"), ("all", "*", "*"), ("*", "*", "*")),
 )
+CURVATURE = Parameter("curvature", "-", "departure from proportion at 100 K", -2.0, 2.0, 0.0)
 MEMBER = Option("member", "the gear that carries it", "sun", ("sun", "planet", "ring"))
 
 

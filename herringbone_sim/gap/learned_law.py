@@ -139,8 +139,8 @@ def _over_temperature(y_name: str, y_unit: str, sign: float) -> Callable[[Hypoth
     """Function that makes the curve over the temperature rise from a hypothesis."""
 
     def make(h: Hypothesis) -> Curve:
-        T, off = TEMPERATURES, TEMPERATURES / 50.0 - 1.0
-        columns = {"rate": T, "curvature": T * off, "third order": T * off**2}
+        T = TEMPERATURES
+        columns = {"rate": T, "curvature": T * (T / 50.0 - 1.0)}
         matrix = sign * np.stack([columns.get(c.name, 0.0 * T) for c in h.coefficients], axis=1)
         return T, matrix, ("temperature rise", "K", y_name, y_unit)
 

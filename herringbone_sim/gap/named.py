@@ -98,7 +98,9 @@ def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...
         size = c.get(name, 0.0)
         if h.effect == "mean_stiffness":  # a factor on the other
             size /= 1.0 + float(mean[0])
-        found.append(at.with_theta(_clipped(active.effect, active.effect.neutral + size)))
+        theta = np.array([active.effect.neutral[0] + size, *active.effect.neutral[1:]])
+        if size:
+            found.append(at.with_theta(_clipped(active.effect, theta)))
     if h.effect == "backlash_offset":
         for name, at in (("back flank", active), ("back flank of the ring", of_ring)):
             half = 0.5 * c.get(name, 0.0)
@@ -150,6 +152,9 @@ def _theta(h: Hypothesis, c: Array) -> tuple[Array, Options]:
         return np.array(make(c)), options
     if h.effect in ("tooth_crack", "tooth_spall"):
         return _event(h, c), options
+    if h.effect in ("thermal_backlash", "thermal_stiffness"):
+        bend = sum(v for one, v in zip(h.coefficients, c, strict=True) if one.name == "curvature")
+        return np.array([c[0], bend / c[0] if c[0] else 0.0]), options
     own_options = dict(h.options)
     if isinstance(h.source, Seat):
         seat = h.source.with_log_offsets(c[1:])
@@ -210,8 +215,6 @@ THETA: Mapping[str, Callable[[Array], list[float]]] = {
     "runout": _sine_wave,
     "pin_position": lambda c: [c[0]],
     "backlash_offset": lambda c: [c[0]],
-    "thermal_backlash": lambda c: [c[0]],
-    "thermal_stiffness": lambda c: [c[0]],
     "contact_nonlinearity": lambda c: [1.0 + c[0]],
     "tooth_friction": lambda c: [c[0]],
     "torque_ripple": _cosine_wave,

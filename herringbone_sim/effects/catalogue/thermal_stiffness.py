@@ -1,6 +1,7 @@
-"""Thermal stiffness: k decreases with temperature, k (1 - rate delta_T).
+"""Thermal stiffness: k decreases with temperature, k [1 - rate T].
 
-Source: the temperature coefficient of Young's modulus in k_h, k_a, k_b, k_s, k_f of Eq. (5).
+T = delta_T [1 + curvature (delta_T / 50 K - 1)], so that the rate is that at 50 K. Source: the
+temperature coefficient of Young's modulus in k_h, k_a, k_b, k_s, k_f of Eq. (5).
 """
 
 from __future__ import annotations
@@ -9,23 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.effects.effect import Effect, Options, Parameter
-from herringbone_sim.effects.law import DELTA_T, STIFFNESS, law
+from herringbone_sim.effects.law import DELTA_T, STIFFNESS, bent_temperature, law
+from herringbone_sim.effects.site import CURVATURE
 from herringbone_sim.effects.slots import Slots
 
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Multiply k by 1 - rate delta_T, limited to 0.05 from below."""
+    """Multiply k by 1 - rate T, limited to 0.05 from below."""
+    warm = bent_temperature(now[DELTA_T], theta[1])
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
-            law[STIFFNESS, m] *= max(1.0 - theta[0] * now[DELTA_T], 0.05)
+            law[STIFFNESS, m] *= max(1.0 - theta[0] * warm, 0.05)
 
 
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Multiply k by 1 - rate delta_T, limited to 0.05 from below."""
-    factor = max(1.0 - theta[0] * slots.model.parameters.delta_T, 0.05)
+    """Multiply k by 1 - rate T, limited to 0.05 from below."""
+    factor = max(1.0 - theta[0] * bent_temperature(slots.model.parameters.delta_T, theta[1]), 0.05)
     slots.scale_stiffness(np.where(mask > 0.0, factor, 1.0))
 
 
@@ -33,7 +36,10 @@ EFFECT = Effect(
     id="thermal_stiffness",
     text="stiffness falls with temperature",
     level="mesh",
-    parameters=(Parameter("rate", "1/K", "share of k lost a kelvin", -0.01, 0.01, 1e-3),),
+    parameters=(
+        Parameter("rate", "1/K", "share of k lost a kelvin", -0.01, 0.01, 1e-3),
+        CURVATURE,
+    ),
     loci=(("all", "all", "all"), ("*", "all", "all")),
     fill=fill,
     excite=excite,

@@ -151,13 +151,10 @@ def _waves(
 
 
 def _phase_terms(gear: Gear) -> Iterator[Variant]:
-    """Phase advance of k(t) and e(t) [rad]; e(t) and ring meshes may advance differently."""
+    """Phase advance of k(t) and e(t) [rad]; ring meshes may advance differently."""
     ring = is_ring(gear.model.layout)
-    departures = [
-        Term("advance of e", {"advance e": 1.0}, DEPARTURE_SHARE),
-        Term("ring", {"advance k": ring, "advance e": ring}, DEPARTURE_SHARE),
-    ]
-    yield (), 0.1, [Term("phase", {"advance k": 1.0, "advance e": 1.0}, 1.0), *departures], 1
+    of_ring = Term("ring", {"advance k": ring, "advance e": ring}, DEPARTURE_SHARE)
+    yield (), 0.1, [Term("phase", {"advance k": 1.0, "advance e": 1.0}, 1.0), of_ring], 1
 
 
 def _runout(gear: Gear) -> Iterator[Variant]:
@@ -203,20 +200,18 @@ def _backlash(gear: Gear) -> Iterator[Variant]:
     yield (), 5e-6, [Term("offset", {"b_plus": 1.0, "b_minus": 1.0}, 1.0), *departures], 1
 
 
-def _temperatures(gear: Gear) -> tuple[Array, Array, Array]:
-    """delta_T and its departures of second and third order (runs, meshes), zero at 0 and 50 K."""
+def _temperatures(gear: Gear) -> tuple[Array, Array]:
+    """delta_T and its departure of second order (runs, meshes), which is zero at 0 and 50 K."""
     T = gear.delta_T[:, None] * np.ones(gear.model.layout.n_mesh)
-    off = T / 50.0 - 1.0
-    return T, T * off, T * off**2
+    return T, T * (T / 50.0 - 1.0)
 
 
 def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
-    """Change of the half-backlash per kelvin, not in proportion, and by flank and mesh."""
-    T, bend, curl = _temperatures(gear)
+    """Change of the half-backlash per kelvin, with curvature; also by flank and mesh."""
+    T, bend = _temperatures(gear)
     ring = is_ring(gear.model.layout)
     departures = [
         _flanks("curvature", bend, bend),
-        _flanks("third order", curl, curl),
         _flanks("back flank", 0.0, T),
         _flanks("ring", T * ring, T * ring),
     ]
@@ -224,9 +219,9 @@ def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
 
 
 def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
-    """Decrease of the stiffness per kelvin, not in proportion, and by mesh."""
-    T, bend, curl = _temperatures(gear)
-    of = {"curvature": bend, "third order": curl, "ring": T * is_ring(gear.model.layout)}
+    """Decrease of the stiffness per kelvin, with curvature; also by mesh."""
+    T, bend = _temperatures(gear)
+    of = {"curvature": bend, "ring": T * is_ring(gear.model.layout)}
     departures = [Term(name, {"kappa": -w}, DEPARTURE_SHARE) for name, w in of.items()]
     yield (), 2e-3, [Term("rate", {"kappa": -T}, 1.0), *departures], 1
 
