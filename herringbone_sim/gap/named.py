@@ -98,8 +98,8 @@ def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...
         size = c.get(name, 0.0)
         if h.effect == "mean_stiffness":  # a factor on the other
             size /= 1.0 + float(mean[0])
-        theta = np.array([active.effect.neutral[0] + size, *active.effect.neutral[1:]])
         if size:
+            theta = np.array([active.effect.neutral[0] + size, *active.effect.neutral[1:]])
             found.append(at.with_theta(_clipped(active.effect, theta)))
     if h.effect == "backlash_offset":
         for name, at in (("back flank", active), ("back flank of the ring", of_ring)):

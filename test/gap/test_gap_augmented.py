@@ -132,7 +132,7 @@ def test_other_orders_of_a_learned_wave_are_effects_too(
     mean = np.array([0.1, 0.2, 0.3, 0.4]) * (1e-5 if name == "profile_error" else 1.0)
     score = Score(coefficients, mean, np.eye(4), mean[None], mean[:1], 0.0, 0.0, 1.0, {})
     [found] = name_effects((h,), score)
-    assert {dict(a.options)["order"]: pytest.approx(list(a.theta)) for a in found.harmonics} == (
+    assert {dict(a.options)["order"]: pytest.approx(list(a.theta)) for a in found.departures} == (
         expected
     )
 

@@ -170,10 +170,11 @@ def _linear_prediction(
     columns = [*predictor.tolerances(explanation, law)]
     low, high = (list(bound) for bound in predictor.bounds(explanation))
     for i, active in enumerate(explanation.actives):
-        lowest, highest = active.effect.bounds
-        low += list(lowest - active.theta)
-        high += list(highest - active.theta)
-        for k in range(len(active.theta)):
+        for k, p in enumerate(active.effect.parameters):
+            if p.start == p.neutral:  # it bends the catalogue's law, and stays as it was found
+                continue
+            low.append(p.low - active.theta[k])
+            high.append(p.high - active.theta[k])
             moved, h = _with_step(active, k)
             changed = (*explanation.actives[:i], moved, *explanation.actives[i + 1 :])
             columns.append((predictor.values(explanation, law, changed) - values) / h)
