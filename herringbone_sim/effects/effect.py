@@ -29,6 +29,8 @@ class Parameter:
         low, high: bounds.
         start: a moderate value to start a fit from.
         neutral: value at which the effect changes nothing; None for a property of its shape.
+        bends: whether it bends the law that it has at its start value. A rig to practise on is not
+            drawn with it, and it stays as it was found where rivals are told apart.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Parameter:
     high: float
     start: float
     neutral: float | None = 0.0
+    bends: bool = False
 
 
 @dataclass(frozen=True)
@@ -46,12 +49,14 @@ class Option:
 
     Attributes:
         choices: allowed values; empty for any text or list of texts.
+        bends: as of a parameter.
     """
 
     name: str
     text: str
     start: Any
     choices: tuple[Any, ...] = ()
+    bends: bool = False
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,9 @@ ANYWHERE = (
     *(("all", "all", "all"), ("*", "all", "all"), ("all", "*", "all"), ("all", "all", "*")),
     *(("*", "*", "all"), ("*", "all", "*"), ("all", "*", "*"), ("*", "*", "*")),
 )
-CURVATURE = Parameter("curvature", "-", "departure from proportion at 100 K", -2.0, 2.0, 0.0)
+CURVATURE = Parameter(
+    "curvature", "-", "share by which T exceeds delta_T at 100 K", -2.0, 2.0, 0.0, None, True
+)
 MEMBER = Option("member", "the gear that carries it", "sun", ("sun", "planet", "ring"))
 
 

@@ -110,7 +110,14 @@ def _text(active_effect: Active) -> str:
     place = "/".join(
         (active_effect.locus.mesh, active_effect.locus.planet, active_effect.locus.side)
     )
-    pairs = [f"{name}={_plain(value)}" for name, value in parameter_values(active_effect).items()]
+    one = active_effect.effect
+    known = {p.name for p in one.parameters} | {o.name for o in one.options}
+    pairs = [
+        f"{name}={_plain(value)}"
+        for name, value in parameter_values(active_effect).items()
+        if name
+        in known  # a clock is wrong for the channels that a diagnosis concerned itself with
+    ]
     return f"{active_effect.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
 
 

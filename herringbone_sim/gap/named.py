@@ -88,7 +88,8 @@ def _named_effect(h: Hypothesis, mean: Array, spread: Array) -> NamedEffect:
 def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...]:
     """Departures from the catalogue's curve, as effects of their own: as far as it has them.
 
-    Further harmonics of waves, other sizes at some meshes, another shift of the back flank.
+    Further harmonics of waves, other sizes at some meshes, and another shift of the back flank
+    where a backlash is off: half of it as backlash, half as a constant e.
     """
     c = {one.name: float(value) for one, value in zip(h.coefficients, mean, strict=True)}
     found = [*_harmonics(active, h, c)]
@@ -103,8 +104,8 @@ def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...
             found.append(at.with_theta(_clipped(active.effect, theta)))
     if h.effect == "backlash_offset":
         for name, at in (("back flank", active), ("back flank of the ring", of_ring)):
-            half = 0.5 * c.get(name, 0.0)
-            found.append(at.with_theta(np.array([half])))
+            (half,) = _clipped(active.effect, [0.5 * c.get(name, 0.0)]).tolist()
+            found.append(at.with_theta([half]))
             found.append(replace(at, effect=known_effects()["pin_position"], theta=(-half,)))
     return tuple(one for one in found if np.any(np.array(one.theta) != one.effect.neutral))
 

@@ -117,11 +117,13 @@ def _drawn(name: str, model: Model, rng: Generator) -> Active:
     places = tuple(p for p in places if p.mesh != "all") or places if members else places
     place = places[int(rng.integers(len(places)))]
     values: dict[str, Any] = {
-        o.name: o.choices[int(rng.integers(len(o.choices)))] for o in one.options if o.choices
+        o.name: o.choices[int(rng.integers(len(o.choices)))]
+        for o in one.options
+        if o.choices and not o.bends
     }
     if members:
         values["member"] = rng.choice(("sun" if place.mesh == "sp" else "ring", "planet")).item()
-    for p in one.parameters:
+    for p in (p for p in one.parameters if not p.bends):
         if p.neutral is None:
             values[p.name] = (
                 p.start if p.start else float(rng.uniform(max(p.low, -3.0), min(p.high, 3.0)))

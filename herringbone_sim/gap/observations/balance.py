@@ -32,11 +32,11 @@ NAME = "torque_balance"
 QUADRATURE_NOISE = 0.04
 MASSES = ("M_s", "M_p", "M_c")
 RIPPLES = tuple(range(1, 61))  # orders of the input shaft, chosen
-# Shapes of friction over the mesh cycle: the sliding direction, its lever arm, free departures.
-# Knots about the pitch point [mesh cycles], chosen: it may lie a sixth of a cycle off, and the
+# Knots about the pitch point [mesh cycles], chosen: it may lie a tenth of a cycle off, and the
 # friction rises or fades near it.
 NEAR_PITCH = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
 NEAR = tuple(f"near {i}" for i in range(len(NEAR_PITCH)))
+# Shapes of friction over the mesh cycle: the sliding direction, its lever arm, free departures.
 FRICTION = ("sign", "lever", "sin 1", "sin 2", "cos 1", "cos 2", *NEAR)
 
 

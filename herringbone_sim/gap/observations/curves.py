@@ -64,7 +64,7 @@ def hypotheses(builder: CoefficientBuilder, only: Collection[str] = ()) -> Itera
                 if _member_meets(options, locus):
                     mask = locus.mask(layout)
                     made = tuple(
-                        _placed_term(builder, t, mask, unit) for t in _distinct(terms, mask)
+                        _placed_term(builder, t, mask, unit) for t in _distinct(terms, mains, mask)
                     )
                     yield Hypothesis(effect.id, options, locus, made, mains)
     yield from friction(builder)
@@ -74,13 +74,13 @@ def hypotheses(builder: CoefficientBuilder, only: Collection[str] = ()) -> Itera
     yield from window_sensor_errors(builder)
 
 
-def _distinct(terms: Sequence[Term], mask: Array) -> Iterator[Term]:
-    """Terms that act on the meshes of a mask (n_mesh,), each otherwise than those before it."""
+def _distinct(terms: Sequence[Term], mains: int, mask: Array) -> Iterator[Term]:
+    """The first ``mains`` terms, and further ones that act on a mask (n_mesh,) otherwise."""
     before: list[dict[Any, bytes]] = []
-    for term in terms:
+    for i, term in enumerate(terms):
         on = {f: np.asarray(w) * mask + 0.0 for f, w in term.weights.items()}
         acts = {f: w.tobytes() for f, w in on.items() if np.any(w)}
-        if acts and acts not in before:
+        if i < mains or (acts and acts not in before):
             before.append(acts)
             yield term
 

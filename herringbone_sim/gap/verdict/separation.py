@@ -171,7 +171,7 @@ def _linear_prediction(
     low, high = (list(bound) for bound in predictor.bounds(explanation))
     for i, active in enumerate(explanation.actives):
         for k, p in enumerate(active.effect.parameters):
-            if p.start == p.neutral:  # it bends the catalogue's law, and stays as it was found
+            if p.bends:
                 continue
             low.append(p.low - active.theta[k])
             high.append(p.high - active.theta[k])

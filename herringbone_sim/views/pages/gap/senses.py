@@ -104,7 +104,7 @@ def _horizon(senses: Senses) -> str:
 
 def distances_table(senses: Senses | None) -> str:
     """Table: distance of each model's motion from that of the rig, by run; empty without any."""
-    runs = list(senses.numbers["floor"]) if senses else []
+    runs = list(senses.numbers.get("floor", {})) if senses else []
     if senses is None or not runs:
         return ""
     models = [(senses.numbers[key], title) for key, title in MODELS if key in senses.numbers]

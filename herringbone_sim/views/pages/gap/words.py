@@ -21,7 +21,7 @@ PHRASES = {
     "planet_phase": "one planet meshes out of phase",
     "tooth_crack": "cracked tooth (softer, in proportion to load)",
     "tooth_spall": "spalled tooth (a bump or pit, whatever the load)",
-    "runout": "run-out, once a revolution of one gear",
+    "runout": "run-out by the turn of one gear",
     "pin_position": "a planet's pin is off its place",
     "backlash_offset": "more or less backlash than nominal",
     "thermal_backlash": "backlash changes with temperature at another rate",
