@@ -15,7 +15,14 @@ ANYWHERE = (
     *(("*", "*", "all"), ("*", "all", "*"), ("all", "*", "*"), ("*", "*", "*")),
 )
 CURVATURE = Parameter(
-    "curvature", "-", "share by which T exceeds delta_T at 100 K", -2.0, 2.0, 0.0, None, True
+    "curvature",
+    "-",
+    "share by which T exceeds delta_T at 100 K",
+    low=-2.0,
+    high=2.0,
+    start=0.0,
+    neutral=None,
+    bends=True,
 )
 MEMBER = Option("member", "the gear that carries it", "sun", ("sun", "planet", "ring"))
 

@@ -55,7 +55,7 @@ EFFECT = Effect(
         Parameter("amplitude", "m", "of the wave in e", 0.0, 2e-4, 1e-5),
         Parameter("phase", "rad", "at phase 0 on planet 1", -3.1416, 3.1416, 0.0, neutral=None),
     ),
-    options=(MEMBER, Option("order", "waves a revolution", 1, tuple(range(1, 7)), True)),
+    options=(MEMBER, Option("order", "waves a revolution", 1, tuple(range(1, 7)), bends=True)),
     loci=(("*", "all", "all"), ("*", "all", "*"), ("all", "*", "all"), ("all", "*", "*")),
     place=place,
     fill=fill,
