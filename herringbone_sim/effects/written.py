@@ -111,13 +111,10 @@ def _text(active_effect: Active) -> str:
         (active_effect.locus.mesh, active_effect.locus.planet, active_effect.locus.side)
     )
     one = active_effect.effect
+    # A diagnosis also tells the channels of a clock, which are no option of it.
     known = {p.name for p in one.parameters} | {o.name for o in one.options}
-    pairs = [
-        f"{name}={_plain(value)}"
-        for name, value in parameter_values(active_effect).items()
-        if name
-        in known  # a clock is wrong for the channels that a diagnosis concerned itself with
-    ]
+    every = parameter_values(active_effect).items()
+    pairs = [f"{name}={_plain(value)}" for name, value in every if name in known]
     return f"{active_effect.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
 
 
