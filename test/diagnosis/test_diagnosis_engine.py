@@ -313,6 +313,26 @@ def some_evidence(rng):
     return Evidence(count, tuple(candidates), remains, {})
 
 
+def test_a_second_effect_that_takes_little_is_believed_less():
+    """All else equal, with the weights of the package; little of what the pair takes in sample."""
+
+    def pair_given(second):
+        """Probability of a pair whose second effect takes a share of what the pair takes."""
+        rest = {"size": 1, "strain": 0.1, "worst": 1.01}
+        energies = {(): 3.0e5, ("a",): 1.05e5, ("a", "b"): 1.0e5}
+        in_sample = {(): 3.0e5, ("a",): 1.0e5 + 2.0e5 * second, ("a", "b"): 1.0e5}
+        candidates = [
+            Candidate(e, ("",) * len(e), energies[e], in_sample[e], **rest) for e in energies
+        ]
+        remains = {"none": 2.0e5, "single": 2.0e3, "pair": 0.0}
+        given = chances(Evidence(1.0e5, tuple(candidates), remains, {}))
+        return sum(c.probability for c in given if c.effects == ("a", "b"))
+
+    shares = [pair_given(second) for second in (0.002, 0.02, 0.2)]
+    assert shares == sorted(shares)
+    assert shares[-1] > 2.0 * shares[0]
+
+
 def drawn(rng, evidence, weights):
     """A truth with the probabilities of some weights."""
     every, table = numbers(evidence)

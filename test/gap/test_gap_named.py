@@ -17,7 +17,7 @@ from herringbone_sim.effects.evaluate import Motion, forces
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.named import NamedEffect, name_effects
-from herringbone_sim.gap.observations import force_law
+from herringbone_sim.gap.observations import balance, force_law
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.curves import TERM_BUILDERS, hypotheses
 from herringbone_sim.gap.observations.events import Event, event_columns, mesh_delays
@@ -179,3 +179,21 @@ def test_an_event_is_sought_by_the_force_that_it_adds(
     change = forces(model, read_effects(always), moved) - forces(model, [], moved)
     column = event_columns(m, gear.law_of(m, {}))[kind]
     assert slope(column, change / size) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("pitch", [-0.1, -0.05, 0.05, 0.1])
+def test_friction_can_turn_beside_the_pitch_point(pitch: float) -> None:
+    """Its shapes follow the sign about a pitch point ``pitch`` cycles off to a quarter of the RMS.
+
+    Without those near the pitch point a third or more is left.
+    """
+    phase = np.linspace(-np.pi, np.pi, 480, endpoint=False)
+    shapes = balance.friction_shapes(phase)
+    turned = np.sign(phase / (2.0 * np.pi) - pitch)
+    left = []
+    for names in (balance.FRICTION, [f for f in balance.FRICTION if f not in balance.NEAR]):
+        columns = np.stack([shapes[f] for f in names if f != "lever"], axis=1)
+        fitted = columns @ np.linalg.lstsq(columns, turned, rcond=None)[0]
+        left.append(float(np.sqrt(np.mean((turned - fitted) ** 2))))
+    assert left[0] < 0.27
+    assert left[1] > 0.33
