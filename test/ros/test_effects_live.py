@@ -45,13 +45,14 @@ def test_effects_are_switched_live_recorded_and_repeated(bench: Bench, tmp_path:
     node = bench.simulator(record=True, record_dir=str(tmp_path), **START)
     go_on(node)
     told = bench.listen(String, "/herringbone_sim/channels", LATCHED)
+    wait_until(lambda: told)  # latched: a listener that is found late gets the last message alone
     texts = (CRACK, f"{CRACK}; sensor_gain@rp:gain=1.1", RING, "")
-    for text in texts:
+    for n, text in enumerate(texts, start=1):
         answer = bench.set(effects=text)[0]
         assert answer.successful, answer.reason
         wait_until(lambda t=text: node.loop.actives == read_effects(t), 600.0)
+        wait_until(lambda n=n: len(told) > n)
         go_on(node)
-    wait_until(lambda: len(told) > len(texts))
     shown = [json.loads(message.data)["parameters"].get("effects", "") for message in told]
     assert effects_text(read_effects(RING)) in shown
     assert bench.call("record/stop").success
