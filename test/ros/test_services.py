@@ -27,6 +27,7 @@ def test_pause_stops_and_resume_goes_on(bench: Bench) -> None:
 def test_step_is_exact_and_refused_unless_paused(bench: Bench) -> None:
     got = bench.listen(Float64MultiArray, "/herringbone_sim/samples")
     node = bench.simulator(start_paused=True, step_cycles=7)
+    wait_until(lambda: node.count_subscribers("/herringbone_sim/samples") > 0)
     assert bench.call("step").success
     assert bench.call("step").success
     assert node.loop.state.cycle == 14
