@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.arrays import Array, rms
+from herringbone_sim.core.layout import PREFIX_UNITS
 from herringbone_sim.practice.cause import Cause, Drawn, Kind, at, draw_sign, signed, size_as
 from herringbone_sim.practice.record import Motion, channels_of
 from herringbone_sim.practice.rig_model import BODIES, MESHES
@@ -34,15 +35,22 @@ def draw_channel(rng: Generator, among: tuple[str, ...]) -> Drawn:
 
 
 def draw_swap(rng: Generator, among: tuple[str, ...]) -> Drawn:
-    """Draw two channels of one quantity: of the sun and a ring mesh, or of two bodies."""
+    """Draw two channels of one quantity: carrier and a sun, or sun and ring mesh of a planet.
+
+    Where these are not recorded: any two of the quantity.
+    """
     quantities = sorted({name[0] for name in among})
     one = str(rng.choice(quantities))
-    if one == "u":
-        pair = ("u_c", f"u_{rng.choice([b for b in BODIES[:2] if f'u_{b}' in among])}")
+    if one in "ua":
+        suns = [b for b in BODIES[:2] if f"{one}_{b}" in among]
+        pair = [f"{one}_c", f"{one}_{rng.choice(suns)}"]
     else:
         i, s = rng.integers(1, 4), rng.choice(["L", "R"])
-        pair = (f"{one}_sp{i}_{s}", f"{one}_rp{i}_{s}")
-    return channel_locus(pair), {}
+        pair = [f"{one}_sp{i}_{s}", f"{one}_rp{i}_{s}"]
+    if not set(pair) <= set(among):
+        alike = [name for name in among if name[0] == one]
+        pair = [str(name) for name in rng.choice(alike, 2, replace=False)]
+    return channel_locus(tuple(pair)), {}
 
 
 def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Array]) -> Channels:
@@ -103,7 +111,7 @@ def sensor_kind(
 
 
 def _bias_parameter(c: Cause) -> dict[str, tuple[Any, str]]:
-    unit = {"x": "m", "u": "m", "v": "m/s", "F": "N"}[c.locus["channels"][0][0]]
+    unit = PREFIX_UNITS[c.locus["channels"][0][0]]
     return {"bias": (c.sign * c.size * c.shape["unit_of_size"], unit)}
 
 

@@ -12,7 +12,7 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
 from herringbone_sim.practice.campaign import make_campaign
-from herringbone_sim.practice.cause import at, mesh_mask
+from herringbone_sim.practice.cause import Cause, at, mesh_mask
 from herringbone_sim.practice.label import label_text, read_label, seal
 from herringbone_sim.practice.laws import window
 from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
@@ -22,6 +22,7 @@ from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import (
     CHANNEL_SETS,
     Sampling,
+    drawn_channels,
     geometry,
     law_force,
     own_error_shift,
@@ -191,6 +192,20 @@ def test_a_seed_makes_the_same_campaign_again():
     assert seal(one.label) == seal(other.label)
     np.testing.assert_array_equal(one.series[3].data, other.series[3].data)
     assert one.label["truth"] == ["none"]
+
+
+@pytest.mark.parametrize("channels", CHANNEL_SETS)
+@pytest.mark.parametrize("fault", ["channel_swap", "sensor_bias"])
+def test_faults_of_sensors_are_of_recorded_channels_and_have_a_unit(fault, channels):
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        among = drawn_channels(rng, channels)
+        locus, shape = KINDS[fault].draw(rng, among)
+        assert set(locus["channels"]) <= set(among)
+        cause = Cause(fault, fault, locus, shape)
+        for _, unit in KINDS[fault].parameters(cause).values():
+            quantity = locus["channels"][0][0]
+            assert unit == {"x": "m", "u": "m", "v": "m/s", "a": "m/s^2", "F": "N"}[quantity]
 
 
 def test_a_pair_is_labelled_and_sealed(tmp_path):
