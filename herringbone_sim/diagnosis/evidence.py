@@ -28,6 +28,7 @@ class Candidate:
         strain: mean square departure from the catalogue's curve over that of the effect's own
             parameters, each relative to its prior: 1 as expected; 0 for effects without a curve.
         worst: largest mean square of whitened residuals left in one observation; noise alone: 1.
+        log_density: sum of the log predictive densities of the left-out runs.
     """
 
     effects: tuple[str, ...]
@@ -37,6 +38,7 @@ class Candidate:
     size: int
     strain: float
     worst: float
+    log_density: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,7 @@ def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candida
             for o, rows in score.energy_by_row.items()
             if counts[o] > 0.0
         ),
+        score.log_density,
     )
 
 
