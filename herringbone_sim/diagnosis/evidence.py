@@ -29,6 +29,8 @@ class Candidate:
             parameters, each relative to its prior: 1 as expected; 0 for effects without a curve.
         worst: largest mean square of whitened residuals left in one observation; noise alone: 1.
         log_density: sum of the log predictive densities of the left-out runs.
+        energy_by_run: ``energy`` of each run.
+        significance: of each effect, its own parameters over their standard deviation.
     """
 
     effects: tuple[str, ...]
@@ -39,6 +41,8 @@ class Candidate:
     strain: float
     worst: float
     log_density: float = float("nan")
+    energy_by_run: tuple[float, ...] = ()
+    significance: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class Evidence:
     def read(cls, data: Mapping[str, Any]) -> Evidence:
         """Evidence from the plain data of ``written``."""
         candidates = tuple(
-            Candidate(**{**c, "effects": tuple(c["effects"]), "places": tuple(c["places"])})
+            Candidate(**{k: tuple(v) if isinstance(v, list) else v for k, v in c.items()})
             for c in data["candidates"]
         )
         remains, screened = dict(data["remains"]), dict(data["screened"])
@@ -104,7 +108,22 @@ def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candida
             if counts[o] > 0.0
         ),
         score.log_density,
+        tuple(map(float, score.energy)),
+        _significance(found),
     )
+
+
+def _significance(found: FittedExplanation) -> tuple[float, ...]:
+    """Of each effect, the length of its own parameters over their standard deviation."""
+    covariance = found.score.covariance_with_jackknife()
+    first = len(found.score.coefficients) - sum(len(h.coefficients) for h in found.hypotheses)
+    lengths = []
+    for h in found.hypotheses:
+        own = slice(first, first + h.n_own)
+        first += len(h.coefficients)
+        mean, inverse = found.score.mean[own], np.linalg.pinv(covariance[own, own])
+        lengths.append(float(np.sqrt(max(mean @ inverse @ mean, 0.0))))
+    return tuple(lengths)
 
 
 def _strain(found: FittedExplanation) -> float:
