@@ -28,7 +28,8 @@ class Candidate:
         strain: mean square departure from the catalogue's curve over that of the effect's own
             parameters, each relative to its prior: 1 as expected; 0 for effects without a curve.
         worst: largest mean square of whitened residuals left in one observation; noise alone: 1.
-        log_density: sum of the log predictive densities of the left-out runs.
+        log_density: sum of the log predictive densities of the left-out runs, where they are
+            compared by it, see ``Score.loss``; else None.
         energy_by_run: ``energy`` of each run.
         significance: of each effect, its own parameters over their standard deviation.
     """
@@ -40,9 +41,17 @@ class Candidate:
     size: int
     strain: float
     worst: float
-    log_density: float = float("nan")
+    log_density: float | None = None
     energy_by_run: tuple[float, ...] = ()
     significance: tuple[float, ...] = ()
+
+    @property
+    def loss(self) -> float:
+        """See ``Score.loss``."""
+        return self.energy if self.log_density is None else -2.0 * self.log_density
+
+
+_TUPLES = ("effects", "places", "energy_by_run", "significance")
 
 
 @dataclass(frozen=True)
@@ -74,7 +83,7 @@ class Evidence:
     def read(cls, data: Mapping[str, Any]) -> Evidence:
         """Evidence from the plain data of ``written``."""
         candidates = tuple(
-            Candidate(**{k: tuple(v) if isinstance(v, list) else v for k, v in c.items()})
+            Candidate(**{**c, **{key: tuple(c.get(key, ())) for key in _TUPLES}})
             for c in data["candidates"]
         )
         remains, screened = dict(data["remains"]), dict(data["screened"])
@@ -98,7 +107,7 @@ def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candida
     return Candidate(
         tuple(h.effect for h in found.hypotheses),
         tuple(str(h.locus) for h in found.hypotheses),
-        found.energy,
+        float(score.energy.sum()),
         score.in_sample,
         sum(len(h.coefficients) for h in found.hypotheses),
         _strain(found),
@@ -107,7 +116,7 @@ def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candida
             for o, rows in score.energy_by_row.items()
             if counts[o] > 0.0
         ),
-        score.log_density,
+        score.log_density if score.by_density else None,
         tuple(map(float, score.energy)),
         _significance(found),
     )
@@ -121,8 +130,9 @@ def _significance(found: FittedExplanation) -> tuple[float, ...]:
     for h in found.hypotheses:
         own = slice(first, first + h.n_own)
         first += len(h.coefficients)
-        mean, inverse = found.score.mean[own], np.linalg.pinv(covariance[own, own])
-        lengths.append(float(np.sqrt(max(mean @ inverse @ mean, 0.0))))
+        mean = found.score.mean[own]
+        squares = float(mean @ np.linalg.pinv(covariance[own, own]) @ mean)
+        lengths.append(max(squares, 0.0) ** 0.5)
     return tuple(lengths)
 
 

@@ -17,7 +17,12 @@ from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Hypothesis, Machine
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search, amplitudes
+from herringbone_sim.diagnosis.search import (
+    CHANCE_CHI2,
+    MIN_GAIN_PER_VALUE,
+    Search,
+    amplitudes,
+)
 from herringbone_sim.diagnosis.threads import parallel_map
 
 # Limits of the search, chosen for run time:
@@ -49,9 +54,9 @@ class FittedExplanation:
     search: Search | None = None
 
     @property
-    def energy(self) -> float:
-        """Energy left of all runs, each predicted from the others."""
-        return float(self.score.energy.sum())
+    def loss(self) -> float:
+        """What is left of all runs, each predicted from the others, see ``Score.loss``."""
+        return self.score.loss
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,7 @@ class Examination:
         counts: the same by observation.
         none: the calibrated machine.
         singles, pairs: fitted explanations, best first.
-        screened: least energy of each effect in the linear screen, fitted or not.
+        screened: least loss of each effect in the linear screen, fitted or not.
         flexible: predictable part of the residual by observation, under the keys ``none``,
             ``single`` (the best) and ``pair`` (the best).
         noise: (runs, R) factor on the assumed noise, by observation; empty if noise was known.
@@ -91,14 +96,13 @@ def examine(
             the calibrated machine's residual is counted as noise too.
     """
     say("calibration")
-    search = Search(machine)
-    none = FittedExplanation((), search.settled(search.null))
-    left = _predictable_remainder(search, none)
-    if not noise_known:
-        noise = {o: _noise_factors(p) for o, p in left.items()}
-        left = {o: p.with_noise_scaled(noise[o]) for o, p in left.items()}
-        search = Search(machine, noise, none.score.mean)
-        none = FittedExplanation((), search.settled(search.null))
+    search, none, left = _calibrated(machine, noise_known)
+    if none.loss < NONLINEAR_CHI2 * none.score.count:
+        larger = machine.with_more_values()
+        if larger is not None:
+            say("calibration by more values")
+            machine = larger
+            search, none, left = _calibrated(machine, noise_known, none.score.mean)
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
     search, ranked = _rank(search, catalogue, None)
@@ -108,8 +112,9 @@ def examine(
     }
     count = sum(counts.values())
     say("fits")
-    gain = none.energy - min((r[0] for r in ranked), default=none.energy)
-    idle = max(gain, _predicted_energy(left)) < MIN_GAIN_PER_VALUE * count
+    gain = none.loss - min((r[0] for r in ranked), default=none.loss)
+    worth = CHANCE_CHI2 if machine.estimates_states else MIN_GAIN_PER_VALUE * count
+    idle = gain < worth and _predicted_energy(left) < MIN_GAIN_PER_VALUE * count
     singles = _fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
     say("what is left")
     flexible = {"none": left}
@@ -131,13 +136,13 @@ def examine(
             if pairs:
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
                 better = _refit_first_alone(search, first, pairs[0])
-                if better.energy < first.energy:
+                if better.loss < first.loss:
                     others = [f for f in singles if f is not first]
                     first = better
-                    singles = tuple(sorted((first, *others), key=lambda f: f.energy))
+                    singles = tuple(sorted((first, *others), key=lambda f: f.loss))
                     flexible["single"] = _predictable_remainder(search, singles[0], left)
             second = _refit_second_alone(search, singles, pairs)
-            if second is not None and second.energy < singles[0].energy:
+            if second is not None and second.loss < singles[0].loss:
                 singles = (second, *singles)
                 flexible["single"] = _predictable_remainder(search, second, left)
             elif not (pairs and _first_was_misfitted(first, pairs[0], flexible)):
@@ -147,12 +152,32 @@ def examine(
                 and _predicted_energy(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
                 more = _fit_pairs(search, catalogue, second, 0.0)
-                pairs = tuple(sorted((*pairs, *more), key=lambda f: f.energy))
+                pairs = tuple(sorted((*pairs, *more), key=lambda f: f.loss))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
     screened: dict[str, float] = {}
     for value, one, _ in ranked:
         screened.setdefault(one.effect, value)
     return Examination(count, counts, none, singles, pairs, screened, flexible, search.noise)
+
+
+def _calibrated(
+    machine: Machine, noise_known: bool, start: Array | None = None
+) -> tuple[Search, FittedExplanation, dict[str, Predictable]]:
+    """The fit without effects, and the predictable part of its residual, by observation.
+
+    Args:
+        noise_known: as in ``examine``.
+        start: (p,) start values of the tolerances; None: zero.
+    """
+    search = Search(machine, start=start)
+    none = FittedExplanation((), search.settled(search.null))
+    left = _predictable_remainder(search, none)
+    if not noise_known:
+        noise = {o: _noise_factors(p) for o, p in left.items()}
+        left = {o: p.with_noise_scaled(noise[o]) for o, p in left.items()}
+        search = Search(machine, noise, none.score.mean)
+        none = FittedExplanation((), search.settled(search.null))
+    return search, none, left
 
 
 def _noise_factors(found: Predictable) -> Array:
@@ -175,15 +200,15 @@ def _recorded_rows(energy: Array) -> NDArray[np.bool_]:
     return recorded
 
 
-Ranking = list[tuple[float, Hypothesis, Array]]  # energy left, hypothesis, start of its fit
+Ranking = list[tuple[float, Hypothesis, Array]]  # loss, hypothesis, start of its fit
 
 
 def _simplest_equivalent(
     none: FittedExplanation, singles: Sequence[FittedExplanation]
 ) -> FittedExplanation:
     """Of the singles as good as the best (``EQUIVALENT_SHARE``), that of fewest coefficients."""
-    best = singles[0].energy
-    near = [f for f in singles if f.energy - best < EQUIVALENT_SHARE * (none.energy - best)]
+    best = singles[0].loss
+    near = [f for f in singles if f.loss - best < EQUIVALENT_SHARE * (none.loss - best)]
     return min(near, key=lambda f: len(f.score.coefficients), default=singles[0])
 
 
@@ -220,9 +245,9 @@ def _rank(
     found: Ranking = []
     for one in (*chosen, *proposed):
         score = search.screened(one.coefficients, 0.3)
-        left, start = float(score.energy.sum()), score.mean
+        left, start = score.loss, score.mean
         if one.measured_gain is not None:
-            left = float(search.null.energy.sum()) - one.measured_gain
+            left = search.null.loss - one.measured_gain
             start = np.array([*one.base_mean, *(c.center for c in one.coefficients)])
         found.append((left, one, start))
     found.sort(key=lambda f: f[0])
@@ -250,7 +275,7 @@ def _fit_best(
             fits.append(
                 FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))
             )
-    return tuple(sorted(fits, key=lambda f: f.energy))
+    return tuple(sorted(fits, key=lambda f: f.loss))
 
 
 def _fit_pairs(
@@ -259,12 +284,12 @@ def _fit_pairs(
     """Fit pairs: a single effect with each of the best other effects on its residual.
 
     Args:
-        least: energy by which the linear screen must improve for a pair to be fitted; 0: no limit.
+        least: loss by which the linear screen must improve for a pair to be fitted; 0: no limit.
     """
     own = first.hypotheses[0]
     others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
     then, ranked = _rank(search, others, first.score)
-    most = first.energy - least if least else np.inf
+    most = first.loss - least if least else np.inf
     different = [r for r in ranked if r[1].effect != own.effect and r[0] < most]
     fits = _fit_best(then, different, MAX_FITTED_PAIRS, 1)
     return tuple(FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
@@ -314,7 +339,7 @@ def _first_was_misfitted(
     Then the first effect, fitted alone, is probably the wrong partner of the second.
     """
     half = 0.5 * _predicted_energy(left["single"])
-    return first.energy - pair.energy > half and _predicted_energy(left["pair"]) > half
+    return first.loss - pair.loss > half and _predicted_energy(left["pair"]) > half
 
 
 def _predictable_remainder(

@@ -120,28 +120,28 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
     least = {"none": none, "single": singles[0] if singles else none}
     if pairs:
         least["pair"] = pairs[0]
-    best = min(least, key=lambda k: least[k].energy + evidence.remains.get(k, 0.0))
-    floor = least[best].energy - evidence.remains.get(best, 0.0)
-    gap = max(none.energy - floor - CHANCE_CHI2, 0.0) / evidence.count + LEAST
+    best = min(least, key=lambda k: least[k].loss + evidence.remains.get(k, 0.0))
+    floor = least[best].loss - evidence.remains.get(best, 0.0)
+    gap = max(none.loss - floor - CHANCE_CHI2, 0.0) / evidence.count + LEAST
 
-    def share(energy: float) -> float:
-        return float(np.log((max(energy - floor, 0.0) / evidence.count + LEAST) / gap))
+    def share(left: float) -> float:
+        return float(np.log((max(left - floor, 0.0) / evidence.count + LEAST) / gap))
 
-    fewest = min(c.energy for c in evidence.candidates) - CHANCE_CHI2
+    fewest = min(c.loss for c in evidence.candidates) - CHANCE_CHI2
     log_count = float(np.log(max(evidence.count, FEWEST) / FULL))
     log_gap = float(np.log(gap))
 
     def fit_numbers(c: Candidate) -> dict[str, float]:
         return {
-            "log share left": share(c.energy),
-            "log squares left": float(np.log((c.energy - fewest) / (none.energy - fewest))),
+            "log share left": share(c.loss),
+            "log squares left": float(np.log((c.loss - fewest) / (none.loss - fewest))),
             "log strain": float(np.log1p(c.strain)),
             "log excess left": float(np.log(max(c.worst - 1.0, LEAST))),
         }
 
     def pair_numbers(c: Candidate) -> dict[str, float]:
-        first = singles[0].energy
-        taken = (first - c.energy) / (max(first - floor, 0.0) + LEAST * evidence.count)
+        first = singles[0].loss
+        taken = (first - c.loss) / (max(first - floor, 0.0) + LEAST * evidence.count)
         second = float(np.log(np.clip(taken, LEAST, 1.0)))
         own = {
             "pair": 1.0,
@@ -165,7 +165,7 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
     none_numbers = {"none": 1.0, "none: log gap": log_gap, "none: log count": log_count}
     unknown_numbers = {
         "unknown": 1.0,
-        "unknown: log share left": share(least[best].energy),
+        "unknown: log share left": share(least[best].loss),
         "unknown: log gap": log_gap,
         "unknown: log unevenness": float(np.log(evidence.uneven)),
         "unknown: log count": log_count,

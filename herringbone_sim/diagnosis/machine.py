@@ -62,6 +62,13 @@ class Machine(Protocol):
             Energy, hypothesis and start of its fit (coefficients of ``known`` first), best first.
         """
 
+    @property
+    def estimates_states(self) -> bool:
+        """Whether blocks contain unknown states that are fitted with every explanation."""
+
+    def with_more_values(self) -> Machine | None:
+        """The same machine with more values of its runs; None: all that time allows are in use."""
+
     def without_linearisation(self) -> Machine:
         """Copy whose blocks are computed exactly at the amplitudes, none extrapolated linearly."""
 

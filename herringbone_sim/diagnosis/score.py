@@ -40,6 +40,7 @@ class Score:
         prior_scale: factor on the priors that predicted best, see ``PRIOR_SCALES``.
         energy_by_row: (runs, R) energy left in sample, by observation.
         count: number of whitened values.
+        by_density: whether ``loss`` is of the density: where states are estimated too.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -52,6 +53,16 @@ class Score:
     prior_scale: float
     energy_by_row: Mapping[str, Array]
     count: float = 0.0
+    by_density: bool = False
+
+    @property
+    def loss(self) -> float:
+        """What is left of runs that are predicted from the others.
+
+        The energy, or minus twice the log predictive density, which knows how uncertain parameters
+        are from few values; both are a sum of squares where parameters are certain.
+        """
+        return -2.0 * self.log_density if self.by_density else float(self.energy.sum())
 
     def covariance_with_jackknife(self) -> Array:
         """(p, p) posterior covariance plus the jackknife covariance over runs.

@@ -168,7 +168,7 @@ class Search:
             least, best = now, (mean, campaign)
             if settled:
                 break
-            target = compute_score(campaign, coefficients, mean, sizes)
+            target = self.scored(campaign, coefficients, mean, sizes)
             if number and self._cannot_improve(target, coefficients):
                 break
             sizes, step = (target.prior_scale,), target.mean - mean
@@ -176,7 +176,7 @@ class Search:
             mean = mean + step
         assert best is not None
         mean, campaign = best
-        found = compute_score(campaign, coefficients, mean)
+        found = self.scored(campaign, coefficients, mean)
         # The last step was not tried: stay at the solution.
         off = found.leave_one_out_means - found.mean
         if all(c.scales_with_effect for c in every):
@@ -196,6 +196,17 @@ class Search:
         energy_by_row, count = _energy_by_row(campaign)
         return replace(found, coefficients=every, energy_by_row=energy_by_row, count=count)
 
+    def scored(
+        self,
+        campaign: CampaignProducts,
+        coefficients: Sequence[Coefficient],
+        mean: Array,
+        sizes: Sequence[float] = PRIOR_SCALES,
+    ) -> Score:
+        """``compute_score`` with the loss that suits the machine."""
+        found = compute_score(campaign, coefficients, mean, sizes)
+        return replace(found, by_density=self.machine.estimates_states)
+
     def _cannot_improve(self, target: Score, coefficients: Sequence[Coefficient]) -> bool:
         """Whether the linear prediction of a fit is no better than the calibrated machine.
 
@@ -204,7 +215,7 @@ class Search:
         if not coefficients:
             return False
         if all(c.scales_with_effect for c in (*self.base, *coefficients)):
-            return float(target.energy.sum()) > float(self.null.energy.sum())
+            return target.loss > self.null.loss
         return self.null.in_sample - target.in_sample < MIN_GAIN_PER_VALUE * self.null.count
 
     def settled(self, found: Score) -> Score:
@@ -251,7 +262,7 @@ class Search:
     def screened(self, coefficients: Sequence[Coefficient], size: float) -> Score:
         """Linear leave-one-run-out score about ``null``, at one prior scale."""
         start = np.concatenate([self.null.mean, np.zeros(len(coefficients))])
-        return compute_score(self.campaign, coefficients, start, (size,))
+        return self.scored(self.campaign, coefficients, start, (size,))
 
 
 def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:

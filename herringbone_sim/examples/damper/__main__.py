@@ -54,7 +54,7 @@ def verdict(found: Examination, weights: Array) -> str:
         if p >= 0.001:
             lines.append(f"{100.0 * p:6.1f} %  {' and '.join(effects) or 'none'}")
     best, n = found.singles[0], found.count
-    left = f"{found.none.energy / n:.2f} without it, {best.energy / n:.2f} with it"
+    left = f"{found.none.loss / n:.2f} without it, {best.loss / n:.2f} with it"
     lines.append(f"best effect: {describe(best)}")
     return "\n".join([*lines, f"mean square left over the noise: {left}"])
 

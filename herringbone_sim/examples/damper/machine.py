@@ -87,6 +87,14 @@ class Damper:
         """No trials: the damper is nearly linear."""
         return []
 
+    @property
+    def estimates_states(self) -> bool:
+        """No: displacement and rate are recorded."""
+        return False
+
+    def with_more_values(self) -> None:
+        """None: all values are in use."""
+
     def without_linearisation(self) -> Damper:
         """Itself: its linear observations are linear exactly."""
         return self

@@ -98,6 +98,12 @@ class Gear(RecordedGear):
         found.part_numbers = self.part_numbers
         return found
 
+    def with_windows(self, windows: int) -> Gear:
+        """Copy with other windows of the runs, none of them fitted."""
+        found = copy.copy(self)
+        found._forget_windows(windows)
+        return found
+
     @cached_property
     def _quadrature(self) -> list[Array | None]:
         """``_quadrature_error`` of every run for the nominal law."""

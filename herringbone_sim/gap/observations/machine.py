@@ -29,6 +29,7 @@ from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
+from herringbone_sim.gap.observations.shooting import MORE_WINDOWS
 from herringbone_sim.gap.observations.tolerances import tolerances
 
 
@@ -129,6 +130,16 @@ class GearMachine:
             next(rest) if h.source is not None else known[h.effect, h.options, h.locus]
             for h in hypotheses
         ]
+
+    @property
+    def estimates_states(self) -> bool:
+        return self.gear.uses_windows
+
+    def with_more_values(self) -> GearMachine | None:
+        """With ``shooting.MORE_WINDOWS`` of a run, where fewer are fitted."""
+        if not self.gear.uses_windows or self.gear.windows >= MORE_WINDOWS:
+            return None
+        return GearMachine(self.gear.with_windows(MORE_WINDOWS))
 
     def without_linearisation(self) -> GearMachine:
         found = copy.copy(self)

@@ -16,6 +16,7 @@ from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import consistency, force_law, trajectory
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
+from herringbone_sim.gap.observations.shooting import N_WINDOWS
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
 from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
@@ -36,6 +37,7 @@ class RecordedGear:
 
     Attributes:
         modelled: (n_mesh,) meshes whose force is not recorded in all runs and comes from the law.
+        windows: most windows of a run.
     """
 
     def __init__(
@@ -53,6 +55,11 @@ class RecordedGear:
         known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
         self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
         self.swap = find_swap(runs) if swap is None else swap
+        self._forget_windows(N_WINDOWS)
+
+    def _forget_windows(self, windows: int) -> None:
+        """Set the number of windows of a run, with no window fitted."""
+        self.windows = windows
         self._trajectories: dict[int, Trajectory] = {}  # shared by all copies
         self._swapped_trajectories: dict[tuple[int, str], Trajectory] = {}
 
@@ -86,7 +93,7 @@ class RecordedGear:
     def trajectory_of(self, r: int) -> Trajectory:
         """Windows of run r, shared by all copies."""
         if r not in self._trajectories:
-            self._trajectories[r] = trajectory.trajectory(self.runs[r].run)
+            self._trajectories[r] = trajectory.trajectory(self.runs[r].run, self.windows)
         return self._trajectories[r]
 
     @property
@@ -102,7 +109,7 @@ class RecordedGear:
                 if key not in self._swapped_trajectories:
                     names = f.removeprefix(SWAP_PREFIX).split(" and ")
                     run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
-                    self._swapped_trajectories[key] = trajectory.trajectory(run)
+                    self._swapped_trajectories[key] = trajectory.trajectory(run, self.windows)
                 return self._swapped_trajectories[key]
         return self.trajectory_of(r)
 

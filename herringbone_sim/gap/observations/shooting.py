@@ -36,7 +36,9 @@ STEP_RAD = 0.08  # longest integration step
 # upper bound checked by test/gap/test_gap_windows.py.
 INTEGRATION_ERROR = 3e-4
 WINDOW_RAD = 6.0  # length of a window: two periods of the fastest mode at least
-N_WINDOWS = 24  # of a run
+# Windows of a run: where the calibrated machine leaves much, and where what is left is as small as
+# noise, so that more values are needed. Chosen for run time.
+N_WINDOWS, MORE_WINDOWS = 24, 72
 JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
 MAX_ROUNDS = 25
 RELATIVE_TOLERANCE = 1e-3  # decrease of the energy, as a share of it, that ends the fit

@@ -30,6 +30,7 @@ from herringbone_sim.gap.observations.forced_windows import (
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
+    N_WINDOWS,
     WindowSolution,
     fitted_windows,
     stacked_residual,
@@ -67,11 +68,15 @@ RESTART_SHARE = 0.75
 STATE_PRECISION = 1e-6  # of the prior of scaled start states, practically none
 
 
-def trajectory(run: PreparedRun) -> Trajectory:
-    """Windows of a run, with or without ``with_rigid_swing``, whichever fits better."""
+def trajectory(run: PreparedRun, windows: int = N_WINDOWS) -> Trajectory:
+    """Windows of a run, with or without ``with_rigid_swing``, whichever fits better.
+
+    Args:
+        windows: the most that are fitted.
+    """
     if run.model.packed.K == 0.0 or not run.u.recorded.any():
-        return Trajectory(run)
-    found = Trajectory(run), Trajectory(with_rigid_swing(run))
+        return Trajectory(run, windows)
+    found = Trajectory(run, windows), Trajectory(with_rigid_swing(run), windows)
     return min(found, key=lambda one: one.nominal.cost)
 
 
@@ -99,15 +104,15 @@ class Trajectory(ForcedWindows):
     """Windows of a run and their fitted states under changes of the law.
 
     Args:
-        run: see ``ForcedWindows``.
+        run, windows: see ``ForcedWindows``.
 
     Attributes:
         last_linearisation: states, law and motion of the block formed last.
         last_elimination: its elimination of states and encoder errors.
     """
 
-    def __init__(self, run: PreparedRun) -> None:
-        super().__init__(run)
+    def __init__(self, run: PreparedRun, windows: int = N_WINDOWS) -> None:
+        super().__init__(run, windows=windows)
         self._solutions: dict[tuple[str, ...], WindowSolution] = {}
         self._restart_energies: dict[tuple[str, ...], float] = {}
         self._energies: dict[tuple[str, ...], float] = {}

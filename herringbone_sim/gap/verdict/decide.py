@@ -134,7 +134,7 @@ def _equal_fits(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
         if c.candidate is not None
         and len(c.effects) == 1
         and c.candidate.size <= best.size
-        and abs(c.candidate.energy - best.energy) < SAME_CHI2
+        and abs(c.candidate.loss - best.loss) < SAME_CHI2
     ]
     found = tuple(dict.fromkeys((*best.effects, *alike)))[:MOST_NAMED]
     return found if len(found) > 1 else ()
