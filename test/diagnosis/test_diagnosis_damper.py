@@ -37,10 +37,10 @@ def most_probable(found: Examination) -> tuple[tuple[str, ...], float]:
 def test_the_effect_leaves_least_and_is_named(effect: str) -> None:
     found = examined(effect)
     assert found.singles[0].hypotheses[0].effect == effect
-    others = min(f.energy for f in found.singles if f.hypotheses[0].effect != effect)
-    gap = found.none.energy - found.count
-    assert found.singles[0].energy - found.count < 0.1 * gap
-    assert others - found.singles[0].energy > 5.0 * np.sqrt(2.0 * found.count)  # no chance
+    others = min(f.loss for f in found.singles if f.hypotheses[0].effect != effect)
+    gap = found.none.loss - found.count
+    assert found.singles[0].loss - found.count < 0.1 * gap
+    assert others - found.singles[0].loss > 5.0 * np.sqrt(2.0 * found.count)  # no chance
     assert evidence_of(found).remains["single"] < 0.02 * gap
     name, p = most_probable(found)
     assert (name, p > 0.7) == ((effect,), True)
@@ -49,9 +49,9 @@ def test_the_effect_leaves_least_and_is_named(effect: str) -> None:
 def test_nothing_is_found_where_nothing_is() -> None:
     found = examined("none")
     noise = np.sqrt(2.0 / found.count)  # of the mean of so many squares
-    assert abs(found.none.energy / found.count - 1.0) < 5.0 * noise
+    assert abs(found.none.loss / found.count - 1.0) < 5.0 * noise
     assert evidence_of(found).remains["none"] < 5.0 * noise * found.count
-    assert found.none.energy - found.singles[0].energy < 5.0 * noise * found.count
+    assert found.none.loss - found.singles[0].loss < 5.0 * noise * found.count
     name, p = most_probable(found)
     assert (name, p > 0.7) == ((), True)
 
@@ -59,8 +59,8 @@ def test_nothing_is_found_where_nothing_is() -> None:
 @pytest.mark.parametrize("cause", ["maxwell", "smooth"])
 def test_a_cause_outside_the_catalogue_is_unknown(cause: str) -> None:
     found = examined(cause)
-    gap = found.none.energy - found.count
-    assert found.singles[0].energy - found.count > 0.2 * gap
+    gap = found.none.loss - found.count
+    assert found.singles[0].loss - found.count > 0.2 * gap
     name, p = most_probable(found)
     assert (name, p > 0.5) == (("unknown",), True)
 
@@ -179,7 +179,7 @@ def test_runs_left_out_are_predicted_by_the_others(search: Search) -> None:
 
 def test_a_single_run_is_enough_to_be_examined() -> None:
     found = examine(Damper(simulate("gain", SEED)[2:3]))
-    assert np.isfinite(found.none.energy)
+    assert np.isfinite(found.none.loss)
 
 
 def test_the_verdict_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -219,7 +219,7 @@ def test_what_needs_no_first_effect_is_tried_alone(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(examining, "_rank", wrong_first)
     found = examine(Damper(simulate("play", SEED)))
     assert [f.hypotheses[0].effect for f in found.singles] == ["play", "coulomb"]
-    assert found.singles[0].energy == pytest.approx(examined("play").singles[0].energy, rel=1e-3)
+    assert found.singles[0].loss == pytest.approx(examined("play").singles[0].loss, rel=1e-3)
 
 
 def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
@@ -235,5 +235,5 @@ def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
     monkeypatch.setattr(examining, "_refit_first_alone", better)
     found = examine(Damper(simulate("maxwell", SEED)))
     (first,) = found.singles[0].hypotheses
-    assert found.singles[0].energy < examined("maxwell").singles[0].energy
+    assert found.singles[0].loss < examined("maxwell").singles[0].loss
     assert sum(f.hypotheses == (first,) for f in found.singles) == 1

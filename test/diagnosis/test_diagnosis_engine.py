@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -305,7 +305,7 @@ def some_evidence(rng):
     energies |= {("a", e): x for e, x in zip("bc", pairs, strict=True)}
     candidates = []
     for effects, energy in energies.items():
-        other = {f.name: rng.uniform(0.0, 2.0) for f in fields(Candidate)}
+        other = {name: rng.uniform(0.0, 2.0) for name in ("in_sample", "size", "strain", "worst")}
         known = {"effects": effects, "places": ("",) * len(effects), "energy": energy}
         candidates.append(Candidate(**{**other, **known}))
     remains = {"none": 0.9 * gap, "single": rng.uniform(0.0, 0.1) * gap, "pair": 0.0}

@@ -304,7 +304,7 @@ def test_a_late_encoder_is_named() -> None:
     assert first.hypotheses[0].effect == "sensor_delay"
     assert first.hypotheses[0].options == (("channels", ("u_s_L",)),)
     assert first.score.mean[-1] == pytest.approx(4.17e-6, rel=0.05)
-    assert first.energy < 1.1 * found.count < found.none.energy
+    assert first.loss < 1.1 * found.count < found.none.loss
 
 
 def test_exchanged_encoders_are_put_back() -> None:

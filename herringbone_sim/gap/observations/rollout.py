@@ -69,33 +69,43 @@ def integrate_windows(
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 def _integrate(starts, first, h, forcing, moved, states, tangents):  # type: ignore[no-untyped-def]
-    """Write states and tangents; the tangent is the exact derivative of the Runge-Kutta step."""
+    """Write states and tangents; the tangent is the exact derivative of the Runge-Kutta step.
+
+    With J = [0 I; A] the derivative of the slopes at a stage and S that of its state by the start
+    of the step, that of the stage's slopes is J S. The upper half of J S is the lower one of S, so
+    products of the lower half ``A`` alone are formed: ``bent`` at each stage.
+    """
     G, inverse, tau, k, c, offset, rate, plus, minus, more = forcing
     meshes = len(G)
-    slopes, K = np.zeros((4, STATES)), np.zeros((4, STATES, STATES))
-    y, z, T = np.empty(STATES), np.empty(STATES), np.zeros((STATES, STATES))
-    pull = np.empty(STATES)
-    sixth = h / 6.0
+    slopes = np.zeros((4, STATES))
+    y, z = np.empty(STATES), np.empty(STATES)
+    A, S = np.empty((BODIES, STATES)), np.empty((STATES, STATES))
+    bent = np.zeros((4, BODIES, STATES))
+    flat, upper, lower = bent.reshape(4, -1), S[:BODIES].reshape(-1), S[BODIES:].reshape(-1)
+    size = BODIES * STATES
+    sixth, half = h / 6.0, 0.5 * h
+    pull = np.empty((meshes, BODIES_PER_MESH))
+    bend = np.empty((meshes, BODIES_PER_MESH, BODIES_PER_MESH))
+    for m in range(meshes):
+        for p in range(BODIES_PER_MESH):
+            pull[m, p] = inverse[moved[m, p]] * G[m, moved[m, p]]
+            for r in range(BODIES_PER_MESH):
+                bend[m, p, r] = pull[m, p] * G[m, moved[m, r]]
     for w in range(len(starts)):
         y[:] = starts[w]
         states[w, 0] = y
-        slopes[0], K[0] = 0.0, 0.0  # remains of a diverged window
+        slopes[0] = 0.0  # remains of a diverged window
         for q in range(tangents.shape[1]):
             for s in range(4):
                 j = first[w] + 2 * q + (0 if s == 0 else (2 if s == 3 else 1))
-                way = 0.0 if s == 0 else (h if s == 3 else 0.5 * h)
+                way = 0.0 if s == 0 else (h if s == 3 else half)
                 last = max(s - 1, 0)
                 for i in range(STATES):
                     z[i] = y[i] + way * slopes[last, i]
-                    for n in range(STATES):
-                        T[i, n] = way * K[last, i, n]
-                    T[i, i] += 1.0
                 for i in range(BODIES):
                     slopes[s, i] = z[BODIES + i]
                     slopes[s, BODIES + i] = inverse[i] * tau[j, i]
-                    for n in range(STATES):
-                        K[s, i, n] = T[BODIES + i, n]
-                        K[s, BODIES + i, n] = 0.0
+                A[:] = 0.0
                 for m in range(meshes):
                     a, b, d = moved[m, 0], moved[m, 1], moved[m, 2]
                     ga, gb, gd = G[m, a], G[m, b], G[m, d]
@@ -109,30 +119,37 @@ def _integrate(starts, first, h, forcing, moved, states, tangents):  # type: ign
                     elif x < -minus[j, m]:
                         on = k[j, m]
                         force += on * (x + minus[j, m])
-                    if on != 0.0:
-                        for n in range(STATES):
-                            pull[n] = on * (ga * T[a, n] + gb * T[b, n] + gd * T[d, n]) + damp * (
-                                ga * T[BODIES + a, n]
-                                + gb * T[BODIES + b, n]
-                                + gd * T[BODIES + d, n]
-                            )
-                    else:
-                        for n in range(STATES):
-                            pull[n] = damp * (
-                                ga * T[BODIES + a, n]
-                                + gb * T[BODIES + b, n]
-                                + gd * T[BODIES + d, n]
-                            )
-                    for i in moved[m]:
-                        share = inverse[i] * G[m, i]
-                        slopes[s, BODIES + i] -= share * force
-                        for n in range(STATES):
-                            K[s, BODIES + i, n] -= share * pull[n]
+                    for p in range(BODIES_PER_MESH):
+                        i = moved[m, p]
+                        slopes[s, BODIES + i] -= pull[m, p] * force
+                        for r in range(BODIES_PER_MESH):
+                            n = moved[m, r]
+                            A[i, n] -= bend[m, p, r] * on
+                            A[i, BODIES + n] -= bend[m, p, r] * damp
+                if s == 0:
+                    bent[0] = A
+                    continue
+                for n in range(size):
+                    lower[n] = way * flat[s - 1, n]
+                    upper[n] = 0.0
+                if s > 1:
+                    for n in range(size):
+                        upper[n] = way * half * flat[s - 2, n]
+                for i in range(BODIES):
+                    S[i, i] += 1.0
+                    S[i, BODIES + i] += way
+                    S[BODIES + i, BODIES + i] += 1.0
+                np.dot(A, S, bent[s])
             for i in range(STATES):
                 y[i] += sixth * (slopes[0, i] + 2.0 * (slopes[1, i] + slopes[2, i]) + slopes[3, i])
                 states[w, q + 1, i] = y[i]
-                for n in range(STATES):
-                    tangents[w, q, i, n] = sixth * (
-                        K[0, i, n] + 2.0 * (K[1, i, n] + K[2, i, n]) + K[3, i, n]
-                    )
+            top = tangents[w, q, :BODIES].reshape(-1)
+            bottom = tangents[w, q, BODIES:].reshape(-1)
+            for n in range(size):
+                middle = flat[1, n] + flat[2, n]
+                top[n] = sixth * h * (flat[0, n] + middle)
+                bottom[n] = sixth * (flat[0, n] + 2.0 * middle + flat[3, n])
+            for i in range(BODIES):
                 tangents[w, q, i, i] += 1.0
+                tangents[w, q, i, BODIES + i] += h
+                tangents[w, q, BODIES + i, BODIES + i] += 1.0
