@@ -295,6 +295,37 @@ def test_a_departure_stays_near_the_curve_it_departs_from():
     assert found.in_sample > 0.9 * campaign.energy.sum()
 
 
+def test_the_density_knows_what_a_run_does_not_tell_of_another():
+    """A coefficient of which one run tells much and the other little, and which is zero.
+
+    What the little run tells predicts the other one badly, which speaks against its own accuracy,
+    not against the coefficient.
+    """
+    rng = np.random.default_rng(6)
+    blocks = [
+        Block(
+            "law",
+            name,
+            ("row",),
+            rng.normal(size=(400, 1)),
+            np.ones((400, 1)),
+            ("own",),
+            size * rng.normal(size=(400, 1, 1)),
+            np.zeros((400, 1, 0)),
+            np.zeros((1, 0)),
+            np.zeros((0, 1, 1)),
+            np.zeros(0),
+        )
+        for name, size in (("much", 30.0), ("little", 0.03))
+    ]
+    campaign = CampaignProducts([{"law": products(b)} for b in blocks], ())
+    own = Coefficient("own", 1.0, np.inf, {"law": Placement((0,), ("own",), np.ones((2, 1)))})
+    found = compute_score(campaign, (own,), sizes=(1.0,))
+    none = float(campaign.energy.sum())
+    assert found.loss == found.energy.sum() > 10.0 * none
+    assert none < replace(found, by_density=True).loss < none + 20.0
+
+
 def some_evidence(rng):
     """Numbers of a campaign of no meaning: energies fall with effects and with pairs."""
     count, gap = 1e4, 10.0 ** rng.uniform(-3.0, 1.0)

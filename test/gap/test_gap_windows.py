@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gap_support import of_shafts, rig
 
-from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.diagnosis.examine import examine
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import Search
@@ -41,6 +41,7 @@ from herringbone_sim.gap.observations.window_columns import (
 )
 from herringbone_sim.gap.observations.window_sensors import without_sensor_errors
 from herringbone_sim.gap.observations.window_states import StateElimination
+from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -315,6 +316,35 @@ def test_exchanged_encoders_are_put_back() -> None:
     ((squares, best, _),) = machine.nonlinear_trials(ranked, null)
     assert best.options == (("channels", ("u_s_R", "u_c")),)
     assert squares < 0.01 * null.in_sample
+
+
+def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> None:
+    """Its stiffness, 4 % too large, leaves more than noise when they are; a wrong law leaves more."""
+    whole = rig({"k_m_sp": 1.04 * Parameters().k_m_sp}, share=1e-3)
+    names = ("u_s_R", "u_c")
+    runs = [without_sensor_error(of_shafts(run), "swap", names, 1.0) for run in whole.runs]
+    machine = GearMachine(Gear(runs))
+    null = no_effect(machine)
+    ranked = [
+        (h, np.append(null.mean, [c.sd for c in h.coefficients]))
+        for h in machine.hypotheses()
+        if h.effect in ("channel_swap", "stagger", "planet_phase")
+    ]
+    (share, best, _), (other, *_), *_ = machine.nonlinear_trials(ranked, null)
+    assert best.options == (("channels", names),)
+    assert share < 0.1 * other
+
+
+def test_more_windows_tell_the_tolerances_more_closely(gear: Gear) -> None:
+    """Three times the values: a standard deviation falls by the root of 3, or less beside a prior."""
+    few = GearMachine(gear.for_runs([g.run for g in gear.runs[1:3]]))
+    many = few.with_more_values()
+    assert many.gear.trajectory_of(0).recorded.n_windows == shooting.MORE_WINDOWS
+    assert many.with_more_values() is None
+    known = [np.sqrt(np.diag(Search(one).null.covariance)) for one in (few, many)]
+    ratio = known[1] / known[0]
+    assert ratio.max() < 1.02
+    assert 0.5 < ratio.min() < 0.75
 
 
 def no_effect(machine: GearMachine) -> Score:

@@ -82,18 +82,19 @@ def nonlinear_trials(
         return float(np.fmin(gear.energy_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0))
 
     used = list(zip(far, ROUNDS_BY_RUN, strict=False))
-    for i, (one, _) in enumerate(trials if used else ()):
-        found = share_left(far[0], i, 0) if _is_swap(one) else 1.0
-        if found * left[far[0]] < MAX_FIT_CHI2:
-            return [(float(known.in_sample * found), *trials[i])]
     share = np.ones(len(trials))
-    chosen = [i for i, (one, _) in enumerate(trials) if not _is_swap(one)]
+    swaps = [i for i, (one, _) in enumerate(trials) if _is_swap(one)]
+    for i in swaps if used else ():
+        share[i] = share_left(far[0], i, 0)
+        if share[i] * left[far[0]] < MAX_FIT_CHI2:
+            return [(float(known.in_sample * share[i]), *trials[i])]
+    chosen = [i for i in range(len(trials)) if i not in swaps]
     for r, rounds in used:
         left_of_run = parallel_map(partial(share_left, r, rounds=rounds), chosen)
         share[chosen] *= np.array(left_of_run) ** (1.0 / len(used))
         chosen = sorted(chosen, key=lambda i: float(share[i]))[:MAX_ON_SECOND_RUN]
     best: list[tuple[float, Hypothesis, Array]] = []
-    for i in chosen if used else ():
+    for i in sorted((*swaps, *chosen), key=lambda i: float(share[i])) if used else ():
         same = [other for _, other, _ in best if other.effect == trials[i][0].effect]
         known_already = any(trials[i][0] is other for other in same)
         if len(best) < MAX_KEPT and len(same) < MAX_KEPT_PER_EFFECT and not known_already:
