@@ -65,8 +65,16 @@ class RecordedGear:
 
     @cached_property
     def has_balance(self) -> bool:
-        """Whether rates of all coordinates are known in all runs."""
-        return all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
+        """Whether rates of all coordinates are known in all runs.
+
+        Where rotations alone are recorded, their slopes are no rates: windows of the motion leave
+        a tenth of what a balance by slopes does.
+        """
+        rotations = all(
+            g.run.shafts_known and not any(getattr(g.run, q).recorded.any() for q in "xvF")
+            for g in self.runs
+        )
+        return not rotations and all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
 
     @cached_property
     def has_force_law(self) -> bool:
