@@ -75,6 +75,11 @@ class Evidence:
     told: bool = True
     uneven: float = 1.0
 
+    @property
+    def by_density(self) -> bool:
+        """Whether explanations are compared by predictive density, see ``Score.loss``."""
+        return any(c.log_density is not None for c in self.candidates)
+
     def written(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return asdict(self)

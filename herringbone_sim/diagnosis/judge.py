@@ -5,7 +5,8 @@ and its probability goes with the exponential of their weighted sum. The weights
 practice campaigns by ``calibrate`` and kept in ``calibration.json`` with the seeds; none is
 chosen.
 
-With E the whitened squares left on runs predicted by the others, N their count, and R what a
+With E the loss (``Score.loss``: whitened squares left on runs predicted by the others, or what
+their predictive density is worth in squares), N the count of values, and R what a
 flexible regression still predicts of them: the gap is what can be predicted beside the calibrated
 machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
 (E_h - E_best + R_best) / (E_none - E_best + R_best) of it. The strain says how far a learned curve
@@ -64,6 +65,9 @@ NAMES = (
     "beside: log squares left",
     "beside: log excess left",
 )
+# Where states are estimated a difference of losses is what probabilities say it is, elsewhere laws
+# that are not the catalogue's leave much of it: weights are fitted for both apart.
+LOSSES = ("squares", "density")
 FULL, FEWEST = 1e5, 5e3  # values of a campaign: with all channels, about; no fewer were practised
 LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
 LEAST_SHARE = 1e-4  # of the squares that a pair takes, by its second effect: below it is nothing
@@ -183,7 +187,7 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
 
 def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
     """Explanations with probabilities, most probable first; they sum to 1."""
-    w = frozen_weights() if weights is None else weights
+    w = frozen_weights(evidence.by_density) if weights is None else weights
     explanations, table = numbers(evidence)
     score = table @ w
     p = np.exp(score - score.max())
@@ -261,9 +265,10 @@ def _frozen() -> Mapping[str, Any]:
     return data
 
 
-def frozen_weights() -> Array:
-    """Those of the package."""
-    return np.array([_frozen()["weights"][name] for name in NAMES])
+def frozen_weights(by_density: bool) -> Array:
+    """Those of the package for evidence by either of ``LOSSES``."""
+    kept = _frozen()["weights"][LOSSES[by_density]]
+    return np.array([kept[name] for name in NAMES])
 
 
 def relative_error() -> float:

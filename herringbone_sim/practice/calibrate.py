@@ -34,15 +34,15 @@ class Calibration:
     """Fitted weights, the penalty, and figures of cross-validation.
 
     Attributes:
-        weights: (n,) by ``judge.NAMES``.
-        penalty: chosen from ``PENALTIES``.
+        weights: (n,) by ``judge.NAMES``, for each of ``judge.LOSSES`` that campaigns have.
+        penalties: chosen from ``PENALTIES``, alike.
         figures: by stratum, from campaigns left out of the fit.
         relative: standard deviation of the model error of a size, relative to the size.
         covered: share of the true sizes inside their 90 % intervals, from left-out campaigns.
     """
 
-    weights: Array
-    penalty: float
+    weights: dict[str, Array]
+    penalties: dict[str, float]
     figures: dict[str, dict[str, float]]
     relative: float
     covered: float
@@ -52,15 +52,22 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
     """Fit weights, penalty and model error of the sizes.
 
     Raises:
-        AnalysisError: fewer campaigns than folds.
+        AnalysisError: too few campaigns with one of the losses for the folds.
     """
-    if len(campaigns) < 2 * FOLDS:
-        raise AnalysisError(
-            f"calibration needs {2 * FOLDS} campaigns or more, got {len(campaigns)}: run more"
-        )
-    labelled = [judge.labelled_campaign(c.evidence, c.truth) for c in campaigns]
-    penalty = best_penalty(labelled)
-    weights = judge.fit_labelled(labelled, penalty)
+    weights, penalties = {}, {}
+    draws = [np.zeros((len(campaigns), 4)) for _ in range(DRAWS)]
+    for loss, at in by_loss(campaigns).items():
+        group = [campaigns[i] for i in at]
+        if len(group) < 2 * FOLDS:
+            raise AnalysisError(
+                f"calibration needs {2 * FOLDS} campaigns or more that are judged by {loss}, got "
+                f"{len(group)}: run more"
+            )
+        labelled = [judge.labelled_campaign(c.evidence, c.truth) for c in group]
+        penalties[loss] = best_penalty(labelled)
+        weights[loss] = judge.fit_labelled(labelled, penalties[loss])
+        for draw, rows in enumerate(draws):
+            rows[at] = left_out(group, labelled, draw)
     sizes = [np.array(c.sizes).reshape(-1, 3) for c in campaigns]
     fold = np.arange(len(campaigns)) % FOLDS
     held = []
@@ -73,11 +80,18 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
     covered = float(np.mean(np.concatenate(held))) if any(map(len, held)) else float("nan")
     return Calibration(
         weights,
-        penalty,
-        by_stratum(campaigns, [left_out(campaigns, labelled, draw) for draw in range(DRAWS)]),
+        penalties,
+        by_stratum(campaigns, draws),
         model_error(np.concatenate(sizes)),
         covered,
     )
+
+
+def by_loss(campaigns: Sequence[CaseEvidence]) -> dict[str, Indices]:
+    """Which campaigns are judged by each of ``judge.LOSSES``; losses of none are left out."""
+    density = np.array([c.evidence.by_density for c in campaigns], dtype=bool)
+    every = {loss: np.flatnonzero(density == on) for on, loss in enumerate(judge.LOSSES)}
+    return {loss: at for loss, at in every.items() if len(at)}
 
 
 def model_error(sizes: Array) -> float:
@@ -172,12 +186,15 @@ def left_out(
     return found
 
 
-def judged(case: CaseEvidence, weights: Array) -> tuple[float, float, float, float]:
+def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, float, float, float]:
     """Probability on the truth, of the first explanation, whether that is right, and what is true.
 
     The first is the most probable one that names all there is; that is also what counts as on the
     truth. True is besides, of a pair of which one effect was tried, that effect with something
     unknown beside it.
+
+    Args:
+        weights: None: those of the package.
     """
     told = judge.chances(case.evidence, weights)
     truth = tuple(sorted(case.truth))
@@ -213,10 +230,13 @@ def write_weights(
     """Write the weights file of the judge: weights, seeds, sources and achieved figures."""
     seeds = sorted({c.seed for c in campaigns})
     content = {
-        "weights": dict(zip(judge.NAMES, map(float, calibration.weights), strict=True)),
+        "weights": {
+            loss: dict(zip(judge.NAMES, map(float, w), strict=True))
+            for loss, w in calibration.weights.items()
+        },
         "relative error of a size": calibration.relative,
         "coverage of 90 % intervals, left out": calibration.covered,
-        "penalty": calibration.penalty,
+        "penalties": calibration.penalties,
         "seeds": [[seeds[0], seeds[-1] + 1]],
         "sources": sources,
         "figures of campaigns left out": calibration.figures,
