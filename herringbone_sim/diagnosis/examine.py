@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +116,10 @@ def examine(
     worth = CHANCE_CHI2 if machine.estimates_states else MIN_GAIN_PER_VALUE * count
     idle = gain < worth and _predicted_energy(left) < MIN_GAIN_PER_VALUE * count
     singles = _fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
+    if machine.estimates_states:
+        none, *fitted = (_fit_again(search, f) for f in (none, *singles))
+        singles = tuple(sorted(fitted, key=lambda f: f.loss))
+        left = _predictable_remainder(search, none)
     say("what is left")
     flexible = {"none": left}
     pairs: tuple[FittedExplanation, ...] = ()
@@ -276,6 +280,16 @@ def _fit_best(
                 FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))
             )
     return tuple(sorted(fits, key=lambda f: f.loss))
+
+
+def _fit_again(search: Search, found: FittedExplanation) -> FittedExplanation:
+    """Fit an explanation again from where it settled, if that leaves less.
+
+    States that were found under another one since may suit it too; without them it would seem to
+    leave what a wrong minimum does.
+    """
+    again = replace(found, score=search.settled(found.score))
+    return min(found, again, key=lambda f: f.loss)
 
 
 def _fit_pairs(
