@@ -237,3 +237,13 @@ def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
     (first,) = found.singles[0].hypotheses
     assert found.singles[0].loss < examined("maxwell").singles[0].loss
     assert sum(f.hypotheses == (first,) for f in found.singles) == 1
+
+
+def test_an_explanation_is_fitted_again_where_that_leaves_less() -> None:
+    search = Search(Damper(simulate("none", SEED)))
+    stuck, lucky = (
+        FittedExplanation((), replace(search.null, energy=share * search.null.energy))
+        for share in (1.1, 0.9)
+    )
+    assert examining._fit_again(search, stuck).loss == pytest.approx(search.null.loss, rel=1e-3)
+    assert examining._fit_again(search, lucky) is lucky
