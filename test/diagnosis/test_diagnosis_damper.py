@@ -226,7 +226,7 @@ def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An explanation that stood twice would be counted twice."""
-    refit = examining._refit_first_alone
+    refit, before = examining._refit_first_alone, examined("maxwell")
 
     def better(search: Search, first: FittedExplanation, pair: FittedExplanation):
         again = refit(search, first, pair)
@@ -235,7 +235,7 @@ def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
     monkeypatch.setattr(examining, "_refit_first_alone", better)
     found = examine(Damper(simulate("maxwell", SEED)))
     (first,) = found.singles[0].hypotheses
-    assert found.singles[0].loss < examined("maxwell").singles[0].loss
+    assert found.singles[0].loss < before.singles[0].loss
     assert sum(f.hypotheses == (first,) for f in found.singles) == 1
 
 
