@@ -234,12 +234,21 @@ def fit(evidence: Sequence[Evidence], truths: Sequence[tuple[str, ...]], penalty
 
 
 def fit_labelled(
-    labelled: Sequence[LabelledCampaign], penalty: float, start: Array | None = None
+    labelled: Sequence[LabelledCampaign],
+    penalty: float,
+    start: Array | None = None,
+    center: Array | None = None,
 ) -> Array:
-    """Weights by labelled campaigns, as ``fit``; a ``start`` of the search saves time alone."""
+    """Weights by labelled campaigns, as ``fit``.
+
+    Args:
+        start: of the search, which saves time alone.
+        center: mean of the prior; None: zero.
+    """
+    center = np.zeros(len(NAMES)) if center is None else center
     labelled = [one for one in labelled if one.true.any()]
     if not labelled:
-        return np.zeros(len(NAMES))
+        return center
     table = np.concatenate([one.table for one in labelled])
     true = np.concatenate([one.true for one in labelled])
     sizes = np.array([len(one.true) for one in labelled])
@@ -252,10 +261,11 @@ def fit_labelled(
         p /= np.repeat(np.add.reduceat(p, starts), sizes)
         inside = np.maximum(np.add.reduceat(p * true, starts), 1e-300)
         slope = (p - p * true / np.repeat(inside, sizes)) @ table
-        value = 0.5 * penalty * float(w @ w) - float(np.log(inside).sum())
-        return value, slope + penalty * w
+        off = w - center
+        value = 0.5 * penalty * float(off @ off) - float(np.log(inside).sum())
+        return value, slope + penalty * off
 
-    start = np.zeros(len(NAMES)) if start is None else start
+    start = center if start is None else start
     return np.asarray(minimize(loss, start, jac=True, method="L-BFGS-B").x)
 
 

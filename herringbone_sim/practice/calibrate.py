@@ -26,7 +26,7 @@ from herringbone_sim.practice.intervals import calibration_error
 FOLDS = 5
 DRAWS = 4  # of the folds, for the figures
 COVERAGE = 0.9  # wanted share of the sizes inside their 90 % intervals
-PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,8 @@ class Calibration:
     """Fitted weights, the penalty, and figures of cross-validation.
 
     Attributes:
-        weights: (n,) by ``judge.NAMES``, for each of ``judge.LOSSES`` that campaigns have.
+        weights: (n,) by ``judge.NAMES``, for each of ``judge.LOSSES`` that campaigns have; those
+            of the density, of which there are fewer, have a prior about those of the squares.
         penalties: chosen from ``PENALTIES``, alike.
         figures: by stratum, from campaigns left out of the fit.
         relative: standard deviation of the model error of a size, relative to the size.
@@ -54,7 +55,8 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
     Raises:
         AnalysisError: too few campaigns with one of the losses for the folds.
     """
-    weights, penalties = {}, {}
+    weights: dict[str, Array] = {}
+    penalties: dict[str, float] = {}
     draws = [np.zeros((len(campaigns), 4)) for _ in range(DRAWS)]
     for loss, at in by_loss(campaigns).items():
         group = [campaigns[i] for i in at]
@@ -64,10 +66,11 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
                 f"{len(group)}: run more"
             )
         labelled = [judge.labelled_campaign(c.evidence, c.truth) for c in group]
-        penalties[loss] = best_penalty(labelled)
-        weights[loss] = judge.fit_labelled(labelled, penalties[loss])
+        center = next(iter(weights.values()), None)
+        penalties[loss] = best_penalty(labelled, center)
+        weights[loss] = judge.fit_labelled(labelled, penalties[loss], None, center)
         for draw, rows in enumerate(draws):
-            rows[at] = left_out(group, labelled, draw)
+            rows[at] = left_out(group, labelled, draw, center)
     sizes = [np.array(c.sizes).reshape(-1, 3) for c in campaigns]
     fold = np.arange(len(campaigns)) % FOLDS
     held = []
@@ -122,9 +125,16 @@ def by_stratum(
 ) -> dict[str, dict[str, float]]:
     """Headline figures of all campaigns, and by noise, truth and channels: means over draws.
 
+    Campaigns that are judged by squares, with channels that are judged by density now, teach the
+    weights and count in no figure.
+
     Args:
         draws: (n, 4) rows of ``judged`` for each way to draw the folds.
     """
+    now = {c.stratum[2] for c in campaigns if c.evidence.by_density}
+    current = np.array([c.evidence.by_density or c.stratum[2] not in now for c in campaigns])
+    campaigns = [c for c, on in zip(campaigns, current.tolist(), strict=True) if on]
+    draws = [rows[current] for rows in draws]
     told = np.array([c.evidence.told for c in campaigns])
     healthy = np.array([not c.truth for c in campaigns])
     foreign = np.array([c.truth == ("unknown",) for c in campaigns])
@@ -146,7 +156,7 @@ def by_stratum(
     return found
 
 
-def best_penalty(labelled: Sequence[judge.LabelledCampaign]) -> float:
+def best_penalty(labelled: Sequence[judge.LabelledCampaign], center: Array | None = None) -> float:
     """The one of ``PENALTIES`` with the best predictions of left-out campaigns."""
     fold = folds(len(labelled))
     lost = dict.fromkeys(PENALTIES, 0.0)
@@ -154,7 +164,7 @@ def best_penalty(labelled: Sequence[judge.LabelledCampaign]) -> float:
         others = [one for one, k in zip(labelled, fold, strict=True) if k != f]
         weights = None
         for penalty in sorted(PENALTIES, reverse=True):
-            weights = judge.fit_labelled(others, penalty, weights)
+            weights = judge.fit_labelled(others, penalty, weights, center)
             for one in (labelled[i] for i in np.flatnonzero(fold == f).tolist()):
                 if one.true.any():
                     score = one.table @ weights
@@ -168,19 +178,23 @@ def folds(n: int, draw: int = 0) -> Indices:
 
 
 def left_out(
-    campaigns: Sequence[CaseEvidence], labelled: Sequence[judge.LabelledCampaign], draw: int = 0
+    campaigns: Sequence[CaseEvidence],
+    labelled: Sequence[judge.LabelledCampaign],
+    draw: int = 0,
+    center: Array | None = None,
 ) -> Array:
     """(n, 4) rows of ``judged``: each campaign by weights and a penalty of the other folds.
 
     Args:
         labelled: numbers and truths of the campaigns.
         draw: of the folds.
+        center: mean of the prior of the weights.
     """
     fold = folds(len(campaigns), draw)
     found = np.zeros((len(campaigns), 4))
     for f in range(FOLDS):
         others = [one for one, k in zip(labelled, fold, strict=True) if k != f]
-        weights = judge.fit_labelled(others, best_penalty(others))
+        weights = judge.fit_labelled(others, best_penalty(others, center), None, center)
         for i in np.flatnonzero(fold == f).tolist():
             found[i] = judged(campaigns[i], weights)
     return found
