@@ -30,8 +30,6 @@ class Candidate:
         worst: largest mean square of whitened residuals left in one observation; noise alone: 1.
         log_density: sum of the log predictive densities of the left-out runs, where they are
             compared by it, see ``Score.loss``; else None.
-        energy_by_run: ``energy`` of each run.
-        significance: of each effect, its own parameters over their standard deviation.
     """
 
     effects: tuple[str, ...]
@@ -42,16 +40,11 @@ class Candidate:
     strain: float
     worst: float
     log_density: float | None = None
-    energy_by_run: tuple[float, ...] = ()
-    significance: tuple[float, ...] = ()
 
     @property
     def loss(self) -> float:
         """See ``Score.loss``."""
         return self.energy if self.log_density is None else -2.0 * self.log_density
-
-
-_TUPLES = ("effects", "places", "energy_by_run", "significance")
 
 
 @dataclass(frozen=True)
@@ -88,7 +81,7 @@ class Evidence:
     def read(cls, data: Mapping[str, Any]) -> Evidence:
         """Evidence from the plain data of ``written``."""
         candidates = tuple(
-            Candidate(**{**c, **{key: tuple(c.get(key, ())) for key in _TUPLES}})
+            Candidate(**{**c, "effects": tuple(c["effects"]), "places": tuple(c["places"])})
             for c in data["candidates"]
         )
         remains, screened = dict(data["remains"]), dict(data["screened"])
@@ -122,23 +115,7 @@ def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candida
             if counts[o] > 0.0
         ),
         score.log_density if score.by_density else None,
-        tuple(map(float, score.energy)),
-        _significance(found),
     )
-
-
-def _significance(found: FittedExplanation) -> tuple[float, ...]:
-    """Of each effect, the length of its own parameters over their standard deviation."""
-    covariance = found.score.covariance_with_jackknife()
-    first = len(found.score.coefficients) - sum(len(h.coefficients) for h in found.hypotheses)
-    lengths = []
-    for h in found.hypotheses:
-        own = slice(first, first + h.n_own)
-        first += len(h.coefficients)
-        mean = found.score.mean[own]
-        squares = float(mean @ np.linalg.pinv(covariance[own, own]) @ mean)
-        lengths.append(max(squares, 0.0) ** 0.5)
-    return tuple(lengths)
 
 
 def _strain(found: FittedExplanation) -> float:
