@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -141,7 +141,9 @@ def plan(
     hypotheses = [h for h in hypotheses if h.coefficients[0].center == 0.0]
     information = Information(search.campaign, hypotheses, hypotheses)
     visible = [i for i, s in enumerate(information.squares) if s > 0.0]
-    detectabilities = tuple(_detectability(i, hypotheses, information) for i in visible)
+    detectabilities = tuple(
+        _detectability(i, hypotheses, information, machine.estimates_states) for i in visible
+    )
     sought = {one.effect for one in detectabilities}
     others = [name for name in known_effects() if name not in sought]
     known = ("channel_swap",) if by_windows else (*SEAT_PARAMETERS, "channel_swap")
@@ -176,15 +178,15 @@ def _teeth(gear: Gear) -> list[Event]:
 
 
 def _detectability(
-    i: int, hypotheses: Sequence[Hypothesis], information: Information
+    i: int, hypotheses: Sequence[Hypothesis], information: Information, by_density: bool
 ) -> Detectability:
-    """Detectability of hypothesis i, by the judge."""
+    """Detectability of hypothesis i, by the judge; ``by_density``: see ``_candidate``."""
     h = hypotheses[i]
     rivals = _rivals(i, hypotheses, information.left[i])
 
     @cache
     def judged(k: int) -> tuple[dict[str, float], float]:
-        return _probabilities(i, float(SIZES[k]), hypotheses, rivals, information)
+        return _probabilities(i, float(SIZES[k]), hypotheses, rivals, information, by_density)
 
     named = _first_size(lambda k: judged(k)[0].get(h.effect, 0.0) >= NAMED)
     detected = _first_size(lambda k: judged(k)[0]["none"] <= 1.0 - NAMED)
@@ -234,6 +236,7 @@ def _probabilities(
     hypotheses: Sequence[Hypothesis],
     rivals: Sequence[int],
     information: Information,
+    by_density: bool,
 ) -> tuple[dict[str, float], float]:
     """Probability of every effect, and of the place given the effect, if hypothesis i is true.
 
@@ -246,14 +249,14 @@ def _probabilities(
         hypotheses: all of them.
         rivals: indices of those that compete.
         information: of all hypotheses.
+        by_density: see ``_candidate``.
     """
     h, count = hypotheses[i], information.count
-    none = _candidate((), Locus(), count + information.seen(i, size), 0, count)
-    own = _candidate((h.effect,), h.locus, count + h.n_own, h.n_own, count)
+    made = partial(_candidate, count=count, by_density=by_density)
+    none = made((), Locus(), count + information.seen(i, size), 0)
+    own = made((h.effect,), h.locus, count + h.n_own, h.n_own)
     others = [
-        _candidate(
-            (r.effect,), r.locus, count + information.left_at(i, j, size) + r.n_own, r.n_own, count
-        )
+        made((r.effect,), r.locus, count + information.left_at(i, j, size) + r.n_own, r.n_own)
         for j, r in ((j, hypotheses[j]) for j in rivals)
     ]
     singles = sorted((own, *others), key=lambda c: c.energy)
@@ -267,9 +270,19 @@ def _probabilities(
 
 
 def _candidate(
-    effects: tuple[str, ...], locus: object, energy: float, size: int, count: float
+    effects: tuple[str, ...],
+    locus: object,
+    energy: float,
+    size: int,
+    count: float,
+    by_density: bool,
 ) -> Candidate:
-    """Candidate of the judge with chi2 ``energy`` and ``size`` coefficients of its own."""
-    return Candidate(
-        effects, (str(locus),) * len(effects), energy, energy, size, 0.0, energy / count
-    )
+    """Candidate of the judge with chi2 ``energy`` and ``size`` coefficients of its own.
+
+    Args:
+        count: number of whitened values.
+        by_density: whether a diagnosis compares explanations by density, see ``Score.loss``.
+    """
+    places = (str(locus),) * len(effects)
+    density = -0.5 * energy if by_density else None
+    return Candidate(effects, places, energy, energy, size, 0.0, energy / count, density)
