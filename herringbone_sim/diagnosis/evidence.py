@@ -56,7 +56,7 @@ class Evidence:
         candidates: none, single effects, pairs; each kind best first.
         remains: energy that the flexible regression predicts out of sample of the residual of
             ``none``, the best ``single`` and the best ``pair``.
-        screened: least energy of each effect in the linear screen.
+        screened: least loss of each effect in the linear screen.
         told: whether the campaign gives the noise; then residual energy above it counts in full.
         uneven: largest noise estimated for a row, over the median of its observation's rows.
     """

@@ -72,6 +72,7 @@ class Examination:
         flexible: predictable part of the residual by observation, under the keys ``none``,
             ``single`` (the best) and ``pair`` (the best).
         noise: (runs, R) factor on the assumed noise, by observation; empty if noise was known.
+        machine: the given one, or the same with more values if those were used.
     """
 
     count: float
@@ -82,6 +83,7 @@ class Examination:
     screened: dict[str, float]
     flexible: dict[str, dict[str, Predictable]]
     noise: Mapping[str, Array]
+    machine: Machine
 
 
 def examine(
@@ -161,7 +163,9 @@ def examine(
     screened: dict[str, float] = {}
     for value, one, _ in ranked:
         screened.setdefault(one.effect, value)
-    return Examination(count, counts, none, singles, pairs, screened, flexible, search.noise)
+    return Examination(
+        count, counts, none, singles, pairs, screened, flexible, search.noise, machine
+    )
 
 
 def _calibrated(

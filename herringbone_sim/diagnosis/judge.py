@@ -276,8 +276,9 @@ def _frozen() -> Mapping[str, Any]:
 
 
 def frozen_weights(by_density: bool) -> Array:
-    """Those of the package for evidence by either of ``LOSSES``."""
-    kept = _frozen()["weights"][LOSSES[by_density]]
+    """Those of the package for evidence by either of ``LOSSES``; of the other if it has none."""
+    every = _frozen()["weights"]
+    kept = every.get(LOSSES[by_density]) or every[LOSSES[not by_density]]
     return np.array([kept[name] for name in NAMES])
 
 

@@ -191,6 +191,7 @@ class Search:
             mean=mean,
             leave_one_out_means=mean + off,
             energy=energy,
+            log_density=found.log_density + 0.5 * float((found.energy - energy).sum()),
             in_sample=float(campaign.energy.sum()),
         )
         energy_by_row, count = _energy_by_row(campaign)

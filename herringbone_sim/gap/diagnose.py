@@ -86,6 +86,8 @@ def diagnose(
     if nominal_mismatched(findings) or not machine.observation_names:
         return _undiagnosed(campaign, findings, machine, senses)
     examined = examine(machine, say, campaign.noise_known)
+    assert isinstance(examined.machine, GearMachine)  # what was given, if with more windows
+    machine = examined.machine
     evidence = evidence_of(examined, campaign.noise_known)
     judged = chances(evidence)
     fits = {

@@ -105,7 +105,7 @@ def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
     if not evidence.screened:
         return ("none",)
     name = min(evidence.screened, key=lambda n: evidence.screened[n])
-    kept = none.energy - evidence.screened[name] > SPARSE * none.energy
+    kept = none.loss - evidence.screened[name] > SPARSE * none.loss
     return (name,) if kept else ("none",)
 
 

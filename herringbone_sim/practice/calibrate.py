@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from herringbone_sim.arrays import Array, Indices
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.diagnosis import judge
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.case_evidence import CaseEvidence
@@ -60,19 +60,27 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
     draws = [np.zeros((len(campaigns), 4)) for _ in range(DRAWS)]
     for loss, at in by_loss(campaigns).items():
         group = [campaigns[i] for i in at]
+        center = next(iter(weights.values()), None)
+        if len(group) < 2 * FOLDS and center is not None:
+            for rows in draws:
+                rows[at] = [judged(c, center) for c in group]
+            continue
         if len(group) < 2 * FOLDS:
             raise AnalysisError(
                 f"calibration needs {2 * FOLDS} campaigns or more that are judged by {loss}, got "
                 f"{len(group)}: run more"
             )
         labelled = [judge.labelled_campaign(c.evidence, c.truth) for c in group]
-        center = next(iter(weights.values()), None)
         penalties[loss] = best_penalty(labelled, center)
         weights[loss] = judge.fit_labelled(labelled, penalties[loss], None, center)
         for draw, rows in enumerate(draws):
             rows[at] = left_out(group, labelled, draw, center)
-    sizes = [np.array(c.sizes).reshape(-1, 3) for c in campaigns]
-    fold = np.arange(len(campaigns)) % FOLDS
+    sizes = [
+        np.array(c.sizes).reshape(-1, 3)
+        for c, on in zip(campaigns, counted(campaigns).tolist(), strict=True)
+        if on
+    ]
+    fold = np.arange(len(sizes)) % FOLDS
     held = []
     for f in range(FOLDS):
         others, own = (
@@ -95,6 +103,16 @@ def by_loss(campaigns: Sequence[CaseEvidence]) -> dict[str, Indices]:
     density = np.array([c.evidence.by_density for c in campaigns], dtype=bool)
     every = {loss: np.flatnonzero(density == on) for on, loss in enumerate(judge.LOSSES)}
     return {loss: at for loss, at in every.items() if len(at)}
+
+
+def counted(campaigns: Sequence[CaseEvidence]) -> Flags:
+    """Which campaigns (n,) count in figures.
+
+    Those that are judged by squares, with channels that are judged by density now, do not: they
+    only teach weights.
+    """
+    now = {c.stratum[2] for c in campaigns if c.evidence.by_density}
+    return np.array([c.evidence.by_density or c.stratum[2] not in now for c in campaigns])
 
 
 def model_error(sizes: Array) -> float:
@@ -123,16 +141,12 @@ def _misses(sizes: Array, relative: float) -> Array:
 def by_stratum(
     campaigns: Sequence[CaseEvidence], draws: Sequence[Array]
 ) -> dict[str, dict[str, float]]:
-    """Headline figures of all campaigns, and by noise, truth and channels: means over draws.
-
-    Campaigns that are judged by squares, with channels that are judged by density now, teach the
-    weights and count in no figure.
+    """Headline figures of campaigns that count, also by noise, truth and channels: means of draws.
 
     Args:
         draws: (n, 4) rows of ``judged`` for each way to draw the folds.
     """
-    now = {c.stratum[2] for c in campaigns if c.evidence.by_density}
-    current = np.array([c.evidence.by_density or c.stratum[2] not in now for c in campaigns])
+    current = counted(campaigns)
     campaigns = [c for c, on in zip(campaigns, current.tolist(), strict=True) if on]
     draws = [rows[current] for rows in draws]
     told = np.array([c.evidence.told for c in campaigns])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,11 +14,11 @@ import pytest
 from herringbone_sim.diagnosis import examine as examining
 from herringbone_sim.diagnosis.evidence import evidence_of
 from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
-from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search, amplitudes
 from herringbone_sim.examples.damper.__main__ import load_weights, main, probabilities
 from herringbone_sim.examples.damper.effects import IMPULSE, LAW, dahl_state
 from herringbone_sim.examples.damper.machine import Damper, presliding
-from herringbone_sim.examples.damper.simulate import STEP, draw_rig, simulate
+from herringbone_sim.examples.damper.simulate import STEP, Run, draw_rig, simulate
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFECTS = ("coulomb", "presliding", "stribeck", "cubic", "play", "gain")
@@ -247,3 +248,32 @@ def test_an_explanation_is_fitted_again_where_that_leaves_less() -> None:
     )
     assert examining._fit_again(search, stuck).loss == pytest.approx(search.null.loss, rel=1e-3)
     assert examining._fit_again(search, lucky) is lucky
+
+
+class Stated(Damper):
+    """A damper that says that its states are estimated, and takes the first of its runs first."""
+
+    estimates_states = True
+
+    def __init__(self, whole: Sequence[Run], used: int) -> None:
+        super().__init__(whole[:used])
+        self.whole = whole
+
+    def with_more_values(self) -> Stated | None:
+        more = len(self.whole) > self.runs
+        return Stated(self.whole, len(self.whole)) if more else None
+
+
+@pytest.mark.parametrize(("effect", "runs"), [("none", 5), ("cubic", 3)])
+def test_where_little_is_left_more_values_are_used_and_densities_compared(
+    effect: str, runs: int
+) -> None:
+    whole = simulate(effect, SEED)
+    found = examine(Stated(whole, 3))
+    assert found.machine.runs == runs
+    assert all(f.score.by_density for f in (found.none, *found.singles, *found.pairs))
+    assert evidence_of(found).by_density
+    for f in (found.none, *found.singles, *found.pairs):  # others predict no better than all fit
+        assert f.loss > f.score.in_sample - CHANCE_CHI2
+    if effect == "cubic":
+        assert found.singles[0].hypotheses[0].effect == "cubic"

@@ -23,6 +23,8 @@ from herringbone_sim.gap.attribution.channel_sets import (
 )
 from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.decide import NamedExplanation, decide
 from herringbone_sim.gap.verdict.location import residual_by_mesh
@@ -74,6 +76,19 @@ def test_each_set_of_channels_says_what_it_cannot_decide() -> None:
     assert "errors of force sensors can't be told" in said[NO_FORCE]
     assert "worked out from that of the suns and the carrier" in said[FEW]
     assert "no motion of both suns is recorded" in said[NOTHING]
+
+
+def test_rotations_of_all_bodies_are_followed_by_windows() -> None:
+    """Their slopes are no rates; with rates recorded the balance is formed."""
+    whole = rig({}, cycles=10).runs[0]
+    meshes = whole.model.layout.meshes
+    rates = replace(whole, **{q: without(getattr(whole, q), meshes, meshes) for q in "xF"})
+    rotations = replace(rates, v=without(whole.v, meshes, meshes))
+    assert GearMachine(Gear([rotations])).observation_names == ("trajectory",)
+    assert "trajectory" not in GearMachine(Gear([rates])).observation_names
+    cases = [fused_run(rotations, fuse(rotations))]
+    assert channel_set(cases) == FEW
+    assert "rates of the bodies are worked out" in " ".join(undecidable_by_channels(cases))
 
 
 def test_a_mesh_without_force_is_named() -> None:

@@ -319,7 +319,7 @@ def test_exchanged_encoders_are_put_back() -> None:
 
 
 def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> None:
-    """Its stiffness, 4 % too large, leaves more than noise when they are; a wrong law leaves more."""
+    """Its stiffness, 4 % too large, leaves more than noise then; a wrong law leaves more still."""
     whole = rig({"k_m_sp": 1.04 * Parameters().k_m_sp}, share=1e-3)
     names = ("u_s_R", "u_c")
     runs = [without_sensor_error(of_shafts(run), "swap", names, 1.0) for run in whole.runs]
@@ -336,7 +336,7 @@ def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> 
 
 
 def test_more_windows_tell_the_tolerances_more_closely(gear: Gear) -> None:
-    """Three times the values: a standard deviation falls by the root of 3, or less beside a prior."""
+    """Three times the values: standard deviations fall by the root of 3 at most."""
     few = GearMachine(gear.for_runs([g.run for g in gear.runs[1:3]]))
     many = few.with_more_values()
     assert many.gear.trajectory_of(0).recorded.n_windows == shooting.MORE_WINDOWS

@@ -10,7 +10,7 @@ import pytest
 
 from herringbone_sim.diagnosis import judge
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.practice.calibrate import calibrate, judged
+from herringbone_sim.practice.calibrate import calibrate, counted, judged
 from herringbone_sim.practice.case_evidence import CaseEvidence, read_evidence, write_evidence
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "evidence.jsonl"
@@ -41,11 +41,15 @@ def test_the_first_is_as_probable_as_it_is_right() -> None:
     There it was a third too probable while pairs of which one effect was tried taught nothing.
     """
     figures = json.loads(judge.FILE.read_text("utf-8"))["figures of campaigns left out"]
-    for stratum, sds in (("all", 2.0), ("few", 3.0)):
-        row = figures[stratum]
-        right = row["right first"]
-        sd = np.sqrt(right * (1.0 - right) / row["campaigns"])
-        assert abs(row["probability of the first"] - right) < sds * sd
+    windows = ("rotations", "accelerometers", "shafts_pins", "shafts_rings", "few")
+    for strata, sds in ((("all",), 2.0), (windows, 3.0)):
+        rows = [figures[name] for name in strata]
+        counts = [row["campaigns"] for row in rows]
+        right, first = (
+            np.average([row[name] for row in rows], weights=counts)
+            for name in ("right first", "probability of the first")
+        )
+        assert abs(first - right) < sds * np.sqrt(right * (1.0 - right) / sum(counts))
     assert figures["all"]["calibration error"] < 0.06
 
 
@@ -90,7 +94,8 @@ def test_no_healthy_rig_is_blamed(campaigns: list[CaseEvidence]) -> None:
 
 def test_nine_in_ten_intervals_hold_the_truth(campaigns: list[CaseEvidence]) -> None:
     """By the share that is fitted for it, and by a larger one more of them."""
-    error, sd, size = np.concatenate([np.array(c.sizes).reshape(-1, 3) for c in campaigns]).T
+    current = [c for c, on in zip(campaigns, counted(campaigns), strict=True) if on]
+    error, sd, size = np.concatenate([np.array(c.sizes).reshape(-1, 3) for c in current]).T
     inside = [
         np.mean(np.abs(error) <= 1.645 * np.hypot(sd, r * size))
         for r in (judge.relative_error(), 3.0 * judge.relative_error())
@@ -116,3 +121,13 @@ def test_a_line_that_is_no_evidence_is_named(tmp_path: Path) -> None:
     (tmp_path / "bad.jsonl").write_text('{"seed": 1}\n', encoding="utf-8")
     with pytest.raises(AnalysisError, match="line 1"):
         read_evidence(tmp_path / "bad.jsonl")
+
+
+def test_kinds_of_which_there_are_few_campaigns_take_the_weights_of_the_others(
+    campaigns: list[CaseEvidence],
+) -> None:
+    squares = [c for c in campaigns if not c.evidence.by_density][:40]
+    few = [c for c in campaigns if c.evidence.by_density][:3]
+    alone, beside = calibrate(squares), calibrate([*squares, *few])
+    assert set(alone.weights) == set(beside.weights) == {"squares"}
+    assert beside.figures["all"]["campaigns"] >= 3.0

@@ -18,12 +18,13 @@ def channel_set(cases: Sequence[FusedRun]) -> str:
     """Class of the channels that all runs have: ``full``, ``no_force``, ``few`` or ``nothing``.
 
     Full: displacement, rate and force of at least one mesh. No force: every displacement and every
-    rate. Few: rotations or accelerations of both suns and the carrier, or any two of the
-    displacements and rotations.
+    rate. Few: rotations alone, rotations or accelerations of both suns and the carrier, or any two
+    of the displacements and rotations.
     """
     if cases and all(c.usable.any() for c in cases):
         return FULL
-    if cases and all(c.fused.known_meshes.all() for c in cases):
+    rotations = all(c.run.rotations_alone for c in cases)
+    if cases and not rotations and all(c.fused.known_meshes.all() for c in cases):
         return NO_FORCE
     if cases and all(c.run.shafts_known or motion_channels(c) >= 2 for c in cases):
         return FEW
@@ -75,9 +76,13 @@ def _limits_of_few(cases: Sequence[FusedRun]) -> list[str]:
             "record u_s_L, u_s_R and u_c at least, with the common rotation alone taken off (raw "
             "angles lack the wind-up under the load)"
         ]
+    worked_out = (
+        "the rates of the bodies are worked out from their rotations"
+        if all(c.run.rotations_alone for c in cases)
+        else "the motion of the planets is worked out from that of the suns and the carrier"
+    )
     limits = [
-        "the motion of the planets is worked out from that of the suns and the carrier over short "
-        "windows: a drifting clock can't be told, it comes out as unknown"
+        f"{worked_out} over short windows: a drifting clock can't be told, it comes out as unknown"
     ]
     if planets_indistinguishable(cases):
         limits.append(

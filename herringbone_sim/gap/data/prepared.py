@@ -109,6 +109,12 @@ class PreparedRun:
         return bool((wound_up | self.a.recorded[at]).all())
 
     @property
+    def rotations_alone(self) -> bool:
+        """Whether rotations of all bodies, and no displacement, rate or force, are recorded."""
+        others = self.x.recorded.any() or self.v.recorded.any() or self.F.recorded.any()
+        return bool(self.u.complete and self.shafts_known and not others)
+
+    @property
     def step_s(self) -> float:
         """Mean time between samples [s]."""
         return float((self.times[-1] - self.times[0]) / (len(self.times) - 1))

@@ -51,7 +51,8 @@ class ForcedWindows:
         self, run: PreparedRun, lead: int = LEAD_WINDOWS, windows: int = N_WINDOWS
     ) -> None:
         samples = window_samples(run)
-        self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - windows))
+        least = min(windows, N_WINDOWS)  # more windows don't take those of the lead
+        self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - least))
         part = slice_run(run, slice(self.lead_windows * samples, None), run.name)
         self.recorded: Windows = windows_of_run(part, windows)
         self.windows = self.recorded

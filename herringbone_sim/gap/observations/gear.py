@@ -92,6 +92,7 @@ class Gear(RecordedGear):
     def for_runs(self, runs: Sequence[PreparedRun]) -> Gear:
         """Gear of other runs of the rig, at every sample; windows of shared runs are reused."""
         found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
+        found.windows = self.windows
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
         kept = {r: known.get(id(run)) for r, run in enumerate(runs)}
         found._trajectories.update({r: t for r, t in kept.items() if t is not None})

@@ -70,10 +70,7 @@ class RecordedGear:
         Where rotations alone are recorded, their slopes are no rates: windows of the motion leave
         a tenth of what a balance by slopes does.
         """
-        rotations = all(
-            g.run.shafts_known and not any(getattr(g.run, q).recorded.any() for q in "xvF")
-            for g in self.runs
-        )
+        rotations = all(g.run.rotations_alone for g in self.runs)
         return not rotations and all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
 
     @cached_property
