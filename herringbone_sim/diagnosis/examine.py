@@ -119,9 +119,10 @@ def examine(
     idle = gain < worth and _predicted_energy(left) < MIN_GAIN_PER_VALUE * count
     singles = _fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
     if machine.estimates_states:
-        none, *fitted = (_fit_again(search, f) for f in (none, *singles))
+        again, *fitted = (_fit_again(search, f) for f in (none, *singles))
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
-        left = _predictable_remainder(search, none)
+        if again is not none:
+            none, left = again, _predictable_remainder(search, again)
     say("what is left")
     flexible = {"none": left}
     pairs: tuple[FittedExplanation, ...] = ()

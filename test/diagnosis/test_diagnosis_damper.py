@@ -266,14 +266,34 @@ class Stated(Damper):
 
 @pytest.mark.parametrize(("effect", "runs"), [("none", 5), ("cubic", 3)])
 def test_where_little_is_left_more_values_are_used_and_densities_compared(
-    effect: str, runs: int
+    effect: str, runs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = simulate(effect, SEED)
+    whole, fit_again = simulate(effect, SEED), examining._fit_again
+    repeated: list[FittedExplanation] = []
+
+    def counted(search: Search, found: FittedExplanation) -> FittedExplanation:
+        repeated.append(found)
+        return fit_again(search, found)
+
+    monkeypatch.setattr(examining, "_fit_again", counted)
     found = examine(Stated(whole, 3))
+    assert repeated[0].hypotheses == ()
+    again = [f.hypotheses for f in repeated]
+    assert all(f.hypotheses in again for f in found.singles)
     assert found.machine.runs == runs
     assert all(f.score.by_density for f in (found.none, *found.singles, *found.pairs))
     assert evidence_of(found).by_density
-    for f in (found.none, *found.singles, *found.pairs):  # others predict no better than all fit
-        assert f.loss > f.score.in_sample - CHANCE_CHI2
     if effect == "cubic":
         assert found.singles[0].hypotheses[0].effect == "cubic"
+
+
+def test_a_step_that_was_not_tried_is_no_gain() -> None:
+    """An effect fitted in no round stays at zero, whatever the linear model promises of it."""
+    search = Search(Stated(simulate("cubic", SEED), 5))
+    cubic = next(h for h in search.machine.hypotheses() if h.effect == "cubic")
+    start = np.concatenate([search.null.mean, np.zeros(len(cubic.coefficients))])
+    found = search.refined(cubic.coefficients, start, rounds=1)
+    np.testing.assert_array_equal(found.mean, start)
+    assert found.by_density
+    assert found.loss > found.in_sample - CHANCE_CHI2
+    assert search.refined(cubic.coefficients, start).loss < 0.5 * found.loss
