@@ -237,18 +237,18 @@ def fit_labelled(
     labelled: Sequence[LabelledCampaign],
     penalty: float,
     start: Array | None = None,
-    center: Array | None = None,
+    prior_mean: Array | None = None,
 ) -> Array:
     """Weights by labelled campaigns, as ``fit``.
 
     Args:
         start: of the search, which saves time alone.
-        center: mean of the prior; None: zero.
+        prior_mean: None: zero.
     """
-    center = np.zeros(len(NAMES)) if center is None else center
+    prior_mean = np.zeros(len(NAMES)) if prior_mean is None else prior_mean
     labelled = [one for one in labelled if one.true.any()]
     if not labelled:
-        return center
+        return prior_mean
     table = np.concatenate([one.table for one in labelled])
     true = np.concatenate([one.true for one in labelled])
     sizes = np.array([len(one.true) for one in labelled])
@@ -261,11 +261,11 @@ def fit_labelled(
         p /= np.repeat(np.add.reduceat(p, starts), sizes)
         inside = np.maximum(np.add.reduceat(p * true, starts), 1e-300)
         slope = (p - p * true / np.repeat(inside, sizes)) @ table
-        off = w - center
+        off = w - prior_mean
         value = 0.5 * penalty * float(off @ off) - float(np.log(inside).sum())
         return value, slope + penalty * off
 
-    start = center if start is None else start
+    start = prior_mean if start is None else start
     return np.asarray(minimize(loss, start, jac=True, method="L-BFGS-B").x)
 
 

@@ -26,7 +26,7 @@ from herringbone_sim.practice.intervals import calibration_error
 FOLDS = 5
 DRAWS = 4  # of the folds, for the figures
 COVERAGE = 0.9  # wanted share of the sizes inside their 90 % intervals
-PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 
 
 @dataclass(frozen=True)
@@ -60,10 +60,10 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
     draws = [np.zeros((len(campaigns), 4)) for _ in range(DRAWS)]
     for loss, at in by_loss(campaigns).items():
         group = [campaigns[i] for i in at]
-        center = next(iter(weights.values()), None)
-        if len(group) < 2 * FOLDS and center is not None:
+        prior_mean = next(iter(weights.values()), None)
+        if len(group) < 2 * FOLDS and prior_mean is not None:
             for rows in draws:
-                rows[at] = [judged(c, center) for c in group]
+                rows[at] = [judged(c, prior_mean) for c in group]
             continue
         if len(group) < 2 * FOLDS:
             raise AnalysisError(
@@ -71,10 +71,10 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
                 f"{len(group)}: run more"
             )
         labelled = [judge.labelled_campaign(c.evidence, c.truth) for c in group]
-        penalties[loss] = best_penalty(labelled, center)
-        weights[loss] = judge.fit_labelled(labelled, penalties[loss], None, center)
+        penalties[loss] = best_penalty(labelled, prior_mean)
+        weights[loss] = judge.fit_labelled(labelled, penalties[loss], None, prior_mean)
         for draw, rows in enumerate(draws):
-            rows[at] = left_out(group, labelled, draw, center)
+            rows[at] = left_out(group, labelled, draw, prior_mean)
     sizes = [
         np.array(c.sizes).reshape(-1, 3)
         for c, on in zip(campaigns, counted(campaigns).tolist(), strict=True)
@@ -159,6 +159,7 @@ def by_stratum(
         "healthy": healthy,
         "outside cause": foreign,
         "effects": ~healthy & ~foreign,
+        "few sensors": np.array([c.evidence.by_density for c in campaigns]),
     }
     channels = np.array([c.stratum[2] for c in campaigns])
     strata |= {name: channels == name for name in sorted(set(channels.tolist()))}
@@ -170,7 +171,9 @@ def by_stratum(
     return found
 
 
-def best_penalty(labelled: Sequence[judge.LabelledCampaign], center: Array | None = None) -> float:
+def best_penalty(
+    labelled: Sequence[judge.LabelledCampaign], prior_mean: Array | None = None
+) -> float:
     """The one of ``PENALTIES`` with the best predictions of left-out campaigns."""
     fold = folds(len(labelled))
     lost = dict.fromkeys(PENALTIES, 0.0)
@@ -178,7 +181,7 @@ def best_penalty(labelled: Sequence[judge.LabelledCampaign], center: Array | Non
         others = [one for one, k in zip(labelled, fold, strict=True) if k != f]
         weights = None
         for penalty in sorted(PENALTIES, reverse=True):
-            weights = judge.fit_labelled(others, penalty, weights, center)
+            weights = judge.fit_labelled(others, penalty, weights, prior_mean)
             for one in (labelled[i] for i in np.flatnonzero(fold == f).tolist()):
                 if one.true.any():
                     score = one.table @ weights
@@ -195,20 +198,20 @@ def left_out(
     campaigns: Sequence[CaseEvidence],
     labelled: Sequence[judge.LabelledCampaign],
     draw: int = 0,
-    center: Array | None = None,
+    prior_mean: Array | None = None,
 ) -> Array:
     """(n, 4) rows of ``judged``: each campaign by weights and a penalty of the other folds.
 
     Args:
         labelled: numbers and truths of the campaigns.
         draw: of the folds.
-        center: mean of the prior of the weights.
+        prior_mean: of the weights; None: zero.
     """
     fold = folds(len(campaigns), draw)
     found = np.zeros((len(campaigns), 4))
     for f in range(FOLDS):
         others = [one for one, k in zip(labelled, fold, strict=True) if k != f]
-        weights = judge.fit_labelled(others, best_penalty(others, center), None, center)
+        weights = judge.fit_labelled(others, best_penalty(others, prior_mean), None, prior_mean)
         for i in np.flatnonzero(fold == f).tolist():
             found[i] = judged(campaigns[i], weights)
     return found

@@ -67,8 +67,8 @@ class RecordedGear:
     def has_balance(self) -> bool:
         """Whether rates of all coordinates are known in all runs.
 
-        Where rotations alone are recorded, their slopes are no rates: windows of the motion leave
-        a tenth of what a balance by slopes does.
+        Where rotations alone are recorded, their slopes are no rates: differences make noise of
+        them, which windows of the motion do without.
         """
         rotations = all(g.run.rotations_alone for g in self.runs)
         return not rotations and all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
