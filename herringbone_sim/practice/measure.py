@@ -109,15 +109,9 @@ def _d_of_sensor(
     quiet: Mapping[str, Array],
     measured: Mapping[str, Array],
 ) -> float:
-    """RMS fault of a channel over its noise; of a clock, the apparent error of the velocities."""
+    """RMS fault of the channels over their noise."""
     true = channels_of(motion)
     names = cause.locus["channels"]
-    if names == ["t"]:
-        late = (measured["t"] - motion.times)[:, None]
-        step = float(motion.times[1] - motion.times[0])
-        fault = np.gradient(motion.v, step, axis=0) * late
-        noise = np.stack([measured[n] - quiet[n] for n in _NAMES[1]], axis=1)
-        return rms(fault) / rms(noise)
     faults = [rms(seen[name] - true[name]) for name in names]
     noises = [rms(measured[name] - quiet[name]) for name in names]
     return float(np.sqrt(np.mean(np.square(faults)) / np.mean(np.square(noises))))

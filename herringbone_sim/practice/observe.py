@@ -70,10 +70,9 @@ def observe_run(
     motion, exact = moved.now, channels_of(moved.now)
     smooth, counted = deterministic(plan.noise, motion, moved.fine)
     faulty = [_with_faults(causes, moved, one) for one in (exact, smooth, counted)]
-    clock = {"t": [one.pop("t") for one in faulty][-1]} if "t" in faulty[0] else {}
     seen, quiet, shown = faulty[0], *(gauged(plan.noise, one) for one in faulty[1:])
     rng = np.random.default_rng([plan.seed, 0x51, i])
-    noisy = measured(plan.noise, shown, motion.times, rng, most) | clock
+    noisy = measured(plan.noise, shown, motion.times, rng, most)
     found = measure_run(rig, plan.points[i], motion, seen, quiet, noisy, causes)
     return ObservedRun(motion, noisy, found)
 

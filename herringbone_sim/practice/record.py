@@ -224,10 +224,9 @@ def series_of(
             for name, values in measured.items()
         }
     set_to = [np.full(n, float(point[name])) for name in HEAD[2:]]
-    times = measured.get("t", motion.times)
-    head = [times, motion.phase, *set_to]
+    head = [motion.times, motion.phase, *set_to]
     columns = np.stack([*head, *(measured[name] for name in names)], axis=1)
-    return TimeSeries(times, columns, (*HEAD, *names))
+    return TimeSeries(motion.times, columns, (*HEAD, *names))
 
 
 def law_force(c: Constants, point: Mapping[str, float], phase: Array, x: Array, v: Array) -> Array:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.random import Generator
+from scipy.interpolate import CubicSpline
 
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.layout import PREFIX_UNITS
-from herringbone_sim.practice.cause import Cause, Drawn, Kind, at, draw_sign, signed, size_as
+from herringbone_sim.practice.cause import Cause, Drawn, Kind, at, draw_sign, size_as
 from herringbone_sim.practice.record import Motion, channels_of
 from herringbone_sim.practice.rig_model import BODIES, MESHES
 
@@ -22,7 +24,7 @@ def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
     """Locus of some channels: the mesh of the first one, and the names."""
     first = channels[0]
     prefix, _, place = first.partition("_")
-    mesh = prefix in "xvF" and prefix != "t" and place in MESHES
+    mesh = prefix in "xvF" and place in MESHES
     where = at(place[:2], place[2], place[4]) if mesh else at()
     return {**where, "channels": list(channels)}
 
@@ -53,8 +55,33 @@ def draw_swap(rng: Generator, among: tuple[str, ...]) -> Drawn:
     return channel_locus(tuple(pair)), {}
 
 
+def draw_recorder(rng: Generator, among: tuple[str, ...]) -> Drawn:
+    """Draw the channels of a recorder of its own, and a sign.
+
+    They are of one quantity: those of both kinds of mesh or of one, of both sides or of one, but
+    not all that is recorded; no drift of one clock shows within it. A lone channel is its own.
+    """
+    groups: dict[tuple[str, ...], dict[str, Any]] = {}
+    quantities = sorted({name[0] for name in among})
+    for one, kind, side in product(quantities, ("all", "sp", "rp"), ("all", "L", "R")):
+        inside = tuple(name for name in among if name[0] == one and _of(name, kind, side))
+        if inside and (len(inside) < len(among) or len(among) == 1):
+            groups.setdefault(inside, at(kind, "all", side))
+    chosen = list(groups)[int(rng.integers(len(groups)))]
+    return groups[chosen] | {"channels": list(chosen)}, {"sign": draw_sign(rng)}
+
+
+def _of(name: str, kind: str, side: str) -> bool:
+    """Whether a channel belongs to a kind of mesh and to a side; ``all``: to any or none."""
+    mesh = "sp" if "_sp" in name else "rp" if "_rp" in name else ""
+    return kind in ("all", mesh) and (side == "all" or name.endswith(f"_{side}"))
+
+
 def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Array]) -> Channels:
-    """Channels with the fault: all names of ``exact``, and ``t`` if the clock is wrong.
+    """Channels with the fault: all names of ``exact``.
+
+    A clock of its own runs ``ppm`` fast or slow from the first sample on: its channels show what
+    was ``ppm`` of the elapsed time later or earlier.
 
     Args:
         before: the motion a delay earlier, if needed.
@@ -66,7 +93,10 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
     if c.internal == "channel_swap":
         seen[names[0]], seen[names[1]] = exact[names[1]], exact[names[0]]
     elif c.internal == "clock_drift":
-        seen["t"] = now.times * (1.0 + 1e-6 * by)
+        then = now.times + 1e-6 * by * (now.times - now.times[0])
+        true = np.stack([channels_of(now)[name] for name in names], axis=1)
+        off = CubicSpline(now.times, true)(np.clip(then, *now.times[[0, -1]])) - true
+        seen |= {name: exact[name] + off[:, j] for j, name in enumerate(names)}
     elif c.internal == "sensor_gain":
         seen[names[0]] = exact[names[0]] * (1.0 + by * (0.95 + 0.1 * ramp))
     elif c.internal == "sensor_bias":
@@ -119,9 +149,7 @@ SENSORS: dict[str, Kind] = {
     "sensor_gain": sensor_kind(0.02, 0.6, lambda c: {"gain": (1.0 + c.sign * c.size, "-")}),
     "sensor_bias": sensor_kind(0.02, 2.0, _bias_parameter),
     "sensor_delay": sensor_kind(1e-7, 4e-5, lambda c: {"delay": (c.size, "s")}),
-    "clock_drift": sensor_kind(
-        50.0, 5e3, size_as("ppm", "1e-6"), signed(lambda rng: at() | {"channels": ["t"]})
-    ),
+    "clock_drift": sensor_kind(50.0, 2e4, size_as("ppm", "1e-6"), draw_recorder),
     "channel_swap": sensor_kind(1.0, 1.0, lambda c: {}, draw_swap, 1.0),
 }
 OUTSIDE_SENSORS: dict[str, Kind] = {

@@ -22,6 +22,7 @@ from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import (
     CHANNEL_SETS,
     Sampling,
+    channels_of,
     drawn_channels,
     geometry,
     law_force,
@@ -29,6 +30,7 @@ from herringbone_sim.practice.record import (
     simulate_motion,
 )
 from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, rig_model
+from herringbone_sim.practice.sensors import distort
 from herringbone_sim.practice.shapes import displaced, flank
 from herringbone_sim.practice.solve import solve_size
 from herringbone_sim.practice.stepper import integrate
@@ -206,6 +208,35 @@ def test_faults_of_sensors_are_of_recorded_channels_and_have_a_unit(fault, chann
         for _, unit in KINDS[fault].parameters(cause).values():
             quantity = locus["channels"][0][0]
             assert unit == {"x": "m", "u": "m", "v": "m/s", "a": "m/s^2", "F": "N"}[quantity]
+
+
+@pytest.mark.parametrize("channels", CHANNEL_SETS)
+def test_a_clock_is_that_of_some_channels_of_one_quantity(channels):
+    """A drift of all channels shows in nothing that is recorded."""
+    drawn = set()
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        among = drawn_channels(rng, channels)
+        locus, _ = KINDS["clock_drift"].draw(rng, among)
+        names = set(locus["channels"])
+        assert names < set(among)
+        assert len({name[0] for name in names}) == 1
+        drawn.add(tuple(locus["channels"]))
+    assert len(drawn) > 1
+
+
+def test_channels_of_a_clock_show_what_was_earlier_by_a_growing_time():
+    """x (t - s t) = x - s t v to first order; other channels are as they were."""
+    motion = simulate_motion(rig_model(NOMINAL, POINT), 0.0, np.zeros(30), Sampling(20, 40)).now
+    names = ("x_sp1_L", "x_sp2_L")
+    cause = Cause("clock_drift", "clock_drift", {"channels": names}, {"sign": -1.0}, 20.0)
+    exact = channels_of(motion)
+    seen = distort(cause, motion, None, exact)
+    late = 20e-6 * (motion.times - motion.times[0])
+    off = seen["x_sp1_L"] - exact["x_sp1_L"]
+    np.testing.assert_allclose(off, -late * exact["v_sp1_L"], atol=0.05 * np.abs(off).max())
+    assert np.abs(off[-24:]).max() > 2.0 * np.abs(off[:480]).max()
+    assert all(np.array_equal(seen[n], exact[n]) for n in exact if n not in names)
 
 
 def test_a_pair_is_labelled_and_sealed(tmp_path):
