@@ -61,6 +61,7 @@ def add_setting(parser: argparse.ArgumentParser) -> None:
         metavar="SETS",
         help=f"{', '.join(CHANNEL_SETS)} [%(default)s]",
     )
+    add("--samples", default="24", metavar="N", help="of a mesh cycle, a list [%(default)s]")
     add("--d", default="3,10", metavar="D", help="detectabilities to draw from [%(default)s]")
     add("--regime", default="varied", metavar="R", help="varied, quiet [%(default)s]")
     add("--truth", help="none, single, pair, unknown, unseen, random_physics or an effect")
@@ -110,10 +111,13 @@ def setting_from(args: argparse.Namespace) -> Setting:
     """Distribution that campaigns are drawn from; ParameterError for a text that is no number."""
     try:
         snr, d = (tuple(float(v) for v in text.split(",")) for text in (args.snr, args.d))
+        samples = tuple(int(v) for v in args.samples.split(","))
     except ValueError as error:
-        raise ParameterError(f"--snr and --d are lists of numbers: {error}") from None
+        raise ParameterError(
+            f"--snr and --d are lists of numbers, --samples of whole ones: {error}"
+        ) from None
     channels, regime, noise = (
         tuple(v.strip() for v in text.split(","))
         for text in (args.channels, args.regime, args.noise)
     )
-    return Setting(snr, channels, d, regime, args.truth, noise, args.law)
+    return Setting(snr, channels, d, regime, args.truth, noise, args.law, samples)

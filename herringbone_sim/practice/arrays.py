@@ -6,7 +6,6 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.gap.data.prepare import gain_tolerances, prepare_run
 from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
 from herringbone_sim.practice.campaign import PracticeCampaign
-from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
 
@@ -15,7 +14,7 @@ def as_prepared(made: PracticeCampaign) -> PreparedCampaign:
     """Prepared campaign with the recordings only, as ``prepared.prepare`` would load it; no
     label.
     """
-    nominal = Parameters(model="full", samples_per_cycle=SAMPLES_PER_CYCLE)
+    nominal = Parameters(model="full", samples_per_cycle=made.label["samples_per_cycle"])
     campaign = made.campaign
     runs = tuple(
         prepare_run(

@@ -17,7 +17,6 @@ from herringbone_sim.practice.measure import RunMeasure
 from herringbone_sim.practice.plan import KINDS, Plan
 from herringbone_sim.practice.record import (
     CYCLES,
-    SAMPLES_PER_CYCLE,
     Motion,
     contact,
     period,
@@ -46,7 +45,7 @@ def label_of(
         motions, measures: of each run.
     """
     entries = [
-        _run(run, rig, motion, one)
+        _run(plan, run, rig, motion, one)
         for run, motion, one in zip(runs, motions, measures, strict=True)
     ]
     aperiodic = float(np.mean([one["period"] == 0 for one in entries]))
@@ -61,7 +60,7 @@ def label_of(
         "law": law_of([cause for cause, _ in solved]),
         "channels": plan.channels,
         "regime": "quiet" if plan.regime == "quiet" else _regime(aperiodic),
-        "samples_per_cycle": SAMPLES_PER_CYCLE,
+        "samples_per_cycle": plan.samples_per_cycle,
         "cycles": CYCLES,
         "tolerance": plan.factors,
         "operating_points": [
@@ -107,7 +106,9 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _run(run: CampaignRun, rig: Constants, motion: Motion, measure: RunMeasure) -> dict[str, Any]:
+def _run(
+    plan: Plan, run: CampaignRun, rig: Constants, motion: Motion, measure: RunMeasure
+) -> dict[str, Any]:
     """Entry of one run."""
     return {
         "path": run.path.name,
@@ -121,7 +122,7 @@ def _run(run: CampaignRun, rig: Constants, motion: Motion, measure: RunMeasure) 
         },
         "rms_F": rms(motion.force),
         "mean_F": float(motion.force.mean()),
-        "period": period(motion),
+        "period": period(motion, plan.samples_per_cycle),
         "contact": contact(rig, run.point, motion),
         "law_d": list(measure.d),
     }

@@ -48,7 +48,9 @@ def simulate_run(
     """
     lags = tuple(c.size for c in causes if c.internal == "sensor_delay")
     delay = plan.noise.parts.get("filter", {}).get("delay_s") if sampling is None else None
-    sampling = replace(sampling or Sampling(), lags=lags, delay=delay)
+    sampling = replace(
+        sampling or Sampling(), lags=lags, delay=delay, per_cycle=plan.samples_per_cycle
+    )
     span = span_of(plan.points[i], sampling.transient + sampling.cycles)
     p = equipped(rig_model(rig, plan.points[i], span), causes, plan.points[i])
     return simulate_motion(p, plan.phases[i], plan.starts[i], sampling)

@@ -51,7 +51,7 @@ class Outcome:
 
     Attributes:
         truth: true effects, one or two; ``kind``: none, single, pair or unknown.
-        strata: d, noise, snr, law, channels and regime of the case, as text.
+        strata: d, noise, snr, law, channels, samples of a mesh cycle and regime, as text.
         first: effect with the largest probability; ``p_first``: that probability.
         right, in_class, in_three: whether the truth is first; first or in the named class; among
             the first three. Of a pair either effect counts.
@@ -189,6 +189,7 @@ def strata_of(label: Json, kind: str) -> dict[str, str]:
         "snr": f"{float(label['snr_dB']):g} dB",
         "law": str(label.get("law", "none" if kind == "none" else "not said")),
         "channels": str(label["channels"]),
+        "samples": str(label.get("samples_per_cycle", "not said")),
         "regime": str(label.get("regime", "not said")),
         "truth": kind,
     }

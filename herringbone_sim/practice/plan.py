@@ -16,7 +16,7 @@ from herringbone_sim.practice.laws import LAWS, draw_law
 from herringbone_sim.practice.noise import Noise, draw_noise
 from herringbone_sim.practice.outside import OUTSIDE, UNSEEN
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
-from herringbone_sim.practice.record import CHANNEL_SETS, drawn_channels
+from herringbone_sim.practice.record import CHANNEL_SETS, SAMPLES_PER_CYCLE, drawn_channels
 from herringbone_sim.practice.rig_model import N_COORDINATE, TOLERANCE, TOLERATED
 from herringbone_sim.practice.sensors import OUTSIDE_SENSORS, SENSORS
 
@@ -74,6 +74,7 @@ class Plan:
         d: requested detectability, 0 without effect.
         snr_dB: RMS of a channel over that of its noise.
         noise: the measuring chain.
+        samples_per_cycle: of a mesh cycle.
         channels: name of the channel set; ``names``: the recorded channels.
         regime: ``varied`` or ``quiet`` operating points.
         factors: of the rig's constants, by name.
@@ -87,6 +88,7 @@ class Plan:
     d: float
     snr_dB: float
     noise: Noise
+    samples_per_cycle: int
     channels: str
     names: tuple[str, ...]
     regime: str
@@ -105,6 +107,7 @@ def draw_plan(
     channels: str = "full",
     regime: str = "varied",
     law: str = "both",
+    samples_per_cycle: int = SAMPLES_PER_CYCLE,
 ) -> Plan:
     """Draw a campaign; the truth, if not given, by the shares of ``TRUTHS``.
 
@@ -115,6 +118,7 @@ def draw_plan(
         channels: a set of ``record.CHANNEL_SETS``.
         regime: ``varied`` or ``quiet`` operating points.
         law: catalogue, other or both: whose curves the effects of the catalogue have.
+        samples_per_cycle: of a mesh cycle.
 
     Raises:
         ParameterError: an unknown truth, channel set, regime, noise or law.
@@ -136,6 +140,7 @@ def draw_plan(
         d=(drawn_d if d is None else d) if causes else 0.0,
         snr_dB=noise.snr_dB,
         noise=measures,
+        samples_per_cycle=samples_per_cycle,
         channels=channels,
         names=names,
         regime=regime,

@@ -66,6 +66,7 @@ class Sampling:
 
     Attributes:
         transient, cycles: mesh cycles left out, and recorded.
+        per_cycle: samples of a mesh cycle.
         lags: delays [s] of late channels.
         delay: delay of all channels before a filter [s]; None: no filter.
     """
@@ -74,6 +75,7 @@ class Sampling:
     cycles: int = CYCLES
     lags: tuple[float, ...] = ()
     delay: float | None = None
+    per_cycle: int = SAMPLES_PER_CYCLE
 
 
 @dataclass(frozen=True)
@@ -123,12 +125,12 @@ def simulate_motion(
         start: (30,) state in which the transient starts.
     """
     sampling = sampling or Sampling()
-    step = 2.0 * np.pi / SAMPLES_PER_CYCLE / p.omega
-    lead = sampling.transient * SAMPLES_PER_CYCLE * step
-    own = lead + step * np.arange(sampling.cycles * SAMPLES_PER_CYCLE)
+    step = 2.0 * np.pi / sampling.per_cycle / p.omega
+    lead = sampling.transient * sampling.per_cycle * step
+    own = lead + step * np.arange(sampling.cycles * sampling.per_cycle)
     grids = [own, *(own - lag for lag in sampling.lags)]
     if sampling.delay is not None:
-        count = (sampling.cycles + 1) * SAMPLES_PER_CYCLE * FINER - FINER + 1
+        count = (sampling.cycles + 1) * sampling.per_cycle * FINER - FINER + 1
         finely = own[-1] + step / FINER * np.arange(1 - count, 1)
         grids.append(finely - sampling.delay)
     times, back = np.unique(np.concatenate([[0.0], *grids]), return_inverse=True)
@@ -259,12 +261,16 @@ def contact(c: Constants, point: Mapping[str, float], motion: Motion) -> dict[st
     }
 
 
-def period(motion: Motion) -> int:
-    """Mesh cycles after which all x repeat within 1e-3 of their RMS, at most 12; 0 if none."""
+def period(motion: Motion, per_cycle: int) -> int:
+    """Mesh cycles after which all x repeat within 1e-3 of their RMS, at most 12; 0 if none.
+
+    Args:
+        per_cycle: samples of a mesh cycle.
+    """
     tail = motion.x[len(motion.x) // 2 :]
     near = 1e-3 * rms(tail)
     for cycles in range(1, 13):
-        lag = cycles * SAMPLES_PER_CYCLE
+        lag = cycles * per_cycle
         if float(np.abs(tail[lag:] - tail[:-lag]).max()) < near:
             return cycles
     return 0

@@ -21,7 +21,7 @@ from herringbone_sim.practice.intervals import (
 from herringbone_sim.practice.outcome import Outcome
 
 Outcomes = Sequence[Outcome]
-STRATA = ("truth", "d", "noise", "snr", "law", "channels", "regime")
+STRATA = ("truth", "d", "noise", "snr", "law", "channels", "samples", "regime")
 CELL = ("noise", "law", "channels", "d")
 
 

@@ -34,8 +34,10 @@ from herringbone_sim.practice.campaign import (
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.noise import NOISES
 from herringbone_sim.practice.plan import Plan, RequestedNoise, draw_plan
+from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 
 FAILED = "failed"
+LEAST_SAMPLES = 4  # of a mesh cycle
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Setting:
 
     Attributes:
         snr_dB, noise: level and kind of the noise, see ``plan.RequestedNoise``.
-        channels, d, regime, law: as in ``plan.draw_plan``.
+        channels, d, regime, law, samples_per_cycle: as in ``plan.draw_plan``.
         truth: none, single, pair, unknown, unseen or a kind of effect; None draws it.
     """
 
@@ -55,12 +57,18 @@ class Setting:
     truth: str | None = None
     noise: tuple[str, ...] = ("white",)
     law: str = "both"
+    samples_per_cycle: tuple[int, ...] = (SAMPLES_PER_CYCLE,)
 
     def __post_init__(self) -> None:
         lists = (self.snr_dB, self.channels, self.d, self.regime, self.noise)
         if not all(lists) or min(self.d) <= 0.0:
             raise ParameterError(
                 f"snr, channels, d, regime and noise need one value or more, d above 0, got {self}"
+            )
+        if not self.samples_per_cycle or min(self.samples_per_cycle) < LEAST_SAMPLES:
+            raise ParameterError(
+                f"samples of a mesh cycle must be {LEAST_SAMPLES} or more, by which the second "
+                f"harmonic is still seen, got {self.samples_per_cycle}"
             )
         for one in self.noise:
             if one not in NOISES:
@@ -74,7 +82,8 @@ def plan_of(setting: Setting, seed: int) -> Plan:
     d, snr_dB = float(rng.choice(setting.d)), float(rng.choice(setting.snr_dB))
     channels, regime = str(rng.choice(setting.channels)), str(rng.choice(setting.regime))
     noise = RequestedNoise(str(rng.choice(setting.noise)), snr_dB)
-    return draw_plan(seed, setting.truth, d, noise, channels, regime, setting.law)
+    samples = int(rng.choice(setting.samples_per_cycle))
+    return draw_plan(seed, setting.truth, d, noise, channels, regime, setting.law, samples)
 
 
 def label_of_seed(seed: int, setting: Setting) -> tuple[str | None, str]:
