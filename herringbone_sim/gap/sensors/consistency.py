@@ -22,6 +22,7 @@ from herringbone_sim.gap.residuals.fusion import (
     Fused,
     displacement,
     increments,
+    quadrature_covariance,
     velocity,
 )
 
@@ -126,8 +127,13 @@ def relations(run: PreparedRun, signals: Array) -> list[Relation]:
     if known.any():
         h, n = run.step_s, run.x.recorded.size
         of_rate = h**2 * float(np.sum(QUADRATURE**2))
-        spread = 2.0 * P + of_rate * V
-        white = np.linalg.inv(np.linalg.cholesky(spread[np.ix_(known, known)]))
+        both = np.ix_(known, known)
+        missed = quadrature_covariance(rate[:, known], V[both], h)
+        white = np.linalg.inv(np.linalg.cholesky((2.0 * P + of_rate * V)[both] + missed))
+        # The error of the integral repeats with the motion: left out where its squares exceed
+        # the standard deviation of those of noise.
+        share = np.einsum("ij,jk,ik->i", white, missed, white)
+        white[share > np.sqrt(2.0 / len(z))] = 0.0
         residual = (np.diff(z, axis=0) - increments(rate, h))[:, known] @ white.T
         flat = signals.reshape(len(signals), -1)
         moved = np.diff(flat, axis=0).reshape(-1, *signals.shape[1:])
