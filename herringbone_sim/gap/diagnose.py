@@ -110,7 +110,16 @@ def diagnose(
     model = augmented(examined.none if chosen is None else chosen, verdict.chosen)
     noise = examined.noise.get(verdict.metric, 1.0)
     whole = machine.for_runs(campaign.runs)
-    gap = gap_of(whole, campaign.runs, verdict.metric, examined.none, chosen, other, noise)
+    gap = gap_of(
+        whole,
+        campaign.runs,
+        verdict.metric,
+        examined.none,
+        chosen,
+        other,
+        noise,
+        campaign.noise_known,
+    )
     calibrated = _calibrated(machine, examined)
     forces = None
     if senses and machine.gear.uses_windows:

@@ -13,6 +13,7 @@ import numpy as np
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.search import amplitudes
+from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.verification.verify import Gap, RunGap
@@ -47,6 +48,7 @@ def gap_of(
     best: FittedExplanation | None,
     other: FittedExplanation | None = None,
     noise: Array | float = 1.0,
+    noise_known: bool = True,
 ) -> Gap:
     """The gap of runs in one observation.
 
@@ -58,6 +60,8 @@ def gap_of(
         best: fit of the verdict's explanation.
         other: fit of the runner-up.
         noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
+        noise_known: whether the campaign gives the noise; otherwise its estimate is an upper
+            bound, and so is the top of the spectrum of what the best explanation leaves.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
     row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
@@ -67,11 +71,19 @@ def gap_of(
         if fit is not None
     }
     before = _residual_rms(machine, metric, None, row_noise)
-    nan = [(float("nan"),) * 2] * len(runs)
+    nan = [(float("nan"),) * 3] * len(runs)
     return Gap(
         metric,
         tuple(
-            RunGap(run.name, run.role, n[0], a[0], n[1], r[0], c[0])
+            RunGap(
+                run.name,
+                run.role,
+                n[0],
+                a[0],
+                n[1] if noise_known else float(np.fmin(n[1], a[2])),
+                r[0],
+                c[0],
+            )
             for run, n, a, r, c in zip(
                 runs,
                 before,
@@ -86,8 +98,9 @@ def gap_of(
 
 def _residual_rms(
     machine: GearMachine, metric: str, fit: FittedExplanation | None, noise: Array
-) -> list[tuple[float, float]]:
-    """RMS of the residual of each run after a fit (None: nominal gear), and of its noise.
+) -> list[tuple[float, float, float]]:
+    """RMS of the residual of each run after a fit (None: nominal gear), of its noise, and of the
+    noise by the top of the residual's spectrum; NaN where samples are averages.
 
     Args:
         machine: with the runs.
@@ -103,9 +116,11 @@ def _residual_rms(
     result = []
     for block in extended.blocks(fitted, {}, (metric,)):
         if metric not in block:
-            result.append((float("nan"), float("nan")))
+            result.append((float("nan"),) * 3)
             continue
         b = block[metric]
         known = np.any(b.residual != 0.0, axis=0)
-        result.append((rms(b.residual[:, known]), rms((b.sigma * noise)[:, known])))
+        left = b.residual[:, known]
+        top = rms(spectral_floor(left)) if b.independent_share == 1.0 else float("nan")
+        result.append((rms(left), rms((b.sigma * noise)[:, known]), top))
     return result
