@@ -100,7 +100,8 @@ def _residual_rms(
     machine: GearMachine, metric: str, fit: FittedExplanation | None, noise: Array
 ) -> list[tuple[float, float, float]]:
     """RMS of the residual of each run after a fit (None: nominal gear), of its noise, and of the
-    noise by the top of the residual's spectrum; NaN where samples are averages.
+    noise by the top of the residual's spectrum, at most the residual's; NaN where samples are
+    averages.
 
     Args:
         machine: with the runs.
@@ -121,6 +122,8 @@ def _residual_rms(
         b = block[metric]
         known = np.any(b.residual != 0.0, axis=0)
         left = b.residual[:, known]
-        top = rms(spectral_floor(left)) if b.independent_share == 1.0 else float("nan")
+        top = float("nan")
+        if b.independent_share == 1.0:
+            top = min(rms(spectral_floor(left)), rms(left))
         result.append((rms(left), rms((b.sigma * noise)[:, known]), top))
     return result

@@ -9,16 +9,25 @@ import pytest
 from gap_support import rig, shortened, with_few_runs
 from scipy.interpolate import CubicSpline
 
+from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.gap.diagnose import diagnose
+from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
 from herringbone_sim.gap.observations.copied_channels import drop_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.runs import polynomial_rates
-from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.fusion import (
+    QUADRATURE,
+    displacement,
+    fuse,
+    increments,
+    quadrature_covariance,
+    velocity,
+)
 from herringbone_sim.gap.sensors.correction import without_channels, without_sensor_error
 from herringbone_sim.gap.sensors.filter_delay import longest_delay
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
@@ -171,3 +180,52 @@ def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:
     gain = made.label["effects"][0]["parameters"]["gain"]["value"]
     # One rate beside displacements with other sensors' noise: a sixth of the size is missed.
     assert cause["parameters"]["gain"]["value"] - 1.0 == pytest.approx(gain - 1.0, rel=0.2)
+
+
+def test_the_error_of_the_integral_of_rates_is_told_by_their_spectrum() -> None:
+    """Healthy rig, ten samples a mesh cycle: increments of z depart from the integral of the rates
+    by several times their noise where the gear is slow; relative to noise and told error by about
+    as much as these, in every coordinate."""
+    made = make_campaign(draw_plan(620000, "none", samples_per_cycle=10))
+    for run, at_least in zip(as_prepared(made).runs[:3:2], (1.1, 5.0), strict=True):
+        z, P = displacement(run)
+        rate, V = velocity(run)
+        off = (np.diff(z, axis=0) - increments(rate, run.step_s))[2:-2]
+        noise = 2.0 * P + run.step_s**2 * np.sum(QUADRATURE**2) * V
+        told = quadrature_covariance(rate, V, run.step_s)
+        assert np.all(np.mean(off**2, axis=0) > at_least * np.diag(noise))
+        white = np.linalg.inv(np.linalg.cholesky(noise + told))
+        assert np.all(np.abs(np.log(np.mean((off @ white.T) ** 2, axis=0))) < np.log(1.6))
+
+
+def test_few_samples_of_a_cycle_leave_no_more_than_noise() -> None:
+    """Of the relations of sensors those that samples can't tell are left out; the others leave
+    noise, with ten samples a cycle as with more. With 24 hardly any is left out."""
+    for samples, out in ((10, (0.2, 0.5)), (24, (0.0, 0.1))):
+        made = make_campaign(draw_plan(620000, "none", samples_per_cycle=samples))
+        runs = as_prepared(made).runs[:5]
+        blocks = [consistency.block(run, fuse(run), 0.5, None) for run in runs]
+        squares = np.array([np.mean(b.residual**2, axis=0) for b in blocks if b is not None])
+        assert out[0] <= np.mean(squares == 0.0) <= out[1]
+        assert np.mean(squares[squares > 0.0]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_floor_of_untold_noise_is_no_more_than_what_is_left() -> None:
+    """Forces whose noise is overstated fivefold: the floor is that, or what is white in the
+    residual if noise was not told; with the right noise both are the same to what the spectrum of so short a run tells."""
+    runs = rig({}, cycles=30).runs
+    loud = [replace(run, F=replace(run.F, sigma=5.0 * run.F.sigma)) for run in runs]
+    machine = GearMachine(Gear(loud))
+    none = FittedExplanation((), Search(machine).null)
+    told, untold, right = (
+        gap_of(whole, some, "force_law", none, None, noise_known=known).runs
+        for whole, some, known in (
+            (machine, loud, True),
+            (machine, loud, False),
+            (GearMachine(Gear(list(runs))), runs, True),
+        )
+    )
+    for a, b, c in zip(told, untold, right, strict=True):
+        assert a.floor > 1.5 * c.floor
+        assert b.floor == pytest.approx(c.floor, rel=0.15)
+        assert b.floor <= b.recalibrated
