@@ -212,7 +212,8 @@ def test_few_samples_of_a_cycle_leave_no_more_than_noise() -> None:
 
 def test_the_floor_of_untold_noise_is_no_more_than_what_is_left() -> None:
     """Forces whose noise is overstated fivefold: the floor is that, or what is white in the
-    residual if noise was not told; with the right noise both are the same to what the spectrum of so short a run tells."""
+    residual if noise was not told. That is what the right noise leaves, as well as the spectrum
+    of so short a run tells."""
     runs = rig({}, cycles=30).runs
     loud = [replace(run, F=replace(run.F, sigma=5.0 * run.F.sigma)) for run in runs]
     machine = GearMachine(Gear(loud))
