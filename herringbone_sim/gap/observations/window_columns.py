@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
@@ -134,23 +135,44 @@ def responses(
         size: (P, W, steps + 1) time course.
         on_meshes: (P, n_mesh) 1 for the mesh whose force it is, measured directly by gauges.
     """
-    each, half = s.steps_per_sample, STATES // 2
-    col = np.zeros((s.n_windows, STATES, len(direction)))
-    samples = size[:, :, :-1:each].transpose(1, 2, 0)[:, :, None, :]
+    each, P = s.steps_per_sample, len(direction)
+    pushed = np.ascontiguousarray(size.transpose(1, 2, 0))
     at_once = s.channels.of_a @ direction.T + s.channels.of_F @ on_meshes.T
-    data = at_once * samples * s.weight[..., None]
-    way = 0.5 * s.h * direction.T
-    pushed = size.transpose(2, 1, 0)[:, :, None, :]
-    for q in range(s.steps):
-        col[:, half:] += way * pushed[q]
-        col = solution.tangents[:, q] @ col
-        col[:, half:] += way * pushed[q + 1]
-        if (q + 1) % each == 0 and (q + 1) // each < s.samples:
-            i = (q + 1) // each
-            data[:, i] += solution.slope[:, i] @ col
-    ties = col[:-1] / (s.scale[:, None] * JUMP_SD)
-    P = len(direction)
+    data = at_once * pushed[:, :-1:each, None, :] * s.weight[..., None]
+    end = np.empty((s.n_windows, STATES, P))
+    way = np.ascontiguousarray(0.5 * s.h * direction.T)
+    _respond(solution.tangents, way, pushed, solution.slope, each, data, end)
+    ties = end[:-1] / (s.scale[:, None] * JUMP_SD)
     return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
+
+
+@njit(cache=True, nogil=True)
+def _respond(tangents, way, pushed, slope, each, data, end):  # type: ignore[no-untyped-def]
+    """Add responses to ``data`` (W, samples, C, P), write those of the last state to ``end``.
+
+    Args:
+        tangents: (W, steps, n, n) of single steps.
+        way: (n / 2, P) change of the rates by half a step of unit pushes.
+        pushed: (W, steps + 1, P) size of the pushes.
+        slope: (W, samples, C, n) of channels by states.
+        each: steps of a sample.
+    """
+    n, P = tangents.shape[2], way.shape[1]
+    half = n // 2
+    for w in range(tangents.shape[0]):
+        now = np.zeros((n, P))
+        for q in range(tangents.shape[1]):
+            for b in range(half):
+                for p in range(P):
+                    now[half + b, p] += way[b, p] * pushed[w, q, p]
+            now = np.dot(tangents[w, q], now)
+            for b in range(half):
+                for p in range(P):
+                    now[half + b, p] += way[b, p] * pushed[w, q + 1, p]
+            i = (q + 1) // each
+            if (q + 1) % each == 0 and i < data.shape[1]:
+                data[w, i] += np.dot(slope[w, i], now)
+        end[w] = now
 
 
 def encoder_columns(s: Windows) -> tuple[Array, Array]:
