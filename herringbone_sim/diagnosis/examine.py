@@ -195,11 +195,11 @@ def _noise_factors(found: Predictable) -> Array:
     1 where half of the energy or more is predictable. Limited to the ``NOISE_QUANTILE`` of the
     observation's rows: sensors of a kind are alike, so an excess in few rows is not noise.
     """
-    known = found.count[0] > 0.0
     share = (2.0 * found.left - found.energy) / np.maximum(found.count, 1.0)
     most = np.ones((len(share), 1))
-    if known.any():
-        most = np.quantile(share[:, known], NOISE_QUANTILE, axis=1)[:, None]
+    for of_run, known, limit in zip(share, found.count > 0.0, most, strict=True):
+        if known.any():
+            limit[0] = np.quantile(of_run[known], NOISE_QUANTILE)
     return np.asarray(np.sqrt(np.clip(share, 1.0, np.maximum(most, 1.0))))
 
 

@@ -142,7 +142,7 @@ def predict_residuals(
             P = features.evaluated(values, angles, factors)
         off = _cross_predict(P, y, fold, of_run)
         energy[:, row] = np.bincount(of_run, y**2, runs)
-        left[:, row] = np.bincount(of_run, off**2, runs)
+        left[:, row] = np.bincount(of_run, off**2, runs) * (energy[:, row] > 0.0)
     count = np.bincount(of_run, minlength=runs)[:, None] * (energy > 0.0)
     return Predictable(energy, left, count.astype(float), thin * independent_share)
 

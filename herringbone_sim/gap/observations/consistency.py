@@ -49,7 +49,7 @@ def block(
     residual, columns, weights = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
     names = function_names(run.model.layout, swap)
     if swap is not None:
-        right = relations(without_sensor_error(run, "swap", swap, 1.0), signals)
+        right = relations(without_sensor_error(run, "swap", swap, 1.0), signals, run)
         left = np.concatenate([_relation_rows(one, len(run))[0] for one in right], axis=1)
         columns = np.concatenate([columns, (residual - left)[:, :, None]], axis=2)
     slow = slow_waves(run.times - run.times[0])

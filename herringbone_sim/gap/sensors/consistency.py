@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import polar, qr
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
@@ -26,15 +27,23 @@ from herringbone_sim.gap.residuals.fusion import (
     velocity,
 )
 
+CHANCE_SD = 3.0  # standard deviations that chance exceeds in one of 740
 KINDS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
-def consistency_chi2(runs: Sequence[PreparedRun]) -> float:
-    """Mean square of all residuals of the sensors over their noise: 1 where the sensors agree."""
+def consistency_chi2(
+    runs: Sequence[PreparedRun], like: Sequence[PreparedRun] | None = None
+) -> float:
+    """Mean square of all residuals of the sensors over their noise: 1 where the sensors agree.
+
+    Args:
+        runs: some runs.
+        like: runs whose noise they are whitened by; None: the runs themselves.
+    """
     energy = count = 0.0
-    for run in runs:
+    for run, other in zip(runs, like or runs, strict=True):
         J = sum(m.recorded.size for m in (run.x, run.v, run.u))
-        for relation in relations(run, np.zeros((len(run), J, 1))):
+        for relation in relations(run, np.zeros((len(run), J, 1)), other):
             energy += float(np.sum(relation.residual**2))
             count += _degrees_of_freedom(relation.residual, relation.columns)
     return energy / max(count, 1.0)
@@ -111,12 +120,13 @@ class Relation:
     noise: Array
 
 
-def relations(run: PreparedRun, signals: Array) -> list[Relation]:
+def relations(run: PreparedRun, signals: Array, like: PreparedRun | None = None) -> list[Relation]:
     """Relations between x and u, among v, and between increments of z and the integral of dz/dt.
 
     Args:
         run: the run.
         signals: (n, J, a) time courses of the channels, for ``Relation.signals``.
+        like: run whose noise the increments are whitened by; None: the run itself.
     """
     result = [
         Relation(*part, signals, np.ones(signals.shape[1])) for part in geometric_residuals(run)
@@ -127,13 +137,7 @@ def relations(run: PreparedRun, signals: Array) -> list[Relation]:
     if known.any():
         h, n = run.step_s, run.x.recorded.size
         of_rate = h**2 * float(np.sum(QUADRATURE**2))
-        both = np.ix_(known, known)
-        missed = quadrature_covariance(rate[:, known], V[both], h)
-        white = np.linalg.inv(np.linalg.cholesky((2.0 * P + of_rate * V)[both] + missed))
-        # The error of the integral repeats with the motion: left out where its squares exceed
-        # the standard deviation of those of noise.
-        share = np.einsum("ij,jk,ik->i", white, missed, white)
-        white[share > np.sqrt(2.0 / len(z))] = 0.0
+        white = increment_whitening(like or run)
         residual = (np.diff(z, axis=0) - increments(rate, h))[:, known] @ white.T
         flat = signals.reshape(len(signals), -1)
         moved = np.diff(flat, axis=0).reshape(-1, *signals.shape[1:])
@@ -143,6 +147,34 @@ def relations(run: PreparedRun, signals: Array) -> list[Relation]:
         columns = white @ _sensitivity(run)[known]
         result.append(Relation(residual[2:-2], columns, moved[2:-2], noise))
     return [one for one in result if one.columns.size]
+
+
+def increment_whitening(run: PreparedRun) -> Array:
+    """Matrix (m, m) that whitens increments of z minus the integral of dz/dt, known ones alone.
+
+    The error of the integral counts as noise. It repeats with the motion, so combinations in
+    which its squares exceed the standard deviation of those of noise, beyond chance, are projected
+    out; as many rows are zero, the others stay as close to themselves as they can.
+    """
+    (_, P), (rate, V) = displacement(run), velocity(run)
+    known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
+    both = np.ix_(known, known)
+    missed, scatter = quadrature_covariance(rate[:, known], V[both], run.step_s)
+    size, turn = np.linalg.eigh(missed)
+    noise = (2.0 * P + run.step_s**2 * float(np.sum(QUADRATURE**2)) * V)[both]
+    white: Array = np.linalg.inv(
+        np.linalg.cholesky(noise + (turn * np.maximum(size, 0.0)) @ turn.T)
+    )
+    share, turn = np.linalg.eigh(white @ missed @ white.T)
+    chance = CHANCE_SD * np.einsum("ji,jk,ki->i", turn, white @ scatter @ white.T, turn)
+    good = turn[:, share <= np.sqrt(2.0 / len(rate)) + chance]
+    if good.shape[1] == len(white):
+        return white
+    near = qr(good.T, mode="r", pivoting=True)[1][: good.shape[1]]
+    kept = np.zeros_like(white)
+    if len(near):
+        kept[near] = polar(good[near])[0] @ good.T @ white
+    return kept
 
 
 def _sensitivity(run: PreparedRun) -> Array:

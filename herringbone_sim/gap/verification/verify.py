@@ -219,5 +219,5 @@ def _motion_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
 
 def _consistency_gap(run: PreparedRun, correct: Correction) -> RunGap:
     """Gap in the consistency of the motion sensors [sigma], before and after their correction."""
-    before, after = (consistency_chi2([r]) for r in (run, correct(run)))
+    before, after = (consistency_chi2([r], [run]) for r in (run, correct(run)))
     return RunGap(run.name, run.role, float(np.sqrt(before)), float(np.sqrt(after)), 1.0)
