@@ -250,6 +250,7 @@ def _report(
         senses, forces: where measured.
     """
     point = design(campaign, calibrated, verdict, model) if full else None
+    noise = recorded_noise(machine.gear.runs, campaign.noise_known)
     limits = [f.text for f in findings] + undecidable(campaign, calibrated, verdict, findings)
     return Report(
         campaign=campaign.rig,
@@ -260,9 +261,9 @@ def _report(
         next_experiment=next_experiment(campaign, verdict, point),
         findings=[f for f in findings if not f.limit],
         senses=senses,
-        channels=campaign.nominal.layout.channels,
+        channels=[name for name in campaign.nominal.layout.channels if name in noise],
         structure=residual_structure(campaign, calibrated) if full else {},
-        noise=recorded_noise(machine.gear.runs, campaign.noise_known),
+        noise=noise,
         observations=machine.observation_names,
         forces=forces,
     )

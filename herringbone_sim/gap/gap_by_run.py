@@ -15,6 +15,7 @@ from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
@@ -60,10 +61,11 @@ def gap_of(
         best: fit of the verdict's explanation.
         other: fit of the runner-up.
         noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
-        noise_known: whether the campaign gives the noise; otherwise its estimate is an upper
-            bound, and so is the top of the spectrum of what the best explanation leaves.
+        noise_known: whether the campaign gives the noise; otherwise that of the force law is an
+            upper bound, and so is the top of the spectrum of what the best explanation leaves.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
+    bounded = metric == force_law.NAME and not noise_known
     row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
     found = {
         name: _residual_rms(machine, metric, fit, row_noise)
@@ -80,7 +82,7 @@ def gap_of(
                 run.role,
                 n[0],
                 a[0],
-                n[1] if noise_known else float(np.fmin(n[1], a[2])),
+                min(n[1], a[2]) if bounded else n[1],
                 r[0],
                 c[0],
             )
@@ -99,9 +101,8 @@ def gap_of(
 def _residual_rms(
     machine: GearMachine, metric: str, fit: FittedExplanation | None, noise: Array
 ) -> list[tuple[float, float, float]]:
-    """RMS of the residual of each run after a fit (None: nominal gear), of its noise, and of the
-    noise by the top of the residual's spectrum, at most the residual's; NaN where samples are
-    averages.
+    """RMS of the residual of each run after a fit (None: nominal gear), of its noise, and of white
+    noise by the top of the residual's spectrum, at most the residual's.
 
     Args:
         machine: with the runs.
@@ -122,8 +123,6 @@ def _residual_rms(
         b = block[metric]
         known = np.any(b.residual != 0.0, axis=0)
         left = b.residual[:, known]
-        top = float("nan")
-        if b.independent_share == 1.0:
-            top = min(rms(spectral_floor(left)), rms(left))
+        top = min(rms(spectral_floor(left)), rms(left))
         result.append((rms(left), rms((b.sigma * noise)[:, known]), top))
     return result

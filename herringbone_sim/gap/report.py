@@ -79,7 +79,7 @@ class Report:
         next_experiment: operating point to run next, and why.
         findings: problems of the data.
         senses: the gap in three senses; None where not measured.
-        channels: names of all channels of a full recording, for those at a locus.
+        channels: names of the recorded channels, for those at a locus.
         structure: distribution of the residual, see ``location.residual_structure``.
         noise: by recorded channel.
         observations: names of the observations used.
@@ -164,7 +164,7 @@ def _estimates(
     Args:
         one: the effect.
         spans: 90 % interval of each parameter; empty where unknown.
-        channels: names of all channels.
+        channels: names of the recorded channels.
     """
     spans = spans or ((float("nan"),) * 2,) * len(one.theta)
     concerned = names_of(channels, one) or one.chosen.get("channels", ())

@@ -137,7 +137,9 @@ def _note(folder: Path, seeds: Sequence[int], setting: Setting, seed_overlap: Se
     """Write ``bench.json``; the setting of a folder is fixed, its seeds may grow."""
     before = read_json(folder / "bench.json")
     asked = json.loads(json.dumps(asdict(setting)))
-    if before and before.get("setting") != asked:
+    # Lists that were added later had one value before, their default.
+    defaults = json.loads(json.dumps(asdict(Setting())))
+    if before and {**defaults, **before.get("setting", {})} != asked:
         raise AnalysisError(
             f"{folder} holds a bench with {shown(before.get('setting'))}, got {asked}: choose "
             "another --out"

@@ -1,7 +1,8 @@
 """The measuring chain: filter and encoders, then noise, gauges and converters.
 
-The filter input is the motion sampled ``FINER`` times as finely, interpolated by a cubic spline to
-a grid ``FINER`` times finer again, and linear between these points; the response to that is exact.
+The filter input is the motion sampled four times as finely or more, interpolated by a cubic spline
+to a grid ``FINER`` times finer again, and linear between these points; the response to that is
+exact.
 Gains of gauges and eccentricities of gratings are calibration errors, not noise.
 """
 
@@ -39,20 +40,25 @@ def deterministic(noise: Noise, motion: Motion, fine: Motion | None) -> tuple[Ch
     part = noise.parts.get("encoders")
     seen = channels_of(motion)
     if fine is not None:
-        seen = filtered(fine, len(motion.times), noise.parts["filter"])
+        finer = round((motion.times[1] - motion.times[0]) / (fine.times[1] - fine.times[0]))
+        seen = filtered(fine, len(motion.times), noise.parts["filter"], finer)
     if part is None:
         return seen, seen
     return encoded(seen, motion, part, counted=False), encoded(seen, motion, part, counted=True)
 
 
-def filtered(fine: Motion, count: int, part: Part) -> Channels:
-    """The last ``count`` samples of all channels after the low-pass, at the recorded times."""
+def filtered(fine: Motion, count: int, part: Part, finer: int) -> Channels:
+    """The last ``count`` samples of all channels after the low-pass, at the recorded times.
+
+    Args:
+        fine: motion at ``finer`` samples per recorded one.
+    """
     channels = channels_of(fine)
     values = np.stack(list(channels.values()), axis=1)
     step = (fine.times[1] - fine.times[0]) / FINER
     closer = fine.times[0] + step * np.arange((len(fine.times) - 1) * FINER + 1)
     passed = low_pass(CubicSpline(fine.times, values)(closer), step, part)
-    kept = passed[:: FINER * FINER][-count:]
+    kept = passed[:: FINER * finer][-count:]
     return {name: kept[:, i] for i, name in enumerate(channels)}
 
 

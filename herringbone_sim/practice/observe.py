@@ -47,9 +47,14 @@ def simulate_run(
         sampling: if given, the run is not sampled for a filter, which adds no noise.
     """
     lags = tuple(c.size for c in causes if c.internal == "sensor_delay")
+    drifts = tuple(1e-6 * c.sign * c.size for c in causes if c.internal == "clock_drift")
     delay = plan.noise.parts.get("filter", {}).get("delay_s") if sampling is None else None
     sampling = replace(
-        sampling or Sampling(), lags=lags, delay=delay, per_cycle=plan.samples_per_cycle
+        sampling or Sampling(),
+        lags=lags,
+        drifts=drifts,
+        delay=delay,
+        per_cycle=plan.samples_per_cycle,
     )
     span = span_of(plan.points[i], sampling.transient + sampling.cycles)
     p = equipped(rig_model(rig, plan.points[i], span), causes, plan.points[i])

@@ -11,6 +11,7 @@ import numpy as np
 
 from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.errors import AnalysisError, shown
+from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.practice.rig_model import MESHES
 
 Json = Mapping[str, Any]
@@ -189,7 +190,7 @@ def strata_of(label: Json, kind: str) -> dict[str, str]:
         "snr": f"{float(label['snr_dB']):g} dB",
         "law": str(label.get("law", "none" if kind == "none" else "not said")),
         "channels": str(label["channels"]),
-        "samples": str(label.get("samples_per_cycle", "not said")),
+        "samples": str(label.get("samples_per_cycle", SAMPLES_PER_CYCLE)),
         "regime": str(label.get("regime", "not said")),
         "truth": kind,
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -28,7 +29,7 @@ HEAD = ("t", "phase", "K", "delta_T", "T_1")
 SAMPLES_PER_CYCLE = 24
 CYCLES = 120
 TRANSIENT = 80
-FINER = 4  # samples of the filter input per recorded sample
+FINER = 4  # samples of the filter input per recorded sample, of ``SAMPLES_PER_CYCLE`` or more
 COS_BETA = float(np.cos(np.radians(16.0)))
 _X, _V, _F = (tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
 _U = tuple(f"u_{b}" for b in BODIES)
@@ -67,6 +68,7 @@ class Sampling:
     Attributes:
         transient, cycles: mesh cycles left out, and recorded.
         per_cycle: samples of a mesh cycle.
+        drifts: lead of channels with a clock of their own, per time since the first sample.
         lags: delays [s] of late channels.
         delay: delay of all channels before a filter [s]; None: no filter.
     """
@@ -76,6 +78,12 @@ class Sampling:
     lags: tuple[float, ...] = ()
     delay: float | None = None
     per_cycle: int = SAMPLES_PER_CYCLE
+    drifts: tuple[float, ...] = ()
+
+    @property
+    def finer(self) -> int:
+        """Samples of the filter input per recorded sample."""
+        return FINER * math.ceil(SAMPLES_PER_CYCLE / self.per_cycle)
 
 
 @dataclass(frozen=True)
@@ -106,8 +114,9 @@ class SimulatedRun:
 
     Attributes:
         now: at the recorded times.
-        before: the same earlier by each lag.
-        fine: ``FINER`` times as finely from a cycle before, for a filter; None without one.
+        before: the same earlier by each lag, or later by each drift.
+        fine: ``Sampling.finer`` times as finely from a cycle before, for a filter; None without
+            one.
     """
 
     now: Motion
@@ -129,16 +138,18 @@ def simulate_motion(
     lead = sampling.transient * sampling.per_cycle * step
     own = lead + step * np.arange(sampling.cycles * sampling.per_cycle)
     grids = [own, *(own - lag for lag in sampling.lags)]
+    grids += [own + drift * (own - lead) for drift in sampling.drifts]
     if sampling.delay is not None:
-        count = (sampling.cycles + 1) * sampling.per_cycle * FINER - FINER + 1
-        finely = own[-1] + step / FINER * np.arange(1 - count, 1)
+        finer = sampling.finer
+        count = (sampling.cycles + 1) * sampling.per_cycle * finer - finer + 1
+        finely = own[-1] + step / finer * np.arange(1 - count, 1)
         grids.append(finely - sampling.delay)
     times, back = np.unique(np.concatenate([[0.0], *grids]), return_inverse=True)
     states, force, extra = integrate(p, phase0 - p.omega * lead, start, times)
     phase: Array = phase0 + p.omega * np.asarray(times - lead, dtype=np.float64)
     parts = np.split(back[1:], np.cumsum([len(grid) for grid in grids])[:-1])
     at: Array = np.asarray(own - lead, dtype=np.float64)
-    clocks = [at] * (1 + len(sampling.lags))
+    clocks = [at] * (1 + len(sampling.lags) + len(sampling.drifts))
     if sampling.delay is not None:
         clocks.append(finely - lead)
     seen = [
@@ -266,6 +277,7 @@ def period(motion: Motion, per_cycle: int) -> int:
 
     Args:
         per_cycle: samples of a mesh cycle.
+        drifts: lead of channels with a clock of their own, per time since the first sample.
     """
     tail = motion.x[len(motion.x) // 2 :]
     near = 1e-3 * rms(tail)

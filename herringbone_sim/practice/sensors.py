@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from scipy.interpolate import CubicSpline
 
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.layout import PREFIX_UNITS
@@ -80,11 +79,11 @@ def _of(name: str, kind: str, side: str) -> bool:
 def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Array]) -> Channels:
     """Channels with the fault: all names of ``exact``.
 
-    A clock of its own runs ``ppm`` fast or slow from the first sample on: its channels show what
-    was ``ppm`` of the elapsed time later or earlier.
+    Channels of a clock of their own show what was later by ``ppm`` of the time since the first
+    sample; earlier if it is negative.
 
     Args:
-        before: the motion a delay earlier, if needed.
+        before: the motion a delay earlier, or by the other clock, if needed.
     """
     seen: Channels = dict(exact)
     names = c.locus["channels"]
@@ -92,19 +91,14 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
     ramp = np.linspace(0.0, 1.0, len(now.times))
     if c.internal == "channel_swap":
         seen[names[0]], seen[names[1]] = exact[names[1]], exact[names[0]]
-    elif c.internal == "clock_drift":
-        then = now.times + 1e-6 * by * (now.times - now.times[0])
-        true = np.stack([channels_of(now)[name] for name in names], axis=1)
-        off = CubicSpline(now.times, true)(np.clip(then, *now.times[[0, -1]])) - true
-        seen |= {name: exact[name] + off[:, j] for j, name in enumerate(names)}
     elif c.internal == "sensor_gain":
         seen[names[0]] = exact[names[0]] * (1.0 + by * (0.95 + 0.1 * ramp))
     elif c.internal == "sensor_bias":
         unit = float(c.shape["unit_of_size"])
         seen[names[0]] = exact[names[0]] + by * unit * (1.0 - 0.3 * np.exp(-12.0 * ramp))
-    elif c.internal == "sensor_delay" and before is not None:
-        late = channels_of(before)[names[0]] - channels_of(now)[names[0]]
-        seen[names[0]] = exact[names[0]] + late
+    elif c.internal in ("sensor_delay", "clock_drift") and before is not None:
+        then, true = channels_of(before), channels_of(now)
+        seen |= {name: exact[name] + (then[name] - true[name]) for name in names}
     elif c.internal == "missing_codes":
         seen[names[0]] = _missing_codes(exact[names[0]], c.size)
     elif c.internal == "mains_hum":

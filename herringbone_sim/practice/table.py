@@ -54,8 +54,8 @@ def at_one(cases: Outcomes) -> list[Outcome]:
 
 
 def _usual(case: Outcome) -> bool:
-    """Whether a case has white noise of 40 dB and all channels."""
-    usual = {"noise": "white", "snr": "40 dB", "channels": "full"}
+    """Whether a case has white noise of 40 dB, all channels and 24 samples of a mesh cycle."""
+    usual = {"noise": "white", "snr": "40 dB", "channels": "full", "samples": "24"}
     return all(case.strata[name] == value for name, value in usual.items())
 
 

@@ -67,8 +67,8 @@ class Setting:
             )
         if not self.samples_per_cycle or min(self.samples_per_cycle) < LEAST_SAMPLES:
             raise ParameterError(
-                f"samples of a mesh cycle must be {LEAST_SAMPLES} or more, by which the second "
-                f"harmonic is still seen, got {self.samples_per_cycle}"
+                f"samples of a mesh cycle must be {LEAST_SAMPLES} or more, the fewest of real "
+                f"recordings, got {self.samples_per_cycle}"
             )
         for one in self.noise:
             if one not in NOISES:

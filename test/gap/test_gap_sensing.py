@@ -215,7 +215,7 @@ def test_rates_of_noise_alone_have_no_error_of_the_integral() -> None:
 def test_few_samples_of_a_cycle_leave_no_more_than_noise() -> None:
     """Of the relations of sensors those that samples can't tell are left out; the others leave
     noise, with ten samples a cycle as with more. With 24 hardly any is left out."""
-    for samples, out in ((10, (0.2, 0.5)), (24, (0.0, 0.1))):
+    for samples, out in ((10, (0.05, 0.3)), (24, (0.0, 0.05))):
         made = make_campaign(draw_plan(620000, "none", samples_per_cycle=samples))
         runs = as_prepared(made).runs[:5]
         blocks = [consistency.block(run, fuse(run), 0.5, None) for run in runs]

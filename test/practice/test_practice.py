@@ -227,11 +227,12 @@ def test_a_clock_is_that_of_some_channels_of_one_quantity(channels):
 
 def test_channels_of_a_clock_show_what_was_earlier_by_a_growing_time():
     """x (t - s t) = x - s t v to first order; other channels are as they were."""
-    motion = simulate_motion(rig_model(NOMINAL, POINT), 0.0, np.zeros(30), Sampling(20, 40)).now
-    names = ("x_sp1_L", "x_sp2_L")
+    sampling = Sampling(20, 40, drifts=(-20e-6,))
+    found = simulate_motion(rig_model(NOMINAL, POINT), 0.0, np.zeros(30), sampling)
+    motion, names = found.now, ("x_sp1_L", "x_sp2_L")
     cause = Cause("clock_drift", "clock_drift", {"channels": names}, {"sign": -1.0}, 20.0)
     exact = channels_of(motion)
-    seen = distort(cause, motion, None, exact)
+    seen = distort(cause, motion, found.before[0], exact)
     late = 20e-6 * (motion.times - motion.times[0])
     off = seen["x_sp1_L"] - exact["x_sp1_L"]
     np.testing.assert_allclose(off, -late * exact["v_sp1_L"], atol=0.05 * np.abs(off).max())
