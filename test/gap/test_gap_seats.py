@@ -11,7 +11,7 @@ from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import products
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose, machine_of
-from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motion
+from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.trial import Setting, plan_of
@@ -48,7 +48,10 @@ def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
         rest + 0.0 * t,
         step,
     )
-    found = motion(meshes, spring, COS_BETA)
+    softer = spring._replace(stiffness=0.5 * spring.stiffness)
+    found, other = motions(meshes, [spring, softer], COS_BETA)
+    np.testing.assert_allclose(motions(meshes, [spring], COS_BETA)[0], found, rtol=1e-9)
+    assert not np.allclose(other, found, rtol=0.05)
 
     def seat(q: float, rate: float) -> float:
         if spring.width:

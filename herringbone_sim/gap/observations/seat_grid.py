@@ -223,7 +223,7 @@ class PartTrial:
         before = law(m, change)
         drive = self._drive(run, seat)
         reach = -gear.model.scales.cos_beta * drive.share[:, at]
-        q = drive.motion(seat)[run.sample_index]
+        (q,) = drive.motions([seat])[:, run.sample_index]
         ch = replace(change)
         ch.d, ch.d_rate = ch.d + q[:, :, 0] @ reach, ch.d_rate + q[:, :, 1] @ reach
         now = law(m, ch)

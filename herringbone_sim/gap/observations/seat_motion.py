@@ -7,6 +7,7 @@ and reduces them, so the force law of the meshes is part of its equation of moti
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from herringbone_sim.arrays import Array
 
 MAX_STEP_RAD = 1.25  # phase of the fastest oscillation per step; stability limit 2.8; chosen
 MAX_SUBSTEPS = 40  # steps per sample, limit of run time
+MAX_EXPONENT = 300.0  # e^300 and its reciprocal are still numbers
 DIVERGED_M = 1e-2  # displacement at which the integration is reset; 100 times b_c
 
 
@@ -71,97 +73,133 @@ class SeatSpring(NamedTuple):
     fastest: float = 0.0
 
 
-def motion(meshes: MeshLoads, spring: SeatSpring, cos_beta: float) -> Array:
-    """Displacement [m] and rate [m/s] (n, 2) of a part, starting at rest in equilibrium.
+def motions(meshes: MeshLoads, springs: Sequence[SeatSpring], cos_beta: float) -> Array:
+    """Displacement [m] and rate [m/s] (L, n, 2) of a part on each of L seats.
 
     M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u with seat force H, by
-    Runge-Kutta 4.
+    Runge-Kutta 4, from rest in equilibrium. Seats share the steps, those of the stiffest.
     """
-    stiff = spring.stiffness * (1.0 + 3.0 * spring.growth * spring.farthest**2)
-    stiff += cos_beta**2 * float(np.max(meshes.k.sum(axis=1)))
+    k = float(np.max(meshes.k.sum(axis=1)))
+    parts = max(_steps_per_sample(spring, k, cos_beta, meshes.step) for spring in springs)
+    own = [np.ascontiguousarray(a) for a in meshes[:-1]]
+    return np.asarray(
+        _integrate(MeshLoads._make([*own, meshes.step]), np.array(springs), cos_beta, parts)
+    )
+
+
+def _steps_per_sample(spring: SeatSpring, k: float, cos_beta: float, step_s: float) -> int:
+    """Steps per sample for a seat under meshes of a total stiffness k [N/m]."""
+    stiff = spring.stiffness * (1.0 + 3.0 * spring.growth * spring.farthest**2) + cos_beta**2 * k
     damping = spring.damping * (1.0 + 2.0 * spring.drag * spring.fastest)
     quickest = max(math.sqrt(stiff / spring.mass), damping / spring.mass)
-    parts = min(MAX_SUBSTEPS, max(1, math.ceil(meshes.step * quickest / MAX_STEP_RAD)))
-    own = [np.ascontiguousarray(a) for a in meshes[:-1]]
-    return np.asarray(_integrate(MeshLoads._make([*own, meshes.step]), spring, cos_beta, parts))
+    return min(MAX_SUBSTEPS, max(1, math.ceil(step_s * quickest / MAX_STEP_RAD)))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _expected_positive(y, s):  # type: ignore[no-untyped-def]
-    """Expectation of max(y, 0) for Gaussian noise s on y."""
-    if y > 6.0 * s:
-        return y
-    if y < -6.0 * s:
-        return 0.0
-    z = y / s
-    bell = s * math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-    return y * 0.5 * math.erfc(-z / math.sqrt(2.0)) + bell
+def _rounding(z):  # type: ignore[no-untyped-def]
+    """Expectation of max(g, 0) for Gaussian g of mean z and deviation 1, minus max(z, 0)."""
+    a = abs(z)
+    bell = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    return bell - 0.5 * a * math.erfc(a / math.sqrt(2.0))
 
 
-@njit(cache=True, nogil=True)
-def _softplus(z):  # type: ignore[no-untyped-def]
-    """ln(1 + e^z) without overflow."""
-    return max(z, 0.0) + (math.log1p(math.exp(-abs(z))) if abs(z) < 36.0 else 0.0)
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
-    """Force of the seat [N] at displacement q [m] and rate [m/s]."""
-    if p.width > 0.0:
-        g = p.width * (_softplus((q - p.play) / p.width) - _softplus((-q - p.play) / p.width))
+    """Force of the seat [N] at displacement q [m] and rate [m/s]; p as ``SeatSpring``."""
+    stiffness, damping, play, width, growth, drag = p[2], p[3], p[4], p[5], p[6], p[7]
+    if width * MAX_EXPONENT > max(play, abs(q)):
+        # width [ln(1 + e^a) - ln(1 + e^b)], a and b = (+-q - play) / width
+        e, out = math.exp(q / width), math.exp(-play / width)
+        g = width * math.log((1.0 + out * e) / (1.0 + out / e))
     else:
-        g = max(q - p.play, 0.0) - max(-q - p.play, 0.0)
-    spring = p.stiffness * g * (1.0 + p.growth * g * g)
-    return spring + p.damping * rate * (1.0 + p.drag * abs(rate))
+        g = max(q - play, 0.0) - max(-q - play, 0.0)
+    spring = stiffness * g * (1.0 + growth * g * g)
+    return spring + damping * rate * (1.0 + drag * abs(rate))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _acceleration(m, p, cos_beta, at, s, q, rate):  # type: ignore[no-untyped-def]
-    """Acceleration [m/s^2] at the fraction s between samples ``at`` and ``at`` + 1."""
-    load, to = 0.0, min(at + 1, len(m.x) - 1)
+def _place(m, at, s, x, v, k):  # type: ignore[no-untyped-def]
+    """Set x, v, k (j,) to those at the fraction s between samples ``at`` and ``at`` + 1; return
+    the force on the body that carries the part.
+    """
+    to = min(at + 1, m.x.shape[0] - 1)
     for j in range(m.x.shape[1]):
-        y = m.x[at, j] + s * (m.x[to, j] - m.x[at, j]) - cos_beta * q
-        w = m.v[at, j] + s * (m.v[to, j] - m.v[at, j]) - cos_beta * rate
-        f = _expected_positive(y - m.plus[at, j], m.noise[j]) - _expected_positive(
-            -y - m.minus[at, j], m.noise[j]
-        )
-        k = m.k[at, j] + s * (m.k[to, j] - m.k[at, j])
-        load += k * f + m.c[at, j] * w + m.extra_force[at, j]
-    hold = _seat_force(p, q, rate)
-    under = m.rest[at] + s * (m.rest[to] - m.rest[at]) + hold
-    return (cos_beta * load - hold) / p.mass - under / p.under
+        x[j] = m.x[at, j] + s * (m.x[to, j] - m.x[at, j])
+        v[j] = m.v[at, j] + s * (m.v[to, j] - m.v[at, j])
+        k[j] = m.k[at, j] + s * (m.k[to, j] - m.k[at, j])
+    return m.rest[at] + s * (m.rest[to] - m.rest[at])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, out):  # type: ignore[no-untyped-def]
+    """Write accelerations [m/s^2] (L,) at displacements q (L,) and rates; x .. rest: ``_place``."""
+    L = len(q)
+    out[:] = 0.0
+    for j in range(len(x)):
+        plus, minus, noise = m.plus[at, j], m.minus[at, j], m.noise[j]
+        c, extra = m.c[at, j], m.extra_force[at, j]
+        for i in range(L):
+            y = x[j] - cos_beta * q[i]
+            f = max(y - plus, 0.0) - max(-y - minus, 0.0)
+            out[i] += k[j] * f + c * (v[j] - cos_beta * rate[i]) + extra
+        # Expectation over the noise of x, which matters near the ends of the backlash alone.
+        near = 6.0 * noise
+        for i in range(L):
+            y = x[j] - cos_beta * q[i]
+            if abs(y - plus) < near:
+                out[i] += k[j] * noise * _rounding((y - plus) / noise)
+            if abs(y + minus) < near:
+                out[i] -= k[j] * noise * _rounding((y + minus) / noise)
+    for i in range(L):
+        hold = _seat_force(p[i], q[i], rate[i])
+        out[i] = (cos_beta * out[i] - hold) / p[i, 0] - (rest + hold) / p[i, 1]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
-    """(n, 2) displacement and rate, ``parts`` steps per sample."""
-    n = len(m.x)
-    out = np.zeros((n, 2))
+    """(L, n, 2) displacement and rate on seats p (L, fields of ``SeatSpring``).
+
+    Args:
+        parts: steps per sample.
+    """
+    n, L = m.x.shape[0], p.shape[0]
+    found = np.empty((L, n, 2))
+    x, v, k = np.empty((3, m.x.shape[1]))
+    q, rate, q2, r2, q3, r3, q4, r4, a1, a2, a3, a4 = np.zeros((12, L))
     # Equilibrium at the first sample by bisection: acceleration decreases with q.
-    low, high = -1e-3, 1e-3
+    low, high = np.full(L, -1e-3), np.full(L, 1e-3)
+    rest = _place(m, 0, 0.0, x, v, k)
     for _ in range(60):
-        q = 0.5 * (low + high)
-        if _acceleration(m, p, cos_beta, 0, 0.0, q, 0.0) > 0.0:
-            low = q
-        else:
-            high = q
-    rate, h = 0.0, m.step / parts
-    for i in range(n):
-        out[i, 0], out[i, 1] = q, rate
-        if i + 1 == n:
+        q[:] = 0.5 * (low + high)
+        _accelerate(m, p, cos_beta, 0, x, v, k, rest, q, rate, a1)
+        for i in range(L):
+            if a1[i] > 0.0:
+                low[i] = q[i]
+            else:
+                high[i] = q[i]
+    h = m.step / parts
+    for at in range(n):
+        found[:, at, 0], found[:, at, 1] = q, rate
+        if at + 1 == n:
             break
         for part in range(parts):
-            s0, s1, s2 = part / parts, (part + 0.5) / parts, (part + 1.0) / parts
-            a1 = _acceleration(m, p, cos_beta, i, s0, q, rate)
-            q2, r2 = q + 0.5 * h * rate, rate + 0.5 * h * a1
-            a2 = _acceleration(m, p, cos_beta, i, s1, q2, r2)
-            q3, r3 = q + 0.5 * h * r2, rate + 0.5 * h * a2
-            a3 = _acceleration(m, p, cos_beta, i, s1, q3, r3)
-            q4, r4 = q + h * r3, rate + h * a3
-            a4 = _acceleration(m, p, cos_beta, i, s2, q4, r4)
-            q += h * (rate + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
-            rate += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
-        # Reset a diverged trial.
-        if not abs(q) < DIVERGED_M:
-            q, rate = 0.0, 0.0
-    return out
+            rest = _place(m, at, part / parts, x, v, k)
+            _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, a1)
+            for i in range(L):
+                q2[i], r2[i] = q[i] + 0.5 * h * rate[i], rate[i] + 0.5 * h * a1[i]
+            rest = _place(m, at, (part + 0.5) / parts, x, v, k)
+            _accelerate(m, p, cos_beta, at, x, v, k, rest, q2, r2, a2)
+            for i in range(L):
+                q3[i], r3[i] = q[i] + 0.5 * h * r2[i], rate[i] + 0.5 * h * a2[i]
+            _accelerate(m, p, cos_beta, at, x, v, k, rest, q3, r3, a3)
+            for i in range(L):
+                q4[i], r4[i] = q[i] + h * r3[i], rate[i] + h * a3[i]
+            rest = _place(m, at, (part + 1.0) / parts, x, v, k)
+            _accelerate(m, p, cos_beta, at, x, v, k, rest, q4, r4, a4)
+            for i in range(L):
+                q[i] += h * (rate[i] + 2.0 * r2[i] + 2.0 * r3[i] + r4[i]) / 6.0
+                rate[i] += h * (a1[i] + 2.0 * a2[i] + 2.0 * a3[i] + a4[i]) / 6.0
+        for i in range(L):  # reset a diverged trial
+            if not abs(q[i]) < DIVERGED_M:
+                q[i], rate[i] = 0.0, 0.0
+    return found

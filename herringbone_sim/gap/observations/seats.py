@@ -6,7 +6,7 @@ Their displacement follows from the recorded motion by their own equation of mot
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from herringbone_sim.gap.observations.law import (
     law,
     select_meshes,
 )
-from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motion
+from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
 
 # Range of a parameter's logarithm about the grid, 1.5 decades; chosen.
 MAX_LOG_OFFSET = np.log(30.0)
@@ -124,13 +124,12 @@ class Seat:
     ) -> Displacements:
         """Displacements of the meshes by its functions; see ``changes.MovingPart``."""
         drive = PartDrive(model, self.locus, self.effect, m, change)
-        now = drive.motion(self.with_log_offsets(offsets))
+        names = self.names if slopes else ()
+        tried = [offsets, *(offsets + DIFFERENCE_STEP * np.eye(len(offsets))[: len(names)])]
+        now, *moved = drive.motions([self.with_log_offsets(one) for one in tried])
         found = {label: now}
-        for i, name in enumerate(self.names if slopes else ()):
-            more = offsets + DIFFERENCE_STEP * (np.arange(len(offsets)) == i)
-            found[f"{label} {name}"] = (
-                drive.motion(self.with_log_offsets(more)) - now
-            ) / DIFFERENCE_STEP
+        for name, q in zip(names, moved, strict=True):
+            found[f"{label} {name}"] = (q - now) / DIFFERENCE_STEP
         reach = -model.scales.cos_beta * drive.share
         return {name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach) for name, q in found.items()}
 
@@ -193,13 +192,18 @@ class PartDrive:
         self.load = float(s.cos_beta * np.max(np.abs(force) @ self.share.T))
         self._meshes = [_mesh_loads(m, change, np.flatnonzero(one), rest) for one in self.share]
 
-    def motion(self, seat: Seat) -> Array:
-        """Displacement [m] and rate [m/s] (n, k, 2) of the coordinates of a part."""
+    def motions(self, seats: Sequence[Seat]) -> Array:
+        """Displacement [m] and rate [m/s] (L, n, k, 2) of the coordinates of a part on L seats."""
+        springs, cos_beta = [self._spring(seat) for seat in seats], self._model.scales.cos_beta
+        return np.stack([motions(one, springs, cos_beta) for one in self._meshes], axis=2)
+
+    def _spring(self, seat: Seat) -> SeatSpring:
+        """Mass of the part, and properties of its seat [SI]."""
         theta = dict(zip(seat.names, seat.theta, strict=True))
         stiffness, clearance = theta["stiffness"], theta.get("clearance", 0.0)
         s = self._model.scales
         deflection = seat.load / stiffness
-        spring = SeatSpring(
+        return SeatSpring(
             self._mass,
             self._under,
             stiffness,
@@ -211,7 +215,6 @@ class PartDrive:
             deflection,
             2.0 * deflection * s.omega_n,
         )
-        return np.stack([motion(one, spring, s.cos_beta) for one in self._meshes], axis=1)
 
 
 def _mesh_loads(m: MeshMotion, change: LawChange, at: NDArray[np.int64], rest: Array) -> MeshLoads:

@@ -45,7 +45,7 @@ class WindowPartTrial(PartTrial):
         s, solution = one.windows, one.last_linearisation[0]
         drive = self._drive(run, seat)
         at = np.flatnonzero(drive.share.any(axis=0))
-        q = drive.motion(seat)
+        (q,) = drive.motions([seat])
         reach = -model.scales.cos_beta * drive.share
         change = replace(
             run.change,
