@@ -132,7 +132,7 @@ def _place(m, at, s, x, v, k):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, out):  # type: ignore[no-untyped-def]
-    """Write accelerations [m/s^2] (L,) at displacements q (L,) and rates; x .. rest: ``_place``."""
+    """Write accelerations [m/s^2] (L,) at displacements q (L,) and rates, placed by ``_place``."""
     L = len(q)
     out[:] = 0.0
     for j in range(len(x)):
