@@ -22,7 +22,7 @@ from herringbone_sim.gap.gap_by_run import gap_of, metric_of
 from herringbone_sim.gap.named import name_effects
 from herringbone_sim.gap.observations import trajectory
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
-from herringbone_sim.gap.observations.copied_channels import drop_copies
+from herringbone_sim.gap.observations.copied_channels import drop_common_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.reconstructed_forces import (
@@ -144,7 +144,7 @@ def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
         campaign = replace(
             campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
         )
-    runs = tuple(drop_copies(run) for run in campaign.runs)
+    runs = drop_common_copies(campaign.runs)
     return replace(campaign, runs=remove_common_delay(runs, _gain_tolerances(campaign)))
 
 

@@ -8,7 +8,7 @@ from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.observations.copied_channels import drop_copies
+from herringbone_sim.gap.observations.copied_channels import drop_common_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensors.filter_delay import compensate_filter
@@ -36,6 +36,6 @@ def feasible_observations(campaign: PreparedCampaign) -> FeasibleObservations:
         return FeasibleObservations((), findings)
     if not campaign.noise_known:
         fit = tuple(with_estimated_noise(run) for run in fit)
-    fit = tuple(drop_copies(run) for run in compensate_filter(fit))
+    fit = drop_common_copies(compensate_filter(fit))
     gear = Gear(leave_out_folds(fit), gain_tolerance=campaign.gain_tolerance)
     return FeasibleObservations(GearMachine(gear).observation_names, findings)

@@ -6,6 +6,8 @@ that agree with the derivative of displacements.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -22,6 +24,21 @@ COPY_SHARE = 0.5
 SPLINE_SLOPE_NOISE = float(
     np.sum(CubicSpline(np.arange(33.0), np.eye(33)[16]).derivative()(np.arange(33.0)) ** 2)
 )
+
+
+def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
+    """Drop channels of all runs that are copies in more than half of them.
+
+    A recorder works its channels out alike in every run; one run alone may not show it.
+    """
+    gone: list[str] = []
+    own = [drop_copies(run) for run in runs]
+    layout = runs[0].model.layout
+    for q in ("x", "v"):
+        was, now = (np.array([getattr(run, q).recorded for run in of]) for of in (runs, own))
+        often = 2 * np.sum(was & ~now, axis=0) > np.sum(was, axis=0)
+        gone += [name for name, out in zip(layout.channels_of(q), often, strict=True) if out]
+    return tuple(without_channels(run, tuple(gone)) for run in runs)
 
 
 def drop_copies(run: PreparedRun) -> PreparedRun:
