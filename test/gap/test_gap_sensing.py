@@ -16,7 +16,7 @@ from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
-from herringbone_sim.gap.observations.copied_channels import drop_copies
+from herringbone_sim.gap.observations.copied_channels import drop_common_copies, drop_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.runs import polynomial_rates
@@ -67,6 +67,23 @@ def test_rates_of_a_spline_through_rotations_are_no_second_measurement() -> None
     wrong = rate * np.where(np.arange(rate.shape[1]) == 4, 1.2, 1.0)
     off = replace(run, v=replace(run.v, values=wrong))
     assert np.flatnonzero(drop_copies(off).v.recorded).tolist() == [4]
+
+
+def test_copies_are_the_same_in_all_runs() -> None:
+    """Two of three runs show that rates are slopes; a rate of its own error stays in all runs."""
+    runs = []
+    for run in rig({}, cycles=20).runs[:3]:
+        run = without_channels(run, tuple(f"u_{name}" for name in run.model.layout.bodies))
+        times = np.arange(len(run)) * run.step_s
+        rate = CubicSpline(times, run.x.values).derivative()(times)
+        rate[:, 4] *= 1.2
+        runs.append(replace(run, v=replace(run.v, values=rate)))
+    noise = np.random.default_rng(1).normal(size=runs[2].v.values.shape)
+    loud = 5.0 * np.std(runs[2].v.values) * noise
+    runs[2] = replace(runs[2], v=replace(runs[2].v, values=runs[2].v.values + loud))
+    assert drop_copies(runs[2]).v.recorded.all()
+    for run in drop_common_copies(runs):
+        assert np.flatnonzero(run.v.recorded).tolist() == [4]
 
 
 def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements() -> None:

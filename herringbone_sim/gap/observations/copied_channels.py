@@ -7,6 +7,7 @@ that agree with the derivative of displacements.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,18 +28,25 @@ SPLINE_SLOPE_NOISE = float(
 
 
 def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
-    """Drop channels of all runs that are copies in more than half of them.
+    """Drop the same channels of all runs, if more than half of the runs show that they are copies.
 
-    A recorder works its channels out alike in every run; one run alone may not show it.
+    A recorder works its channels out alike in every run; one run alone may not show it. A channel
+    that one of those runs keeps has its own error, and stays.
     """
     gone: list[str] = []
     own = [drop_copies(run) for run in runs]
     layout = runs[0].model.layout
     for q in ("x", "v"):
         was, now = (np.array([getattr(run, q).recorded for run in of]) for of in (runs, own))
-        often = 2 * np.sum(was & ~now, axis=0) > np.sum(was, axis=0)
-        gone += [name for name, out in zip(layout.channels_of(q), often, strict=True) if out]
-    return tuple(without_channels(run, tuple(gone)) for run in runs)
+        lost = was & ~now
+        shows = 2 * lost.sum(axis=1) > was.sum(axis=1)
+        if 2 * shows.sum() > len(runs):
+            every = lost[shows].all(axis=0)
+            gone += [name for name, out in zip(layout.channels_of(q), every, strict=True) if out]
+    return tuple(
+        without_channels(replace(run, v=replace(run.v, sigma=one.v.sigma)), tuple(gone))
+        for run, one in zip(runs, own, strict=True)
+    )
 
 
 def drop_copies(run: PreparedRun) -> PreparedRun:
@@ -57,13 +65,17 @@ def drop_copies(run: PreparedRun) -> PreparedRun:
         displacement(one)
         for one in (run, without_channels(run, by_mesh), without_channels(run, by_body))
     ]
-    found = [_disagreement(run, run.x.values + run.waves.e, run.x.sigma**2)]
-    found += [_disagreement(run, z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
-    share = min(found, key=lambda one: float(np.median(one)))
+    sources = [(run.x.values + run.waves.e, run.x.sigma**2)]
+    sources += [(z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
+    found = [(_disagreement(run, x, of_x), of_x) for x, of_x in sources]
+    share, of_x = min(found, key=lambda one: float(np.median(one[0])))
     if np.median(share) < COPY_SHARE:
-        # A rate that disagrees although the others are copies has its own error: keep it.
+        # A rate that disagrees although the others are copies has its own error: keep it. Its
+        # noise is that of a slope.
         own = zip(layout.meshes, share, strict=True)
         run = without_channels(run, tuple(f"v_{mesh}" for mesh, off in own if off < COPY_SHARE))
+        of_slope = np.sqrt(SPLINE_SLOPE_NOISE * of_x) / run.step_s
+        run = replace(run, v=replace(run.v, sigma=np.fmax(run.v.sigma, of_slope)))
     return run
 
 
