@@ -10,6 +10,8 @@ from gap_support import NOMINAL, POINTS, noisy, prepared, sampled
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.consistency import (
@@ -18,7 +20,7 @@ from herringbone_sim.gap.sensors.consistency import (
     error_signals,
     relations,
 )
-from herringbone_sim.gap.sensors.correction import without_channels
+from herringbone_sim.gap.sensors.correction import correct_sensors, without_channels
 from herringbone_sim.gap.sensors.groups import sensor_names
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.sensors.swaps import find_swap
@@ -70,6 +72,21 @@ def size_of(
 def test_silent_on_a_rig_whose_sensors_are_right(clean: list[TimeSeries], share: float) -> None:
     runs = runs_of(clean, (), lambda t, y: y, share)
     assert consistency_chi2(runs) == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_clock_of_some_channels_is_taken_off_them_alone(clean: list[TimeSeries]) -> None:
+    """x that was later by 400 ppm of the time: corrected it is right again, all else untouched."""
+    names = tuple(f"x_{mesh}" for mesh in NOMINAL.layout.meshes)
+    right = runs_of(clean, (), lambda t, y: y)[0]
+    lead = 4e-4
+    wrong = runs_of(clean, names, lambda t, y: CubicSpline(t, y)(t + lead * (t - t[0])))[0]
+    drift = Active(effects()["clock_drift"], (400.0,), Locus(), (("channels", ("x",)),))
+    found = correct_sensors(wrong, (drift,))
+    inner = slice(0, -24)
+    before, after = (np.std((run.x.values - right.x.values)[inner]) for run in (wrong, found))
+    assert after < 0.1 * before
+    assert np.array_equal(found.times, wrong.times)
+    assert np.array_equal(found.v.values, wrong.v.values)
 
 
 @pytest.mark.parametrize("point", range(3))

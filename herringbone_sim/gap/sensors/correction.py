@@ -20,6 +20,7 @@ UNDO: Mapping[str, Undo] = {
     "sensor_gain": lambda size, times, values: values / size,
     "sensor_bias": lambda size, times, values: values - size,
     "sensor_delay": lambda size, times, values: between(times, values, times + size),
+    "clock_drift": lambda ppm, times, values: between(times, values, times * (1.0 - 1e-6 * ppm)),
 }
 
 
@@ -27,10 +28,11 @@ def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
     """Remove sensor effects from x, v, u and the clock of a run.
 
     Forces are not changed: effects on force sensors are part of ``expected_forces``. Channels with
-    an effect that can't be undone are marked as not recorded.
+    an effect that can't be undone are marked as not recorded. A clock that names no channels is
+    that of all.
     """
     for one in actives:
-        if one.effect.id == "clock_drift":
+        if one.effect.id == "clock_drift" and not one.chosen.get("channels"):
             run = _with_times(run, run.times / (1.0 + 1e-6 * one.theta[0]))
         elif one.effect.level == "sensor":
             names = _affected_channels(run, one)
