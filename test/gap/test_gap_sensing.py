@@ -86,6 +86,20 @@ def test_copies_are_the_same_in_all_runs() -> None:
         assert np.flatnonzero(run.v.recorded).tolist() == [4]
 
 
+@pytest.mark.parametrize("which", [0, 2], ids=["fit", "held out"])
+@pytest.mark.parametrize("quantity", ["u", "x"])
+def test_a_run_without_some_channels_is_diagnosed_with_the_others(
+    quantity: str, which: int
+) -> None:
+    """One run has no rotations, or no displacements: fewer relations, the same verdict."""
+    campaign = rig({}, cycles=20)
+    runs = list(campaign.runs)
+    names = runs[which].model.layout.channels_of(quantity)
+    runs[which] = without_channels(runs[which], names)
+    report = diagnose(replace(campaign, runs=tuple(runs)), senses=False).report.to_dict()
+    assert report["verdict"] == "none"
+
+
 def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements() -> None:
     """One unit of the column of the exchange takes all off the residual that it has put there."""
     right = rig({}, cycles=20).runs[0]

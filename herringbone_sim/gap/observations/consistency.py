@@ -6,6 +6,8 @@ relations, and of increments against integrated rates, are noise unless a sensor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from herringbone_sim.arrays import Array
@@ -33,24 +35,34 @@ def function_names(layout: Layout, swap: tuple[str, str] | None) -> tuple[str, .
 
 
 def block(
-    run: PreparedRun, fused: Fused, drift: float, swap: tuple[str, str] | None
+    run: PreparedRun,
+    fused: Fused,
+    drift: float,
+    swap: tuple[str, str] | None,
+    least_rows: int = 0,
 ) -> Block | None:
-    """Consistency residuals of a run; None where no channels are redundant.
+    """Consistency residuals of a run; None where it has no rows.
 
     Args:
         drift: RMS of drift and hum over that of the noise.
         swap: channels that may have been swapped; None: no such column.
+        least_rows: rows of the run with most redundant channels; missing ones are zero.
     """
     J = len(sensor_names(run.model.layout))
     signals = error_signals(run, np.ones((J, len(ERROR_KINDS))), fused)
     parts = [_relation_rows(one, len(run)) for one in relations(run, signals)]
-    if not parts:
+    rows = max(least_rows, sum(part[0].shape[1] for part in parts))
+    if not rows:
         return None
-    residual, columns, weights = (np.concatenate(p, axis=1) for p in zip(*parts, strict=True))
+    residual, columns, weights = (
+        _with_rows([part[i] for part in parts], shape, rows)
+        for i, shape in enumerate(((len(run),), (len(run), signals[0].size), (1, J)))
+    )
     names = function_names(run.model.layout, swap)
     if swap is not None:
         right = relations(without_sensor_error(run, "swap", swap, 1.0), signals, run)
-        left = np.concatenate([_relation_rows(one, len(run))[0] for one in right], axis=1)
+        swapped = [_relation_rows(one, len(run))[0] for one in right]
+        left = _with_rows(swapped, (len(run),), rows)
         columns = np.concatenate([columns, (residual - left)[:, :, None]], axis=2)
     slow = slow_waves(run.times - run.times[0])
     turns, size = _shaft_waves(run)
@@ -77,6 +89,16 @@ def block(
         np.zeros((0, R, len(names))),
         np.zeros(0),
     )
+
+
+def _with_rows(parts: Sequence[Array], shape: tuple[int, ...], rows: int) -> Array:
+    """Parts (n, d, ...) side by side, with zeros up to ``rows``; ``shape``: (n, ...)."""
+    found = np.zeros((shape[0], rows, *shape[1:]))
+    at = 0
+    for part in parts:
+        found[:, at : at + part.shape[1]] = part
+        at += part.shape[1]
+    return found
 
 
 def dominant_channels(block: Block) -> tuple[Array, Array]:

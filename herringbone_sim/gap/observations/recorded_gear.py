@@ -136,15 +136,16 @@ class RecordedGear:
 
     @cached_property
     def n_relations(self) -> int:
-        """Number of rows of the consistency observation."""
-        few = slice_run(self.runs[0].run, slice(0, 64), self.runs[0].run.name)
-        found = consistency.block(few, fuse(few), self.drift, self.swap)
-        return 0 if found is None else len(found.rows)
+        """Number of rows of the consistency observation, of the run that has most."""
+        starts = [slice_run(g.run, slice(0, 64), g.run.name) for g in self.runs]
+        found = [consistency.block(one, fuse(one), self.drift, self.swap) for one in starts]
+        return max(0 if one is None else len(one.rows) for one in found)
 
     @cached_property
     def relations(self) -> list[Block | None]:
         """Consistency of every run as recorded."""
-        return [consistency.block(g.run, g.fused, self.drift, self.swap) for g in self.runs]
+        n = self.n_relations
+        return [consistency.block(g.run, g.fused, self.drift, self.swap, n) for g in self.runs]
 
     @cached_property
     def delta_T(self) -> Array:

@@ -62,7 +62,7 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     recorded = [
         np.concatenate([g.run.x.recorded, g.run.v.recorded, g.run.u.recorded]) for g in gear.runs
     ]
-    groups = groups_of(gear.model.layout, np.logical_and.reduce(recorded))
+    groups = groups_of(gear.model.layout, np.logical_or.reduce(recorded))
     for kind, effect in zip(consistency.ERROR_KINDS, MOTION_EFFECTS, strict=True):
         for group in groups:
             if group.quantity == "xvu" or group.quantity not in gear.rms_by_quantity:
