@@ -12,7 +12,8 @@ from scipy.interpolate import CubicSpline
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
-from herringbone_sim.gap.diagnose import diagnose
+from herringbone_sim.effects.channels import between
+from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
@@ -67,6 +68,29 @@ def test_rates_of_a_spline_through_rotations_are_no_second_measurement() -> None
     wrong = rate * np.where(np.arange(rate.shape[1]) == 4, 1.2, 1.0)
     off = replace(run, v=replace(run.v, values=wrong))
     assert np.flatnonzero(drop_copies(off).v.recorded).tolist() == [4]
+
+
+def test_held_out_runs_decide_nothing_about_channels() -> None:
+    """Behind a filter: held-out runs of twice the lateness change no delay, those of copied rates
+    no channel of the fit runs."""
+    made = make_campaign(draw_plan(5, "none", noise=RequestedNoise("filtered")))
+    campaign = as_prepared(made)
+    right = calibrated_sensors(campaign)
+    assert right.runs[0].delay_rad > 0.0
+    late = [
+        run
+        if run.role == "fit"
+        else replace(
+            run,
+            x=replace(run.x, values=between(run.times, run.x.values, run.times - 5e-6)),
+            v=replace(run.v, values=np.gradient(run.x.values, run.step_s, axis=0)),
+        )
+        for run in campaign.runs
+    ]
+    found = calibrated_sensors(replace(campaign, runs=tuple(late)))
+    for a, b in zip(right.of_role("fit"), found.of_role("fit"), strict=True):
+        assert a.delay_rad == b.delay_rad
+        assert np.array_equal(a.v.recorded, b.v.recorded)
 
 
 def test_copies_are_the_same_in_all_runs() -> None:

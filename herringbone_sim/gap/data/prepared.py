@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -183,3 +183,8 @@ def mesh_table(layout: Layout) -> MeshTable:
     """Kind, side and planet of each mesh of a layout."""
     kind, side, planet = np.indices((len(KINDS), len(SIDES), layout.n_classes)).reshape(3, -1)
     return MeshTable(layout.meshes, kind, side, planet)
+
+
+def deciding(runs: Sequence[PreparedRun]) -> Sequence[PreparedRun]:
+    """Runs that may decide what is done to all: of the role ``fit``; all if there are none."""
+    return [run for run in runs if run.role == "fit"] or runs

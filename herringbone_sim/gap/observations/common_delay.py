@@ -1,7 +1,7 @@
 """Estimate the delay common to all channels where rotations don't determine it.
 
 The delay of e(t) and k(t) that minimises the residual of the calibrated gear on short stretches of
-the runs is removed, unless a time shift of single meshes or sensors explains more.
+the fit runs is removed, unless a time shift of single meshes or sensors explains more.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.data.folds import slice_run
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensors.filter_delay import (
@@ -38,9 +38,10 @@ def remove_common_delay(
     Args:
         gain_tolerance: (n_mesh,) of force sensors; empty: none.
     """
-    if all(run.u.complete and run.x.recorded.any() for run in runs):
+    fit = deciding(runs)
+    if any(run.u.complete and run.x.recorded.any() for run in fit):
         return compensate_filter(runs)
-    fastest = sorted(runs, key=lambda run: -run.omega_rad_per_s)[:N_STRETCHES]
+    fastest = sorted(fit, key=lambda run: -run.omega_rad_per_s)[:N_STRETCHES]
     some = [_stretch(run) for run in fastest]
 
     gear = Gear(some)

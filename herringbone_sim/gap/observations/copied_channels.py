@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, increments
 from herringbone_sim.gap.sensors.consistency import geometric_residuals
 from herringbone_sim.gap.sensors.correction import without_channels
@@ -28,19 +28,20 @@ SPLINE_SLOPE_NOISE = float(
 
 
 def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
-    """Drop the same channels of all runs, if more than half of the runs show that they are copies.
+    """Drop the same channels of all runs, if more than half of the fit runs show that they are
+    copies.
 
     A recorder works its channels out alike in every run; one run alone may not show it. A channel
     that one of those runs keeps has its own error, and stays.
     """
     gone: list[str] = []
     own = [drop_copies(run) for run in runs]
-    layout = runs[0].model.layout
+    layout, fit, of_fit = runs[0].model.layout, deciding(runs), deciding(own)
     for q in ("x", "v"):
-        was, now = (np.array([getattr(run, q).recorded for run in of]) for of in (runs, own))
+        was, now = (np.array([getattr(run, q).recorded for run in of]) for of in (fit, of_fit))
         lost = was & ~now
         shows = 2 * lost.sum(axis=1) > was.sum(axis=1)
-        if 2 * shows.sum() > len(runs):
+        if 2 * shows.sum() > len(fit):
             every = lost[shows].all(axis=0)
             gone += [name for name, out in zip(layout.channels_of(q), every, strict=True) if out]
     return tuple(

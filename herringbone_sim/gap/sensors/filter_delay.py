@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.data.waves import waves
 
 LONGEST_S = 5e-6  # longest common delay beside the filter, data sheet
@@ -26,10 +26,11 @@ HALF = 0.5  # largest remaining share of the squared error of e(t), or the delay
 def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     """Delay and attenuate the nominal waves of the runs as a filter common to all channels does.
 
-    Without rotations and displacements, or where no delay explains them, runs are returned as they
-    are.
+    Estimated from the fit runs. Without rotations and displacements, or where no delay explains
+    them, runs are returned as they are.
     """
-    ratios = [(run, _e_ratio(run)) for run in runs if run.u.complete and run.x.recorded.any()]
+    known = [run for run in deciding(runs) if run.u.complete and run.x.recorded.any()]
+    ratios = [(run, _e_ratio(run)) for run in known]
     if not ratios:
         return tuple(runs)
     omegas = np.array([run.omega_rad_per_s for run, _ in ratios])
