@@ -241,6 +241,22 @@ def test_most_of_a_smooth_factor_of_what_is_measured_is_predictable(measured, la
     assert found.left.sum() - noise < 0.25 * (found.energy.sum() - noise)
 
 
+def test_a_row_that_a_run_does_not_have_is_left_at_zero(measured):
+    """Other runs predict something for its zeros; that counts neither as left nor as a value."""
+    rng, around, blocks = measured
+    noisy = [0.3 * np.sin(s.values[:, :, 0]) + rng.normal(size=(1500, 1)) for s in around]
+    noisy[1] = np.zeros_like(noisy[1])
+    found = predict_residuals(noisy, around, blocks)
+    assert (found.energy[1], found.left[1], found.count[1]) == (0.0, 0.0, 0.0)
+    assert found.predicted > 0.0
+    some = Predictable(
+        np.array([[0.0, 0.0], [400.0, 400.0]]),
+        np.array([[0.0, 0.0], [400.0, 400.0]]),
+        np.array([[0.0, 0.0], [100.0, 100.0]]),
+    )
+    np.testing.assert_allclose(_noise_factors(some), [[1.0, 1.0], [2.0, 2.0]])
+
+
 def test_larger_noise_makes_less_of_the_same_squares(measured):
     rng, around, blocks = measured
     found = predict_residuals([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
