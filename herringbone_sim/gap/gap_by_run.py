@@ -68,23 +68,17 @@ def gap_of(
     bounded = metric == force_law.NAME and not noise_known
     row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
     found = {
-        name: _residual_rms(machine, metric, fit, row_noise)
+        name: _residual_rms(machine, metric, fit, row_noise, bounded)
         for name, fit in after.items()
         if fit is not None
     }
-    before = _residual_rms(machine, metric, None, row_noise)
-    nan = [(float("nan"),) * 3] * len(runs)
+    before = _residual_rms(machine, metric, None, row_noise, bounded)
+    nan = [(float("nan"),) * 2] * len(runs)
     return Gap(
         metric,
         tuple(
             RunGap(
-                run.name,
-                run.role,
-                n[0],
-                a[0],
-                min(n[1], a[2]) if bounded else n[1],
-                r[0],
-                c[0],
+                run.name, run.role, n[0], a[0], min(n[1], a[1]) if bounded else n[1], r[0], c[0]
             )
             for run, n, a, r, c in zip(
                 runs,
@@ -99,16 +93,20 @@ def gap_of(
 
 
 def _residual_rms(
-    machine: GearMachine, metric: str, fit: FittedExplanation | None, noise: Array
-) -> list[tuple[float, float, float]]:
-    """RMS of the residual of each run after a fit (None: nominal gear), of its noise, and of white
-    noise by the top of the residual's spectrum, at most the residual's.
+    machine: GearMachine,
+    metric: str,
+    fit: FittedExplanation | None,
+    noise: Array,
+    bounded: bool,
+) -> list[tuple[float, float]]:
+    """RMS of the residual of each run after a fit (None: nominal gear), and of its noise.
 
     Args:
         machine: with the runs.
         metric: name of the observation.
         fit: of an explanation.
         noise: (R,) actual over assumed noise of each row of the observation.
+        bounded: whether the noise is at most what is white in the residual.
     """
     extended, hypotheses = machine.transferred(() if fit is None else fit.hypotheses)
     fitted: Mapping[str, Mapping[str, Array]] = {}
@@ -118,11 +116,12 @@ def _residual_rms(
     result = []
     for block in extended.blocks(fitted, {}, (metric,)):
         if metric not in block:
-            result.append((float("nan"),) * 3)
+            result.append((float("nan"), float("nan")))
             continue
         b = block[metric]
         known = np.any(b.residual != 0.0, axis=0)
-        left = b.residual[:, known]
-        top = min(rms(spectral_floor(left)), rms(left))
-        result.append((rms(left), rms((b.sigma * noise)[:, known]), top))
+        left, floor = b.residual[:, known], rms((b.sigma * noise)[:, known])
+        if bounded:
+            floor = min(floor, rms(left), rms(spectral_floor(left)))
+        result.append((rms(left), floor))
     return result

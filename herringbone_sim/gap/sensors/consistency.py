@@ -32,16 +32,16 @@ KINDS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
 def consistency_chi2(
-    runs: Sequence[PreparedRun], like: Sequence[PreparedRun] | None = None
+    runs: Sequence[PreparedRun], noise_of: Sequence[PreparedRun] | None = None
 ) -> float:
     """Mean square of all residuals of the sensors over their noise: 1 where the sensors agree.
 
     Args:
         runs: some runs.
-        like: runs whose noise they are whitened by; None: the runs themselves.
+        noise_of: runs whose noise they are whitened by; None: the runs themselves.
     """
     energy = count = 0.0
-    for run, other in zip(runs, like or runs, strict=True):
+    for run, other in zip(runs, noise_of or runs, strict=True):
         J = sum(m.recorded.size for m in (run.x, run.v, run.u))
         for relation in relations(run, np.zeros((len(run), J, 1)), other):
             energy += float(np.sum(relation.residual**2))
@@ -120,13 +120,15 @@ class Relation:
     noise: Array
 
 
-def relations(run: PreparedRun, signals: Array, like: PreparedRun | None = None) -> list[Relation]:
+def relations(
+    run: PreparedRun, signals: Array, noise_of: PreparedRun | None = None
+) -> list[Relation]:
     """Relations between x and u, among v, and between increments of z and the integral of dz/dt.
 
     Args:
         run: the run.
         signals: (n, J, a) time courses of the channels, for ``Relation.signals``.
-        like: run whose noise the increments are whitened by; None: the run itself.
+        noise_of: run whose noise the increments are whitened by; None: the run itself.
     """
     result = [
         Relation(*part, signals, np.ones(signals.shape[1])) for part in geometric_residuals(run)
@@ -137,7 +139,7 @@ def relations(run: PreparedRun, signals: Array, like: PreparedRun | None = None)
     if known.any():
         h, n = run.step_s, run.x.recorded.size
         of_rate = h**2 * float(np.sum(QUADRATURE**2))
-        white = increment_whitening(like or run)
+        white = increment_whitening(noise_of or run)
         residual = (np.diff(z, axis=0) - increments(rate, h))[:, known] @ white.T
         flat = signals.reshape(len(signals), -1)
         moved = np.diff(flat, axis=0).reshape(-1, *signals.shape[1:])
