@@ -138,8 +138,10 @@ def _note(folder: Path, seeds: Sequence[int], setting: Setting, seed_overlap: Se
     before = read_json(folder / "bench.json")
     asked = json.loads(json.dumps(asdict(setting)))
     # Lists that were added later had one value before, their default.
-    defaults = json.loads(json.dumps(asdict(Setting())))
-    if before and {**defaults, **before.get("setting", {})} != asked:
+    stored = before.get("setting")
+    if isinstance(stored, dict):
+        stored = {**json.loads(json.dumps(asdict(Setting()))), **stored}
+    if before and stored != asked:
         raise AnalysisError(
             f"{folder} holds a bench with {shown(before.get('setting'))}, got {asked}: choose "
             "another --out"

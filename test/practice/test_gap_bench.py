@@ -58,6 +58,7 @@ def test_each_seed_draws_from_the_lists():
         "pair",
         ("white", "encoders"),
         "other",
+        (10, 24),
     )
     plans = [plan_of(setting, seed) for seed in range(40)]
     assert {p.snr_dB for p in plans} == {20.0, 60.0}
@@ -65,6 +66,7 @@ def test_each_seed_draws_from_the_lists():
     assert {p.d for p in plans} == {1.0, 3.0}
     assert {p.regime for p in plans} == {"varied", "quiet"}
     assert {p.noise.kind for p in plans} == {"white", "encoders"}
+    assert {p.samples_per_cycle for p in plans} == {10, 24}
     laws = {c.shape["law"] for p in plans for c in p.causes if "law" in c.shape}
     assert laws == {"other"}
     again = plan_of(setting, 11)
@@ -73,6 +75,8 @@ def test_each_seed_draws_from_the_lists():
         Setting(d=())
     with pytest.raises(ParameterError, match="noise must be one of"):
         Setting(noise=("pink",))
+    with pytest.raises(ParameterError, match="4 or more"):
+        Setting(samples_per_cycle=(2,))
 
 
 def test_seeds_of_the_thresholds_are_refused(tmp_path):
@@ -161,6 +165,15 @@ def test_labels_are_sealed_first_and_a_stopped_bench_goes_on(tmp_path, monkeypat
     assert made == list(FRESH)
     found = read_bench(tmp_path)
     assert (len(found.cases), found.sealed, found.left_out) == (3, 3, 1)
+    note = tmp_path / "bench.json"
+    kept = json.loads(note.read_text())
+    older = {k: v for k, v in kept["setting"].items() if k != "samples_per_cycle"}
+    note.write_text(json.dumps({**kept, "setting": older}))
+    run_bench(tmp_path, FRESH, SETTING, seen, say=said.append)  # of before there was a choice
+    note.write_text(json.dumps({**kept, "setting": 3}))
+    with pytest.raises(AnalysisError, match="holds a bench with 3"):
+        run_bench(tmp_path, FRESH, SETTING, seen, say=said.append)
+    note.write_text(json.dumps(kept))
     assert len(found.sources) == 1
     with pytest.raises(AnalysisError, match="choose another"):
         run_bench(tmp_path, FRESH[:1], Setting(), seen, say=said.append)
