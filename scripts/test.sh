@@ -9,6 +9,8 @@ export PATH="$PWD/.venv/bin:$PATH"
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
+# The settings and the list of fonts of whoever runs this are not those of the tests.
+export MPLCONFIGDIR="$work/matplotlib"
 
 # Runs a stage and notes how it went: `stage NAME COMMAND...`.
 stage() {
