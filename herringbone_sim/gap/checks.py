@@ -11,7 +11,7 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import QUANTITIES
 from herringbone_sim.core.model import mean_sun_force
-from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, deciding
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.data.units import clock_unit, wrong_units
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
@@ -56,7 +56,9 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
     shares = {name: share for name, share in shares.items() if share.size}
     forced = [r for r in runs if r.name in shares]
     runs = _without_fatal(runs, runs_with_other_force_law(forced, shares), findings)
-    nominal = nominal_mismatch(common, [shares[r.name] for r in runs if r.name in shares])
+    nominal = nominal_mismatch(
+        common, [shares[r.name] for r in deciding(runs) if r.name in shares]
+    )
     findings += [nominal] if nominal else []
     runs = _same_channel_class(runs, fused, findings)
     campaign = replace(campaign, runs=tuple(runs))
@@ -89,7 +91,7 @@ def _same_speed(
     runs = _without_fatal(runs, [unit for unit in units if unit], findings)
     if not runs:
         return [], 1.0
-    common = most_common_ratio([ratios[run.name] for run in runs])
+    common = most_common_ratio([ratios[run.name] for run in deciding(runs)])
     others = [mesh_speed_mismatch(run, ratios[run.name], common) for run in runs]
     return _without_fatal(runs, [other for other in others if other], findings), common
 

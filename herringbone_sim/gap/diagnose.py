@@ -81,6 +81,7 @@ def diagnose(
     campaign, findings = check(campaign)
     for finding in findings:
         say(finding.text)
+    _fit_runs(campaign, findings)
     campaign = calibrated_sensors(campaign)
     machine = machine_of(campaign, findings)
     if nominal_mismatched(findings) or not machine.observation_names:
@@ -125,8 +126,7 @@ def diagnose(
     if senses and machine.gear.uses_windows:
         explanation = examined.none if chosen is None or verdict.verdict == "unknown" else chosen
         of_windows = examined.noise.get(trajectory.NAME, 1.0)
-        channels = machine.gear.followed_channels.names
-        forces = forces_of_run(whole, campaign.runs, explanation, of_windows, channels)
+        forces = forces_of_run(whole, campaign.runs, explanation, of_windows)
     in_senses = None
     if senses and verdict.metric != trajectory.NAME:
         runner_up = None if other is None else augmented(other, verdict.runner_up)

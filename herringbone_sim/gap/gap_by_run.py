@@ -120,7 +120,9 @@ def _residual_rms(
             continue
         b = block[metric]
         known = np.any(b.residual != 0.0, axis=0)
-        left, floor = b.residual[:, known], rms((b.sigma * noise)[:, known])
+        # Rows that no fit run has get the factor of the others.
+        factor = np.pad(noise, (0, len(known) - len(noise)), constant_values=rms(noise))
+        left, floor = b.residual[:, known], rms((b.sigma * factor)[:, known])
         if bounded:
             floor = min(floor, rms(left), rms(spectral_floor(left)))
         result.append((rms(left), floor))

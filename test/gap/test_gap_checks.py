@@ -21,6 +21,7 @@ from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepare import prepare, prepare_run
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.misfit import runs_with_other_force_law
 from herringbone_sim.recording.campaign import CampaignRun
@@ -351,3 +352,23 @@ def test_the_load_of_a_rig_with_a_pin_off_its_place_fits_its_torque() -> None:
     _, findings = check(replace(campaign, runs=(campaign.runs[0], heavy)))
     (found,) = (one for one in findings if one.what == "torque")
     assert found.run == heavy.name
+
+
+def test_a_campaign_without_a_usable_run_is_told_so(others: tuple[PreparedRun, ...]) -> None:
+    """Clocks in ms: all runs are left out, and there is nothing to diagnose."""
+    runs = tuple(replace(run, times=1e3 * run.times) for run in others)
+    campaign = PreparedCampaign("mine", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    kept, findings = check(campaign)
+    assert not kept.runs
+    assert any(finding.fatal for finding in findings)
+    with pytest.raises(AnalysisError, match="no run of role fit is left"):
+        diagnose(campaign, senses=False)
+
+
+def test_held_out_runs_do_not_hide_a_nominal_file_of_another_rig() -> None:
+    """All fit runs of a gear of three times the stiffness, the held-out run of the nominal one."""
+    stiff = {"k_m_sp": 3.0 * NOMINAL.k_m_sp, "k_m_rp": 3.0 * NOMINAL.k_m_rp}
+    omega_n = build(NOMINAL).scales.omega_n
+    runs = (*rig({**stiff, "omega_n": omega_n}).of_role("fit"), *rig({}).of_role("held_out"))
+    campaign = PreparedCampaign("mine", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    assert any(finding.what == "nominal" for finding in check(campaign)[1])

@@ -124,8 +124,7 @@ def test_more_noise_widens_the_band_of_the_run_that_was_held_out(
     machine: GearMachine, fit: FittedExplanation, forces: ReconstructedForces
 ) -> None:
     runs = [g.run for g in machine.gear.runs]
-    channels = machine.gear.followed_channels.names
-    found = forces_of_run(machine, runs, fit, np.array([[3.0], [3.0]]), channels)
+    found = forces_of_run(machine, runs, fit, np.array([[3.0], [3.0]]))
     assert found is not None
     assert (found.run, found.role) == ("run_02", "held_out")
     assert np.median(found.half) > 1.2 * np.median(forces.half)
@@ -135,7 +134,7 @@ def test_forces_are_told_where_windows_are_used_alone(
     whole: tuple[PreparedRun, ...], fit: FittedExplanation
 ) -> None:
     everything = GearMachine(Gear(whole))
-    assert forces_of_run(everything, whole, fit, 1.0, ("u_s_L", "u_s_R", "u_c")) is None
+    assert forces_of_run(everything, whole, fit, 1.0) is None
     assert forces_to_dict(None) == {}
 
 
@@ -145,8 +144,7 @@ def test_a_held_out_run_with_other_channels_is_passed_over(
     """It has forces of its own; those of a fit run are told instead."""
     held_out = next(run for run in whole if run.role == "held_out")
     fitted = next(g.run for g in machine.gear.runs if g.run.role == "fit")
-    channels = machine.gear.followed_channels.names
-    found = forces_of_run(machine, [fitted, held_out], fit, 1.0, channels)
+    found = forces_of_run(machine, [fitted, held_out], fit, 1.0)
     assert found is not None
     assert (found.run, found.role) == (fitted.name, "fit")
 

@@ -9,10 +9,12 @@ import pytest
 from gap_support import rig, shortened, with_few_runs
 from scipy.interpolate import CubicSpline
 
+from herringbone_sim.arrays import rms
 from herringbone_sim.diagnosis.examine import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.effects.channels import between
+from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
@@ -29,6 +31,7 @@ from herringbone_sim.gap.residuals.fusion import (
     quadrature_covariance,
     velocity,
 )
+from herringbone_sim.gap.sensors.consistency import error_signals
 from herringbone_sim.gap.sensors.correction import without_channels, without_sensor_error
 from herringbone_sim.gap.sensors.filter_delay import longest_delay
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
@@ -108,6 +111,40 @@ def test_copies_are_the_same_in_all_runs() -> None:
     assert drop_copies(runs[2]).v.recorded.all()
     for run in drop_common_copies(runs):
         assert np.flatnonzero(run.v.recorded).tolist() == [4]
+    # A copy that one run lacks is one in the others; a run without rates has no say.
+    lacking = without_channels(runs[1], ("v_sp1_L",))
+    without = without_channels(runs[1], runs[1].model.layout.channels_of("v"))
+    for second in (lacking, without):
+        run = drop_common_copies([runs[0], second])[0]
+        assert np.flatnonzero(run.v.recorded).tolist() == [4]
+        assert np.array_equal(np.isfinite(run.v.sigma), run.v.recorded)
+
+
+def test_copied_rates_of_one_kind_of_mesh_are_seen() -> None:
+    """Half of the rates, and one planet without an encoder, hide no copy."""
+    run = rig({}, cycles=20).runs[0]
+    layout, times = run.model.layout, np.arange(len(run)) * run.step_s
+    rate = CubicSpline(times, run.x.values).derivative()(times)
+    copied = replace(run, v=replace(run.v, values=rate))
+    half = tuple(f"v_{mesh}" for mesh in layout.meshes if mesh.startswith("rp"))
+    assert not drop_copies(without_channels(copied, half)).v.recorded.any()
+    D, B = coordinates_to_meshes(layout), bodies_to_coordinates(run.model)
+    seen = CubicSpline(times, run.u.values @ (D @ B).T - run.waves.e).derivative()(times)
+    of_turns = replace(run, v=replace(run.v, values=seen))
+    blind = ("u_p1_L", *layout.channels_of("x"))
+    left = drop_copies(without_channels(of_turns, blind)).v.recorded
+    assert [m for m, on in zip(layout.meshes, left, strict=True) if on] == ["sp1_L", "rp1_L"]
+
+
+def test_an_encoder_that_is_missing_changes_no_error_of_the_others() -> None:
+    """The unit of a gain of a rotation is that rotation, whichever others are there."""
+    run = rig({}, share=1e-6, cycles=20).runs[0]
+    signals = []
+    for one in (run, without_channels(run, ("u_s_R",))):
+        J = sum(m.recorded.size for m in (one.x, one.v, one.u))
+        signals.append(error_signals(one, np.ones((J, 4)), fuse(one))[:, 24, 0])
+    for found in signals:
+        np.testing.assert_allclose(found, run.u.values[:, 0], atol=1e-3 * rms(run.u.values))
 
 
 @pytest.mark.parametrize("which", [0, 2], ids=["fit", "held out"])
@@ -124,6 +161,37 @@ def test_a_run_without_some_channels_is_diagnosed_with_the_others(
     assert report["verdict"] == "none"
 
 
+@pytest.mark.parametrize("missing", [1, 12], ids=["one gauge", "all gauges"])
+def test_a_held_out_run_without_gauges_changes_no_gap_but_its_own(missing: int) -> None:
+    campaign = replace(rig({}, cycles=20), noise_known=False)
+    off = np.arange(12) < missing
+    runs = (*campaign.runs[:2], campaign.runs[2].without("F", off))
+    whole, lacking = (
+        diagnose(one, senses=False).report for one in (campaign, replace(campaign, runs=runs))
+    )
+    assert lacking.verdict.verdict == whole.verdict.verdict
+    assert str(lacking.gap.runs[:2]) == str(whole.gap.runs[:2])
+    assert np.isfinite(lacking.gap.runs[2].nominal) == (missing == 1)
+
+
+def test_a_gauge_that_one_run_lacks_may_be_off_in_the_others() -> None:
+    """4 % within a tolerance of 5 % is found as the gain of that gauge."""
+    campaign = replace(rig({}, cycles=20), gain_tolerance=(0.05,) * 12)
+    first, second, third = campaign.runs
+    j, scale = 0, np.where(np.arange(12) == 0, 1.04, 1.0)
+    runs = tuple(
+        run.with_measured("F", replace(run.F, values=run.F.values * scale))
+        for run in (first, third)
+    )
+    machine = GearMachine(
+        Gear([runs[0], second.without("F", np.arange(12) == j)], gain_tolerance=(0.05,) * 12)
+    )
+    search = Search(machine)
+    fit = search.settled(search.null)
+    gain = {c.name: v for c, v in zip(fit.coefficients, fit.mean, strict=True)}[f"gain {j}"]
+    assert gain == pytest.approx(0.04, abs=0.01)
+
+
 def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements() -> None:
     """One unit of the column of the exchange takes all off the residual that it has put there."""
     right = rig({}, cycles=20).runs[0]
@@ -136,6 +204,10 @@ def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements
     # Both are whitened by their own run; that differs by the error of the integral alone.
     np.testing.assert_allclose(wrong.residual - column, clean.residual, atol=0.05)
     assert np.mean(wrong.residual**2) > 100.0 * np.mean(clean.residual**2)
+    lacking = without_channels(swapped, names[:1])
+    some = consistency.block(lacking, fuse(lacking), 0.5, names)
+    assert some is not None
+    assert not some.columns[:, :, some.functions.index("swap")].any()
 
 
 def test_gratings_off_centre_are_no_finding_where_forces_come_from_the_law() -> None:

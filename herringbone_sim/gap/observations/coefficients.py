@@ -66,7 +66,11 @@ class CoefficientBuilder:
             if o == force_law.NAME and self.gear.uses_windows:
                 at = f"{function} of {row}"
                 placed.setdefault(trajectory.NAME, []).append((0, at, w[:, row]))
-            if o == force_law.NAME and self.gear.modelled[row]:
+            if (
+                o == force_law.NAME
+                and self.gear.modelled[row]
+                and not force_law.of_force_sensor(function)
+            ):
                 at = f"{function} of {row}"
                 for z in np.flatnonzero(self._reach[:, row]):
                     one = (int(z), at, self._reach[z, row] * w[:, row])

@@ -15,7 +15,13 @@ from scipy.interpolate import CubicSpline
 
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
-from herringbone_sim.gap.residuals.fusion import QUADRATURE, displacement, increments
+from herringbone_sim.gap.residuals.fusion import (
+    QUADRATURE,
+    displacement,
+    increments,
+    mesh_sigma,
+    to_meshes,
+)
 from herringbone_sim.gap.sensors.consistency import geometric_residuals
 from herringbone_sim.gap.sensors.correction import without_channels
 
@@ -28,11 +34,11 @@ SPLINE_SLOPE_NOISE = float(
 
 
 def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
-    """Drop the same channels of all runs, if more than half of the fit runs show that they are
-    copies.
+    """Drop the same channels of all runs, if more than half of the fit runs that have them show
+    that they are copies.
 
     A recorder works its channels out alike in every run; one run alone may not show it. A channel
-    that one of those runs keeps has its own error, and stays.
+    that was recorded in one of those runs and is no copy there has its own error, and stays.
     """
     gone: list[str] = []
     own = [drop_copies(run) for run in runs]
@@ -41,11 +47,11 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
         was, now = (np.array([getattr(run, q).recorded for run in of]) for of in (fit, of_fit))
         lost = was & ~now
         shows = 2 * lost.sum(axis=1) > was.sum(axis=1)
-        if 2 * shows.sum() > len(fit):
-            every = lost[shows].all(axis=0)
+        if 2 * shows.sum() > was.any(axis=1).sum():
+            every = (lost | ~was)[shows].all(axis=0) & lost[shows].any(axis=0)
             gone += [name for name, out in zip(layout.channels_of(q), every, strict=True) if out]
     return tuple(
-        without_channels(replace(run, v=replace(run.v, sigma=one.v.sigma)), tuple(gone))
+        without_channels(with_rate_noise(run, one.v.sigma), tuple(gone))
         for run, one in zip(runs, own, strict=True)
     )
 
@@ -67,17 +73,30 @@ def drop_copies(run: PreparedRun) -> PreparedRun:
         for one in (run, without_channels(run, by_mesh), without_channels(run, by_body))
     ]
     sources = [(run.x.values + run.waves.e, run.x.sigma**2)]
-    sources += [(z @ D.T, np.diag(D @ P @ D.T)) for z, P in every]
+    sources += [(to_meshes(D, z), mesh_sigma(D, P) ** 2) for z, P in every]
     found = [(_disagreement(run, x, of_x), of_x) for x, of_x in sources]
-    share, of_x = min(found, key=lambda one: float(np.median(one[0])))
-    if np.median(share) < COPY_SHARE:
+    if not run.v.recorded.any():
+        return run
+    share, of_x = min(found, key=lambda one: _median(run, one[0]))
+    if _median(run, share) < COPY_SHARE:
         # A rate that disagrees although the others are copies has its own error: keep it. Its
         # noise is that of a slope.
         own = zip(layout.meshes, share, strict=True)
         run = without_channels(run, tuple(f"v_{mesh}" for mesh, off in own if off < COPY_SHARE))
         of_slope = np.sqrt(SPLINE_SLOPE_NOISE * of_x) / run.step_s
-        run = replace(run, v=replace(run.v, sigma=np.fmax(run.v.sigma, of_slope)))
+        run = with_rate_noise(run, np.fmax(run.v.sigma, of_slope))
     return run
+
+
+def with_rate_noise(run: PreparedRun, sigma: NDArray[np.float64]) -> PreparedRun:
+    """Copy whose recorded rates have the noise ``sigma`` (n_mesh,) [m/s] where that is known."""
+    known = run.v.recorded & np.isfinite(sigma)
+    return replace(run, v=replace(run.v, sigma=np.where(known, sigma, run.v.sigma)))
+
+
+def _median(run: PreparedRun, share: NDArray[np.float64]) -> float:
+    """Median over the recorded rates."""
+    return float(np.median(share[run.v.recorded]))
 
 
 def _disagreement(

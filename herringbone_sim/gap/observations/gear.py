@@ -90,8 +90,12 @@ class Gear(RecordedGear):
         }
 
     def for_runs(self, runs: Sequence[PreparedRun]) -> Gear:
-        """Gear of other runs of the rig, at every sample; windows of shared runs are reused."""
+        """Gear of other runs of the rig, at every sample; windows of shared runs are reused.
+
+        What is fitted to this gear holds for it, see ``form_what``.
+        """
         found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
+        found.form_what(self)
         found.windows = self.windows
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
         kept = {r: known.get(id(run)) for r, run in enumerate(runs)}
@@ -218,7 +222,7 @@ class Gear(RecordedGear):
             found[consistency.NAME] = linear_block_at(
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
-        if trajectory.NAME in observations and self.uses_windows:
+        if trajectory.NAME in observations and self.follows_run(r):
             found[trajectory.NAME] = self._windows(r, amplitudes, wanted)
         if not {force_law.NAME, balance.NAME} & set(observations):
             return found
@@ -232,7 +236,7 @@ class Gear(RecordedGear):
         if force_law.NAME in observations and self.has_force_law:
             now = self.law_of(g.strided, of_law, law_columns)
             found[force_law.NAME] = force_law.block(g.strided, now, self.model, chosen, self.drift)
-        if balance.NAME in observations and self.has_balance:
+        if balance.NAME in observations and self.has_balance and self.balances_run(r):
             # Functions of the law are in the forces already.
             own = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
             own |= {f.name for f in self.body_functions}
@@ -243,6 +247,8 @@ class Gear(RecordedGear):
             if wanted is not None:
                 names = [*wanted.get(balance.NAME, ()), *of_balance, *gratings]
             cached = g is self.runs[r] and not self.modelled.any()
+            if self.modelled.any():  # forces of the law, not those that sensors show
+                of_law = {f: a for f, a in of_law.items() if not force_law.of_force_sensor(f)}
             full = (
                 self._balances[r]
                 if cached

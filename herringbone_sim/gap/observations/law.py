@@ -71,7 +71,7 @@ def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
     return MeshMotion(
         name=run.name,
         phase=run.phase[at],
-        times=(run.times - run.times[0])[at],
+        times=run.times[at],
         omega=run.omega_rad_per_s,
         point=dict(run.point),
         x=fused.x[at],

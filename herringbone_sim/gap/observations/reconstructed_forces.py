@@ -40,7 +40,7 @@ from herringbone_sim.gap.observations.shooting import (
     window_jacobian,
 )
 from herringbone_sim.gap.observations.trajectory import STATE_PRECISION, Trajectory
-from herringbone_sim.gap.observations.window_channels import WindowChannels
+from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
 from herringbone_sim.gap.observations.window_columns import encoder_columns, window_columns
 
 HALF_90 = float(norm.ppf(0.95))  # half-width of a 90 % interval, in standard deviations
@@ -139,14 +139,12 @@ def forces_of_run(
     runs: Sequence[PreparedRun],
     fit: FittedExplanation,
     noise: Array | float,
-    channels: Sequence[str],
 ) -> ReconstructedForces | None:
     """Forces in the first held-out run with the channels of the fit runs, else in a fit run.
 
     Args:
         machine: of any runs of the rig; windows that it has fitted are taken over.
         noise: (fit runs, 1) actual over assumed noise of the channels.
-        channels: names of those followed by the windows of the fit runs.
 
     Returns:
         None where no run is followed by windows of these channels.
@@ -154,7 +152,8 @@ def forces_of_run(
     size = float(np.sqrt(np.mean(np.square(noise))))
     for run in sorted(runs, key=lambda run: run.role != "held_out"):
         gear = machine.for_runs([run]).gear
-        if gear.uses_windows and gear.followed_channels.names == tuple(channels):
+        same = window_channels(run).names == gear.followed_channels.names
+        if gear.follows_run(0) and same:
             return reconstructed_forces(machine, run, fit, size)
     return None
 

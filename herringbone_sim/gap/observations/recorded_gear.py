@@ -37,6 +37,7 @@ class RecordedGear:
 
     Attributes:
         modelled: (n_mesh,) meshes whose force is not recorded in all runs and comes from the law.
+        forced: (n_mesh,) meshes whose force is recorded in at least one run.
         windows: most windows of a run.
     """
 
@@ -54,6 +55,7 @@ class RecordedGear:
         self.runs = tuple(gear_run(run, stride) for run in runs)
         known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
         self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
+        self.forced: NDArray[np.bool_] = np.logical_or.reduce(known)
         self.swap = find_swap(runs) if swap is None else swap
         self._forget_windows(N_WINDOWS)
 
@@ -62,6 +64,30 @@ class RecordedGear:
         self.windows = windows
         self._trajectories: dict[int, Trajectory] = {}  # shared by all copies
         self._swapped_trajectories: dict[tuple[int, str], Trajectory] = {}
+
+    def form_what(self, other: RecordedGear) -> None:
+        """Form the observations of another gear of the rig: what is fitted to it holds here.
+
+        A run that lacks a channel for one of them has no block of it.
+        """
+        self.modelled, self.forced = other.modelled, other.forced
+        rows = max(self.n_relations, other.n_relations)
+        for name in ("has_balance", "has_force_law", "uses_windows", "rms_by_quantity"):
+            self.__dict__[name] = getattr(other, name)
+        self.__dict__["sensors"] = other.sensors
+        self.__dict__["n_relations"] = rows if other.n_relations else 0
+        if other.uses_windows:
+            self.__dict__["followed_channels"] = other.followed_channels
+
+    def balances_run(self, r: int) -> bool:
+        """Whether the channels of run r allow the torque balance."""
+        g = self.runs[r]
+        forces = self.modelled | np.isfinite(g.motion.F).all(axis=0)
+        return bool(forces.all() and np.isfinite(g.fused.z_rate).all())
+
+    def follows_run(self, r: int) -> bool:
+        """Whether windows are fitted to run r."""
+        return self.uses_windows and self.runs[r].run.shafts_known
 
     @cached_property
     def has_balance(self) -> bool:
@@ -133,6 +159,12 @@ class RecordedGear:
             for q in "xvu"
             if any(getattr(g.run, q).recorded.any() for g in self.runs)
         }
+
+    @cached_property
+    def sensors(self) -> NDArray[np.bool_]:
+        """Channels x, v and u that are recorded in at least one run."""
+        recorded = [(g.run.x.recorded, g.run.v.recorded, g.run.u.recorded) for g in self.runs]
+        return np.asarray(np.logical_or.reduce([np.concatenate(one) for one in recorded]))
 
     @cached_property
     def n_relations(self) -> int:

@@ -51,7 +51,11 @@ def _about(
     step = float(m.times[1] - m.times[0])
     known = [np.nan_to_num(q) for q in own]
     late = [_low_passed(q, c * 2.0 * np.pi / m.omega / step) for q in known for c in MEMORIES]
-    held = (m.point["delta_T"], m.point["T_1"], m.times / m.times[-1])
+    held = (
+        m.point["delta_T"],
+        m.point["T_1"],
+        (m.times - m.times[0]) / (m.times[-1] - m.times[0]),
+    )
     known += [np.broadcast_to(np.reshape(h, (-1, 1)), own[0].shape) for h in held]
     at = slice(None) if block.sample_index is None else block.sample_index
     angles = np.stack([m.phase / c for c in cycles], axis=1)

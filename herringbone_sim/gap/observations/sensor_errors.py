@@ -19,7 +19,10 @@ from herringbone_sim.gap.sensors.groups import groups_of
 
 
 def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Gain, bias, delay, clock and swap of force channels; opposite signs in law and balance."""
+    """Gain, bias, delay, clock and swap of force channels; opposite signs in law and balance.
+
+    A balance that takes the force of a mesh from the law does not see its sensor.
+    """
     gear = builder.gear
     layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
     measured = np.flatnonzero(~gear.modelled)
@@ -30,11 +33,11 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         ("clock_drift", "F clock", "clock", 1.0, 1e-3),
     ):
         for locus in sensor_loci(layout):
-            mask = locus.mask(layout) * ~gear.modelled
+            mask = locus.mask(layout) * gear.forced
             if not mask.any():
                 continue
             weights: Weights = {function: mask}
-            for j in np.flatnonzero(mask):
+            for j in np.flatnonzero(mask * ~gear.modelled):
                 name = of if of == "constant" else f"{of} of {j}"
                 key = (balance.NAME, name)
                 weights[key] = np.asarray(weights.get(key, 0.0)) + sign * reach[:, j]
@@ -59,10 +62,7 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     gear = builder.gear
     if not gear.n_relations:
         return
-    recorded = [
-        np.concatenate([g.run.x.recorded, g.run.v.recorded, g.run.u.recorded]) for g in gear.runs
-    ]
-    groups = groups_of(gear.model.layout, np.logical_or.reduce(recorded))
+    groups = groups_of(gear.model.layout, gear.sensors)
     for kind, effect in zip(consistency.ERROR_KINDS, MOTION_EFFECTS, strict=True):
         for group in groups:
             if group.quantity == "xvu" or group.quantity not in gear.rms_by_quantity:

@@ -52,15 +52,20 @@ def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
             )
         )
     for j, tolerance in enumerate(gear.gain_tolerance):
-        if tolerance > 0.0 and not gear.modelled[j] and not gear.uses_windows:
+        if tolerance > 0.0 and gear.forced[j] and not gear.uses_windows:
             weights = _force_gain(builder, j)
             found.append(builder.coefficient(f"gain {j}", weights, tolerance / 3**0.5, tolerance))
     return tuple(found)
 
 
 def _force_gain(builder: CoefficientBuilder, j: int) -> Weights:
-    """Weights of a gain error of force sensor j: force law, and balance with opposite sign."""
+    """Weights of a gain error of force sensor j: force law, and balance with opposite sign.
+
+    A balance that takes the force of the mesh from the law does not see its sensor.
+    """
     on = np.zeros(builder.gear.model.layout.n_mesh)
     on[j] = 1.0
+    if builder.gear.modelled[j]:
+        return {"F gain": on}
     reach = inertia_parts(builder.gear.model).sum(0)
     return {"F gain": on, (balance.NAME, f"F of {j}"): -reach[:, j]}

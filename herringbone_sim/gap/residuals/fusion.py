@@ -63,8 +63,8 @@ def fuse(run: PreparedRun) -> Fused:
     rate, V = velocity(run)
     if np.isfinite(P).all() and np.isfinite(V).all():
         z, P = smooth(z, P, rate, V, run.step_s)
-    x, sigma_x = _to_meshes(D, z) - run.waves.e, _mesh_sigma(D, P)
-    v, sigma_v = _to_meshes(D, rate) - run.waves.e_rate, _mesh_sigma(D, V)
+    x, sigma_x = to_meshes(D, z) - run.waves.e, mesh_sigma(D, P)
+    v, sigma_v = to_meshes(D, rate) - run.waves.e_rate, mesh_sigma(D, V)
     alone = np.isnan(sigma_x) & run.x.recorded
     x[:, alone], sigma_x[alone] = run.x.values[:, alone], run.x.sigma[alone]
     alone = np.isnan(sigma_v) & run.v.recorded
@@ -213,7 +213,7 @@ def _variance_left(q: float, missed: float) -> float:
     return float(np.mean(of_y**2 + of_w**2 * (q * rule**2 + missed)))
 
 
-def _to_meshes(D: Array, z: Array) -> Array:
+def to_meshes(D: Array, z: Array) -> Array:
     """D z (n, n_mesh), NaN only for meshes that depend on a NaN coordinate."""
     bad = np.isnan(z).any(axis=0)
     through: Array = np.where(bad, 0.0, z) @ D.T
@@ -221,7 +221,7 @@ def _to_meshes(D: Array, z: Array) -> Array:
     return through
 
 
-def _mesh_sigma(D: Array, covariance: Array) -> Array:
+def mesh_sigma(D: Array, covariance: Array) -> Array:
     """Standard deviation (n_mesh,) of D z from the covariance of z."""
     bad = np.isnan(np.diag(covariance))
     variance = np.einsum("mi,ij,mj->m", D, np.nan_to_num(covariance), D)

@@ -13,7 +13,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
@@ -58,11 +58,12 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
 
     A sensor error is the same in all runs, and so doesn't show here.
     """
-    scales = np.array([geometry_scales(run) for run in runs])
+    scales = np.array([geometry_scales(run) for run in runs]).reshape(-1, 2)
     known = np.isfinite(scales).all(axis=1)
     if known.sum() < 3:
         return []
-    usual = np.median(scales[known], axis=0)
+    of_deciding = known & np.isin([run.name for run in runs], [r.name for r in deciding(runs)])
+    usual = np.median(scales[of_deciding if of_deciding.any() else known], axis=0)
     findings = []
     for run, (of_u, of_e), finite in zip(runs, scales, known, strict=True):
         off = max(abs(of_u - usual[0]), abs(of_e - usual[1]))

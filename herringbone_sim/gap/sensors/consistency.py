@@ -68,19 +68,20 @@ def error_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
     B = bodies_to_coordinates(run.model)
     rigid = np.ones(B.shape[1])
     rigid[:2] = 2.0
-    whole = np.where(run.u.recorded, run.u.values, 0.0)
     z = np.nan_to_num(fused.z)
     inverse = np.linalg.pinv(B)
     # z lacks the rigid rotation; it is taken from u, whose noise is averaged over the bodies.
-    along = (whole - z @ inverse.T) @ (rigid / (rigid @ rigid))
+    there = run.u.recorded
+    one = rigid[there] / max(float(rigid[there] @ rigid[there]), 1.0)
+    along = (run.u.values - z @ inverse.T)[:, there] @ one
     u = z @ inverse.T + np.outer(along, rigid)
     y = np.nan_to_num(np.hstack([fused.x, fused.v, u]))
     slope = np.gradient(y, run.step_s, axis=0)
     n = fused.x.shape[1]
     slope[:, :n] = y[:, n : 2 * n]
     kinds = [y, np.ones_like(y), -slope, -slope * run.times[:, None]]
-    there = np.concatenate([run.x.recorded, run.v.recorded, run.u.recorded])
-    signals: Array = np.stack(kinds, axis=2) * scale * there[:, None]
+    recorded = np.concatenate([run.x.recorded, run.v.recorded, run.u.recorded])
+    signals: Array = np.stack(kinds, axis=2) * scale * recorded[:, None]
     return signals
 
 

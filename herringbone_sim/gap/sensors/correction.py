@@ -109,11 +109,13 @@ def _with_undo(run: PreparedRun, name: str, undo: Undo, size: float) -> Prepared
 
 
 def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
-    """Exchange the values of two channels."""
+    """Exchange the values of two channels; a run that lacks one of them stays as it is."""
     if len(names) != 2:
         return run
     (one, i), (other, j) = (_column(run, name) for name in names)
     a, b = getattr(run, one), getattr(run, other)
+    if not (a.recorded[i] and b.recorded[j]):
+        return run
     first, second = a.values[:, i].copy(), b.values[:, j].copy()
     for quantity, column, values in ((one, i, second), (other, j, first)):
         measured: Measured = getattr(run, quantity)
