@@ -54,6 +54,8 @@ def spin(node: SimulatorNode, stop: threading.Event) -> None:
     executor = MultiThreadedExecutor(num_threads=THREADS, context=node.context)
     node.serve(executor, lambda: not stop.is_set())
     node.loop.close()
+    # ``shutdown`` of Jazzy's executors is told to wait for running callbacks and does not.
+    executor._work_tracker.wait(ANSWERS_S)
     executor.shutdown(timeout_sec=ANSWERS_S)
 
 

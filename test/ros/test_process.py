@@ -68,8 +68,9 @@ def test_an_interrupted_node_finishes_its_recording(domain: int, tmp_path: Path)
 
 def test_an_interrupt_ends_a_step_that_answers_and_the_node(bench: Bench) -> None:
     node = start(bench.domain, "start_paused:=true", "step_cycles:=1000000")
+    samples = bench.listen(Float64MultiArray, "/herringbone_sim/samples")
     step = bench.begin("step")
-    time.sleep(1.0)
+    wait_until(lambda: len(samples) > 1)
     node.send_signal(signal.SIGINT)
     output, _ = node.communicate(timeout=60)
     assert node.returncode == 0, output
