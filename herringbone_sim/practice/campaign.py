@@ -63,7 +63,7 @@ def run_plan(plan: Plan, solved: Solved) -> PracticeCampaign:
     most = largest([one.now for one in moved])
     takes = [observe_run(plan, rig, causes, i, one, most) for i, one in enumerate(moved)]
     series = tuple(
-        series_of(one.motion, one.measured, point, plan.names, plan.channels == "shafts_rings")
+        series_of(one.motion, one.measured, point, plan.names, plan.channels)
         for one, point in zip(takes, plan.points, strict=True)
     )
     runs = tuple(

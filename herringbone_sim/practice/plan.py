@@ -29,6 +29,7 @@ KINDS: dict[str, Kind] = {
     **RANDOM_PHYSICS,
 }
 NAMED = (*CATALOGUE, *SENSORS)
+INVISIBLE = {"raw_shafts": ("sensor_bias",)}  # effects that a set of channels can't show
 UNNAMED = (*OUTSIDE, *OUTSIDE_SENSORS)
 RANDOM_SHARE = 0.5  # share of the unknown causes that are random physics, not of ``UNNAMED``
 TRUTHS = {"none": 0.2, "single": 0.4, "pair": 0.2, "unknown": 0.2}
@@ -134,7 +135,8 @@ def draw_plan(
     points = tuple(_point(rng, ranges) for ranges in (QUIET if regime == "quiet" else VARIED))
     phases = tuple(float(phase) for phase in rng.uniform(0.0, 2.0 * np.pi, len(points)))
     starts = np.stack([_start(rng) for _ in points])
-    causes = _causes(rng, truth or drawn, names, law)
+    named = tuple(name for name in NAMED if name not in INVISIBLE.get(channels, ()))
+    causes = _causes(rng, truth or drawn, names, law, named)
     return Plan(
         seed=seed,
         d=(drawn_d if d is None else d) if causes else 0.0,
@@ -192,22 +194,24 @@ def _start(rng: Generator) -> Array:
     return start
 
 
-def _causes(rng: Generator, truth: str, names: tuple[str, ...], law: str) -> tuple[Cause, ...]:
-    """Draw the causes of a truth."""
+def _causes(
+    rng: Generator, truth: str, names: tuple[str, ...], law: str, named: tuple[str, ...]
+) -> tuple[Cause, ...]:
+    """Draw the causes of a truth; ``named``: effects that the channels can show."""
     if truth == "none":
         return ()
     if truth == "pair":
-        return tuple(draw_cause(rng, one, names, law) for one in _pair(rng))
-    among = {"single": NAMED, "unseen": tuple(UNSEEN), "unknown": UNNAMED}.get(truth, (truth,))
+        return tuple(draw_cause(rng, one, names, law) for one in _pair(rng, named))
+    among = {"single": named, "unseen": tuple(UNSEEN), "unknown": UNNAMED}.get(truth, (truth,))
     if truth == "unknown" and rng.random() < RANDOM_SHARE:
         among = tuple(RANDOM_PHYSICS)
     return (draw_cause(rng, str(rng.choice(among)), names, law),)
 
 
-def _pair(rng: Generator) -> tuple[str, str]:
-    """Draw two effects that can act together."""
+def _pair(rng: Generator, named: tuple[str, ...]) -> tuple[str, str]:
+    """Draw two of the effects ``named`` that can act together."""
     while True:
-        one, other = (str(name) for name in rng.choice(NAMED, 2, replace=False))
+        one, other = (str(name) for name in rng.choice(named, 2, replace=False))
         if not _clash(one, other):
             return one, other
 

@@ -44,6 +44,7 @@ CHANNEL_SETS = {
     "full": (*_X, *_V, *_F, *_U),
     "no_force": (*_X, *_V),
     "few": _FEW,
+    "raw_shafts": _FEW,
     "rotations": _U,
     "accelerometers": tuple(f"a_{b}" for b in _SHAFTS),
     "shafts_rings": (*_FEW, *_RINGS),
@@ -218,20 +219,29 @@ def gated(name: str, phase: Array, values: Array) -> Array:
     return np.where(seen, values, np.nan)
 
 
+def _without_line(times: Array, values: Array) -> Array:
+    """Values (n,) less the line fitted to them."""
+    line = np.polynomial.Polynomial.fit(times, values, 1)
+    return np.asarray(values - line(times))
+
+
 def series_of(
     motion: Motion,
     measured: Mapping[str, Array],
     point: Mapping[str, float],
     names: tuple[str, ...],
-    gates: bool = False,
+    channels: str,
 ) -> TimeSeries:
-    """The recording: head and the measured channels of a set.
+    """The recording: head and the measured channels of a set, as its sensors read them.
 
     Args:
-        gates: whether ring forces are read by gauges that see only passing planets.
+        channels: name of the set. Ring gauges see only passing planets; raw angles of shafts lack
+            their mean and the line that is taken off as the steady rotation.
     """
     n = len(motion.times)
-    if gates:
+    if channels == "raw_shafts":
+        measured = {name: _without_line(motion.times, measured[name]) for name in names}
+    if channels == "shafts_rings":
         measured = {
             name: gated(name, motion.phase, values) if name in _RINGS else values
             for name, values in measured.items()

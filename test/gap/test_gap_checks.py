@@ -24,6 +24,7 @@ from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.misfit import runs_with_other_force_law
+from herringbone_sim.gap.sensors.levels import with_nominal_levels
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
@@ -192,6 +193,23 @@ def test_a_unit_that_the_recorder_declares(series: TimeSeries) -> None:
     (finding,) = run.findings
     assert (finding.what, finding.channels) == ("unit", ("x_sp1_L",))
     assert not run.x.recorded[0]
+
+
+def test_raw_angles_are_read_as_rotations_without_a_mean(series: TimeSeries) -> None:
+    """Encoders that count from any mark; beside displacements their rotations are left out."""
+    sc, p = build(NOMINAL).scales, NOMINAL
+    data, names = series.data.copy(), list(series.names)
+    at = names.index("u_c")
+    data[:, at] = 0.3 + series["phase"] / p.z_r + series["u_c"] / sc.r_bc
+    names[at] = "angle_c"
+    run = prepared(TimeSeries(series.times, data, tuple(names)), POINTS[0])
+    assert run.no_level == ("u_c",)
+    assert run.u.complete
+    assert not run.levels_known
+    assert np.std(run.u.values[:, 2]) == pytest.approx(np.std(series["u_c"]), rel=0.02)
+    left = with_nominal_levels(run)
+    assert left.levels_known
+    assert not left.u.recorded[2]
 
 
 def test_channels_of_another_gear(series: TimeSeries) -> None:

@@ -21,9 +21,10 @@ def channel_set(cases: Sequence[FusedRun]) -> str:
     rate. Few: rotations alone, rotations or accelerations of both suns and the carrier, or any two
     of the displacements and rotations.
     """
-    if cases and all(c.usable.any() for c in cases):
+    levels = all(c.run.levels_known for c in cases)
+    if cases and levels and all(c.usable.any() for c in cases):
         return FULL
-    rotations = all(c.run.rotations_alone for c in cases)
+    rotations = not levels or all(c.run.rotations_alone for c in cases)
     if cases and not rotations and all(c.fused.known_meshes.all() for c in cases):
         return NO_FORCE
     if cases and all(c.run.shafts_known or motion_channels(c) >= 2 for c in cases):
@@ -73,8 +74,7 @@ def _limits_of_few(cases: Sequence[FusedRun]) -> list[str]:
         return [
             "neither the force of a mesh beside its displacement nor the motion of both suns and "
             "the carrier is recorded: no law of the gear can be held against these channels; "
-            "record u_s_L, u_s_R and u_c at least, with the common rotation alone taken off (raw "
-            "angles lack the wind-up under the load)"
+            "record u_s_L, u_s_R and u_c, or their angles, at least"
         ]
     worked_out = (
         "the rates of the bodies are worked out from their rotations"

@@ -21,6 +21,7 @@ from herringbone_sim.gap.data.prepared import (
     PreparedRun,
     mesh_table,
 )
+from herringbone_sim.gap.data.rotations import with_rotations, without_mean
 from herringbone_sim.gap.data.screen import Finding, screen
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
@@ -91,15 +92,16 @@ def prepare_run(
     _check_phase(name, whole)
     whole, wrap_findings = unwrap_phase(name, whole)
     part, break_findings = longest_part(name, whole)
+    model = build(nominal.changed(run.point))
+    layout = model.layout
+    part, turned = with_rotations(model, part)
     series, findings = screen(name, part, declared_units(recording))
     if len(series) < 2:
         raise AnalysisError(
             f"{name} needs two samples or more in a row, got {len(series)}: record more cycles"
         )
-    model = build(nominal.changed(run.point))
     phase = series["phase"].copy()
     omega = float((phase[-1] - phase[0]) / (series.times[-1] - series.times[0]))
-    layout = model.layout
     measured: dict[str, Any] = {
         q: _measured(series, layout.channels_of(q), noise_share) for q in QUANTITIES
     }
@@ -120,6 +122,8 @@ def prepare_run(
             *_unknown_channels(name, series, layout),
             *findings,
         ),
+        no_level=tuple(n for n in turned if n in series)
+        or without_mean(series, layout.channels_of("u")),
     )
 
 

@@ -42,7 +42,6 @@ class Measured:
 
 
 SHAFTS = ("s_L", "s_R", "c")
-NO_MEAN = 1e-9  # mean over largest value below which the mean was subtracted before recording
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,8 @@ class PreparedRun:
         findings: problems of the recording, such as channels left out and breaks of the clock.
         delay_rad: delay common to all channels in mesh phase, see ``sensors.filter_delay``.
         e_share: factor that a filter common to all channels puts on e(t) in x.
+        no_level: rotations, such as ``u_c``, that lack their mean and trend: those of an encoder
+            that counts from an arbitrary mark.
     """
 
     name: str
@@ -83,6 +84,7 @@ class PreparedRun:
     findings: tuple[Finding, ...]
     delay_rad: float = 0.0
     e_share: float = 1.0
+    no_level: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times)
@@ -99,14 +101,16 @@ class PreparedRun:
 
     @property
     def shafts_known(self) -> bool:
-        """Whether rotations or accelerations of both suns and the carrier are measured.
-
-        Rotations whose mean was subtracted don't count: they lack the wind-up under the load.
-        """
+        """Whether rotations or accelerations of both suns and the carrier are measured."""
         at = [self.model.layout.bodies.index(name) for name in SHAFTS]
-        u = self.u.values[:, at]
-        wound_up = np.abs(u.mean(axis=0)) > NO_MEAN * np.abs(u).max(axis=0)
-        return bool((wound_up | self.a.recorded[at]).all())
+        u = np.isfinite(self.u.values[:, at]).all(axis=0)
+        return bool((u | self.a.recorded[at]).all())
+
+    @property
+    def levels_known(self) -> bool:
+        """Whether no recorded rotation lacks its mean."""
+        recorded = zip(self.model.layout.bodies, self.u.recorded, strict=True)
+        return not any(on and f"u_{body}" in self.no_level for body, on in recorded)
 
     @property
     def rotations_alone(self) -> bool:

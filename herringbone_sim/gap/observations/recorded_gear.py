@@ -72,7 +72,8 @@ class RecordedGear:
         """
         self.modelled, self.forced = other.modelled, other.forced
         rows = max(self.n_relations, other.n_relations)
-        for name in ("has_balance", "has_force_law", "uses_windows", "rms_by_quantity"):
+        of = ("levels_known", "has_balance", "has_force_law", "uses_windows", "rms_by_quantity")
+        for name in of:
             self.__dict__[name] = getattr(other, name)
         self.__dict__["sensors"] = other.sensors
         self.__dict__["n_relations"] = rows if other.n_relations else 0
@@ -90,6 +91,11 @@ class RecordedGear:
         return self.uses_windows and self.runs[r].run.shafts_known
 
     @cached_property
+    def levels_known(self) -> bool:
+        """Whether no rotation lacks its mean; else rotations serve the windows alone."""
+        return all(g.run.levels_known for g in self.runs)
+
+    @cached_property
     def has_balance(self) -> bool:
         """Whether rates of all coordinates are known in all runs.
 
@@ -97,13 +103,18 @@ class RecordedGear:
         them, which windows of the motion do without.
         """
         rotations = all(g.run.rotations_alone for g in self.runs)
-        return not rotations and all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
+        return (
+            self.levels_known
+            and not rotations
+            and all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
+        )
 
     @cached_property
     def has_force_law(self) -> bool:
         """Whether force and displacement are known of at least one mesh."""
         known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
-        return bool((~self.modelled & np.logical_and.reduce(known)).any())
+        there = (~self.modelled & np.logical_and.reduce(known)).any()
+        return bool(self.levels_known and there)
 
     @cached_property
     def uses_windows(self) -> bool:
@@ -169,6 +180,8 @@ class RecordedGear:
     @cached_property
     def n_relations(self) -> int:
         """Number of rows of the consistency observation, of the run that has most."""
+        if not self.levels_known:
+            return 0
         starts = [slice_run(g.run, slice(0, 64), g.run.name) for g in self.runs]
         found = [consistency.block(one, fuse(one), self.drift, self.swap) for one in starts]
         return max(0 if one is None else len(one.rows) for one in found)

@@ -87,8 +87,8 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     """Gain, bias, delay and swap of the channels to which windows are fitted.
 
-    No bias of accelerometers, which have no constant part; no delay of gauges that see a planet
-    only at times, as all gauges share one recorder.
+    No bias of channels that have no constant part anyway, as accelerometers; no delay of gauges
+    that see a planet only at times, as all gauges share one recorder.
     """
     gear = builder.gear
     if not gear.uses_windows:
@@ -103,7 +103,7 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         units = {"gain": 0.05, "delay": 2e-6}
         if quantity == "F":
             units["bias"] = 50.0
-        elif quantity == "u":
+        elif quantity == "u" and name not in gear.runs[0].run.no_level:
             units["bias"] = 0.05 * gear.rms_by_quantity["u"]
         for error, unit in units.items():
             if error == "delay" and not every:

@@ -7,7 +7,9 @@ continuity constraint: jumps cost energy (H. G. Bock, Springer Series in Chemica
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -59,6 +61,7 @@ class Windows:
         phase: (n,) mesh phase at every half step [rad].
         first_half_step: (W,) index of the half step at which each window starts.
         scale: (18,) RMS of rotations [m] and rates [m/s], for scaling.
+        levels: slow parts of channels that the recorder has taken off, see ``Levels``.
     """
 
     run: PreparedRun
@@ -73,6 +76,7 @@ class Windows:
     phase: Array
     first_half_step: NDArray[np.int64]
     scale: Array
+    levels: Levels
 
     @property
     def n_windows(self) -> int:
@@ -89,6 +93,26 @@ class Windows:
         W, samples, k = self.measured.shape
         return np.nan_to_num(values[: W * samples].reshape(W, samples, k))
 
+    def level_values(self, amplitudes: Array) -> Array:
+        """Levels (W, samples, k) of the channels by amplitudes (m,)."""
+        found = np.zeros_like(self.weight)
+        for a, i, wave in zip(amplitudes, self.levels.channel, self.levels.wave, strict=True):
+            found[:, :, i] += a * wave
+        return found
+
+    def level_rows(self) -> Array:
+        """(rows, m) change of ``stacked_residual`` by a unit of each level, its sign reversed."""
+        found = np.zeros((self.weight.size + (self.n_windows - 1) * STATES, len(self.levels.size)))
+        for j, (i, wave) in enumerate(zip(self.levels.channel, self.levels.wave, strict=True)):
+            one = np.zeros_like(self.weight)
+            one[:, :, i] = self.weight[:, :, i] * wave
+            found[: one.size, j] = one.ravel()
+        return found
+
+    def without_levels(self, amplitudes: Array) -> Windows:
+        """Copy with levels of known amplitudes (m,) taken off the readings."""
+        return replace(self, measured=self.measured - self.level_values(amplitudes))
+
     def channel_outputs(
         self, states: Array, forcing: Forcing, first: NDArray[np.int64] | None = None
     ) -> tuple[Array, Array]:
@@ -103,6 +127,24 @@ class Windows:
         return channel_outputs(self.channels, states[:, : -1 : self.steps_per_sample], forcing, at)
 
 
+class Levels(NamedTuple):
+    """What channels lack of slow parts: a constant and a line over the run for each of them.
+
+    An encoder that counts from an arbitrary mark lacks the wind-up under the load, and a line that
+    was taken off as the steady rotation takes a part of the motion with it; an accelerometer that
+    is AC-coupled lacks its mean.
+
+    Attributes:
+        channel: (m,) indices of the channels.
+        wave: (m, W, samples) of unit size.
+        size: (m,) largest that they may be, in the unit of the channel.
+    """
+
+    channel: NDArray[np.int64]
+    wave: Array
+    size: Array
+
+
 @dataclass(frozen=True)
 class WindowSolution:
     """Windows integrated from given start states.
@@ -114,6 +156,7 @@ class WindowSolution:
         slope: (W, samples, k, 18) derivative of the channels by the state, over the noise.
         residuals: (W, samples, k) measured minus predicted, over the noise.
         jumps: (W - 1, 18) end of a window minus start of the next, over ``Windows.scale``.
+        levels: (m,) amplitudes of ``Windows.levels``.
     """
 
     starts: Array
@@ -122,6 +165,7 @@ class WindowSolution:
     slope: Array
     residuals: Array
     jumps: Array
+    levels: Array
 
     @property
     def cost(self) -> float:
@@ -161,6 +205,31 @@ def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
         run.phase[0] + run.omega_rad_per_s * run.step_s * at,
         2 * each * samples * np.arange(W),
         motion * np.repeat([1.0, 2.0 * run.omega_rad_per_s], STATES // 2),
+        _levels(run, measured.names, motion, (W, samples)),
+    )
+
+
+def _levels(
+    run: PreparedRun, names: Sequence[str], motion: float, shape: tuple[int, int]
+) -> Levels:
+    """Levels of rotations without a mean, and of accelerations.
+
+    Args:
+        motion: RMS of the shafts' motion [m].
+        shape: windows and samples of each.
+    """
+    W, samples = shape
+    times = run.times[: W * samples].reshape(W, samples)
+    waves = (np.ones_like(times), 2.0 * times / run.times[-1] - 1.0)
+    largest = {
+        "u": float(np.max(run.model.half_backlash_m)),
+        "a": 2.0 * motion * run.omega_rad_per_s / (run.times[-1] - run.times[0]),
+    }
+    at = [i for i, name in enumerate(names) if name in run.no_level or name[0] == "a"]
+    return Levels(
+        np.repeat(np.array(at, dtype=np.int64), len(waves)),
+        np.array([wave for _ in at for wave in waves]).reshape(-1, W, samples),
+        np.repeat([largest[names[i][0]] for i in at], len(waves)),
     )
 
 
@@ -183,14 +252,17 @@ def symmetric_starts(s: Windows) -> Array:
     return np.hstack([smooth, rate])[:: s.samples][: s.n_windows]
 
 
-def evaluated(s: Windows, starts: Array, forcing: Forcing) -> WindowSolution:
-    """Integrate windows from start states (W, 18)."""
+def evaluated(
+    s: Windows, starts: Array, forcing: Forcing, levels: Array | None = None
+) -> WindowSolution:
+    """Integrate windows from start states (W, 18), with levels (m,); None: zero."""
+    amplitudes = np.zeros(len(s.levels.size)) if levels is None else levels
     states, tangents = integrate_windows(starts, s.first_half_step, s.steps, s.h, forcing)
     seen, slope = s.channel_outputs(states, forcing)
-    off, slope = (s.measured - seen) * s.weight, slope * s.weight[..., None]
-    return WindowSolution(
-        starts, states, tangents, slope, off, (states[:-1, -1] - starts[1:]) / s.scale
-    )
+    measured = s.measured - s.level_values(amplitudes)
+    off, slope = (measured - seen) * s.weight, slope * s.weight[..., None]
+    jumps = (states[:-1, -1] - starts[1:]) / s.scale
+    return WindowSolution(starts, states, tangents, slope, off, jumps, amplitudes)
 
 
 def propagators(s: Windows, tangents: Array) -> Array:
@@ -233,21 +305,29 @@ def stacked_residual(solution: WindowSolution) -> Array:
 
 
 def fitted_windows(
-    s: Windows, starts: Array, forcing: Forcing, rounds: int = MAX_ROUNDS
+    s: Windows,
+    starts: Array,
+    forcing: Forcing,
+    rounds: int = MAX_ROUNDS,
+    levels: Array | None = None,
 ) -> WindowSolution:
-    """Fit start states by Levenberg-Marquardt."""
-    solution, damping = evaluated(s, starts, forcing), 1e-2
+    """Fit start states and levels by Levenberg-Marquardt, from ``levels`` (m,); None: zero."""
+    solution, damping = evaluated(s, starts, forcing, levels), 1e-2
     cost = solution.cost
+    of_levels = s.level_rows()
     for _ in range(rounds if np.isfinite(cost) else 0):  # else the start diverged
         J = window_jacobian(s, solution)
-        right = J.transposed_times(stacked_residual(solution)[:, None])
+        left = stacked_residual(solution)[:, None]
+        right = J.transposed_times(np.hstack([left, of_levels]))
         diagonal = np.eye(STATES) * (np.einsum("wii->wi", J.own) + 1e-6)[:, :, None]
         while damping < 1e6:
             try:
-                step = BlockTridiagonal(J.own + damping * diagonal, J.below).solve(right)
+                found = BlockTridiagonal(J.own + damping * diagonal, J.below).solve(right)
             except np.linalg.LinAlgError:
                 return solution
-            tried = evaluated(s, solution.starts + step[:, :, 0] * s.scale, forcing)
+            more = _level_step(s, of_levels, left, right, found, damping)
+            step = found[:, :, 0] - found[:, :, 1:] @ more
+            tried = evaluated(s, solution.starts + step * s.scale, forcing, solution.levels + more)
             now = tried.cost
             if np.isfinite(now) and now < cost:
                 break
@@ -258,3 +338,23 @@ def fitted_windows(
         if gained < RELATIVE_TOLERANCE * cost:
             break
     return solution
+
+
+def _level_step(
+    s: Windows, rows: Array, left: Array, right: Array, found: Array, damping: float
+) -> Array:
+    """Step (m,) of the levels, that of the states eliminated.
+
+    Args:
+        rows: (rows, m) of ``Windows.level_rows``.
+        left: (rows, 1) residual.
+        right, found: (W, 18, 1 + m) J' times residual and rows, and the solution for them.
+    """
+    m = len(s.levels.size)
+    if not m:
+        return np.zeros(0)
+    by_states = np.einsum("wim,wik->mk", right[:, :, 1:], found)
+    normal = rows.T @ rows
+    normal += damping * np.diag(np.diag(normal)) + np.diag(s.levels.size**-2.0)
+    step = np.linalg.solve(normal - by_states[:, 1:], (rows.T @ left)[:, 0] - by_states[:, 0])
+    return np.asarray(step)

@@ -147,6 +147,7 @@ class Trajectory(ForcedWindows):
             solution.starts,
             forcing_at(solution),
             ROUNDS_NEW if new else ROUNDS_AGAIN,
+            solution.levels,
         )
         better = self._least
         if (
@@ -155,7 +156,9 @@ class Trajectory(ForcedWindows):
             and self._tried.get(key) is not better
         ):
             self._tried[key] = better
-            other = fitted_windows(self.windows, better.starts, forcing_at(better), ROUNDS_NEW)
+            other = fitted_windows(
+                self.windows, better.starts, forcing_at(better), ROUNDS_NEW, better.levels
+            )
             solution = min(solution, other, key=lambda one: one.cost)
         before = self._restart_energies.get(key, self.nominal.cost)
         far_off = solution.cost > MAX_FIT_CHI2 * np.count_nonzero(self.windows.weight)
@@ -169,7 +172,9 @@ class Trajectory(ForcedWindows):
         if another and far_off:
             near = solution
             anew = self._restarted(
-                forcing_at(near), self._with_lead.in_step_forcing(change_of, of_bodies, on_carrier)
+                forcing_at(near),
+                self._with_lead.in_step_forcing(change_of, of_bodies, on_carrier),
+                near.levels,
             )
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_energies[key] = solution.cost
@@ -190,7 +195,8 @@ class Trajectory(ForcedWindows):
         """Energy under a change after ``rounds`` steps from the states ``near``; thread-safe."""
         own = copy.copy(self)
         forcing_at = own.forcing_under(change_of, of_bodies, on_carrier)
-        return fitted_windows(own.windows, near.starts, forcing_at(near), rounds).cost
+        forcing = forcing_at(near)
+        return fitted_windows(own.windows, near.starts, forcing, rounds, near.levels).cost
 
     @cached_property
     def _with_lead(self) -> ForcedWindows:
@@ -205,20 +211,23 @@ class Trajectory(ForcedWindows):
         )
         return filter_and_fit(self.recorded, mine, self._with_lead.recorded, of_whole)
 
-    def _restarted(self, forcing: Forcing, of_whole: Forcing) -> WindowSolution | None:
+    def _restarted(
+        self, forcing: Forcing, of_whole: Forcing, levels: Array
+    ) -> WindowSolution | None:
         """Fit states from a filter run under the change; None if that diverges.
 
         Args:
             forcing: of the windows.
             of_whole: of the windows with the lead.
+            levels: (m,) of the channels.
         """
-        whole = self._with_lead.windows
+        whole = self._with_lead.windows.without_levels(levels)
         try:
             starts, cost = filtered_starts(whole, of_whole, initial_states(whole))
         except np.linalg.LinAlgError:
             return None
         best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead_windows :]
-        return fitted_windows(self.windows, best, forcing, ROUNDS_NEW)
+        return fitted_windows(self.windows, best, forcing, ROUNDS_NEW, levels)
 
     def block(
         self,
@@ -282,6 +291,4 @@ class Trajectory(ForcedWindows):
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
         data = np.repeat(phase[:: 2 * s.steps_per_sample][: W * samples], k)
         jumps = np.repeat(phase[s.first_half_step[1:]], STATES)
-        return np.concatenate(
-            [data, jumps, np.zeros(2 * sum(c[0] == "u" for c in s.channels.names))]
-        )
+        return np.concatenate([data, jumps, np.zeros(len(encoder_columns(s)[1]))])

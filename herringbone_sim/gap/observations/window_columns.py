@@ -176,12 +176,12 @@ def _respond(tangents, way, pushed, slope, each, data, end):  # type: ignore[no-
 
 
 def encoder_columns(s: Windows) -> tuple[Array, Array]:
-    """Regressors and prior SDs of the once-per-revolution eccentricity error of each encoder.
+    """Eccentricity of each encoder, once a revolution, and levels of channels: columns, prior SDs.
 
     Returns:
-        Columns (rows, 2 n_encoders): cos and sin of the shaft angle, divided by the noise, in the
-        rows of that encoder, 0 in other channels and in the continuity rows; and prior standard
-        deviation (2 n_encoders,) [m] of each amplitude.
+        Columns (rows, 2 n_encoders + m): cos and sin of the shaft angle, divided by the noise, in
+        the rows of that encoder, 0 in other channels and in the continuity rows, and those of
+        ``Windows.levels``; and prior standard deviation of each amplitude, unit of the channel.
     """
     model = s.run.model
     sc = model.scales
@@ -198,6 +198,5 @@ def encoder_columns(s: Windows) -> tuple[Array, Array]:
                 )
                 found.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
                 sizes.append(ENCODER_ERROR_RAD * radius[name[2]])
-    if not found:
-        return np.zeros((W * samples * k + (W - 1) * STATES, 0)), np.zeros(0)
-    return np.stack(found, axis=1), np.array(sizes)
+    gratings = np.array(found).reshape(-1, W * samples * k + (W - 1) * STATES).T
+    return np.hstack([gratings, s.level_rows()]), np.append(sizes, s.levels.size)

@@ -23,6 +23,7 @@ from herringbone_sim.gap.observations.shooting import (
 
 OUT_OF_STEP = (0.1, 0.3, 0.6)  # initial differences between planets over the motion's RMS, chosen
 N_FITTED = 2  # initial states fitted to convergence
+N_LEVELLED = 3  # runs of the filter where rotations have no mean, each with that of the fit before
 MAX_ROUNDS = 8
 RELATIVE_TOLERANCE = 1e-2  # decrease of a window's energy, as a share, that ends its fit
 
@@ -37,9 +38,17 @@ def filter_and_fit(
         whole: windows that begin earlier, in which the filter converges.
         of_whole: their forcing.
     """
-    starts, cost = filtered_starts(whole, of_whole, initial_states(whole))
-    starts = starts[:, whole.n_windows - s.n_windows :]
-    found = [fitted_windows(s, starts[i], forcing) for i in np.argsort(cost)[:N_FITTED]]
+    found: list[WindowSolution] = []
+    levels = np.zeros(len(s.levels.size))
+    for _ in range(N_LEVELLED if levels.any() or s.run.no_level else 1):
+        right = whole.without_levels(levels)
+        starts, cost = filtered_starts(right, of_whole, initial_states(right))
+        starts = starts[:, whole.n_windows - s.n_windows :]
+        found += [
+            fitted_windows(s, starts[i], forcing, levels=levels)
+            for i in np.argsort(cost)[:N_FITTED]
+        ]
+        levels = min(found, key=lambda solution: solution.cost).levels
     return min(found, key=lambda solution: solution.cost)
 
 

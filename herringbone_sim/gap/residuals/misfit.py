@@ -62,8 +62,9 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
     known = np.isfinite(scales).all(axis=1)
     if known.sum() < 3:
         return []
-    of_deciding = known & np.isin([run.name for run in runs], [r.name for r in deciding(runs)])
-    usual = np.median(scales[of_deciding if of_deciding.any() else known], axis=0)
+    decides = known & np.isin([run.name for run in runs], [r.name for r in deciding(runs)])
+    # Of two runs neither is the usual one.
+    usual = np.median(scales[decides if decides.sum() >= 3 else known], axis=0)
     findings = []
     for run, (of_u, of_e), finite in zip(runs, scales, known, strict=True):
         off = max(abs(of_u - usual[0]), abs(of_e - usual[1]))
