@@ -169,10 +169,14 @@ def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
 def _sensors(file: Path, given: Any) -> dict[str, dict[str, float]]:
     """Data of single channels as floats; RecordingError if they are not numbers."""
     try:
-        return {
+        found = {
             str(name): {str(key): float(value) for key, value in one.items()}
             for name, one in given.items()
         }
+        for name, one in found.items():
+            if not one.get("rms", 1.0) > 0.0:
+                raise ValueError(f"the rms of {name} must be above 0")
+        return found
     except (AttributeError, TypeError, ValueError) as error:
         raise RecordingError(
             f"sensors of {file} must be channels with numbers, as {{F_rp1_L: {{gain_tolerance: "

@@ -18,7 +18,12 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
-from herringbone_sim.gap.data.prepare import prepare, prepare_run
+from herringbone_sim.gap.data.prepare import (
+    all_noise_told,
+    prepare,
+    prepare_run,
+    told_noise,
+)
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.diagnose import diagnose
@@ -193,6 +198,24 @@ def test_a_unit_that_the_recorder_declares(series: TimeSeries) -> None:
     (finding,) = run.findings
     assert (finding.what, finding.channels) == ("unit", ("x_sp1_L",))
     assert not run.x.recorded[0]
+
+
+def test_noise_of_single_channels_is_taken_as_told(series: TimeSeries) -> None:
+    """Where the noise of all is told it need not be estimated; that of an angle is in rad."""
+    sensors = {
+        name: {"rms": 2e-7} for name in series.names if name[:2] in ("x_", "v_", "F_", "u_")
+    }
+    sensors["angle_c"] = {"rms": 1e-6}
+    run = CampaignRun(Path("run"), POINTS[0], "fit")
+    recording = Recording(Path("run"), "run", series, Channels(), (), True, ())
+    found = prepare_run(run, recording, NOMINAL, None, {"x_sp1_L": {"rms": 3e-7}})
+    estimated = prepare_run(run, recording, NOMINAL, None)
+    assert found.x.sigma[0] == pytest.approx(3e-7, rel=1e-3)
+    np.testing.assert_array_equal(found.x.sigma[1:], estimated.x.sigma[1:])
+    assert all_noise_told([found], sensors)
+    assert not all_noise_told([found], {n: one for n, one in sensors.items() if n != "F_sp1_L"})
+    told = told_noise(found.model, {"angle_c": {"rms": 1e-6}})
+    assert told == {"u_c": pytest.approx(1e-6 * found.model.scales.r_bc)}
 
 
 def test_raw_angles_are_read_as_rotations_without_a_mean(series: TimeSeries) -> None:

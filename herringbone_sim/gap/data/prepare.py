@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from herringbone_sim.core.layout import PREFIX_UNITS, QUANTITIES, Layout
-from herringbone_sim.core.model import build
+from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, HerringboneError, listed
@@ -25,7 +25,11 @@ from herringbone_sim.gap.data.rotations import with_rotations, without_mean
 from herringbone_sim.gap.data.screen import Finding, screen
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
+from herringbone_sim.recording.importing.spec import recorded_name
+from herringbone_sim.recording.importing.turns import base_radius
 from herringbone_sim.recording.reader import Recording, read_recording
+
+Sensors = Mapping[str, Mapping[str, float]]  # data of single channels in campaign.yaml
 
 
 def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
@@ -47,7 +51,7 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
     for run in campaign.runs:
         try:
             recording = read_recording(run.path, cut_at_jump=True)
-            runs.append(prepare_run(run, recording, full, campaign.noise_share))
+            runs.append(prepare_run(run, recording, full, campaign.noise_share, campaign.sensors))
         except HerringboneError as error:
             missing.append((run.path.name, str(error)))
     if not runs:
@@ -59,14 +63,31 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
         tuple(runs),
         mesh_table(full.layout),
         tuple(missing),
-        campaign.noise_share is not None,
+        campaign.noise_share is not None or all_noise_told(runs, campaign.sensors),
         gain_tolerances(full.layout, campaign.sensors),
     )
 
 
-def gain_tolerances(
-    layout: Layout, sensors: Mapping[str, Mapping[str, float]]
-) -> tuple[float, ...]:
+def all_noise_told(runs: Sequence[PreparedRun], sensors: Sensors) -> bool:
+    """Whether campaign.yaml gives the noise of every recorded channel on its own."""
+    return all(
+        name in told_noise(run.model, sensors)
+        for run in runs
+        for q in QUANTITIES
+        for name, on in zip(run.model.layout.channels_of(q), getattr(run, q).recorded, strict=True)
+        if on
+    )
+
+
+def told_noise(model: Model, sensors: Sensors) -> dict[str, float]:
+    """RMS of the noise of single channels in campaign.yaml; that of an angle times its radius."""
+    told = {name: float(one["rms"]) for name, one in sensors.items() if "rms" in one}
+    for name in [name for name in told if name.startswith("angle_")]:
+        told[recorded_name(name)] = told.pop(name) * base_radius(model, name.partition("_")[2])
+    return told
+
+
+def gain_tolerances(layout: Layout, sensors: Sensors) -> tuple[float, ...]:
     """Relative gain tolerance (n_mesh,) of the force sensors in campaign.yaml; 0 without."""
     return tuple(
         float(sensors.get(f"F_{m}", {}).get("gain_tolerance", 0.0)) for m in layout.meshes
@@ -74,7 +95,11 @@ def gain_tolerances(
 
 
 def prepare_run(
-    run: CampaignRun, recording: Recording, nominal: Parameters, noise_share: float | None
+    run: CampaignRun,
+    recording: Recording,
+    nominal: Parameters,
+    noise_share: float | None,
+    sensors: Sensors | None = None,
 ) -> PreparedRun:
     """Lay out one run as arrays: its longest unbroken part, without unusable channels.
 
@@ -83,6 +108,7 @@ def prepare_run(
         recording: of the run.
         nominal: parameters of the data sheet.
         noise_share: RMS of the noise over that of each channel; None: estimated from spectra.
+        sensors: data of single channels; the ``rms`` of one is its noise.
 
     Raises:
         AnalysisError: no phase that increases, or fewer than two samples.
@@ -102,8 +128,9 @@ def prepare_run(
         )
     phase = series["phase"].copy()
     omega = float((phase[-1] - phase[0]) / (series.times[-1] - series.times[0]))
+    told = told_noise(model, sensors or {})
     measured: dict[str, Any] = {
-        q: _measured(series, layout.channels_of(q), noise_share) for q in QUANTITIES
+        q: _measured(series, layout.channels_of(q), noise_share, told) for q in QUANTITIES
     }
     return PreparedRun(
         name=name,
@@ -183,20 +210,30 @@ def _unknown_channels(name: str, series: TimeSeries, layout: Layout) -> list[Fin
     return [Finding("foreign", name, others, None, text)]
 
 
-def _measured(series: TimeSeries, names: tuple[str, ...], noise_share: float | None) -> Measured:
+def _measured(
+    series: TimeSeries,
+    names: tuple[str, ...],
+    noise_share: float | None,
+    told: Mapping[str, float],
+) -> Measured:
     """Values (n, k) of the channels ``names``, NaN where absent, and the noise of each.
 
     Args:
         noise_share: RMS of the noise over that of the channel, mean included; quantisation noise
-            of the converter is added. None: all noise is estimated from the spectrum.
+            of the converter is added. None: it is estimated from the spectrum.
+        told: RMS of the noise of single channels, in place of either.
     """
     values = np.full((len(series), len(names)), np.nan)
     there = np.array([name in series for name in names])
     for j in np.flatnonzero(there):
         values[:, j] = series[names[j]]
+    of_step = resolution(values) ** 2 / 12.0
     if noise_share is None:
-        return Measured(values, there, spectral_floor(values))
-    known = np.maximum(np.isfinite(values).sum(axis=0), 1)
-    power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
-    sigma = np.sqrt(noise_share**2 * power + resolution(values) ** 2 / 12.0)
+        sigma = spectral_floor(values)
+    else:
+        known = np.maximum(np.isfinite(values).sum(axis=0), 1)
+        power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
+        sigma = np.sqrt(noise_share**2 * power + of_step)
+    own = np.array([told.get(name, np.nan) for name in names])
+    sigma = np.where(np.isfinite(own), np.sqrt(own**2 + of_step), sigma)
     return Measured(values, there, np.where(there, sigma, np.nan))

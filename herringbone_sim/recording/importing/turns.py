@@ -35,7 +35,7 @@ def with_turns(
     for name in sorted(values.keys() - made.keys()):
         body = name.removeprefix("angle_")
         line = steady(times, values[name])
-        made[f"u_{body}"] = (values[name] - line) * _radius(model, body)
+        made[f"u_{body}"] = (values[name] - line) * base_radius(model, body)
         if name == shaft:
             cycles = p.z_r if body == "c" else p.z_s * p.z_r / (p.z_s + p.z_r)
             made["phase"] = np.sign(line[-1] - line[0]) * cycles * line + phase_offset
@@ -55,7 +55,7 @@ def steady(times: Array, angle: Array) -> Array:
     return line
 
 
-def _radius(model: Model, body: str) -> float:
+def base_radius(model: Model, body: str) -> float:
     """Base radius of a body [m]."""
     s = model.scales
     return {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}[body[0]]
