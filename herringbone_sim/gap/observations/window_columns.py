@@ -141,7 +141,8 @@ def responses(
     data = at_once * pushed[:, :-1:each, None, :] * s.weight[..., None]
     end = np.empty((s.n_windows, STATES, P))
     way = np.ascontiguousarray(0.5 * s.h * direction.T)
-    _respond(solution.tangents, way, pushed, solution.slope, each, data, end)
+    slope = np.ascontiguousarray(solution.slope)
+    _respond(solution.tangents, way, pushed, slope, each, data, end)
     ties = end[:-1] / (s.scale[:, None] * JUMP_SD)
     return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
 
