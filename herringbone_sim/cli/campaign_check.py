@@ -11,6 +11,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.data.screen import finding_texts
 from herringbone_sim.gap.feasible import FeasibleObservations, feasible_observations
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import NOMINAL
@@ -84,5 +85,6 @@ def verdict(content: FeasibleObservations) -> str:
     ]
     if not content.observations:
         lines.append("a diagnosis of this campaign would name nothing")
-    wrong = [f"to look at: {f.text}" for f in content.findings if not f.limit]
+    faults = finding_texts([f for f in content.findings if not f.limit])
+    wrong = [f"to look at: {text}" for text in faults]
     return "\n".join([*lines, *wrong, *(f"open: {f.text}" for f in content.findings if f.limit)])

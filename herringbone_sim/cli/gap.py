@@ -20,6 +20,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.data.screen import finding_texts
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.report import Estimate, Report
@@ -146,9 +147,9 @@ def summary(report: Report) -> str:
         lines += [sense_line(gap) for gap in others if math.isfinite(gap.rms("nominal"))]
     if report.forces is not None:
         lines.append(forces_line(report.forces))
-    wrong = [finding.text for finding in report.findings]
-    lines += [f"wrong with the recording: {text}" for text in wrong]
-    open_ = [text for text in report.undecidable if text not in wrong]
+    lines += [f"wrong with the recording: {text}" for text in finding_texts(report.findings)]
+    said = {finding.text for finding in report.findings}
+    open_ = [text for text in report.undecidable if text not in said]
     lines += [f"can't tell: {text}" for text in open_]
     return "\n".join([*lines, next_line(report.next_experiment)])
 

@@ -25,7 +25,7 @@ from herringbone_sim.gap.data.prepare import (
     told_noise,
 )
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, mesh_table
-from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.data.screen import Finding, finding_texts
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.misfit import runs_with_other_force_law
@@ -365,6 +365,15 @@ def test_a_missing_run_is_told_with_its_reason(others: tuple[PreparedRun, ...]) 
     )
     first = check(campaign)[1][0]
     assert (first.what, first.run) == ("missing", "run_07")
+
+
+def test_what_runs_have_in_common_is_said_once() -> None:
+    same = [Finding("recording", f"run_0{i}", (), None, f"run_0{i}: no units") for i in range(3)]
+    other = Finding("clock", "run_01", ("t",), 0.1, "run_01 jumps back")
+    assert finding_texts([same[0], other, *same[1:]]) == [
+        "run_00, run_01, run_02: no units",
+        "run_01 jumps back",
+    ]
 
 
 def test_a_folder_with_a_missing_and_a_cut_run(tmp_path: Path, series: TimeSeries) -> None:

@@ -43,6 +43,16 @@ class Finding:
     limit: bool = False
 
 
+def finding_texts(findings: Sequence[Finding]) -> list[str]:
+    """Texts of findings; what several runs have in common is said once, with their names."""
+    runs: dict[str, list[str]] = {}
+    for one in findings:
+        name, colon, rest = one.text.partition(": ")
+        alike = colon and name == one.run
+        runs.setdefault(rest if alike else one.text, []).extend([name] if alike else [])
+    return [f"{', '.join(names)}: {text}" if names else text for text, names in runs.items()]
+
+
 def screen(
     name: str, series: TimeSeries, units: Mapping[str, str] | None = None
 ) -> tuple[TimeSeries, tuple[Finding, ...]]:

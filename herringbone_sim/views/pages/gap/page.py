@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+from herringbone_sim.gap.data.screen import finding_texts
 from herringbone_sim.gap.report import Cause, Report
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.sweeps.output import make_folder
@@ -82,16 +83,16 @@ def gap_page(
 ) -> str:
     """The complete page; ``command`` of ``compare_command``, ``planned`` of ``plan_command``."""
     name = report.campaign
-    faults = [finding.text for finding in report.findings]
     # A limit that is a fault too is said above.
-    undecidable = bullets(text for text in report.undecidable if text not in faults)
+    said = {finding.text for finding in report.findings}
+    undecidable = bullets(text for text in report.undecidable if text not in said)
     following = _next(report.next_experiment)
     senses = senses_table(report.senses, report.runner_up_effects)
     body = [
         f'<p class="kicker">Gap diagnosis &nbsp;·&nbsp; {escape(name)}</p>',
         f"<h1>{escape(headline(report.verdict))}</h1>",
         answers(report),
-        section("What is wrong with the recording", bullets(faults)),
+        section("What is wrong with the recording", bullets(finding_texts(report.findings))),
         f"<h2>Where</h2>{where_section(report)}",
         f"<h2>Which</h2>{_which(report)}",
         f"<h2>How much</h2>{runs_table(report.gap, kind(report.verdict))}",
