@@ -55,7 +55,7 @@ def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active
     found = []
     for one in actives:
         concerned = names_of(names, one)
-        inside = set(concerned) <= set(names) if concerned else not one.effect.options
+        inside = set(concerned) <= set(names) if concerned else not one.chosen.get("channels")
         if one.effect.level == "sensor" and inside:
             found.append(one)
     return tuple(found)

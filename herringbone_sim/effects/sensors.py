@@ -134,7 +134,7 @@ def check_sensors(layout: Layout, actives: Sequence[Active]) -> None:
             continue
         one.locus.mask(layout)
         channels = channels_of(_some_samples(layout), one)
-        if one.effect.options and not channels:
+        if any(o.start for o in one.effect.options) and not channels:
             raise ParameterError(f"{one.effect.id} concerns no channel: name some, as channels=F")
         if one.effect.distort is not None:
             one.effect.distort(np.array(one.theta), _some_samples(layout), channels)

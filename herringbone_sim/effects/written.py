@@ -110,11 +110,9 @@ def _text(active_effect: Active) -> str:
     place = "/".join(
         (active_effect.locus.mesh, active_effect.locus.planet, active_effect.locus.side)
     )
-    one = active_effect.effect
-    # A diagnosis also tells the channels of a clock, which are no option of it.
-    known = {p.name for p in one.parameters} | {o.name for o in one.options}
     every = parameter_values(active_effect).items()
-    pairs = [f"{name}={_plain(value)}" for name, value in every if name in known]
+    # An empty list is a choice of nothing: it is left out.
+    pairs = [f"{name}={_plain(value)}" for name, value in every if value != []]
     return f"{active_effect.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
 
 

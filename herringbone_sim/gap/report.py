@@ -174,7 +174,7 @@ def _estimates(
     }
     for key, choice in one.options:
         values[key] = Estimate(concerned if key == "channels" else choice)
-    if one.effect.level == "sensor" and "channels" not in values:
+    if one.effect.level == "sensor" and not concerned:
         values["channels"] = Estimate(("t",))  # the clock of all
     return values
 

@@ -11,6 +11,7 @@ import yaml
 from gap_support import NOMINAL, OMEGA_N, POINTS, noisy, prepared, sampled
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
@@ -129,12 +130,14 @@ SENSORS = (
     active(effect("sensor_gain"), Locus("rp"), {"gain": 0.95, "channels": ("v",)}),
     active(effect("channel_swap"), values={"channels": ("x_sp1_L", "x_rp2_R")}),
     active(effect("clock_drift"), values={"ppm": 2e4}),
+    active(effect("clock_drift"), values={"ppm": -300.0, "channels": ("x_sp1_L", "x_sp2_L")}),
 )
 
 
 @pytest.mark.parametrize("one", SENSORS, ids=lambda one: f"{one.effect.id} {one.chosen}")
 def test_a_recording_is_put_right_by_the_sensor_effect_of_the_verdict(one: Active) -> None:
-    clean = noisy(sampled({}, POINTS[0], 20), 3e-3, 4)
+    whole = noisy(sampled({}, POINTS[0], 20), 3e-3, 4)
+    clean = TimeSeries(whole.times - whole.times[0], whole.data, whole.names)
     shown = distort(clean, (one,))
     right, wrong = (prepared(series, POINTS[0], share=3e-3) for series in (clean, shown))
     mended = correct_sensors(wrong, (one,))

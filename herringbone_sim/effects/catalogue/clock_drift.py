@@ -1,6 +1,8 @@
 """Clock drift: the recorded time runs at another rate, t (1 + ppm 1e-6); a slow clock is negative.
 
-Source: by definition; neither the motion nor any other channel changes.
+Where channels are named, they have a recorder of their own: they show y(t (1 + ppm 1e-6)) and the
+time stays, so that a positive number is what was later.
+Source: by definition; the motion does not change.
 """
 
 from __future__ import annotations
@@ -9,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.effects.channels import replaced
-from herringbone_sim.effects.effect import Effect, Parameter
+from herringbone_sim.effects.channels import between, replaced
+from herringbone_sim.effects.effect import Effect, Option, Parameter
 
 
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """Replace the times by those of the drifting clock."""
+    """Replace the times by those of the drifting clock; of some channels, what they show."""
+    if channels:
+        at = series.times * (1.0 + 1e-6 * theta[0])
+        return replaced(series, {n: between(series.times, series[n], at) for n in channels})
     times = series.times * (1.0 + 1e-6 * theta[0])
     return replaced(TimeSeries(times, series.data, series.names), {"t": times})
 
@@ -26,5 +31,6 @@ EFFECT = Effect(
     text="the clock of the recording runs at another rate",
     level="sensor",
     parameters=(Parameter("ppm", "1e-6", "fast if positive", -2e5, 2e5, 100.0),),
+    options=(Option("channels", "those of a recorder of their own; none: all", ()),),
     distort=distort,
 )
