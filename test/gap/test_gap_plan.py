@@ -154,6 +154,15 @@ def test_bad_input_is_named() -> None:
         simulate_campaign(NOMINAL, TWO, SHAFTS, SensorNoise(), 0)
 
 
+def test_raw_angles_are_rotations_whose_mean_is_not_known() -> None:
+    """Their noise is in rad: 2e-6 at the base circle of the carrier."""
+    noise = SensorNoise(values={"angle_c": 2e-6})
+    run = simulate_campaign(NOMINAL, TWO[:1], ("u_s_L", "angle_c"), noise, CYCLES).runs[0]
+    assert np.flatnonzero(run.u.recorded).tolist() == [0, 2]
+    assert run.no_level == ("u_c",)
+    assert run.u.sigma[2] == pytest.approx(2e-6 * run.model.scales.r_bc)
+
+
 def test_noise_goes_by_the_longest_name() -> None:
     noise = noise_of("60dB,u=1e-7,F_pin=20dB")
     assert noise.sigma("u_c", 1.0) == 1e-7

@@ -20,6 +20,8 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, Prepar
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
 from herringbone_sim.gap.observations.window_channels import pin_names, pin_weights
+from herringbone_sim.recording.importing.spec import recorded_name
+from herringbone_sim.recording.importing.turns import base_radius
 
 LEAST_CYCLES = round(BLOCK_CYCLES)  # shortest run in mesh cycles: a block of the diagnosis
 TRANSIENT = 80  # mesh cycles before a recording, as for practice rigs
@@ -49,8 +51,9 @@ class SensorNoise:
 
 
 def known_sensors(layout: Layout) -> tuple[str, ...]:
-    """Names of all channels that can be recorded."""
-    return tuple(name for quantity in QUANTITIES for name in layout.channels_of(quantity))
+    """Names of all channels that can be recorded, raw angles of encoders included."""
+    channels = [name for quantity in QUANTITIES for name in layout.channels_of(quantity)]
+    return (*channels, *(f"angle_{body}" for body in layout.bodies))
 
 
 def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
@@ -59,9 +62,9 @@ def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
     foreign = [name for name in sensors if name not in known]
     if foreign or not sensors:
         raise ParameterError(
-            f"sensors are some of u_s_L, a_c, x_sp1_L, v_rp2_R, F_sp1_L, F_pin1 and the like, got "
-            f"{listed(foreign) or 'none'}: name bodies {', '.join(layout.bodies)}, meshes "
-            f"{', '.join(layout.meshes)} or pins {', '.join(pin_names(layout))}"
+            "sensors are some of u_s_L, angle_s_L, a_c, x_sp1_L, v_rp2_R, F_sp1_L, F_pin1 and the "
+            f"like, got {listed(foreign) or 'none'}: name bodies {', '.join(layout.bodies)}, "
+            f"meshes {', '.join(layout.meshes)} or pins {', '.join(pin_names(layout))}"
         )
 
 
@@ -119,11 +122,19 @@ def _run(
     clean["a"] = accelerations(model, phase, clean["F"])
     clean["pin"] = clean["F"] @ pin_weights(layout).T
 
+    angles = {recorded_name(n): n for n in sensors if n.startswith("angle_")}
+
+    def noise_of(name: str, rms: float) -> float:
+        if name not in angles:
+            return noise.sigma(name, rms)
+        radius = base_radius(model, name.removeprefix("u_"))
+        return radius * noise.sigma(angles[name], rms / radius)
+
     def record(q: str) -> Measured:
         names = layout.channels_of(q)
-        there = np.array([n in sensors for n in names])
+        there = np.array([n in sensors or n in angles for n in names])
         rms = np.sqrt(np.mean(clean[q] ** 2, axis=0))
-        sigma = np.array([noise.sigma(n, r) for n, r in zip(names, rms, strict=True)])
+        sigma = np.array([noise_of(n, r) for n, r in zip(names, rms, strict=True)])
         values = clean[q] + sigma * rng.normal(size=clean[q].shape)
         return Measured(np.where(there, values, np.nan), there, np.where(there, sigma, np.nan))
 
@@ -139,6 +150,7 @@ def _run(
         waves=waves(model, phase, omega),
         recorded_point={},
         findings=(),
+        no_level=tuple(name for name in angles if name not in sensors),
     )
 
 
