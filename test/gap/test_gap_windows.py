@@ -112,6 +112,7 @@ def test_raw_angles_become_rotations_about_the_steady_one(gear: Gear) -> None:
     assert without_mean(series, ("u_c", "u_s_L")) == ()
     rounded = TimeSeries(run.times, np.round(1e9 * series["u_c"])[:, None] / 1e9, ("u_c",))
     assert without_mean(rounded, ("u_c",)) == ("u_c",)
+    assert without_mean(rounded, ("u_s_R",)) == ()
 
 
 def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, WindowSolution]) -> None:
@@ -466,3 +467,23 @@ def test_a_loose_pin_is_proposed_at_its_planet_from_gauges_in_the_pins() -> None
     excess = float(calibrated.energy.sum()) - calibrated.count
     assert best.measured_gain is not None
     assert best.measured_gain > 0.5 * excess > 0.0
+
+
+def test_a_change_under_which_the_motion_diverges_explains_nothing(gear: Gear) -> None:
+    """A million times the stiffness: no state follows the readings, and nothing ends."""
+    trajectory = Trajectory(gear.runs[1].run)
+    found = trajectory.fitted_states(("absurd",), lambda _: LawChange(kappa=np.array(1e6)), {})
+    assert found is trajectory.nominal
+    block = trajectory.block(found, lambda _: LawChange(), (), ())
+    assert np.isfinite(block.residual).all()
+
+
+def test_states_far_apart_are_eliminated_all_the_same(
+    one: tuple[Trajectory, WindowSolution],
+) -> None:
+    """Entries that differ by forty orders leave the normal matrix indefinite by rounding."""
+    trajectory, shot = one
+    s = trajectory.windows
+    wild = replace(shot, slope=shot.slope * np.logspace(0, 20, STATES))
+    states = StateElimination(window_jacobian(s, wild), *encoder_columns(s), STATE_PRECISION)
+    assert np.isfinite(states.clear(rows(shot)[:, None])).all()

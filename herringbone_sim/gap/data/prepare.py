@@ -120,6 +120,7 @@ def prepare_run(
     part, break_findings = longest_part(name, whole)
     model = build(nominal.changed(run.point))
     layout = model.layout
+    centred = without_mean(whole, layout.channels_of("u"))  # as recorded, not as cut
     part, turned = with_rotations(model, part)
     series, findings = screen(name, part, declared_units(recording))
     if len(series) < 2:
@@ -149,8 +150,7 @@ def prepare_run(
             *_unknown_channels(name, series, layout),
             *findings,
         ),
-        no_level=tuple(n for n in turned if n in series)
-        or without_mean(series, layout.channels_of("u")),
+        no_level=tuple(n for n in turned or centred if n in series),
     )
 
 

@@ -45,11 +45,11 @@ def without_mean(series: TimeSeries, names: Sequence[str]) -> tuple[str, ...]:
     Rotations about the middle of the backlash have one, as the load winds the gear up. It is zero
     where it is less than rounding, or than half a step of the converter.
     """
-    there = [name for name in names if name in series]
-    values = np.stack([series[name] for name in there], axis=1) if there else np.zeros((1, 0))
-    values = values[np.isfinite(values).all(axis=1)]
-    if not values.size:
-        return ()
-    least = np.maximum(0.5 * resolution(values), ROUNDING * np.abs(values).max(axis=0))
-    lost = np.abs(values.mean(axis=0)) <= least
-    return tuple(there) if lost.all() else ()
+    there = tuple(name for name in names if name in series)
+    lost = []
+    for name in there:
+        values = series[name][np.isfinite(series[name])]
+        size = np.abs(values).max(initial=0.0)
+        least = max(0.5 * float(resolution(values[:, None])[0]), ROUNDING * float(size))
+        lost.append(len(values) > 0 and abs(values.mean()) <= least)
+    return there if any(lost) and all(lost) else ()

@@ -178,11 +178,21 @@ class Trajectory(ForcedWindows):
             )
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_energies[key] = solution.cost
+        if not self._follows(solution):
+            solution = self.nominal
         self._solutions[key], self._energies[key] = solution, solution.cost
         comparable = self.windows is self.recorded
         if comparable and (self._least is None or solution.cost < self._least.cost):
             self._least = solution
         return solution
+
+    def _follows(self, solution: WindowSolution) -> bool:
+        """Whether states leave less than the readings themselves; else a change made them diverge.
+
+        Such a change explains nothing: the states of the nominal law stand in.
+        """
+        s = self.windows
+        return bool(solution.cost <= np.sum((s.measured * s.weight) ** 2))
 
     def cost_near(
         self,
@@ -196,7 +206,8 @@ class Trajectory(ForcedWindows):
         own = copy.copy(self)
         forcing_at = own.forcing_under(change_of, of_bodies, on_carrier)
         forcing = forcing_at(near)
-        return fitted_windows(own.windows, near.starts, forcing, rounds, near.levels).cost
+        cost = fitted_windows(own.windows, near.starts, forcing, rounds, near.levels).cost
+        return cost if np.isfinite(cost) else np.inf
 
     @cached_property
     def _with_lead(self) -> ForcedWindows:

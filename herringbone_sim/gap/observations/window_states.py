@@ -10,6 +10,9 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 
+# Shares of the largest entry that are tried where rounding leaves the matrix indefinite.
+ROUNDING_SHARES = (1e-12, 1e-8, 1e-4)
+
 
 class BlockTridiagonal:
     """Cholesky factor of a symmetric positive definite matrix of W x W blocks.
@@ -85,6 +88,26 @@ class WindowJacobian:
         return np.asarray(found)
 
 
+def factored(jacobian: WindowJacobian, flat: float) -> BlockTridiagonal:
+    """Factor of J'J with a prior of precision ``flat``, or of the least that rounding allows.
+
+    States that a change makes diverge have entries so far apart that rounding leaves J'J
+    indefinite; their precision is then at least a share of the largest of their window.
+
+    Raises:
+        numpy.linalg.LinAlgError: the entries are not finite.
+    """
+    eye = np.eye(jacobian.own.shape[1])
+    largest = np.abs(jacobian.own).max(axis=(1, 2))[:, None, None]
+    for share in (0.0, *ROUNDING_SHARES):
+        try:
+            prior = np.maximum(flat, share * largest) * eye
+            return BlockTridiagonal(jacobian.own + prior, jacobian.below)
+        except np.linalg.LinAlgError:
+            continue
+    raise np.linalg.LinAlgError("states of windows are not finite")
+
+
 class StateElimination:
     """Removes from rows what start states and further columns explain of them.
 
@@ -101,8 +124,7 @@ class StateElimination:
         self, jacobian: WindowJacobian, columns: Array, sizes: Array, flat: float
     ) -> None:
         self._jacobian = jacobian
-        eye = np.eye(jacobian.own.shape[1])
-        self._factor = BlockTridiagonal(jacobian.own + flat * eye, jacobian.below)
+        self._factor = factored(jacobian, flat)
         self._columns = np.vstack([self._without_states(columns), np.diag(1.0 / sizes)])
         self._normal = self._columns.T @ self._columns
 
