@@ -72,6 +72,8 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
         free = ~held
         right = b[free] - A[np.ix_(free, held)] @ mean[held]
         whole = A[np.ix_(free, free)] + np.diag(precision[free])
+        if not (np.diag(whole) > 0.0).all():
+            return Solution(np.zeros(p), np.diag(sd**2), -np.inf)
         scale = 1.0 / np.sqrt(np.diag(whole))
         whole = whole * np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
         factor, failed = dpotrf(np.asarray_chkfinite(whole))

@@ -24,6 +24,8 @@ DEPARTURE_ROUNDS = 2
 # Factors tried on the prior of an effect's size (1: moderate effect), half a decade apart; chosen.
 PRIOR_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
 
+ROUNDED = 1e-3  # squares of a run that rounding may change
+
 
 @dataclass(frozen=True)
 class Score:
@@ -87,6 +89,9 @@ def compute_score(
 ) -> Score:
     """Score of the linearised campaign, at the prior scale with the best predictive density.
 
+    Where the motion under a change is so wild that its columns leave the squares of a run at the
+    centre of the prior to rounding, the run counts as it is at the point of linearisation.
+
     Args:
         campaign: products formed about ``mean``.
         coefficients: of a hypothesis, beyond the tolerances.
@@ -101,6 +106,7 @@ def compute_score(
     off = center - (np.zeros(len(every)) if mean is None else mean)
     energy = campaign.energy - _energy_reduction(A, b, off)
     b = b - A @ off
+    resolved = np.finfo(float).eps * energy < ROUNDED
     prior, bound = np.array([c.sd for c in every]), np.array([c.bound for c in every])
     best: tuple[float, LeftOut, float, Array] | None = None
     sized = np.array([i >= n and c.scales_with_effect for i, c in enumerate(every)])
@@ -108,7 +114,7 @@ def compute_score(
     for size in sizes if sized.any() else (1.0,):
         sd = prior * np.where(sized, size, 1.0)
         found = leave_one_out(Normal(A, b, sd, bound, reach))
-        density = float(found.log_density.sum())
+        density = float(found.log_density[resolved].sum())
         if best is None or density > best[0]:
             best = density, found, size, sd
     assert best is not None
@@ -119,16 +125,19 @@ def compute_score(
         found = leave_one_out(
             Normal(A, b, sd, np.where(bent, MAX_DEPARTURE_SD * sd, bound), reach)
         )
-        density = float(found.log_density.sum())
+        density = float(found.log_density[resolved].sum())
     whole = found.whole
+    left = np.where(resolved, energy - found.fall, campaign.energy)
+    in_sample = np.where(resolved, energy - _energy_reduction(A, b, whole.mean), campaign.energy)
+    at_zero = np.where(resolved, energy, campaign.energy)
     return Score(
         every,
         center + whole.mean,
         whole.covariance,
         center + found.means,
-        energy - found.fall,
-        float(np.sum(energy - _energy_reduction(A, b, whole.mean))),
-        density - 0.5 * float(energy.sum()),
+        left,
+        float(in_sample.sum()),
+        density - 0.5 * float(at_zero.sum()),
         size,
         {},
     )

@@ -342,6 +342,34 @@ def test_the_density_knows_what_a_run_does_not_tell_of_another():
     assert none < replace(found, by_density=True).loss < none + 20.0
 
 
+def test_squares_that_rounding_takes_count_as_they_are():
+    """At the centre of the prior wild columns leave 1e30 squares, of which none can be told; about
+    the fit, a value of one, 200 values leave 200 a run."""
+    rng = np.random.default_rng(7)
+    blocks = [
+        Block(
+            "law",
+            str(r),
+            ("row",),
+            rng.normal(size=(200, 1)),
+            np.ones((200, 1)),
+            ("own",),
+            1e14 * rng.normal(size=(200, 1, 1)),
+            np.zeros((200, 1, 0)),
+            np.zeros((1, 0)),
+            np.zeros((0, 1, 1)),
+            np.zeros(0),
+        )
+        for r in range(3)
+    ]
+    campaign = CampaignProducts([{"law": products(b)} for b in blocks], ())
+    own = Coefficient("own", 1.0, np.inf, {"law": Placement((0,), ("own",), np.ones((3, 1)))})
+    found = compute_score(campaign, (own,), np.ones(1), sizes=(1.0,))
+    np.testing.assert_array_equal(found.energy, campaign.energy)
+    assert found.in_sample == campaign.energy.sum()
+    assert replace(found, by_density=True).loss == pytest.approx(campaign.energy.sum())
+
+
 def some_evidence(rng):
     """Numbers of a campaign of no meaning: energies fall with effects and with pairs."""
     count, gap = 1e4, 10.0 ** rng.uniform(-3.0, 1.0)
