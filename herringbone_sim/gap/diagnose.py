@@ -32,7 +32,6 @@ from herringbone_sim.gap.observations.reconstructed_forces import (
 from herringbone_sim.gap.observations.recorded_noise import recorded_noise
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
-from herringbone_sim.gap.sensors.levels import with_nominal_levels
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide, explanation_of
@@ -140,8 +139,7 @@ def diagnose(
 
 
 def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
-    """Prepare what sensors show: lost means, unknown noise, copied channels, a common delay."""
-    campaign = replace(campaign, runs=tuple(map(with_nominal_levels, campaign.runs)))
+    """Estimate unknown noise, remove copied channels and compensate a common delay of the runs."""
     if not campaign.noise_known:
         campaign = replace(
             campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)

@@ -12,7 +12,6 @@ from herringbone_sim.gap.observations.copied_channels import drop_common_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensors.filter_delay import compensate_filter
-from herringbone_sim.gap.sensors.levels import with_nominal_levels
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 
 
@@ -35,7 +34,6 @@ def feasible_observations(campaign: PreparedCampaign) -> FeasibleObservations:
     fit = campaign.of_role("fit")
     if not fit:
         return FeasibleObservations((), findings)
-    fit = tuple(map(with_nominal_levels, fit))
     if not campaign.noise_known:
         fit = tuple(with_estimated_noise(run) for run in fit)
     fit = drop_common_copies(compensate_filter(fit))

@@ -29,7 +29,8 @@ from herringbone_sim.gap.data.screen import Finding, finding_texts
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.misfit import runs_with_other_force_law
-from herringbone_sim.gap.sensors.levels import with_nominal_levels
+from herringbone_sim.gap.sensors.levels import with_levels
+from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
@@ -211,6 +212,7 @@ def test_noise_of_single_channels_is_taken_as_told(series: TimeSeries) -> None:
     found = prepare_run(run, recording, NOMINAL, None, {"x_sp1_L": {"rms": 3e-7}})
     estimated = prepare_run(run, recording, NOMINAL, None)
     assert found.x.sigma[0] == pytest.approx(3e-7, rel=1e-3)
+    assert with_estimated_noise(found).x.sigma[0] == found.x.sigma[0]
     np.testing.assert_array_equal(found.x.sigma[1:], estimated.x.sigma[1:])
     assert all_noise_told([found], sensors)
     assert not all_noise_told([found], {n: one for n, one in sensors.items() if n != "F_sp1_L"})
@@ -230,9 +232,38 @@ def test_raw_angles_are_read_as_rotations_without_a_mean(series: TimeSeries) -> 
     assert run.u.complete
     assert not run.levels_known
     assert np.std(run.u.values[:, 2]) == pytest.approx(np.std(series["u_c"]), rel=0.02)
-    left = with_nominal_levels(run)
-    assert left.levels_known
-    assert not left.u.recorded[2]
+    # Law and balance are formed without them, although a run lacks a displacement, too.
+    lacking = run.without("x", np.arange(12) == 0)
+    for one in with_levels([run, lacking]):
+        assert one.levels_known
+        assert not one.u.recorded[2]
+    # Windows are all that shafts alone allow.
+    few = run.without("x", np.ones(12, bool)).without("v", np.ones(12, bool))
+    few = few.without("F", np.ones(12, bool))
+    (kept,) = with_levels([few])
+    assert kept.no_level == ("u_c",)
+    assert kept.u.recorded[2]
+
+
+def test_raw_angles_in_degrees_are_left_out_and_a_dead_encoder_is_named(
+    series: TimeSeries,
+) -> None:
+    names = tuple("angle_c" if n == "u_c" else n for n in series.names)
+    data = series.data.copy()
+    data[:, names.index("u_s_L")] = np.nan
+    recording = Recording(
+        Path("run"),
+        "run",
+        TimeSeries(series.times, data, names),
+        Channels(units={"angle_c": "deg"}),
+        (),
+        True,
+        (),
+    )
+    run = prepare_run(CampaignRun(Path("run"), POINTS[0], "fit"), recording, NOMINAL, 0.01)
+    assert not run.u.recorded[[0, 2]].any()
+    found = {(finding.what, finding.channels) for finding in run.findings}
+    assert {("unit", ("angle_c",)), ("nan", ("u_s_L",))} <= found
 
 
 def test_channels_of_another_gear(series: TimeSeries) -> None:

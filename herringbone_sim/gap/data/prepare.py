@@ -21,11 +21,14 @@ from herringbone_sim.gap.data.prepared import (
     PreparedRun,
     mesh_table,
 )
-from herringbone_sim.gap.data.rotations import with_rotations, without_mean
+from herringbone_sim.gap.data.rotations import (
+    with_rotations,
+    without_mean,
+    without_odd_angles,
+)
 from herringbone_sim.gap.data.screen import Finding, screen
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
-from herringbone_sim.recording.importing.spec import recorded_name
 from herringbone_sim.recording.importing.turns import base_radius
 from herringbone_sim.recording.reader import Recording, read_recording
 
@@ -82,8 +85,10 @@ def all_noise_told(runs: Sequence[PreparedRun], sensors: Sensors) -> bool:
 def told_noise(model: Model, sensors: Sensors) -> dict[str, float]:
     """RMS of the noise of single channels in campaign.yaml; that of an angle times its radius."""
     told = {name: float(one["rms"]) for name, one in sensors.items() if "rms" in one}
-    for name in [name for name in told if name.startswith("angle_")]:
-        told[recorded_name(name)] = told.pop(name) * base_radius(model, name.partition("_")[2])
+    for body in model.layout.bodies:
+        if f"angle_{body}" in told:
+            of_angle = told.pop(f"angle_{body}") * base_radius(model, body)
+            told.setdefault(f"u_{body}", of_angle)
     return told
 
 
@@ -121,8 +126,10 @@ def prepare_run(
     model = build(nominal.changed(run.point))
     layout = model.layout
     centred = without_mean(whole, layout.channels_of("u"))  # as recorded, not as cut
+    units = declared_units(recording)
+    part, unit_findings = without_odd_angles(name, part, units)
     part, turned = with_rotations(model, part)
-    series, findings = screen(name, part, declared_units(recording))
+    series, findings = screen(name, part, units)
     if len(series) < 2:
         raise AnalysisError(
             f"{name} needs two samples or more in a row, got {len(series)}: record more cycles"
@@ -147,6 +154,7 @@ def prepare_run(
             *_reader_findings(name, recording),
             *wrap_findings,
             *break_findings,
+            *unit_findings,
             *_unknown_channels(name, series, layout),
             *findings,
         ),
@@ -236,4 +244,4 @@ def _measured(
         sigma = np.sqrt(noise_share**2 * power + of_step)
     own = np.array([told.get(name, np.nan) for name in names])
     sigma = np.where(np.isfinite(own), np.sqrt(own**2 + of_step), sigma)
-    return Measured(values, there, np.where(there, sigma, np.nan))
+    return Measured(values, there, np.where(there, sigma, np.nan), np.isfinite(own))

@@ -24,11 +24,13 @@ class Measured:
         values: (n, k) [SI]; NaN where a channel was not recorded.
         recorded: (k,) whether each channel was recorded.
         sigma: (k,) standard deviation of the noise, same unit; NaN where not recorded.
+        told: (k,) whether the campaign tells the noise of that channel alone; None: of none.
     """
 
     values: Array
     recorded: Flags
     sigma: Array
+    told: Flags | None = None
 
     @property
     def complete(self) -> bool:
@@ -38,7 +40,12 @@ class Measured:
     def without(self, off: Flags) -> Measured:
         """Copy with the channels ``off`` (k,) not recorded."""
         values, sigma = (np.where(off, np.nan, one) for one in (self.values, self.sigma))
-        return Measured(values, self.recorded & ~off, sigma)
+        return replace(self, values=values, recorded=self.recorded & ~off, sigma=sigma)
+
+    def with_noise(self, sigma: Array) -> Measured:
+        """Copy with the noise ``sigma`` (k,), except of channels of which it is told."""
+        kept = sigma if self.told is None else np.where(self.told, self.sigma, sigma)
+        return replace(self, sigma=kept)
 
 
 SHAFTS = ("s_L", "s_R", "c")

@@ -6,13 +6,15 @@ of the backlash. Once the steady rotation is taken off, the wind-up under the lo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import listed
 from herringbone_sim.gap.data.noise import resolution
+from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.recording.importing.spec import recorded_name
 from herringbone_sim.recording.importing.turns import unwrapped, with_turns
 
@@ -39,17 +41,34 @@ def with_rotations(model: Model, series: TimeSeries) -> tuple[TimeSeries, tuple[
     )
 
 
+def without_odd_angles(
+    run: str, series: TimeSeries, units: Mapping[str, str]
+) -> tuple[TimeSeries, list[Finding]]:
+    """Series without raw angles that the recorder declares to be in another unit than rad."""
+    odd = [
+        n
+        for n in series.names
+        if n.startswith("angle_") and units.get(n, "rad") not in ("", "rad")
+    ]
+    if not odd:
+        return series, []
+    kept = [i for i, name in enumerate(series.names) if name not in odd]
+    text = f"{listed(odd)} of {run} is in {units[odd[0]]}, not in rad: it is not used"
+    finding = Finding("unit", run, tuple(odd), float(series.times[0]), text)
+    names = tuple(series.names[i] for i in kept)
+    return TimeSeries(series.times, series.data[:, kept], names), [finding]
+
+
 def without_mean(series: TimeSeries, names: Sequence[str]) -> tuple[str, ...]:
     """The rotations ``names`` of a recording, if none of them has a mean; else none.
 
     Rotations about the middle of the backlash have one, as the load winds the gear up. It is zero
     where it is less than rounding, or than half a step of the converter.
     """
-    there = tuple(name for name in names if name in series)
-    lost = []
+    there = tuple(n for n in names if n in series and np.isfinite(series[n]).any())
     for name in there:
         values = series[name][np.isfinite(series[name])]
-        size = np.abs(values).max(initial=0.0)
-        least = max(0.5 * float(resolution(values[:, None])[0]), ROUNDING * float(size))
-        lost.append(len(values) > 0 and abs(values.mean()) <= least)
-    return there if any(lost) and all(lost) else ()
+        step = float(resolution(values[:, None])[0])
+        if abs(values.mean()) > max(0.5 * step, ROUNDING * float(np.abs(values).max())):
+            return ()
+    return there

@@ -152,8 +152,8 @@ def forces_of_run(
     size = float(np.sqrt(np.mean(np.square(noise))))
     for run in sorted(runs, key=lambda run: run.role != "held_out"):
         gear = machine.for_runs([run]).gear
-        same = window_channels(run).names == gear.followed_channels.names
-        if gear.follows_run(0) and same:
+        names = gear.followed_channels.names if gear.follows_run(0) else ()
+        if names and window_channels(run).names == names:
             return reconstructed_forces(machine, run, fit, size)
     return None
 

@@ -23,7 +23,10 @@ LEAST = 0.3  # least noise of a force over that from its spectrum
 
 
 def with_estimated_noise(run: PreparedRun) -> PreparedRun:
-    """Lower the noise of each quantity to that of its residual; it is never raised."""
+    """Lower the noise of each quantity to that of its residual; it is never raised.
+
+    That of a channel of which it is told stays.
+    """
     motion, rate = (_noise_ratio(residual) for residual, _ in geometric_residuals(run))
     run = replace(run, x=_scaled(run.x, motion), u=_scaled(run.u, motion), v=_scaled(run.v, rate))
     fused = fuse(run)
@@ -36,7 +39,7 @@ def with_estimated_noise(run: PreparedRun) -> PreparedRun:
     of_motion = np.mean(law.sigma_n[:, known] ** 2, axis=0) - sigma[known] ** 2
     of_force = np.sqrt(np.maximum(total - of_motion, (LEAST * sigma[known]) ** 2))
     sigma[known] = np.minimum(sigma[known], of_force)
-    return replace(run, F=replace(run.F, sigma=sigma))
+    return replace(run, F=run.F.with_noise(sigma))
 
 
 def _noise_ratio(residual: Array) -> float:
@@ -48,4 +51,4 @@ def _noise_ratio(residual: Array) -> float:
 
 
 def _scaled(measured: Measured, scale: float) -> Measured:
-    return replace(measured, sigma=scale * measured.sigma)
+    return measured.with_noise(scale * measured.sigma)

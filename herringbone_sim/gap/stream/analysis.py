@@ -29,6 +29,7 @@ from herringbone_sim.gap.residuals.motion import (
     recalibrate_motion,
 )
 from herringbone_sim.gap.residuals.recalibrate import force_law, recalibrate
+from herringbone_sim.gap.sensors.levels import without_levelless
 from herringbone_sim.gap.stream.stretch import MotionStatistics, Residual
 from herringbone_sim.recording.campaign import POINT, CampaignRun
 from herringbone_sim.recording.channels import Channels
@@ -95,7 +96,9 @@ def residual(
     point, remarks = operating_point(series, gear, declared or {})
     recording = Recording(Path("stream"), "stream", series, Channels(), (), True, ())
     with np.errstate(invalid="ignore"):
-        run = prepare_run(CampaignRun(Path("stream"), point, "fit"), recording, gear, noise_share)
+        run = without_levelless(
+            prepare_run(CampaignRun(Path("stream"), point, "fit"), recording, gear, noise_share)
+        )
         x, v, F, u = (_with_least_noise(one) for one in (run.x, run.v, run.F, run.u))
         run = replace(run, x=x, v=v, F=F, u=u)
         fused = fuse(run)
