@@ -18,8 +18,10 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
+from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepare import (
     all_noise_told,
+    noise_is_known,
     prepare,
     prepare_run,
     told_noise,
@@ -229,6 +231,12 @@ def test_raw_angles_are_read_as_rotations_without_a_mean(series: TimeSeries) -> 
     names[at] = "angle_c"
     run = prepared(TimeSeries(series.times, data, tuple(names)), POINTS[0])
     assert run.no_level == ("u_c",)
+    # A share of an RMS without its mean is no noise: that of the spectrum is taken.
+    other = prepared(series, POINTS[0])
+    assert not noise_is_known([run], 0.01, {})
+    assert noise_is_known([other], 0.01, {})
+    assert run.u.sigma[2] == pytest.approx(spectral_floor(run.u.values)[2])
+    assert np.array_equal(np.delete(run.u.sigma, 2), np.delete(other.u.sigma, 2))
     assert run.u.complete
     assert not run.levels_known
     assert np.std(run.u.values[:, 2]) == pytest.approx(np.std(series["u_c"]), rel=0.02)

@@ -66,9 +66,20 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
         tuple(runs),
         mesh_table(full.layout),
         tuple(missing),
-        campaign.noise_share is not None or all_noise_told(runs, campaign.sensors),
+        noise_is_known(runs, campaign.noise_share, campaign.sensors),
         gain_tolerances(full.layout, campaign.sensors),
     )
+
+
+def noise_is_known(
+    runs: Sequence[PreparedRun], noise_share: float | None, sensors: Sensors
+) -> bool:
+    """Whether campaign.yaml gives the noise: a share of the RMS, or that of every channel.
+
+    A share says nothing of rotations without a mean: their RMS is not that of the motion.
+    """
+    shared = noise_share is not None and not any(run.no_level for run in runs)
+    return shared or all_noise_told(runs, sensors)
 
 
 def all_noise_told(runs: Sequence[PreparedRun], sensors: Sensors) -> bool:
@@ -137,8 +148,10 @@ def prepare_run(
     phase = series["phase"].copy()
     omega = float((phase[-1] - phase[0]) / (series.times[-1] - series.times[0]))
     told = told_noise(model, sensors or {})
+    no_level = tuple(n for n in turned or centred if n in series)
     measured: dict[str, Any] = {
-        q: _measured(series, layout.channels_of(q), noise_share, told) for q in QUANTITIES
+        q: _measured(series, layout.channels_of(q), noise_share, told, no_level)
+        for q in QUANTITIES
     }
     return PreparedRun(
         name=name,
@@ -158,7 +171,7 @@ def prepare_run(
             *_unknown_channels(name, series, layout),
             *findings,
         ),
-        no_level=tuple(n for n in turned or centred if n in series),
+        no_level=no_level,
     )
 
 
@@ -223,12 +236,14 @@ def _measured(
     names: tuple[str, ...],
     noise_share: float | None,
     told: Mapping[str, float],
+    no_level: Sequence[str],
 ) -> Measured:
     """Values (n, k) of the channels ``names``, NaN where absent, and the noise of each.
 
     Args:
         noise_share: RMS of the noise over that of the channel, mean included; quantisation noise
-            of the converter is added. None: it is estimated from the spectrum.
+            of the converter is added. None: it is estimated from the spectrum, as is that of
+            channels without a mean (``no_level``).
         told: RMS of the noise of single channels, in place of either.
     """
     values = np.full((len(series), len(names)), np.nan)
@@ -242,6 +257,8 @@ def _measured(
         known = np.maximum(np.isfinite(values).sum(axis=0), 1)
         power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
         sigma = np.sqrt(noise_share**2 * power + of_step)
+        lost = np.isin(names, no_level)
+        sigma[lost] = spectral_floor(values[:, lost]) if lost.any() else sigma[lost]
     own = np.array([told.get(name, np.nan) for name in names])
     sigma = np.where(np.isfinite(own), np.sqrt(own**2 + of_step), sigma)
     return Measured(values, there, np.where(there, sigma, np.nan), np.isfinite(own))
