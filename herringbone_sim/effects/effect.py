@@ -128,6 +128,8 @@ class Effect:
         lanes: whether the laws are also written for lanes, see ``effects.law``.
         distort: of a sensor effect: (theta, series, channels) -> series.
         reach: of a sensor effect: (theta) -> time [s] before or after a sample that it depends on.
+        needs_recording: of a sensor effect: (its channels) -> whether that time grows without
+            bound, so that it acts on whole recordings alone, not on a stream.
     """
 
     id: str
@@ -145,6 +147,7 @@ class Effect:
     states: Callable[[Model], int] = field(default=lambda model: 0)
     distort: Distort | None = None
     reach: Callable[[tuple[float, ...]], float] = field(default=lambda theta: 0.0)
+    needs_recording: Callable[[tuple[str, ...]], bool] = field(default=lambda channels: False)
 
     def __post_init__(self) -> None:
         if self.level not in LEVELS:

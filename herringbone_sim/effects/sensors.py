@@ -134,10 +134,10 @@ def check_sensors(layout: Layout, actives: Sequence[Active]) -> None:
             continue
         one.locus.mask(layout)
         channels = channels_of(_some_samples(layout), one)
-        if one.effect.id == "clock_drift" and channels:
+        if one.effect.needs_recording(channels):
             raise ParameterError(
-                f"clock_drift of {', '.join(channels)} shows samples ever further away, which a "
-                "stream does not have: leave channels out, for the clock of all"
+                f"{one.effect.id} of {', '.join(channels)} shows samples ever further away, which "
+                "a stream does not have: leave the effect or its channels out"
             )
         if any(o.start for o in one.effect.options) and not channels:
             raise ParameterError(f"{one.effect.id} concerns no channel: name some, as channels=F")

@@ -18,6 +18,7 @@ from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.evaluate import Motion, answer, forces, motion
 from herringbone_sim.effects.registry import VARIABLE, effect, effects
+from herringbone_sim.effects.sensors import check_sensors
 from herringbone_sim.errors import AnalysisError, ParameterError
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -188,6 +189,19 @@ def test_gain_bias_delay_swap_and_drift_change_what_they_say(series: TimeSeries)
     assert np.array_equal(found.times, found["t"])
     same = [n for n in series.names if n not in ("t", "F_rp2_R", "x_sp1_L", "v_rp2_R")]
     assert all(np.array_equal(found[n], series[n]) for n in same)
+
+
+def test_a_clock_of_some_channels_needs_the_whole_recording(series: TimeSeries) -> None:
+    """A stream is asked for samples ever further away: it says so; a recording shows them."""
+    layout = Parameters(model="full").layout
+    drift = active(effect("clock_drift"), values={"ppm": 300.0, "channels": ("x_sp1_L",)})
+    with pytest.raises(ParameterError, match="clock_drift of x_sp1_L"):
+        check_sensors(layout, (drift,))
+    check_sensors(layout, (active(effect("clock_drift")),))
+    found = distort(series, (drift,))
+    same = [n for n in series.names if n != "x_sp1_L"]
+    assert all(np.array_equal(found[n], series[n]) for n in same)
+    assert not np.array_equal(found["x_sp1_L"], series["x_sp1_L"])
 
 
 def test_a_delay_shows_the_past() -> None:

@@ -33,4 +33,5 @@ EFFECT = Effect(
     parameters=(Parameter("ppm", "1e-6", "fast if positive", -2e5, 2e5, 100.0),),
     options=(Option("channels", "those of a recorder of their own; none: all", ()),),
     distort=distort,
+    needs_recording=bool,
 )
