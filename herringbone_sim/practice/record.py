@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
+from scipy.signal import detrend
 
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.timeseries import TimeSeries
@@ -219,12 +220,6 @@ def gated(name: str, phase: Array, values: Array) -> Array:
     return np.where(seen, values, np.nan)
 
 
-def _without_line(times: Array, values: Array) -> Array:
-    """Values (n,) less the line fitted to them."""
-    line = np.polynomial.Polynomial.fit(times, values, 1)
-    return np.asarray(values - line(times))
-
-
 def series_of(
     motion: Motion,
     measured: Mapping[str, Array],
@@ -240,7 +235,7 @@ def series_of(
     """
     n = len(motion.times)
     if channels == "raw_shafts":
-        measured = {name: _without_line(motion.times, measured[name]) for name in names}
+        measured = {name: detrend(measured[name]) for name in names}
     if channels == "shafts_rings":
         measured = {
             name: gated(name, motion.phase, values) if name in _RINGS else values
