@@ -24,7 +24,7 @@ from herringbone_sim.gap.residuals.misfit import (
     speed_ratio,
     unexplained_force_shares,
 )
-from herringbone_sim.gap.sensors.levels import with_levels
+from herringbone_sim.gap.sensors.detrended import settle_detrended
 
 FEWEST_CYCLES = 8.0  # shortest usable run in mesh cycles
 SHORT = 0.5  # of the median number of mesh cycles, below which a run is reported
@@ -51,7 +51,7 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
         run, units = wrong_units(run)
         findings += [*units, *_wrong_torque(run)]
         in_si.append(run)
-    in_si = with_levels(in_si)
+    in_si = settle_detrended(in_si)
     runs = _without_fatal(in_si, runs_with_other_geometry(in_si), findings)
     fused = {run.name: fuse(run) for run in runs}
     shares = {r.name: _finite_shares(r, fused[r.name]) for r in runs if r.F.recorded.any()}

@@ -31,7 +31,7 @@ from herringbone_sim.gap.data.screen import Finding, finding_texts
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.misfit import runs_with_other_force_law
-from herringbone_sim.gap.sensors.levels import with_levels
+from herringbone_sim.gap.sensors.detrended import settle_detrended
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels
@@ -230,7 +230,7 @@ def test_raw_angles_are_read_as_rotations_without_a_mean(series: TimeSeries) -> 
     data[:, at] = 0.3 + series["phase"] / p.z_r + series["u_c"] / sc.r_bc
     names[at] = "angle_c"
     run = prepared(TimeSeries(series.times, data, tuple(names)), POINTS[0])
-    assert run.no_level == ("u_c",)
+    assert run.detrended == ("u_c",)
     # A share of an RMS without its mean is no noise: that of the spectrum is taken.
     other = prepared(series, POINTS[0])
     assert not noise_is_known([run], 0.01, {})
@@ -238,18 +238,18 @@ def test_raw_angles_are_read_as_rotations_without_a_mean(series: TimeSeries) -> 
     assert run.u.sigma[2] == pytest.approx(spectral_floor(run.u.values)[2])
     assert np.array_equal(np.delete(run.u.sigma, 2), np.delete(other.u.sigma, 2))
     assert run.u.complete
-    assert not run.levels_known
+    assert not run.means_known
     assert np.std(run.u.values[:, 2]) == pytest.approx(np.std(series["u_c"]), rel=0.02)
     # Law and balance are formed without them, although a run lacks a displacement, too.
     lacking = run.without("x", np.arange(12) == 0)
-    for one in with_levels([run, lacking]):
-        assert one.levels_known
+    for one in settle_detrended([run, lacking]):
+        assert one.means_known
         assert not one.u.recorded[2]
     # Windows are all that shafts alone allow.
     few = run.without("x", np.ones(12, bool)).without("v", np.ones(12, bool))
     few = few.without("F", np.ones(12, bool))
-    (kept,) = with_levels([few])
-    assert kept.no_level == ("u_c",)
+    (kept,) = settle_detrended([few])
+    assert kept.detrended == ("u_c",)
     assert kept.u.recorded[2]
 
 

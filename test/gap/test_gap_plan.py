@@ -23,6 +23,7 @@ from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.planning.plan import Plan, plan
 from herringbone_sim.gap.planning.summary import effect_summaries, ranked_runs
 from herringbone_sim.gap.planning.synthetic import SensorNoise, known_sensors, simulate_campaign
+from herringbone_sim.gap.sensors.detrended import only_windows_possible
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 SHAFTS = ("u_s_L", "u_s_R", "u_c")
@@ -159,8 +160,16 @@ def test_raw_angles_are_rotations_whose_mean_is_not_known() -> None:
     noise = SensorNoise(values={"angle_c": 2e-6})
     run = simulate_campaign(NOMINAL, TWO[:1], ("u_s_L", "angle_c"), noise, CYCLES).runs[0]
     assert np.flatnonzero(run.u.recorded).tolist() == [0, 2]
-    assert run.no_level == ("u_c",)
+    assert run.detrended == ("u_c",)
     assert run.u.sigma[2] == pytest.approx(2e-6 * run.model.scales.r_bc)
+    # Beside a mesh whose force law is known they tell nothing, and take nothing away.
+    beside = simulate_campaign(NOMINAL, TWO[:1], (*ONE_MESH, "angle_c"), noise, CYCLES).runs
+    assert not only_windows_possible(beside)
+    assert only_windows_possible(
+        simulate_campaign(
+            NOMINAL, TWO[:1], ("angle_s_L", "angle_s_R", "angle_c"), noise, CYCLES
+        ).runs
+    )
 
 
 def test_noise_goes_by_the_longest_name() -> None:

@@ -20,9 +20,10 @@ from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
 from herringbone_sim.gap.observations.copied_channels import drop_common_copies, drop_copies
+from herringbone_sim.gap.observations.force_law import slope
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.runs import polynomial_rates
+from herringbone_sim.gap.observations.runs import gear_run, polynomial_rates
 from herringbone_sim.gap.residuals.fusion import (
     QUADRATURE,
     displacement,
@@ -56,6 +57,18 @@ def test_a_slope_is_fast_where_there_is_little_noise_and_smooth_where_there_is_m
         assert size[0] == pytest.approx(weight, rel=0.01)
         most = 1.1 * size[0] * sigma + bias * np.sqrt(np.mean(exact**2))
         assert np.sqrt(np.mean(off**2)) < most
+
+
+def test_the_slope_of_a_force_at_five_samples_a_cycle_loses_little() -> None:
+    """Differences lose a quarter of the first order there."""
+    run = rig({}, cycles=20).runs[0]
+    motion = replace(gear_run(run, 1).motion, times=np.arange(400) / 5.0)
+    wave = np.sin(2.0 * np.pi * motion.times)[:, None]
+    exact = 2.0 * np.pi * np.cos(2.0 * np.pi * motion.times)
+    inner = slice(20, -20)
+    for found, share in ((slope(motion, wave), 0.98), (np.gradient(wave, 0.2, axis=0), 0.757)):
+        part = found[inner, 0] @ exact[inner] / (exact[inner] @ exact[inner])
+        assert part == pytest.approx(share, abs=0.005)
 
 
 def test_rates_of_a_spline_through_rotations_are_no_second_measurement() -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_support import of_shafts, rig
+from herringbone_sim.gap.sensors.detrended import with_nominal_means
 
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
@@ -16,7 +17,7 @@ from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.data.rotations import with_rotations, without_mean
+from herringbone_sim.gap.data.rotations import detrended_rotations, with_rotations
 from herringbone_sim.gap.observations import shooting, window_events
 from herringbone_sim.gap.observations.body_motion import with_rigid_swing
 from herringbone_sim.gap.observations.gear import Gear
@@ -44,7 +45,6 @@ from herringbone_sim.gap.observations.window_columns import (
 from herringbone_sim.gap.observations.window_sensors import without_sensor_errors
 from herringbone_sim.gap.observations.window_states import StateElimination
 from herringbone_sim.gap.sensors.correction import without_sensor_error
-from herringbone_sim.gap.sensors.levels import with_nominal_levels
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -85,11 +85,11 @@ def test_rotations_without_mean_and_trend_are_followed_as_well(gear: Gear) -> No
     lines = np.polynomial.polynomial.polyfit(at, run.u.values[:, :3], 1)
     values = run.u.values.copy()
     values[:, :3] -= np.polynomial.polynomial.polyval(at, lines).T
-    raw = replace(run, u=replace(run.u, values=values), no_level=("u_s_L", "u_s_R", "u_c"))
-    nominal = with_nominal_levels(raw)
+    raw = replace(run, u=replace(run.u, values=values), detrended=("u_s_L", "u_s_R", "u_c"))
+    nominal = with_nominal_means(raw)
     found = trajectory_of(nominal)
     assert found.nominal.cost == pytest.approx(trajectory.nominal.cost, rel=0.1)
-    mean = found.recorded.level_values(found.nominal.levels).mean(axis=(0, 1))
+    mean = found.recorded.trend_values(found.nominal.trends).mean(axis=(0, 1))
     wind_up = np.array([0.5, 0.5, -2.0])
     right, guess = (wind_up @ one.u.values[:, :3].mean(axis=0) for one in (run, nominal))
     assert abs(guess - right) > 5e-6
@@ -108,11 +108,11 @@ def test_raw_angles_become_rotations_about_the_steady_one(gear: Gear) -> None:
     assert (made, series.names) == (("u_c",), ("phase", "angle_s_L", "u_s_L", "u_c"))
     line = np.polynomial.Polynomial.fit(run.times, run.u.values[:, 2], 1)(run.times)
     np.testing.assert_allclose(series["u_c"], run.u.values[:, 2] - line, atol=1e-10)
-    assert without_mean(series, ("u_c",)) == ("u_c",)
-    assert without_mean(series, ("u_c", "u_s_L")) == ()
+    assert detrended_rotations(series, ("u_c",)) == ("u_c",)
+    assert detrended_rotations(series, ("u_c", "u_s_L")) == ()
     rounded = TimeSeries(run.times, np.round(1e9 * series["u_c"])[:, None] / 1e9, ("u_c",))
-    assert without_mean(rounded, ("u_c",)) == ("u_c",)
-    assert without_mean(rounded, ("u_s_R",)) == ()
+    assert detrended_rotations(rounded, ("u_c",)) == ("u_c",)
+    assert detrended_rotations(rounded, ("u_s_R",)) == ()
 
 
 def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, WindowSolution]) -> None:

@@ -21,10 +21,10 @@ def channel_set(cases: Sequence[FusedRun]) -> str:
     rate. Few: rotations alone, rotations or accelerations of both suns and the carrier, or any two
     of the displacements and rotations.
     """
-    levels = all(c.run.levels_known for c in cases)
-    if cases and levels and all(c.usable.any() for c in cases):
+    means = all(c.run.means_known for c in cases)
+    if cases and means and all(c.usable.any() for c in cases):
         return FULL
-    rotations = not levels or all(c.run.rotations_alone for c in cases)
+    rotations = not means or all(c.run.rotations_alone for c in cases)
     if cases and not rotations and all(c.fused.known_meshes.all() for c in cases):
         return NO_FORCE
     if cases and all(c.run.shafts_known or motion_channels(c) >= 2 for c in cases):

@@ -22,9 +22,9 @@ from herringbone_sim.gap.data.prepared import (
     mesh_table,
 )
 from herringbone_sim.gap.data.rotations import (
+    detrended_rotations,
     with_rotations,
-    without_mean,
-    without_odd_angles,
+    without_angles_not_in_rad,
 )
 from herringbone_sim.gap.data.screen import Finding, screen
 from herringbone_sim.gap.data.waves import waves
@@ -78,19 +78,24 @@ def noise_is_known(
 
     A share says nothing of rotations without a mean: their RMS is not that of the motion.
     """
-    shared = noise_share is not None and not any(run.no_level for run in runs)
+    shared = noise_share is not None and not any(run.detrended for run in runs)
     return shared or all_noise_told(runs, sensors)
 
 
 def all_noise_told(runs: Sequence[PreparedRun], sensors: Sensors) -> bool:
     """Whether campaign.yaml gives the noise of every recorded channel on its own."""
-    return all(
-        name in told_noise(run.model, sensors)
-        for run in runs
-        for q in QUANTITIES
-        for name, on in zip(run.model.layout.channels_of(q), getattr(run, q).recorded, strict=True)
-        if on
-    )
+    for run in runs:
+        recorded = {
+            name
+            for q in QUANTITIES
+            for name, on in zip(
+                run.model.layout.channels_of(q), getattr(run, q).recorded, strict=True
+            )
+            if on
+        }
+        if not recorded <= told_noise(run.model, sensors).keys():
+            return False
+    return True
 
 
 def told_noise(model: Model, sensors: Sensors) -> dict[str, float]:
@@ -136,9 +141,9 @@ def prepare_run(
     part, break_findings = longest_part(name, whole)
     model = build(nominal.changed(run.point))
     layout = model.layout
-    centred = without_mean(whole, layout.channels_of("u"))  # as recorded, not as cut
+    centred = detrended_rotations(whole, layout.channels_of("u"))  # as recorded, not as cut
     units = declared_units(recording)
-    part, unit_findings = without_odd_angles(name, part, units)
+    part, unit_findings = without_angles_not_in_rad(name, part, units)
     part, turned = with_rotations(model, part)
     series, findings = screen(name, part, units)
     if len(series) < 2:
@@ -148,9 +153,9 @@ def prepare_run(
     phase = series["phase"].copy()
     omega = float((phase[-1] - phase[0]) / (series.times[-1] - series.times[0]))
     told = told_noise(model, sensors or {})
-    no_level = tuple(n for n in turned or centred if n in series)
+    detrended = tuple(n for n in turned or centred if n in series)
     measured: dict[str, Any] = {
-        q: _measured(series, layout.channels_of(q), noise_share, told, no_level)
+        q: _measured(series, layout.channels_of(q), noise_share, told, detrended)
         for q in QUANTITIES
     }
     return PreparedRun(
@@ -171,7 +176,7 @@ def prepare_run(
             *_unknown_channels(name, series, layout),
             *findings,
         ),
-        no_level=no_level,
+        detrended=detrended,
     )
 
 
@@ -236,14 +241,14 @@ def _measured(
     names: tuple[str, ...],
     noise_share: float | None,
     told: Mapping[str, float],
-    no_level: Sequence[str],
+    detrended: Sequence[str],
 ) -> Measured:
     """Values (n, k) of the channels ``names``, NaN where absent, and the noise of each.
 
     Args:
         noise_share: RMS of the noise over that of the channel, mean included; quantisation noise
             of the converter is added. None: it is estimated from the spectrum, as is that of
-            channels without a mean (``no_level``).
+            channels without a mean (``detrended``).
         told: RMS of the noise of single channels, in place of either.
     """
     values = np.full((len(series), len(names)), np.nan)
@@ -257,7 +262,7 @@ def _measured(
         known = np.maximum(np.isfinite(values).sum(axis=0), 1)
         power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
         sigma = np.sqrt(noise_share**2 * power + of_step)
-        lost = np.isin(names, no_level)
+        lost = np.isin(names, detrended)
         sigma[lost] = spectral_floor(values[:, lost]) if lost.any() else sigma[lost]
     own = np.array([told.get(name, np.nan) for name in names])
     sigma = np.where(np.isfinite(own), np.sqrt(own**2 + of_step), sigma)

@@ -70,7 +70,7 @@ class PreparedRun:
         findings: problems of the recording, such as channels left out and breaks of the clock.
         delay_rad: delay common to all channels in mesh phase, see ``sensors.filter_delay``.
         e_share: factor that a filter common to all channels puts on e(t) in x.
-        no_level: rotations, such as ``u_c``, that lack their mean and trend: those of an encoder
+        detrended: rotations, such as ``u_c``, that lack their mean and trend: those of an encoder
             that counts from an arbitrary mark.
     """
 
@@ -91,7 +91,7 @@ class PreparedRun:
     findings: tuple[Finding, ...]
     delay_rad: float = 0.0
     e_share: float = 1.0
-    no_level: tuple[str, ...] = ()
+    detrended: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times)
@@ -114,10 +114,10 @@ class PreparedRun:
         return bool((u | self.a.recorded[at]).all())
 
     @property
-    def levels_known(self) -> bool:
+    def means_known(self) -> bool:
         """Whether no recorded rotation lacks its mean."""
         recorded = zip(self.model.layout.bodies, self.u.recorded, strict=True)
-        return not any(on and f"u_{body}" in self.no_level for body, on in recorded)
+        return not any(on and f"u_{body}" in self.detrended for body, on in recorded)
 
     @property
     def rotations_alone(self) -> bool:

@@ -41,7 +41,7 @@ def with_rotations(model: Model, series: TimeSeries) -> tuple[TimeSeries, tuple[
     )
 
 
-def without_odd_angles(
+def without_angles_not_in_rad(
     run: str, series: TimeSeries, units: Mapping[str, str]
 ) -> tuple[TimeSeries, list[Finding]]:
     """Series without raw angles that the recorder declares to be in another unit than rad."""
@@ -59,7 +59,7 @@ def without_odd_angles(
     return TimeSeries(series.times, series.data[:, kept], names), [finding]
 
 
-def without_mean(series: TimeSeries, names: Sequence[str]) -> tuple[str, ...]:
+def detrended_rotations(series: TimeSeries, names: Sequence[str]) -> tuple[str, ...]:
     """The rotations ``names`` of a recording, if none of them has a mean; else none.
 
     Rotations about the middle of the backlash have one, as the load winds the gear up. It is zero

@@ -45,7 +45,7 @@ def slope(m: MeshMotion, values: Array) -> Array:
     """Time derivative (n, k) of values (n, k) by a cubic spline; NaN of columns with NaN.
 
     At five samples a mesh cycle, as the force law has where ten are recorded, differences lose a
-    quarter of the first order, the spline 3 %.
+    quarter of the first order, the spline 2 %.
     """
     found = np.full_like(values, np.nan)
     known = np.isfinite(values).all(axis=0)

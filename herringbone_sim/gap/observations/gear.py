@@ -92,10 +92,10 @@ class Gear(RecordedGear):
     def for_runs(self, runs: Sequence[PreparedRun]) -> Gear:
         """Gear of other runs of the rig, at every sample; windows of shared runs are reused.
 
-        What is fitted to this gear holds for it, see ``form_what``.
+        What is fitted to this gear holds for it, see ``take_observations``.
         """
         found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
-        found.form_what(self)
+        found.take_observations(self)
         found.windows = self.windows
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
         kept = {r: known.get(id(run)) for r, run in enumerate(runs)}
@@ -222,7 +222,7 @@ class Gear(RecordedGear):
             found[consistency.NAME] = linear_block_at(
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
-        if trajectory.NAME in observations and self.follows_run(r):
+        if trajectory.NAME in observations and self.has_windows_of(r):
             found[trajectory.NAME] = self._windows(r, amplitudes, wanted)
         if not {force_law.NAME, balance.NAME} & set(observations):
             return found
@@ -236,7 +236,7 @@ class Gear(RecordedGear):
         if force_law.NAME in observations and self.has_force_law:
             now = self.law_of(g.strided, of_law, law_columns)
             found[force_law.NAME] = force_law.block(g.strided, now, self.model, chosen, self.drift)
-        if balance.NAME in observations and self.has_balance and self.balances_run(r):
+        if balance.NAME in observations and self.has_balance and self.has_balance_of(r):
             # Functions of the law are in the forces already.
             own = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
             own |= {f.name for f in self.body_functions}

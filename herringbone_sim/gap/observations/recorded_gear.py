@@ -37,7 +37,7 @@ class RecordedGear:
 
     Attributes:
         modelled: (n_mesh,) meshes whose force is not recorded in all runs and comes from the law.
-        forced: (n_mesh,) meshes whose force is recorded in at least one run.
+        force_known: (n_mesh,) meshes whose force is recorded in at least one run.
         windows: most windows of a run.
     """
 
@@ -55,7 +55,7 @@ class RecordedGear:
         self.runs = tuple(gear_run(run, stride) for run in runs)
         known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
         self.modelled: NDArray[np.bool_] = ~np.logical_and.reduce(known)
-        self.forced: NDArray[np.bool_] = np.logical_or.reduce(known)
+        self.force_known: NDArray[np.bool_] = np.logical_or.reduce(known)
         self.swap = find_swap(runs) if swap is None else swap
         self._forget_windows(N_WINDOWS)
 
@@ -65,35 +65,35 @@ class RecordedGear:
         self._trajectories: dict[int, Trajectory] = {}  # shared by all copies
         self._swapped_trajectories: dict[tuple[int, str], Trajectory] = {}
 
-    def form_what(self, other: RecordedGear) -> None:
+    def take_observations(self, other: RecordedGear) -> None:
         """Form the observations of another gear of the rig: what is fitted to it holds here.
 
         A run that lacks a channel for one of them has no block of it.
         """
-        self.modelled, self.forced = other.modelled, other.forced
+        self.modelled, self.force_known = other.modelled, other.force_known
         rows = max(self.n_relations, other.n_relations)
-        of = ("levels_known", "has_balance", "has_force_law", "uses_windows", "rms_by_quantity")
+        of = ("means_known", "has_balance", "has_force_law", "uses_windows", "rms_by_quantity")
         for name in of:
             self.__dict__[name] = getattr(other, name)
-        self.__dict__["sensors"] = other.sensors
+        self.__dict__["recorded_motion"] = other.recorded_motion
         self.__dict__["n_relations"] = rows if other.n_relations else 0
         if other.uses_windows:
             self.__dict__["followed_channels"] = other.followed_channels
 
-    def balances_run(self, r: int) -> bool:
+    def has_balance_of(self, r: int) -> bool:
         """Whether the channels of run r allow the torque balance."""
         g = self.runs[r]
         forces = self.modelled | np.isfinite(g.motion.F).all(axis=0)
         return bool(forces.all() and np.isfinite(g.fused.z_rate).all())
 
-    def follows_run(self, r: int) -> bool:
+    def has_windows_of(self, r: int) -> bool:
         """Whether windows are fitted to run r."""
         return self.uses_windows and self.runs[r].run.shafts_known
 
     @cached_property
-    def levels_known(self) -> bool:
+    def means_known(self) -> bool:
         """Whether no rotation lacks its mean; else rotations serve the windows alone."""
-        return all(g.run.levels_known for g in self.runs)
+        return all(g.run.means_known for g in self.runs)
 
     @cached_property
     def has_balance(self) -> bool:
@@ -104,7 +104,7 @@ class RecordedGear:
         """
         rotations = all(g.run.rotations_alone for g in self.runs)
         return (
-            self.levels_known
+            self.means_known
             and not rotations
             and all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
         )
@@ -114,7 +114,7 @@ class RecordedGear:
         """Whether force and displacement are known of at least one mesh."""
         known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
         there = (~self.modelled & np.logical_and.reduce(known)).any()
-        return bool(self.levels_known and there)
+        return bool(self.means_known and there)
 
     @cached_property
     def uses_windows(self) -> bool:
@@ -172,7 +172,7 @@ class RecordedGear:
         }
 
     @cached_property
-    def sensors(self) -> NDArray[np.bool_]:
+    def recorded_motion(self) -> NDArray[np.bool_]:
         """Channels x, v and u that are recorded in at least one run."""
         recorded = [(g.run.x.recorded, g.run.v.recorded, g.run.u.recorded) for g in self.runs]
         return np.asarray(np.logical_or.reduce([np.concatenate(one) for one in recorded]))
@@ -180,7 +180,7 @@ class RecordedGear:
     @cached_property
     def n_relations(self) -> int:
         """Number of rows of the consistency observation, of the run that has most."""
-        if not self.levels_known:
+        if not self.means_known:
             return 0
         starts = [slice_run(g.run, slice(0, 64), g.run.name) for g in self.runs]
         found = [consistency.block(one, fuse(one), self.drift, self.swap) for one in starts]

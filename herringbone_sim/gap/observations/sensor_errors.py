@@ -33,7 +33,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         ("clock_drift", "F clock", "clock", 1.0, 1e-3),
     ):
         for locus in sensor_loci(layout):
-            mask = locus.mask(layout) * gear.forced
+            mask = locus.mask(layout) * gear.force_known
             if not mask.any():
                 continue
             weights: Weights = {function: mask}
@@ -62,7 +62,7 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     gear = builder.gear
     if not gear.n_relations:
         return
-    groups = groups_of(gear.model.layout, gear.sensors)
+    groups = groups_of(gear.model.layout, gear.recorded_motion)
     for kind, effect in zip(consistency.ERROR_KINDS, MOTION_EFFECTS, strict=True):
         for group in groups:
             if group.quantity == "xvu" or group.quantity not in gear.rms_by_quantity:
@@ -103,7 +103,7 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         units = {"gain": 0.05, "delay": 2e-6}
         if quantity == "F":
             units["bias"] = 50.0
-        elif quantity == "u" and name not in gear.runs[0].run.no_level:
+        elif quantity == "u" and name not in gear.runs[0].run.detrended:
             units["bias"] = 0.05 * gear.rms_by_quantity["u"]
         for error, unit in units.items():
             if error == "delay" and not every:

@@ -61,7 +61,7 @@ class Windows:
         phase: (n,) mesh phase at every half step [rad].
         first_half_step: (W,) index of the half step at which each window starts.
         scale: (18,) RMS of rotations [m] and rates [m/s], for scaling.
-        levels: slow parts of channels that the recorder has taken off, see ``Levels``.
+        trends: slow parts of channels that the recorder has taken off, see ``Trends``.
     """
 
     run: PreparedRun
@@ -76,7 +76,7 @@ class Windows:
     phase: Array
     first_half_step: NDArray[np.int64]
     scale: Array
-    levels: Levels
+    trends: Trends
 
     @property
     def n_windows(self) -> int:
@@ -93,25 +93,25 @@ class Windows:
         W, samples, k = self.measured.shape
         return np.nan_to_num(values[: W * samples].reshape(W, samples, k))
 
-    def level_values(self, amplitudes: Array) -> Array:
-        """Levels (W, samples, k) of the channels by amplitudes (m,)."""
+    def trend_values(self, amplitudes: Array) -> Array:
+        """Trends (W, samples, k) of the channels by amplitudes (m,)."""
         found = np.zeros_like(self.weight)
-        for a, i, wave in zip(amplitudes, self.levels.channel, self.levels.wave, strict=True):
+        for a, i, wave in zip(amplitudes, self.trends.channel, self.trends.wave, strict=True):
             found[:, :, i] += a * wave
         return found
 
-    def level_rows(self) -> Array:
-        """(rows, m) change of ``stacked_residual`` by a unit of each level, its sign reversed."""
-        found = np.zeros((self.weight.size + (self.n_windows - 1) * STATES, len(self.levels.size)))
-        for j, (i, wave) in enumerate(zip(self.levels.channel, self.levels.wave, strict=True)):
+    def trend_rows(self) -> Array:
+        """(rows, m) change of ``stacked_residual`` by a unit of each trend, its sign reversed."""
+        found = np.zeros((self.weight.size + (self.n_windows - 1) * STATES, len(self.trends.size)))
+        for j, (i, wave) in enumerate(zip(self.trends.channel, self.trends.wave, strict=True)):
             one = np.zeros_like(self.weight)
             one[:, :, i] = self.weight[:, :, i] * wave
             found[: one.size, j] = one.ravel()
         return found
 
-    def without_levels(self, amplitudes: Array) -> Windows:
-        """Copy with levels of known amplitudes (m,) taken off the readings."""
-        return replace(self, measured=self.measured - self.level_values(amplitudes))
+    def without_trends(self, amplitudes: Array) -> Windows:
+        """Copy with trends of known amplitudes (m,) taken off the readings."""
+        return replace(self, measured=self.measured - self.trend_values(amplitudes))
 
     def channel_outputs(
         self, states: Array, forcing: Forcing, first: NDArray[np.int64] | None = None
@@ -127,7 +127,7 @@ class Windows:
         return channel_outputs(self.channels, states[:, : -1 : self.steps_per_sample], forcing, at)
 
 
-class Levels(NamedTuple):
+class Trends(NamedTuple):
     """What channels lack of slow parts: a constant and a line over the run for each of them.
 
     An encoder that counts from an arbitrary mark lacks the wind-up under the load, and a line that
@@ -156,7 +156,7 @@ class WindowSolution:
         slope: (W, samples, k, 18) derivative of the channels by the state, over the noise.
         residuals: (W, samples, k) measured minus predicted, over the noise.
         jumps: (W - 1, 18) end of a window minus start of the next, over ``Windows.scale``.
-        levels: (m,) amplitudes of ``Windows.levels``.
+        trends: (m,) amplitudes of ``Windows.trends``.
     """
 
     starts: Array
@@ -165,7 +165,7 @@ class WindowSolution:
     slope: Array
     residuals: Array
     jumps: Array
-    levels: Array
+    trends: Array
 
     @property
     def cost(self) -> float:
@@ -205,14 +205,14 @@ def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
         run.phase[0] + run.omega_rad_per_s * run.step_s * at,
         2 * each * samples * np.arange(W),
         motion * np.repeat([1.0, 2.0 * run.omega_rad_per_s], STATES // 2),
-        _levels(run, measured.names, motion, (W, samples)),
+        _trends(run, measured.names, motion, (W, samples)),
     )
 
 
-def _levels(
+def _trends(
     run: PreparedRun, names: Sequence[str], motion: float, shape: tuple[int, int]
-) -> Levels:
-    """Levels of rotations without a mean, and of accelerations.
+) -> Trends:
+    """Trends of rotations without a mean, and of accelerations.
 
     Args:
         motion: RMS of the shafts' motion [m].
@@ -225,8 +225,8 @@ def _levels(
         "u": float(np.max(run.model.half_backlash_m)),
         "a": 2.0 * motion * run.omega_rad_per_s / (run.times[-1] - run.times[0]),
     }
-    at = [i for i, name in enumerate(names) if name in run.no_level or name[0] == "a"]
-    return Levels(
+    at = [i for i, name in enumerate(names) if name in run.detrended or name[0] == "a"]
+    return Trends(
         np.repeat(np.array(at, dtype=np.int64), len(waves)),
         np.array([wave for _ in at for wave in waves]).reshape(-1, W, samples),
         np.repeat([largest[names[i][0]] for i in at], len(waves)),
@@ -253,13 +253,13 @@ def symmetric_starts(s: Windows) -> Array:
 
 
 def evaluated(
-    s: Windows, starts: Array, forcing: Forcing, levels: Array | None = None
+    s: Windows, starts: Array, forcing: Forcing, trends: Array | None = None
 ) -> WindowSolution:
-    """Integrate windows from start states (W, 18), with levels (m,); None: zero."""
-    amplitudes = np.zeros(len(s.levels.size)) if levels is None else levels
+    """Integrate windows from start states (W, 18), with trends (m,); None: zero."""
+    amplitudes = np.zeros(len(s.trends.size)) if trends is None else trends
     states, tangents = integrate_windows(starts, s.first_half_step, s.steps, s.h, forcing)
     seen, slope = s.channel_outputs(states, forcing)
-    measured = s.measured - s.level_values(amplitudes)
+    measured = s.measured - s.trend_values(amplitudes)
     off, slope = (measured - seen) * s.weight, slope * s.weight[..., None]
     jumps = (states[:-1, -1] - starts[1:]) / s.scale
     return WindowSolution(starts, states, tangents, slope, off, jumps, amplitudes)
@@ -309,25 +309,25 @@ def fitted_windows(
     starts: Array,
     forcing: Forcing,
     rounds: int = MAX_ROUNDS,
-    levels: Array | None = None,
+    trends: Array | None = None,
 ) -> WindowSolution:
-    """Fit start states and levels by Levenberg-Marquardt, from ``levels`` (m,); None: zero."""
-    solution, damping = evaluated(s, starts, forcing, levels), 1e-2
+    """Fit start states and trends by Levenberg-Marquardt, from ``trends`` (m,); None: zero."""
+    solution, damping = evaluated(s, starts, forcing, trends), 1e-2
     cost = solution.cost
-    of_levels = s.level_rows()
+    of_trends = s.trend_rows()
     for _ in range(rounds if np.isfinite(cost) else 0):  # else the start diverged
         J = window_jacobian(s, solution)
         left = stacked_residual(solution)[:, None]
-        right = J.transposed_times(np.hstack([left, of_levels]))
+        right = J.transposed_times(np.hstack([left, of_trends]))
         diagonal = np.eye(STATES) * (np.einsum("wii->wi", J.own) + 1e-6)[:, :, None]
         while damping < 1e6:
             try:
                 found = BlockTridiagonal(J.own + damping * diagonal, J.below).solve(right)
             except np.linalg.LinAlgError:
                 return solution
-            more = _level_step(s, of_levels, left, right, found, damping)
+            more = _trend_step(s, of_trends, left, right, found, damping)
             step = found[:, :, 0] - found[:, :, 1:] @ more
-            tried = evaluated(s, solution.starts + step * s.scale, forcing, solution.levels + more)
+            tried = evaluated(s, solution.starts + step * s.scale, forcing, solution.trends + more)
             now = tried.cost
             if np.isfinite(now) and now < cost:
                 break
@@ -340,21 +340,21 @@ def fitted_windows(
     return solution
 
 
-def _level_step(
+def _trend_step(
     s: Windows, rows: Array, left: Array, right: Array, found: Array, damping: float
 ) -> Array:
-    """Step (m,) of the levels, that of the states eliminated.
+    """Step (m,) of the trends, that of the states eliminated.
 
     Args:
-        rows: (rows, m) of ``Windows.level_rows``.
+        rows: (rows, m) of ``Windows.trend_rows``.
         left: (rows, 1) residual.
         right, found: (W, 18, 1 + m) J' times residual and rows, and the solution for them.
     """
-    m = len(s.levels.size)
+    m = len(s.trends.size)
     if not m:
         return np.zeros(0)
     by_states = np.einsum("wim,wik->mk", right[:, :, 1:], found)
     normal = rows.T @ rows
-    normal += damping * np.diag(np.diag(normal)) + np.diag(s.levels.size**-2.0)
+    normal += damping * np.diag(np.diag(normal)) + np.diag(s.trends.size**-2.0)
     step = np.linalg.solve(normal - by_states[:, 1:], (rows.T @ left)[:, 0] - by_states[:, 0])
     return np.asarray(step)

@@ -52,7 +52,7 @@ def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
             )
         )
     for j, tolerance in enumerate(gear.gain_tolerance):
-        if tolerance > 0.0 and gear.forced[j] and not gear.uses_windows:
+        if tolerance > 0.0 and gear.force_known[j] and not gear.uses_windows:
             weights = _force_gain(builder, j)
             found.append(builder.coefficient(f"gain {j}", weights, tolerance / 3**0.5, tolerance))
     return tuple(found)

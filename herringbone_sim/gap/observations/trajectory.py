@@ -147,7 +147,7 @@ class Trajectory(ForcedWindows):
             solution.starts,
             forcing_at(solution),
             ROUNDS_NEW if new else ROUNDS_AGAIN,
-            solution.levels,
+            solution.trends,
         )
         better = self._least
         if (
@@ -157,7 +157,7 @@ class Trajectory(ForcedWindows):
         ):
             self._tried[key] = better
             other = fitted_windows(
-                self.windows, better.starts, forcing_at(better), ROUNDS_NEW, better.levels
+                self.windows, better.starts, forcing_at(better), ROUNDS_NEW, better.trends
             )
             solution = min(solution, other, key=lambda one: one.cost)
         before = self._restart_energies.get(key, self.nominal.cost)
@@ -174,11 +174,11 @@ class Trajectory(ForcedWindows):
             anew = self._restarted(
                 forcing_at(near),
                 self._with_lead.in_step_forcing(change_of, of_bodies, on_carrier),
-                near.levels,
+                near.trends,
             )
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_energies[key] = solution.cost
-        if not self._follows(solution):
+        if not self._has_converged(solution):
             solution = self.nominal
         self._solutions[key], self._energies[key] = solution, solution.cost
         comparable = self.windows is self.recorded
@@ -186,7 +186,7 @@ class Trajectory(ForcedWindows):
             self._least = solution
         return solution
 
-    def _follows(self, solution: WindowSolution) -> bool:
+    def _has_converged(self, solution: WindowSolution) -> bool:
         """Whether states leave less than the readings themselves; else a change made them diverge.
 
         Such a change explains nothing: the states of the nominal law stand in.
@@ -206,7 +206,7 @@ class Trajectory(ForcedWindows):
         own = copy.copy(self)
         forcing_at = own.forcing_under(change_of, of_bodies, on_carrier)
         forcing = forcing_at(near)
-        cost = fitted_windows(own.windows, near.starts, forcing, rounds, near.levels).cost
+        cost = fitted_windows(own.windows, near.starts, forcing, rounds, near.trends).cost
         return cost if np.isfinite(cost) else np.inf
 
     @cached_property
@@ -223,22 +223,22 @@ class Trajectory(ForcedWindows):
         return filter_and_fit(self.recorded, mine, self._with_lead.recorded, of_whole)
 
     def _restarted(
-        self, forcing: Forcing, of_whole: Forcing, levels: Array
+        self, forcing: Forcing, of_whole: Forcing, trends: Array
     ) -> WindowSolution | None:
         """Fit states from a filter run under the change; None if that diverges.
 
         Args:
             forcing: of the windows.
             of_whole: of the windows with the lead.
-            levels: (m,) of the channels.
+            trends: (m,) of the channels.
         """
-        whole = self._with_lead.windows.without_levels(levels)
+        whole = self._with_lead.windows.without_trends(trends)
         try:
             starts, cost = filtered_starts(whole, of_whole, initial_states(whole))
         except np.linalg.LinAlgError:
             return None
         best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead_windows :]
-        return fitted_windows(self.windows, best, forcing, ROUNDS_NEW, levels)
+        return fitted_windows(self.windows, best, forcing, ROUNDS_NEW, trends)
 
     def block(
         self,
@@ -302,4 +302,5 @@ class Trajectory(ForcedWindows):
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
         data = np.repeat(phase[:: 2 * s.steps_per_sample][: W * samples], k)
         jumps = np.repeat(phase[s.first_half_step[1:]], STATES)
-        return np.concatenate([data, jumps, np.zeros(len(encoder_columns(s)[1]))])
+        encoders = sum(name[0] == "u" for name in s.channels.names)
+        return np.concatenate([data, jumps, np.zeros(2 * encoders + len(s.trends.size))])

@@ -177,12 +177,12 @@ def _respond(tangents, way, pushed, slope, each, data, end):  # type: ignore[no-
 
 
 def encoder_columns(s: Windows) -> tuple[Array, Array]:
-    """Eccentricity of each encoder, once a revolution, and levels of channels: columns, prior SDs.
+    """Eccentricity of each encoder, once a revolution, and trends of channels: columns, prior SDs.
 
     Returns:
         Columns (rows, 2 n_encoders + m): cos and sin of the shaft angle, divided by the noise, in
         the rows of that encoder, 0 in other channels and in the continuity rows, and those of
-        ``Windows.levels``; and prior standard deviation of each amplitude, unit of the channel.
+        ``Windows.trends``; and prior standard deviation of each amplitude, unit of the channel.
     """
     model = s.run.model
     sc = model.scales
@@ -200,4 +200,4 @@ def encoder_columns(s: Windows) -> tuple[Array, Array]:
                 found.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
                 sizes.append(ENCODER_ERROR_RAD * radius[name[2]])
     gratings = np.array(found).reshape(-1, W * samples * k + (W - 1) * STATES).T
-    return np.hstack([gratings, s.level_rows()]), np.append(sizes, s.levels.size)
+    return np.hstack([gratings, s.trend_rows()]), np.append(sizes, s.trends.size)

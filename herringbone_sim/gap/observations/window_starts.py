@@ -23,7 +23,9 @@ from herringbone_sim.gap.observations.shooting import (
 
 OUT_OF_STEP = (0.1, 0.3, 0.6)  # initial differences between planets over the motion's RMS, chosen
 N_FITTED = 2  # initial states fitted to convergence
-N_LEVELLED = 3  # runs of the filter where rotations have no mean, each with that of the fit before
+N_DETRENDED = (
+    3  # runs of the filter where rotations have no mean, each with that of the fit before
+)
 MAX_ROUNDS = 8
 RELATIVE_TOLERANCE = 1e-2  # decrease of a window's energy, as a share, that ends its fit
 
@@ -39,16 +41,16 @@ def filter_and_fit(
         of_whole: their forcing.
     """
     found: list[WindowSolution] = []
-    levels = np.zeros(len(s.levels.size))
-    for _ in range(N_LEVELLED if levels.any() or s.run.no_level else 1):
-        right = whole.without_levels(levels)
+    trends = np.zeros(len(s.trends.size))
+    for _ in range(1 if s.run.means_known else N_DETRENDED):
+        right = whole.without_trends(trends)
         starts, cost = filtered_starts(right, of_whole, initial_states(right))
         starts = starts[:, whole.n_windows - s.n_windows :]
         found += [
-            fitted_windows(s, starts[i], forcing, levels=levels)
+            fitted_windows(s, starts[i], forcing, trends=trends)
             for i in np.argsort(cost)[:N_FITTED]
         ]
-        levels = min(found, key=lambda solution: solution.cost).levels
+        trends = min(found, key=lambda solution: solution.cost).trends
     return min(found, key=lambda solution: solution.cost)
 
 

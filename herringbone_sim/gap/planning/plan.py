@@ -31,7 +31,7 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.seats import SEAT_PARAMETERS
 from herringbone_sim.gap.planning.synthetic import SensorNoise, simulate_campaign
-from herringbone_sim.gap.sensors.levels import windows_alone, without_levelless
+from herringbone_sim.gap.sensors.detrended import only_windows_possible, without_detrended
 
 Say = Callable[[str], None]
 NAMED = 0.9  # probability from which on an effect, or a place, counts as named
@@ -125,8 +125,8 @@ def plan(
     say("recording")
     campaign = simulate_campaign(nominal, points, sensors, noise, cycles)
     runs = campaign.runs
-    if not windows_alone(runs):
-        runs = tuple(map(without_levelless, runs))
+    if not only_windows_possible(runs):
+        runs = tuple(map(without_detrended, runs))
     machine = GearMachine(Gear(runs, stride=STRIDE))
     if not machine.observation_names:
         raise AnalysisError(

@@ -150,7 +150,7 @@ def _run(
         waves=waves(model, phase, omega),
         recorded_point={},
         findings=(),
-        no_level=tuple(name for name in angles if name not in sensors),
+        detrended=tuple(name for name in angles if name not in sensors),
     )
 
 

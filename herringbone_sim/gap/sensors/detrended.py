@@ -22,34 +22,34 @@ from herringbone_sim.gap.sensors.correction import without_channels
 MEAN_CYCLES, TRANSIENT_CYCLES = 300, 200
 
 
-def with_levels(runs: Sequence[PreparedRun]) -> list[PreparedRun]:
+def settle_detrended(runs: Sequence[PreparedRun]) -> list[PreparedRun]:
     """Runs with the mean of the nominal gear in rotations without one, or without such rotations.
 
     The fit runs decide for all.
     """
-    kept = windows_alone(runs)
-    return [with_nominal_levels(run) if kept else without_levelless(run) for run in runs]
+    kept = only_windows_possible(runs)
+    return [with_nominal_means(run) if kept else without_detrended(run) for run in runs]
 
 
-def windows_alone(runs: Sequence[PreparedRun]) -> bool:
+def only_windows_possible(runs: Sequence[PreparedRun]) -> bool:
     """Whether the fit runs allow nothing but windows of the motion without such rotations."""
     fit = deciding(runs)
-    if all(run.levels_known for run in fit) or not all(run.shafts_known for run in fit):
+    if all(run.means_known for run in fit) or not all(run.shafts_known for run in fit):
         return False
-    others = [without_levelless(run) for run in fit]
+    others = [without_detrended(run) for run in fit]
     return not all(map(_law_or_balance, others))
 
 
-def without_levelless(run: PreparedRun) -> PreparedRun:
+def without_detrended(run: PreparedRun) -> PreparedRun:
     """Run without the rotations that lack their mean."""
-    return replace(without_channels(run, run.no_level), no_level=())
+    return replace(without_channels(run, run.detrended), detrended=())
 
 
-def with_nominal_levels(run: PreparedRun) -> PreparedRun:
+def with_nominal_means(run: PreparedRun) -> PreparedRun:
     """Run whose rotations without a mean have that of the nominal gear at its operating point."""
-    if run.levels_known:
+    if run.means_known:
         return run
-    lost = np.array([f"u_{body}" in run.no_level for body in run.model.layout.bodies])
+    lost = np.array([f"u_{body}" in run.detrended for body in run.model.layout.bodies])
     mean = np.where(lost, _nominal_rotations(run), 0.0)
     return replace(run, u=replace(run.u, values=run.u.values + mean))
 

@@ -29,7 +29,7 @@ from herringbone_sim.gap.residuals.motion import (
     recalibrate_motion,
 )
 from herringbone_sim.gap.residuals.recalibrate import force_law, recalibrate
-from herringbone_sim.gap.sensors.levels import without_levelless
+from herringbone_sim.gap.sensors.detrended import without_detrended
 from herringbone_sim.gap.stream.stretch import MotionStatistics, Residual
 from herringbone_sim.recording.campaign import POINT, CampaignRun
 from herringbone_sim.recording.channels import Channels
@@ -96,7 +96,7 @@ def residual(
     point, remarks = operating_point(series, gear, declared or {})
     recording = Recording(Path("stream"), "stream", series, Channels(), (), True, ())
     with np.errstate(invalid="ignore"):
-        run = without_levelless(
+        run = without_detrended(
             prepare_run(CampaignRun(Path("stream"), point, "fit"), recording, gear, noise_share)
         )
         x, v, F, u = (_with_least_noise(one) for one in (run.x, run.v, run.F, run.u))
