@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_support import of_shafts, rig
-from herringbone_sim.gap.sensors.detrended import with_nominal_means
 
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
@@ -45,6 +44,7 @@ from herringbone_sim.gap.observations.window_columns import (
 from herringbone_sim.gap.observations.window_sensors import without_sensor_errors
 from herringbone_sim.gap.observations.window_states import StateElimination
 from herringbone_sim.gap.sensors.correction import without_sensor_error
+from herringbone_sim.gap.sensors.detrended import with_nominal_means
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
