@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,18 +11,27 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.core.model import Model, build
-from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.law import LawChange
+from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.shooting import WindowSolution
+from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_columns import window_columns
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.gap.verification.verify import Gap, RunGap
-from herringbone_sim.practice.campaign import PracticeCampaign
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import PracticeCampaign, make_campaign
+from herringbone_sim.practice.plan import draw_plan
 from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.channels import Channels
@@ -139,3 +149,26 @@ def a_report(verdict: Verdict | None = None, **more: Any) -> Report:
     asked = NextExperiment(point, "at twice the load a crack grows and a spall does not")
     plain = Report("rig", verdict or nothing, [(Locus(), 1.0)], gap, [], asked)
     return replace(plain, **more)
+
+
+def practised(seed: int, effect: str, runs: int = 5) -> GearMachine:
+    """Some runs of a practice rig of which three rotations are recorded, d = 10."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        made = as_prepared(make_campaign(draw_plan(seed, effect, d=10.0, channels="few")))
+        return GearMachine(Gear(made.of_role("fit")[:runs]))
+
+
+def no_effect(machine: GearMachine) -> Score:
+    """Nothing wrong at all, one square left."""
+    n = len(machine.base)
+    none = np.zeros((0, 0))
+    return Score(machine.base, np.zeros(n), none, none, none, 1.0, 0.0, 1.0, {})
+
+
+def column_of(trajectory: Trajectory, gear: Gear, shot: WindowSolution, name: str) -> np.ndarray:
+    """Response (rows,) of windows to a function, at states that are kept."""
+    trajectory.block(shot, lambda m: LawChange(), gear.law_functions, (name,))
+    solution, now, m = trajectory.last_linearisation
+    made = window_columns(trajectory.windows, solution, m, now, gear.law_functions, (name,))
+    return made[:, 0]

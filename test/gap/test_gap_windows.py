@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_support import of_shafts, rig
+from gap_support import column_of, no_effect, of_shafts, practised, rig
 
-from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.diagnosis.examine import examine
-from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
@@ -39,11 +37,8 @@ from herringbone_sim.gap.observations.window_channels import channel_outputs, wi
 from herringbone_sim.gap.observations.window_columns import (
     body_forces,
     encoder_columns,
-    window_columns,
 )
-from herringbone_sim.gap.observations.window_sensors import without_sensor_errors
 from herringbone_sim.gap.observations.window_states import StateElimination
-from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.detrended import with_nominal_means
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -267,14 +262,6 @@ def test_a_recording_without_the_swing_of_the_gear_is_known() -> None:
     assert Trajectory(without).nominal.cost > 3.0 * whole.cost
 
 
-def column_of(trajectory: Trajectory, gear: Gear, shot: WindowSolution, name: str) -> np.ndarray:
-    """Response (rows,) of windows to a function, at states that are kept."""
-    trajectory.block(shot, lambda m: LawChange(), gear.law_functions, (name,))
-    solution, now, m = trajectory.last_linearisation
-    made = window_columns(trajectory.windows, solution, m, now, gear.law_functions, (name,))
-    return made[:, 0]
-
-
 def check(
     trajectory: Trajectory,
     gear: Gear,
@@ -295,26 +282,6 @@ def check(
 
 
 @pytest.mark.parametrize(
-    ("error", "step", "within"),
-    [("gain", 1e-4, 1e-3), ("bias", 1e-9, 1e-6), ("delay", 1e-8, 0.2)],
-)
-def test_columns_of_sensors_are_what_their_errors_add(
-    gear: Gear, one: tuple[Trajectory, WindowSolution], error: str, step: float, within: float
-) -> None:
-    """What is measured, less what is measured with the error taken off: the column."""
-    trajectory, shot = one
-    s = trajectory.recorded
-    name = f"{error} of u_s_R"
-    drive = trajectory.forcing(LawChange(), np.ones(9), ())
-    right = without_sensor_errors(s, {name: step})
-    change = rows(evaluated(s, shot.starts, drive)) - rows(evaluated(right, shot.starts, drive))
-    column = column_of(trajectory, gear, shot, name)
-    inner = np.flatnonzero(column)[10:-10]
-    off = np.linalg.norm((change / step - column)[inner])
-    assert off < within * np.linalg.norm(column)
-
-
-@pytest.mark.parametrize(
     ("seed", "effect", "member", "mesh", "side"),
     [(372011, "tooth_crack", "sun", "sp", "R"), (372014, "tooth_spall", "planet", "all", "L")],
 )
@@ -327,50 +294,6 @@ def test_the_tooth_is_found_in_rotations_of_shafts(
     assert (first.member, first.locus.mesh, first.locus.side) == (member, mesh, side)
 
 
-def practised(seed: int, effect: str, runs: int = 5) -> GearMachine:
-    """Some runs of a practice rig of which three rotations are recorded, d = 10."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = as_prepared(make_campaign(draw_plan(seed, effect, d=10.0, channels="few")))
-        return GearMachine(Gear(made.of_role("fit")[:runs]))
-
-
-def test_a_late_encoder_is_named() -> None:
-    found = examine(practised(372023, "sensor_delay", runs=3))
-    first = found.singles[0]
-    assert first.hypotheses[0].effect == "sensor_delay"
-    assert first.hypotheses[0].options == (("channels", ("u_s_L",)),)
-    assert first.score.mean[-1] == pytest.approx(4.17e-6, rel=0.05)
-    assert first.loss < 1.1 * found.count < found.none.loss
-
-
-def test_exchanged_encoders_are_put_back() -> None:
-    """What they show together no motion of the gear does, so that nothing linear says it."""
-    machine = practised(372312, "channel_swap")
-    null = no_effect(machine)
-    ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
-    ((squares, best, _),) = machine.nonlinear_trials(ranked, null)
-    assert best.options == (("channels", ("u_s_R", "u_c")),)
-    assert squares < 0.01 * null.in_sample
-
-
-def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> None:
-    """Its stiffness, 4 % too large, leaves more than noise then; a wrong law leaves more still."""
-    whole = rig({"k_m_sp": 1.04 * Parameters().k_m_sp}, share=1e-3)
-    names = ("u_s_R", "u_c")
-    runs = [without_sensor_error(of_shafts(run), "swap", names, 1.0) for run in whole.runs]
-    machine = GearMachine(Gear(runs))
-    null = no_effect(machine)
-    ranked = [
-        (h, np.append(null.mean, [c.sd for c in h.coefficients]))
-        for h in machine.hypotheses()
-        if h.effect in ("channel_swap", "stagger", "planet_phase")
-    ]
-    (share, best, _), (other, *_), *_ = machine.nonlinear_trials(ranked, null)
-    assert best.options == (("channels", names),)
-    assert share < 0.1 * other
-
-
 def test_more_windows_tell_the_tolerances_more_closely(gear: Gear) -> None:
     """Three times the values: standard deviations fall by the root of 3 at most."""
     few = GearMachine(gear.for_runs([g.run for g in gear.runs[1:3]]))
@@ -381,13 +304,6 @@ def test_more_windows_tell_the_tolerances_more_closely(gear: Gear) -> None:
     ratio = known[1] / known[0]
     assert ratio.max() < 1.02
     assert 0.5 < ratio.min() < 0.75
-
-
-def no_effect(machine: GearMachine) -> Score:
-    """Nothing wrong at all, one square left."""
-    n = len(machine.base)
-    none = np.zeros((0, 0))
-    return Score(machine.base, np.zeros(n), none, none, none, 1.0, 0.0, 1.0, {})
 
 
 def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:

@@ -26,7 +26,7 @@ from herringbone_sim.gap.observations.shooting import (
     windows_of_run,
 )
 from herringbone_sim.gap.observations.window_columns import BodyForce, body_forces
-from herringbone_sim.gap.observations.window_sensors import without_sensor_errors
+from herringbone_sim.gap.observations.window_sensors import with_sensor_errors
 from herringbone_sim.gap.residuals.balance import hermite_interpolation
 
 # Windows at the start of a run, used by the filter alone; in nine it converged from all initial
@@ -44,7 +44,7 @@ class ForcedWindows:
 
     Attributes:
         recorded: windows as recorded.
-        windows: windows without the sensor errors of the last change.
+        windows: windows with the sensor errors of the last change.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class ForcedWindows:
 
     def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
         """Mesh motion at every half step, windows concatenated."""
-        half, steps = STATES // 2, concatenated_states(solution)
+        half, steps = STATES // 2, solution.states_of_all
         u, rate = hermite_interpolation(steps[:, :half], steps[:, half:], self.windows.h, 2)
         return self.motion(np.hstack([u, rate]), self.windows.phase)
 
@@ -149,7 +149,7 @@ class ForcedWindows:
         on_carrier: Sequence[Function],
     ) -> Callable[[WindowSolution], Forcing]:
         """Forcing under a change as a function of the states; sets ``windows``."""
-        self.windows = without_sensor_errors(self.recorded, of_bodies)
+        self.windows = with_sensor_errors(self.recorded, of_bodies)
         masses = self.masses(of_bodies)
 
         def forcing_at(solution: WindowSolution) -> Forcing:
@@ -167,8 +167,3 @@ class ForcedWindows:
         """(9,) factors on 1/M by the amplitudes of ``M_s``, ``M_c`` and ``M_p``."""
         s, c, p = (1.0 + of_bodies.get(f"M_{body}", 0.0) for body in "scp")
         return np.array([s, s, c, *[p] * (STATES // 2 - 3)])
-
-
-def concatenated_states(solution: WindowSolution) -> Array:
-    """States (n, 18) at every step; where windows meet, that of the later one."""
-    return np.vstack([solution.states[:, :-1].reshape(-1, STATES), solution.states[-1, -1:]])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import combinations
+from collections.abc import Iterator, Sequence
+from itertools import combinations, product
 
 import numpy as np
 
-from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.layout import KINDS, SIDES, Layout
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
@@ -85,38 +85,66 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 
 
 def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Gain, bias, delay and swap of the channels to which windows are fitted.
+    """Gain, bias, delay, clock and swap of the channels to which windows are fitted.
 
-    No bias of channels that have no constant part anyway, as accelerometers; no delay of gauges
-    that see a planet only at times, as all gauges share one recorder.
+    No bias of channels that have no constant part anyway, as accelerometers. Channels of one
+    quantity, of all meshes and sides, one kind of mesh or one side, may have a clock of their own.
     """
     gear = builder.gear
     if not gear.uses_windows:
         return
     layout, followed = gear.model.layout, gear.followed_channels
-    whole = np.logical_and.reduce(np.isfinite(followed.values))
-    for name, every in zip(followed.names, whole, strict=True):
+    for name in followed.names:
         quantity, _, place = name.partition("_")
         planet = next((p for p in layout.planets if p in place), "all")
-        side = place[-1] if place[-2:] in ("_L", "_R") else "all"
-        locus = Locus(place[:2] if place[:2] in ("sp", "rp") else "all", planet, side)
+        locus = Locus(_mesh_of(name), planet, _side_of(name))
         units = {"gain": 0.05, "delay": 2e-6}
         if quantity == "F":
             units["bias"] = 50.0
         elif quantity == "u" and name not in gear.runs[0].run.detrended:
             units["bias"] = 0.05 * gear.rms_by_quantity["u"]
         for error, unit in units.items():
-            if error == "delay" and not every:
-                continue
             weights: Weights = {(trajectory.NAME, f"{error} of {name}"): 1.0}
             effect = f"sensor_{error}"
             one = builder.coefficient(PARAMETER_NAMES[effect], weights, unit)
             yield Hypothesis(effect, (("channels", (name,)),), locus, (one,), 1)
+    for locus, names in _recorders(followed.names):
+        one = builder.coefficient(
+            "ppm", {(trajectory.NAME, f"clock of {name}"): 1.0 for name in names}, 1e-3
+        )
+        yield Hypothesis("clock_drift", (("channels", names),), locus, (one,), 1)
     for f in gear.functions[trajectory.NAME]:
         if f.startswith(SWAP_PREFIX):
             pair = tuple(f.removeprefix(SWAP_PREFIX).split(" and "))
             one = builder.coefficient("swap", {(trajectory.NAME, f): 1.0}, 1e-3, center=1.0)
             yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (one,), 1)
+
+
+def _recorders(names: Sequence[str]) -> Iterator[tuple[Locus, tuple[str, ...]]]:
+    """Channels that may share a recorder, not all of them: of one quantity at a locus."""
+    found: dict[tuple[str, ...], Locus] = {}
+    quantities = dict.fromkeys(name[0] for name in names)
+    for quantity, mesh, side in product(quantities, ("all", *KINDS), ("all", *SIDES)):
+        inside = tuple(
+            name
+            for name in names
+            if name[0] == quantity
+            and mesh in ("all", _mesh_of(name))
+            and side in ("all", _side_of(name))
+        )
+        if inside and len(inside) < len(names):
+            found.setdefault(inside, Locus(mesh, "all", side))
+    return ((locus, inside) for inside, locus in found.items())
+
+
+def _mesh_of(channel: str) -> str:
+    """Kind of mesh that a channel belongs to, ``all`` for none."""
+    return next((kind for kind in KINDS if channel[2:4] == kind), "all")
+
+
+def _side_of(channel: str) -> str:
+    """Side that a channel belongs to, ``all`` for none."""
+    return next((side for side in SIDES if channel.endswith(f"_{side}")), "all")
 
 
 # Parameter of each effect in the catalogue.

@@ -62,6 +62,8 @@ class Windows:
         first_half_step: (W,) index of the half step at which each window starts.
         scale: (18,) RMS of rotations [m] and rates [m/s], for scaling.
         trends: slow parts of channels that the recorder has taken off, see ``Trends``.
+        delay, clock: (k,) what each channel shows is y(t - delay - clock t): delay [s], and
+            relative error of a clock of its own, t from the start of the recording.
     """
 
     run: PreparedRun
@@ -77,6 +79,8 @@ class Windows:
     first_half_step: NDArray[np.int64]
     scale: Array
     trends: Trends
+    delay: Array
+    clock: Array
 
     @property
     def n_windows(self) -> int:
@@ -124,7 +128,70 @@ class Windows:
         """
         begin = self.first_half_step if first is None else first
         at = begin[:, None] + 2 * self.steps_per_sample * np.arange(self.samples)
-        return channel_outputs(self.channels, states[:, : -1 : self.steps_per_sample], forcing, at)
+        value, slope = channel_outputs(
+            self.channels, states[:, : -1 : self.steps_per_sample], forcing, at
+        )
+        late = np.flatnonzero((self.delay != 0.0) | (self.clock != 0.0))
+        if len(late):
+            slope = slope.copy()
+        for i in late.tolist():
+            value[:, :, i], slope[:, :, i] = self._late_output(i, states, forcing, begin)
+        return value, slope
+
+    def _late_output(
+        self, i: int, states: Array, forcing: Forcing, begin: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Late channel i (W, samples) between steps, and its derivatives (W, samples, 18).
+
+        Its derivative by the rate at the sample is that of a motion along the tangent.
+        """
+        at = self.late_steps(i, begin)
+        window, one = np.arange(len(states))[:, None], self.channels.only(i)
+        value, slope = np.zeros(at.middle.shape), np.zeros((*at.middle.shape, STATES))
+        for q, weight in zip((-1, 0, 1), at.weights, strict=True):
+            n = at.middle + q
+            shown, by_state = channel_outputs(
+                one, states[window, n], forcing, begin[:, None] + 2 * n
+            )
+            value += weight * shown[..., 0]
+            slope += weight[..., None] * by_state[..., 0, :]
+        half = STATES // 2
+        slope[..., half:] -= at.late[..., None] * slope[..., :half]
+        return value, slope
+
+    def late_steps(self, i: int, begin: NDArray[np.int64]) -> LateSteps:
+        """Steps between which channel i is interpolated; windows start at half steps (W,)."""
+        sample = np.arange(self.samples)
+        since = self.run.times[0] + 0.5 * self.h * begin[:, None] + self.run.step_s * sample
+        late = self.delay[i] + self.clock[i] * since
+        at = self.steps_per_sample * sample - late / self.h
+        middle = np.clip(np.rint(at), 1, self.steps - 1).astype(np.int64)
+        d = at - middle
+        return LateSteps(
+            since,
+            late,
+            middle,
+            np.stack([0.5 * d * (d - 1.0), 1.0 - d**2, 0.5 * d * (d + 1.0)]),
+            np.stack([0.5 - d, 2.0 * d, -0.5 - d]) / self.h,
+        )
+
+
+class LateSteps(NamedTuple):
+    """Interpolation of a late channel by the parabola through three steps.
+
+    Attributes:
+        since: (W, samples) time since the start of the recording [s].
+        late: (W, samples) by how much the channel is late [s].
+        middle: (W, samples) index in the window of the middle one of the three steps.
+        weights: (3, W, samples) of the steps.
+        by_delay: (3, W, samples) their derivatives by the delay [1/s].
+    """
+
+    since: Array
+    late: Array
+    middle: NDArray[np.int64]
+    weights: Array
+    by_delay: Array
 
 
 class Trends(NamedTuple):
@@ -168,6 +235,11 @@ class WindowSolution:
     trends: Array
 
     @property
+    def states_of_all(self) -> Array:
+        """States (n, 18) at every step of the run; where windows meet, that of the later one."""
+        return np.vstack([self.states[:, :-1].reshape(-1, STATES), self.states[-1, -1:]])
+
+    @property
     def cost(self) -> float:
         """Energy: sum of squared residuals and of jumps over ``JUMP_SD``."""
         return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / JUMP_SD**2)
@@ -206,6 +278,8 @@ def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
         2 * each * samples * np.arange(W),
         motion * np.repeat([1.0, 2.0 * run.omega_rad_per_s], STATES // 2),
         _trends(run, measured.names, motion, (W, samples)),
+        np.zeros(len(measured.names)),
+        np.zeros(len(measured.names)),
     )
 
 

@@ -23,10 +23,7 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.body_motion import with_rigid_swing
-from herringbone_sim.gap.observations.forced_windows import (
-    ForcedWindows,
-    concatenated_states,
-)
+from herringbone_sim.gap.observations.forced_windows import ForcedWindows
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
@@ -255,7 +252,7 @@ class Trajectory(ForcedWindows):
             wanted: names of the columns.
         """
         s = self.windows
-        m = self.motion(concatenated_states(solution), s.phase[::2])
+        m = self.motion(solution.states_of_all, s.phase[::2])
         now = law(m, change_of(m))
         self.last_linearisation = solution, now, m
         states = StateElimination(

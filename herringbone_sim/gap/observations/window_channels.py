@@ -35,6 +35,18 @@ class WindowChannels:
     values: Array
     sigma: Array
 
+    def only(self, i: int) -> WindowChannels:
+        """Channel i alone."""
+        one = slice(i, i + 1)
+        return WindowChannels(
+            self.names[one],
+            self.of_u[one],
+            self.of_F[one],
+            self.of_a[one],
+            self.values[:, one],
+            self.sigma[one],
+        )
+
     @property
     def gauges(self) -> tuple[str, ...]:
         """Names of channels that measure forces."""

@@ -1,0 +1,132 @@
+"""Errors of the sensors to which windows are fitted: gain, bias, delay, clock, exchange."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from gap_support import column_of, no_effect, of_shafts, practised, rig
+
+from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.diagnosis.examine import examine
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.law import LawChange
+from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.shooting import evaluated, stacked_residual
+from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_sensors import with_sensor_errors
+from herringbone_sim.gap.sensors.correction import without_sensor_error
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.plan import draw_plan
+
+
+@pytest.fixture(scope="module")
+def gear() -> Gear:
+    """A healthy practice rig: rotations of suns and carrier, forces of pins, 10 samples."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        plan = draw_plan(600001, "none", channels="shafts_pins", samples_per_cycle=10)
+        return Gear(as_prepared(make_campaign(plan)).of_role("fit"))
+
+
+@pytest.mark.parametrize("channel", ["u_s_R", "F_pin2"])
+@pytest.mark.parametrize(
+    ("error", "step", "within"),
+    [("gain", 1e-4, 1e-3), ("bias", 1e-6, 1e-6), ("delay", 1e-8, 5e-3), ("clock", 1e-7, 5e-3)],
+)
+def test_columns_of_sensors_are_what_their_errors_add(
+    gear: Gear, channel: str, error: str, step: float, within: float
+) -> None:
+    """What is predicted without an error less what is with it: the column, ten samples a cycle."""
+    trajectory = gear.trajectories[1]
+    shot, s, name = trajectory.nominal, trajectory.recorded, f"{error} of {channel}"
+    drive = trajectory.forcing(LawChange(), np.ones(9), ())
+    wrong = with_sensor_errors(s, {name: step})
+    right, off = (stacked_residual(evaluated(one, shot.starts, drive)) for one in (s, wrong))
+    column = column_of(trajectory, gear, shot, name)
+    assert np.linalg.norm((right - off) / step - column) < within * np.linalg.norm(column)
+
+
+@pytest.mark.parametrize(
+    ("effect", "seed", "parameter", "unit", "share"),
+    [("sensor_delay", 600113, "delay", 1.0, 0.03), ("clock_drift", 600107, "ppm", -1e-6, 0.25)],
+)
+def test_a_late_gauge_is_predicted_as_late_as_it_is(
+    effect: str, seed: int, parameter: str, unit: float, share: float
+) -> None:
+    """The true delay of a gauge in a pin takes its squares off, but for noise and tolerances.
+
+    On the fastest run, at ten samples a mesh cycle.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        plan = draw_plan(
+            seed, effect, d=10.0, channels="shafts_pins", samples_per_cycle=10, law="catalogue"
+        )
+        made = make_campaign(plan)
+    of = made.label["effects"][0]
+    late = of["locus"]["channels"]
+    kind = "delay" if parameter == "delay" else "clock"
+    sizes = {f"{kind} of {name}": unit * of["parameters"][parameter]["value"] for name in late}
+    trajectory = Trajectory(as_prepared(made).of_role("fit")[4])
+    names = trajectory.recorded.channels.names
+    gauges = [i for i, name in enumerate(names) if name in late]
+    left = []
+    for amplitudes in ({}, sizes):
+        shot = trajectory.fitted_states((), lambda m: LawChange(), amplitudes)
+        left.append(np.mean(shot.residuals[:, :, gauges] ** 2))
+    on_time, with_delay = left
+    assert with_delay < share * on_time
+
+
+def test_a_clock_of_gauges_alone_is_named() -> None:
+    """Those of the pins are drawn; the size is known within 5 %."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        plan = draw_plan(600107, "clock_drift", d=10.0, channels="shafts_pins", law="catalogue")
+        made = make_campaign(plan)
+    found = examine(GearMachine(Gear(as_prepared(made).of_role("fit")[:3])))
+    first, of = found.singles[0], made.label["effects"][0]
+    assert first.hypotheses[0].effect == "clock_drift"
+    assert first.hypotheses[0].options == (("channels", tuple(of["locus"]["channels"])),)
+    size = of["parameters"]["ppm"]["value"]
+    assert -1e6 * first.score.mean[-1] == pytest.approx(size, rel=0.05)
+    assert first.loss < found.none.loss
+
+
+def test_a_late_encoder_is_named() -> None:
+    found = examine(practised(372023, "sensor_delay", runs=3))
+    first = found.singles[0]
+    assert first.hypotheses[0].effect == "sensor_delay"
+    assert first.hypotheses[0].options == (("channels", ("u_s_L",)),)
+    assert first.score.mean[-1] == pytest.approx(4.17e-6, rel=0.05)
+    assert first.loss < 1.1 * found.count < found.none.loss
+
+
+def test_exchanged_encoders_are_put_back() -> None:
+    """What they show together no motion of the gear does, so that nothing linear says it."""
+    machine = practised(372312, "channel_swap")
+    null = no_effect(machine)
+    ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
+    ((squares, best, _),) = machine.nonlinear_trials(ranked, null)
+    assert best.options == (("channels", ("u_s_R", "u_c")),)
+    assert squares < 0.01 * null.in_sample
+
+
+def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> None:
+    """Its stiffness, 4 % too large, leaves more than noise then; a wrong law leaves more still."""
+    whole = rig({"k_m_sp": 1.04 * Parameters().k_m_sp}, share=1e-3)
+    names = ("u_s_R", "u_c")
+    runs = [without_sensor_error(of_shafts(run), "swap", names, 1.0) for run in whole.runs]
+    machine = GearMachine(Gear(runs))
+    null = no_effect(machine)
+    ranked = [
+        (h, np.append(null.mean, [c.sd for c in h.coefficients]))
+        for h in machine.hypotheses()
+        if h.effect in ("channel_swap", "stagger", "planet_phase")
+    ]
+    (share, best, _), (other, *_), *_ = machine.nonlinear_trials(ranked, null)
+    assert best.options == (("channels", names),)
+    assert share < 0.1 * other
