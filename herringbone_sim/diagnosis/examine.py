@@ -119,6 +119,8 @@ def examine(
     idle = gain < worth and _predicted_energy(left) < MIN_GAIN_PER_VALUE * count
     singles = _fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
     if machine.estimates_states:
+        if not idle:
+            singles = _with_unscreened(search, ranked, singles)
         again, *fitted = (_fit_again(search, f) for f in (none, *singles))
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
         if again is not none:
@@ -281,10 +283,39 @@ def _fit_best(
             break
         if per.get(one.effect, 0) < per_effect:
             per[one.effect] = per.get(one.effect, 0) + 1
-            fits.append(
-                FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))
-            )
+            fits.append(_fitted(search, one, start))
     return tuple(sorted(fits, key=lambda f: f.loss))
+
+
+def _fitted(search: Search, one: Hypothesis, start: Array) -> FittedExplanation:
+    """Fit one effect exactly from ``start`` (p,)."""
+    score = search.refined(one.coefficients, start)
+    return FittedExplanation((one,), search.settled(score))
+
+
+def _with_unscreened(
+    search: Search, ranked: Ranking, singles: Sequence[FittedExplanation]
+) -> tuple[FittedExplanation, ...]:
+    """Add fits that the linear screen can't rank, best first.
+
+    These are the best place of each effect that is not linear, and other laws (options) of the
+    best effect at its place, from its tolerances.
+    """
+    fitted = {(f.hypotheses[0].effect, f.hypotheses[0].locus) for f in singles}
+    effects = {effect for effect, _ in fitted}
+    found = list(singles)
+    for _, one, start in ranked:
+        if one.effect not in effects and not one.is_linear:
+            effects.add(one.effect)
+            found.append(_fitted(search, one, start))
+    best = min(found, key=lambda f: f.loss)
+    own, n = best.hypotheses[0], len(search.base)
+    for _, one, start in ranked:
+        alike = (one.effect, one.locus) == (own.effect, own.locus)
+        if alike and one.is_linear and one.options != own.options:
+            from_best = np.concatenate([best.score.mean[:n], start[n:]])
+            found.append(_fitted(search, one, from_best))
+    return tuple(sorted(found, key=lambda f: f.loss))
 
 
 def _fit_again(search: Search, found: FittedExplanation) -> FittedExplanation:

@@ -123,6 +123,11 @@ class Hypothesis:
     measured_gain: float | None = None
     base_mean: tuple[float, ...] = ()
 
+    @property
+    def is_linear(self) -> bool:
+        """Whether its columns stay as they are when its coefficients change."""
+        return all(c.scales_with_effect for c in self.coefficients)
+
     def __post_init__(self) -> None:
         departures = [replace(c, departs_from=self.n_own) for c in self.coefficients[self.n_own :]]
         object.__setattr__(self, "coefficients", (*self.coefficients[: self.n_own], *departures))

@@ -186,13 +186,16 @@ class Search:
         else:  # columns change with the amplitudes: evaluate exactly
             used = functions_used(self.base)
             energy = self.about(coefficients, (mean + off).T, used).energy
+        in_sample = float(campaign.energy.sum())
+        density = found.log_density + 0.5 * float((found.energy - energy).sum())
         found = replace(
             found,
             mean=mean,
             leave_one_out_means=mean + off,
             energy=energy,
-            log_density=found.log_density + 0.5 * float((found.energy - energy).sum()),
-            in_sample=float(campaign.energy.sum()),
+            # Far from linear this goes astray; no run is predicted better than it is fitted.
+            log_density=min(density, -0.5 * in_sample),
+            in_sample=in_sample,
         )
         energy_by_row, count = _energy_by_row(campaign)
         return replace(found, coefficients=every, energy_by_row=energy_by_row, count=count)

@@ -127,8 +127,10 @@ def _over_load(h: Hypothesis) -> Curve:
 
 def _damping(h: Hypothesis) -> Curve:
     """Curve of the damping factor minus 1 over the deflection."""
-    main = np.zeros(len(LOADS_M)) if dict(h.options)["law"] == "contact" else LOADS_M / 1e-5 - 1.0
-    matrix = np.column_stack([main, np.eye(len(LOADS_M))])
+    slope, bend = LOADS_M / 1e-5, np.eye(len(LOADS_M))
+    in_contact = dict(h.options)["law"] == "contact"
+    main = [np.zeros_like(slope)] if in_contact else [slope - 1.0, slope]
+    matrix = np.column_stack([*main, bend])
     return LOADS_M, matrix, ("deflection", "m", "damping factor less 1", "-")
 
 

@@ -162,8 +162,10 @@ def _theta(h: Hypothesis, c: Array) -> tuple[Array, Options]:
         values = dict(zip(seat.names, seat.theta, strict=True))
         return np.array([values[p.name] for p in known_effects()[h.effect].parameters]), ()
     if h.effect == "damping_law":
-        power = 0.0 if own_options["law"] == "contact" else 1.0
-        return np.array([c[0], power, 1e-5]), ()
+        if own_options["law"] == "contact":
+            return np.array([c[0], 0.0, 1e-5]), ()
+        slope = c[0] + c[1]  # share / depth, in 1 / 10 um
+        return np.array([c[0], 1.0, 1e-5 * c[0] / slope if slope * c[0] > 0.0 else 1.0]), ()
     return np.zeros(len(known_effects()[h.effect].parameters)), options
 
 

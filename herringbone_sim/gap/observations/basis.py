@@ -18,7 +18,7 @@ Values = Callable[[MeshMotion, Law], Array]
 ORDERS = tuple(range(1, 9))
 TURNS = tuple(range(1, 7))  # harmonics of a revolution, chosen: long waves of a pitch error
 # Knots over the deflection |f|, chosen: static to violent load.
-LOADS_M = np.array([1e-7, 5e-7, 2e-6, 8e-6, 3e-5, 1e-4])
+LOADS_M = np.array([1e-7, 5e-7, 2e-6, 8e-6, 3e-5, 1e-4, 3e-4, 1e-3])
 
 
 @dataclass(frozen=True)

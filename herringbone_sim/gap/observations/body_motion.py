@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from herringbone_sim.arrays import Array
@@ -38,8 +36,8 @@ def rigid_momentum(run: PreparedRun, phase: Array) -> Array:
     return np.asarray(-push * wave / turn**2)
 
 
-def with_rigid_swing(run: PreparedRun) -> PreparedRun:
-    """Run with the rigid oscillation excited by the control added to its rotations.
+def rigid_swing(run: PreparedRun) -> Array:
+    """Rigid oscillation (n, 9) [m] of all bodies that the control excites.
 
     Recordings of a simulator in relative coordinates lack all rigid rotation; those of a rig lack
     only its trend.
@@ -50,8 +48,7 @@ def with_rigid_swing(run: PreparedRun) -> PreparedRun:
     rigid = np.linalg.svd(G)[2][-1]
     rigid = rigid / rigid[2]
     swing = rigid_momentum(run, run.phase) / (M @ rigid**2)
-    moved = run.u.values + swing[:, None] * rigid
-    return replace(run, u=replace(run.u, values=moved))
+    return np.asarray(swing[:, None] * rigid)
 
 
 def static_rotations(run: PreparedRun) -> Array:

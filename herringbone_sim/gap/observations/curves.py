@@ -236,17 +236,15 @@ def _contact_terms(gear: Gear) -> Iterator[Variant]:
 
 
 def _damping(gear: Gear) -> Iterator[Variant]:
-    """Two laws: damping only in contact, and damping in proportion to the deflection."""
+    """Two laws: damping only in contact, and damping by the deflection, c v at about 10 um."""
     # The dependence on load is uncertain by half of the effect.
     bend = [Term(f"load {i}", {f"gamma load {i}": 1.0}, 0.5) for i in range(len(LOADS_M))]
     yield (("law", "contact"),), 0.3, [Term("share", {"gamma free": -1.0}, 1.0), *bend], 1
-    by_load: Weights = {f"gamma load {i}": float(f / 1e-5) - 1.0 for i, f in enumerate(LOADS_M)}
-    yield (
-        (("law", "load"),),
-        0.3,
-        [Term("share", {"gamma free": -1.0, **by_load}, 1.0), *bend],
-        1,
-    )
+    slope: Weights = {f"gamma load {i}": float(f / 1e-5) for i, f in enumerate(LOADS_M)}
+    by_load = {"gamma free": -1.0, **{name: w - 1.0 for name, w in slope.items()}}
+    # c v at another deflection: between 4 um and, with the slope zero, none.
+    depth = Term("slope", slope, 0.5)
+    yield (("law", "load"),), 0.3, [Term("share", by_load, 1.0), depth, *bend], 1
 
 
 TERM_BUILDERS = {

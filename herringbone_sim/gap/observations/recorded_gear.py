@@ -135,7 +135,7 @@ class RecordedGear:
     def trajectory_of(self, r: int) -> Trajectory:
         """Windows of run r, shared by all copies."""
         if r not in self._trajectories:
-            self._trajectories[r] = trajectory.trajectory(self.runs[r].run, self.windows)
+            self._trajectories[r] = Trajectory(self.runs[r].run, self.windows)
         return self._trajectories[r]
 
     @property
@@ -151,7 +151,7 @@ class RecordedGear:
                 if key not in self._swapped_trajectories:
                     names = f.removeprefix(SWAP_PREFIX).split(" and ")
                     run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
-                    self._swapped_trajectories[key] = trajectory.trajectory(run, self.windows)
+                    self._swapped_trajectories[key] = Trajectory(run, self.windows)
                 return self._swapped_trajectories[key]
         return self.trajectory_of(r)
 

@@ -7,7 +7,6 @@ continuity constraint: jumps cost energy (H. G. Bock, Springer Series in Chemica
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.body_motion import (
     inverse_masses,
     rigid_momentum,
+    rigid_swing,
     shaft_rotations,
 )
 from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
@@ -61,7 +61,7 @@ class Windows:
         phase: (n,) mesh phase at every half step [rad].
         first_half_step: (W,) index of the half step at which each window starts.
         scale: (18,) RMS of rotations [m] and rates [m/s], for scaling.
-        trends: slow parts of channels that the recorder has taken off, see ``Trends``.
+        trends: parts of channels that the recorder may have left out, see ``Trends``.
         delay, clock: (k,) what each channel shows is y(t - delay - clock t): delay [s], and
             relative error of a clock of its own, t from the start of the recording.
     """
@@ -99,19 +99,13 @@ class Windows:
 
     def trend_values(self, amplitudes: Array) -> Array:
         """Trends (W, samples, k) of the channels by amplitudes (m,)."""
-        found = np.zeros_like(self.weight)
-        for a, i, wave in zip(amplitudes, self.trends.channel, self.trends.wave, strict=True):
-            found[:, :, i] += a * wave
-        return found
+        return np.asarray(np.tensordot(amplitudes, self.trends.wave, 1))
 
     def trend_rows(self) -> Array:
         """(rows, m) change of ``stacked_residual`` by a unit of each trend, its sign reversed."""
-        found = np.zeros((self.weight.size + (self.n_windows - 1) * STATES, len(self.trends.size)))
-        for j, (i, wave) in enumerate(zip(self.trends.channel, self.trends.wave, strict=True)):
-            one = np.zeros_like(self.weight)
-            one[:, :, i] = self.weight[:, :, i] * wave
-            found[: one.size, j] = one.ravel()
-        return found
+        m, jumps = len(self.trends.size), (self.n_windows - 1) * STATES
+        rows = (self.trends.wave * self.weight).reshape(m, self.weight.size)
+        return np.asarray(np.pad(rows, ((0, 0), (0, jumps))).T)
 
     def without_trends(self, amplitudes: Array) -> Windows:
         """Copy with trends of known amplitudes (m,) taken off the readings."""
@@ -195,19 +189,18 @@ class LateSteps(NamedTuple):
 
 
 class Trends(NamedTuple):
-    """What channels lack of slow parts: a constant and a line over the run for each of them.
+    """What channels lack: a constant and a line over the run, and the rigid swing.
 
     An encoder that counts from an arbitrary mark lacks the wind-up under the load, and a line that
     was taken off as the steady rotation takes a part of the motion with it; an accelerometer that
-    is AC-coupled lacks its mean.
+    is AC-coupled lacks its mean. A simulator in relative coordinates leaves out the rigid
+    oscillation under the control, a rig does not: the amplitude is 1 or 0.
 
     Attributes:
-        channel: (m,) indices of the channels.
-        wave: (m, W, samples) of unit size.
-        size: (m,) largest that they may be, in the unit of the channel.
+        wave: (m, W, samples, k) of unit size, in all channels.
+        size: (m,) largest that they may be, in the unit of the channel; of the swing, 1.
     """
 
-    channel: NDArray[np.int64]
     wave: Array
     size: Array
 
@@ -277,16 +270,16 @@ def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
         run.phase[0] + run.omega_rad_per_s * run.step_s * at,
         2 * each * samples * np.arange(W),
         motion * np.repeat([1.0, 2.0 * run.omega_rad_per_s], STATES // 2),
-        _trends(run, measured.names, motion, (W, samples)),
+        _trends(run, measured, motion, (W, samples)),
         np.zeros(len(measured.names)),
         np.zeros(len(measured.names)),
     )
 
 
 def _trends(
-    run: PreparedRun, names: Sequence[str], motion: float, shape: tuple[int, int]
+    run: PreparedRun, channels: WindowChannels, motion: float, shape: tuple[int, int]
 ) -> Trends:
-    """Trends of rotations without a mean, and of accelerations.
+    """Trends of rotations without a mean and of accelerations, and the swing of rotations.
 
     Args:
         motion: RMS of the shafts' motion [m].
@@ -299,11 +292,17 @@ def _trends(
         "u": float(np.max(run.model.half_backlash_m)),
         "a": 2.0 * motion * run.omega_rad_per_s / (run.times[-1] - run.times[0]),
     }
-    at = [i for i, name in enumerate(names) if name in run.detrended or name[0] == "a"]
+    found, size = [], []
+    for one, name in zip(np.eye(len(channels.names)), channels.names, strict=True):
+        if name in run.detrended or name[0] == "a":
+            found += [wave[..., None] * one for wave in waves]
+            size += [largest[name[0]]] * len(waves)
+    if run.model.packed.K and np.any(channels.of_u):
+        swing = rigid_swing(run)[: W * samples] @ channels.of_u.T
+        found.append(-swing.reshape(W, samples, -1))
+        size.append(1.0)
     return Trends(
-        np.repeat(np.array(at, dtype=np.int64), len(waves)),
-        np.array([wave for _ in at for wave in waves]).reshape(-1, W, samples),
-        np.repeat([largest[names[i][0]] for i in at], len(waves)),
+        np.array(found).reshape(-1, W, samples, len(channels.names)), np.array(size, dtype=float)
     )
 
 

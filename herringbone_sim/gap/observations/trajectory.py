@@ -21,8 +21,7 @@ from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance
-from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.body_motion import with_rigid_swing
+from herringbone_sim.gap.observations.basis import LOADS_M, Function
 from herringbone_sim.gap.observations.forced_windows import ForcedWindows
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
@@ -54,7 +53,8 @@ NAME = "trajectory"
 ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
 # Functions of the law whose responses at every mesh are inputs of the flexible regression; chosen.
 GENERIC_FUNCTIONS = {
-    *("kappa", "gamma", "gamma free", "b_plus", "b_minus", *(f"kappa load {i}" for i in range(6))),
+    *("kappa", "gamma", "gamma free", "b_plus", "b_minus"),
+    *(f"kappa load {i}" for i in range(len(LOADS_M))),
     *(f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")),
     *(f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")),
 }
@@ -63,18 +63,6 @@ MAX_FIT_CHI2 = 1.5  # energy per reading above which states may be in a wrong mi
 # chosen.
 RESTART_SHARE = 0.75
 STATE_PRECISION = 1e-6  # of the prior of scaled start states, practically none
-
-
-def trajectory(run: PreparedRun, windows: int = N_WINDOWS) -> Trajectory:
-    """Windows of a run, with or without ``with_rigid_swing``, whichever fits better.
-
-    Args:
-        windows: the most that are fitted.
-    """
-    if run.model.packed.K == 0.0 or not run.u.recorded.any():
-        return Trajectory(run, windows)
-    found = Trajectory(run, windows), Trajectory(with_rigid_swing(run), windows)
-    return min(found, key=lambda one: one.nominal.cost)
 
 
 def function_names(

@@ -23,9 +23,9 @@ from herringbone_sim.gap.observations.shooting import (
 
 OUT_OF_STEP = (0.1, 0.3, 0.6)  # initial differences between planets over the motion's RMS, chosen
 N_FITTED = 2  # initial states fitted to convergence
-N_DETRENDED = (
-    3  # runs of the filter where rotations have no mean, each with that of the fit before
-)
+# Runs of the filter where rotations may lack their mean or the rigid swing, each with the trends
+# of the fit before.
+N_FILTERED = 3
 MAX_ROUNDS = 8
 RELATIVE_TOLERANCE = 1e-2  # decrease of a window's energy, as a share, that ends its fit
 
@@ -42,7 +42,8 @@ def filter_and_fit(
     """
     found: list[WindowSolution] = []
     trends = np.zeros(len(s.trends.size))
-    for _ in range(1 if s.run.means_known else N_DETRENDED):
+    lacking = not s.run.means_known or bool(s.run.model.packed.K and s.run.u.recorded.any())
+    for _ in range(N_FILTERED if lacking else 1):
         right = whole.without_trends(trends)
         starts, cost = filtered_starts(right, of_whole, initial_states(right))
         starts = starts[:, whole.n_windows - s.n_windows :]
