@@ -82,7 +82,7 @@ def _limits_of_few(cases: Sequence[FusedRun]) -> list[str]:
         else "the motion of the planets is worked out from that of the suns and the carrier"
     )
     limits = [
-        f"{worked_out} over short windows: a drifting clock can't be told, it comes out as unknown"
+        f"{worked_out} over short windows: a clock that all channels share can't be told"
     ]
     if planets_indistinguishable(cases):
         limits.append(
