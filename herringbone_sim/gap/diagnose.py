@@ -16,7 +16,7 @@ from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
-from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, deciding
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.gap_by_run import gap_of, metric_of
 from herringbone_sim.gap.named import name_effects
@@ -30,6 +30,7 @@ from herringbone_sim.gap.observations.reconstructed_forces import (
     forces_of_run,
 )
 from herringbone_sim.gap.observations.recorded_noise import recorded_noise
+from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
@@ -145,7 +146,10 @@ def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
             campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
         )
     runs = drop_common_copies(campaign.runs)
-    return replace(campaign, runs=remove_common_delay(runs, _gain_tolerances(campaign)))
+    runs = remove_common_delay(runs, _gain_tolerances(campaign))
+    if runs and Gear(deciding(runs), stride=STRIDE).uses_windows:
+        runs = with_noise_of_windows(runs, campaign.noise_known)
+    return replace(campaign, runs=runs)
 
 
 def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearMachine:

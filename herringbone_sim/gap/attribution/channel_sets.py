@@ -81,9 +81,7 @@ def _limits_of_few(cases: Sequence[FusedRun]) -> list[str]:
         if all(c.run.rotations_alone for c in cases)
         else "the motion of the planets is worked out from that of the suns and the carrier"
     )
-    limits = [
-        f"{worked_out} over short windows: a clock that all channels share can't be told"
-    ]
+    limits = [f"{worked_out} over short windows: a clock that all channels share can't be told"]
     if planets_indistinguishable(cases):
         limits.append(
             "the planets mesh in phase and no channel belongs to one of them: what sits at one "

@@ -249,9 +249,7 @@ class Trajectory(ForcedWindows):
         added = window_columns(s, solution, m, now, functions, wanted)
         rows = states.clear(np.column_stack([stacked_residual(solution), added]))
         if self._independent is None:
-            # Jumps do not count, as they have no noise of their own.
-            readings = float(np.count_nonzero(s.weight))
-            self._independent = max(readings - states.leverage(), 1.0)
+            self._independent = self._independent_readings(states)
         share = self._independent / len(rows)
         self.last_elimination = states
         return Block(
@@ -268,6 +266,26 @@ class Trajectory(ForcedWindows):
             np.zeros(0),
             independent_share=share,
         )
+
+    def _independent_readings(self, states: StateElimination) -> float:
+        """Number of readings that the states leave; jumps have no noise of their own."""
+        return max(float(np.count_nonzero(self.windows.weight)) - states.leverage(), 1.0)
+
+    def noise_left(self) -> dict[str, float]:
+        """RMS that the nominal gear leaves of each channel, in its unit; 0 without readings.
+
+        The states take up a part of the noise, which is taken to be the same in all channels.
+        """
+        s, solution = self.recorded, self.nominal
+        states = StateElimination(
+            window_jacobian(s, solution), *encoder_columns(s), STATE_PRECISION
+        )
+        there = s.weight > 0.0
+        left = np.divide(solution.residuals, s.weight, out=np.zeros_like(s.weight), where=there)
+        count = np.count_nonzero(there, axis=(0, 1))
+        share = self._independent_readings(states) / np.count_nonzero(there)
+        rms = np.sqrt(np.sum(left**2, axis=(0, 1)) / np.maximum(share * count, 1.0))
+        return dict(zip(s.channels.names, rms.tolist(), strict=True))
 
     def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
         """Responses to ``GENERIC_FUNCTIONS`` in the block formed last, states eliminated."""

@@ -1,0 +1,58 @@
+"""Noise of the channels to which windows are fitted, where the campaign does not tell it.
+
+The top of a channel's spectrum says it badly there. The steps of an encoder may repeat with the
+motion, so that their error lies in a few lines and hardly at the top; the force of a mesh that
+loses contact has motion up to the top. What windows of the nominal gear leave bounds both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.threads import parallel_map
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun, deciding
+from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_channels import pin_names
+
+
+def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[PreparedRun, ...]:
+    """Runs with the noise of rotations raised and that of forces lowered to what windows leave.
+
+    That of a rotation is raised at most to that of its noisiest run of role ``fit``, as an effect
+    that is not in the model leaves more. Noise that the campaign tells stays.
+
+    Args:
+        runs: all runs of a campaign, to which windows are fitted.
+        known: whether the campaign tells the noise of all channels but those without a mean.
+    """
+    most = np.fmax.reduce([run.u.sigma for run in deciding(runs)])
+
+    def learned(run: PreparedRun) -> PreparedRun:
+        rotations = tuple(f"u_{body}" for body in run.model.layout.bodies)
+        told = np.array([known and name not in run.detrended for name in rotations])
+        if not run.shafts_known or (known and told[run.u.recorded].all()):
+            return run
+        left = Trajectory(run).noise_left()
+        raised = np.fmax(run.u.sigma, np.fmin(_of(rotations, left), most))
+        run = replace(run, u=run.u.with_noise(np.where(told, run.u.sigma, raised)))
+        if known:
+            return run
+        meshes = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
+        pins = tuple(f"F_{pin}" for pin in pin_names(run.model.layout))
+        return replace(run, F=_lowered(run.F, meshes, left), pin=_lowered(run.pin, pins, left))
+
+    return tuple(parallel_map(learned, runs))
+
+
+def _lowered(forces: Measured, names: Sequence[str], left: Mapping[str, float]) -> Measured:
+    """Forces with their noise lowered to what is left of each."""
+    return forces.with_noise(np.fmin(forces.sigma, _of(names, left)))
+
+
+def _of(names: Sequence[str], left: Mapping[str, float]) -> Array:
+    """What is left of channels (k,), NaN where nothing is known."""
+    return np.array([left.get(name) or np.nan for name in names])
