@@ -365,7 +365,9 @@ def test_windows_are_made_once_for_all_copies_of_a_gear(gear: Gear) -> None:
     made = gear.trajectories
     whole = gear.for_runs([gear.runs[1].run, gear.runs[0].run])
     assert whole.trajectory_of(0) is made[1]
-    assert gear.with_functions([]).trajectory_of(0) is gear.trajectory_of(0) is whole.trajectory_of(1)
+    assert (
+        gear.with_functions([]).trajectory_of(0) is gear.trajectory_of(0) is whole.trajectory_of(1)
+    )
 
 
 @pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")

@@ -1,0 +1,82 @@
+"""Noise of few sensors that the campaign does not tell: learned from windows of the motion."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.gap.data.prepared import PreparedCampaign
+from herringbone_sim.gap.diagnose import calibrated_sensors
+from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import PracticeCampaign, make_campaign
+from herringbone_sim.practice.plan import RequestedNoise, draw_plan
+from herringbone_sim.recording.importing.turns import base_radius
+
+
+def made(seed: int, truth: str, kind: str, channels: str) -> PracticeCampaign:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        return make_campaign(
+            draw_plan(seed, truth, noise=RequestedNoise(kind), channels=channels, d=10.0)
+        )
+
+
+def prepared(one: PracticeCampaign) -> PreparedCampaign:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        return as_prepared(one)
+
+
+@pytest.fixture(scope="module")
+def encoders() -> PracticeCampaign:
+    """A healthy rig: encoders of suns and carrier, gauges in the pins, noise not told."""
+    return made(560104, "none", "encoders", "shafts_pins")
+
+
+def test_noise_of_encoders_is_that_of_their_steps(encoders: PracticeCampaign) -> None:
+    """A step over the root of 12: the spectrum tells half of it in some runs, windows all."""
+    campaign = prepared(encoders)
+    counts = encoders.label["noise"]["encoders"]["counts"]
+    model = campaign.runs[0].model
+    at = model.layout.bodies.index("c")
+    step = 2.0 * np.pi / counts * base_radius(model, "c")
+    before = np.array([run.u.sigma[at] for run in campaign.of_role("fit")])
+    learned = calibrated_sensors(campaign)
+    after = np.array([run.u.sigma[at] for run in learned.of_role("fit")])
+    assert before.min() < 0.6 * step / np.sqrt(12.0)
+    np.testing.assert_allclose(after, step / np.sqrt(12.0), rtol=0.2)
+
+
+def test_noise_of_gauges_is_not_taken_for_motion(encoders: PracticeCampaign) -> None:
+    """A hundredth of the RMS; the spectrum of a force with contact says three times as much."""
+    campaign = prepared(encoders)
+    learned = calibrated_sensors(campaign)
+    ratio = np.array(
+        [
+            [one.pin.sigma / np.sqrt(np.mean(one.pin.values**2, axis=0)) for one in of.runs]
+            for of in (campaign, learned)
+        ]
+    )
+    assert ratio[0].max() > 0.03
+    assert np.median(ratio[1]) < 0.016
+    assert ratio[1].min() > 0.009
+
+
+def test_an_effect_makes_no_encoder_noisier_than_its_noisiest_run() -> None:
+    campaign = prepared(made(600003, "backlash_offset", "encoders", "few"))
+    most = np.max([run.u.sigma[:3] for run in campaign.of_role("fit")], axis=0)
+    for run in calibrated_sensors(campaign).of_role("fit"):
+        assert np.all(run.u.sigma[:3] <= 1.0001 * most)
+
+
+def test_noise_that_is_told_stays() -> None:
+    campaign = prepared(made(600001, "none", "white", "shafts_pins"))
+    assert campaign.noise_known
+    for one, other in zip(
+        campaign.runs, with_noise_of_windows(campaign.runs, known=True), strict=True
+    ):
+        assert one is other
