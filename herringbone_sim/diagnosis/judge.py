@@ -11,9 +11,9 @@ flexible regression still predicts of them: the gap is what can be predicted bes
 machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
 (E_h - E_best + R_best) / (E_none - E_best + R_best) of it. The strain says how far a learned curve
 departs from the catalogue's beside the effect's size; the excess is the largest mean square that
-is left of an observation, above the noise's one. The second effect of a pair may follow what the
-curve of the first one misses, which is little of all that the pair takes, where the data are
-fitted. Shares are of values, and models miss some of each; what noise leaves does not go with
+is left of an observation, above the noise's one and what chance adds to it. The second effect of a
+pair may follow what the curve of the first one misses, which is little of all that the pair takes,
+where the data are fitted. Shares are of values, and models miss some of each; what noise leaves does not go with
 their number, so an explanation has both: (E_h - E_best) / N with ``LEAST`` beside it, and E_h -
 E_best with ``CHANCE_CHI2``, which chance alone gives.
 What a share of a value says changes with N, from thousands of windows to half a million.
@@ -70,6 +70,7 @@ NAMES = (
 LOSSES = ("squares", "density")
 FULL, FEWEST = 1e5, 5e3  # values of a campaign: with all channels, about; no fewer were practised
 LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
+CHANCE_SD = 2.0  # standard deviations of the mean square of noise that are no excess
 LEAST_SHARE = 1e-4  # of the squares that a pair takes, by its second effect: below it is nothing
 
 
@@ -134,13 +135,14 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
     fewest = min(c.loss for c in evidence.candidates) - CHANCE_CHI2
     log_count = float(np.log(max(evidence.count, FEWEST) / FULL))
     log_gap = float(np.log(gap))
+    chance = CHANCE_SD * float(np.sqrt(2.0 / evidence.count))
 
     def fit_numbers(c: Candidate) -> dict[str, float]:
         return {
             "log share left": share(c.loss),
             "log squares left": float(np.log((c.loss - fewest) / (none.loss - fewest))),
             "log strain": float(np.log1p(c.strain)),
-            "log excess left": float(np.log(max(c.worst - 1.0, LEAST))),
+            "log excess left": float(np.log(max(c.worst - 1.0 - chance, LEAST))),
         }
 
     def pair_numbers(c: Candidate) -> dict[str, float]:
