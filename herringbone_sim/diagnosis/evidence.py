@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.diagnosis.examine import Examination, FittedExplanation
+from herringbone_sim.diagnosis.examine import Examination
+from herringbone_sim.diagnosis.fits import FittedExplanation
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
 departs from the catalogue's beside the effect's size; the excess is the largest mean square that
 is left of an observation, above the noise's one and what chance adds to it. The second effect of a
 pair may follow what the curve of the first one misses, which is little of all that the pair takes,
-where the data are fitted. Shares are of values, and models miss some of each; what noise leaves does not go with
-their number, so an explanation has both: (E_h - E_best) / N with ``LEAST`` beside it, and E_h -
-E_best with ``CHANCE_CHI2``, which chance alone gives.
+where the data are fitted. Shares are of values, and models miss some of each; what noise leaves
+does not go with their number, so an explanation has both: (E_h - E_best) / N with ``LEAST`` beside
+it, and E_h - E_best with ``CHANCE_CHI2``, which chance alone gives.
 What a share of a value says changes with N, from thousands of windows to half a million.
 
 A second effect is tried for the best single ones alone, and need not be among those tried. So each

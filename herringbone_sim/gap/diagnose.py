@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from herringbone_sim.diagnosis.evidence import Evidence, evidence_of
-from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
+from herringbone_sim.diagnosis.examine import Examination, examine
+from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.judge import Chance, chances
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.hypothesis import fused_run

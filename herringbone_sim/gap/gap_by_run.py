@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from herringbone_sim.arrays import Array, rms
-from herringbone_sim.diagnosis.examine import FittedExplanation
+from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedRun

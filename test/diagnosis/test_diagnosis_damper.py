@@ -13,7 +13,8 @@ import pytest
 
 from herringbone_sim.diagnosis import examine as examining
 from herringbone_sim.diagnosis.evidence import evidence_of
-from herringbone_sim.diagnosis.examine import Examination, FittedExplanation, examine
+from herringbone_sim.diagnosis.examine import Examination, examine
+from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.examples.damper.__main__ import load_weights, main, probabilities
 from herringbone_sim.examples.damper.effects import IMPULSE, LAW, dahl_state

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gap_support import NOMINAL, POINTS, a_report, of_shafts, rig, sampled, without
 
-from herringbone_sim.diagnosis.examine import FittedExplanation
+from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.gear import Gear

@@ -10,7 +10,7 @@ from gap_support import rig, shortened, with_few_runs
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.arrays import rms
-from herringbone_sim.diagnosis.examine import FittedExplanation
+from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.effects.channels import between

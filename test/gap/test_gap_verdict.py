@@ -11,7 +11,7 @@ import pytest
 from gap_support import a_report
 
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.diagnosis.examine import FittedExplanation
+from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.judge import Chance
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import active

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.stats import norm
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.examine import FittedExplanation
+from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import Block, Coefficient
 from herringbone_sim.diagnosis.search import amplitudes, functions_used
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable

@@ -1,0 +1,206 @@
+"""Rank explanations by a linear screen, and fit the best: single effects, pairs on top of one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.search import Search, amplitudes
+
+# Limits of the search, chosen for run time:
+MAX_SCREENED_PER_EFFECT = 6  # places of an effect scored linearly by leave-one-run-out
+MAX_FITTED = 6  # single effects fitted exactly
+MAX_FITTED_PER_EFFECT = 2  # of them with the same effect
+MAX_FITTED_PAIRS = 3  # second effects fitted exactly
+MIN_FITTED = 2  # single effects fitted where nothing is worth explaining
+# Decisions, chosen, not fitted:
+EQUIVALENT_SHARE = 0.01  # share of the gap by which explanations may differ and count as equal
+# Energy per value (noise: 1) above which a linear fit is not trusted, and a fit lacks an effect.
+NONLINEAR_CHI2 = 1.5
+
+Ranking = list[tuple[float, Hypothesis, Array]]  # loss, hypothesis, start of its fit
+
+
+@dataclass(frozen=True)
+class FittedExplanation:
+    """None, a single effect or a pair, with its fit.
+
+    Attributes:
+        hypotheses: empty, one or two.
+        score: of the fit.
+        search: search whose machine has all functions of a pair; None: that of the single effects.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    score: Score
+    search: Search | None = None
+
+    @property
+    def loss(self) -> float:
+        """What is left of all runs, each predicted from the others, see ``Score.loss``."""
+        return self.score.loss
+
+
+def simplest_equivalent(
+    none: FittedExplanation, singles: Sequence[FittedExplanation]
+) -> FittedExplanation:
+    """Of the singles as good as the best (``EQUIVALENT_SHARE``), that of fewest coefficients."""
+    best = singles[0].loss
+    near = [f for f in singles if f.loss - best < EQUIVALENT_SHARE * (none.loss - best)]
+    return min(near, key=lambda f: len(f.score.coefficients), default=singles[0])
+
+
+def rank(
+    search: Search, catalogue: Sequence[Hypothesis], taken: Score | None
+) -> tuple[Search, Ranking]:
+    """Rank the catalogue and the machine's proposals by linear scores on top of a fit.
+
+    Where even the best linear fit leaves too much, nonlinear trials come first.
+
+    Args:
+        taken: fit that is kept as the base; None: the calibrated machine.
+
+    Returns:
+        Search with the functions of the proposals, and the ranking, best first.
+    """
+    known = search.null if taken is None else taken
+    made = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
+    machine, proposed = search.machine.proposals(made, known)
+    search = search.onwards(machine, taken)
+    quick = sorted(((search.quick(one.coefficients), i) for i, one in enumerate(catalogue)))
+    chosen: list[Hypothesis] = []
+    per: dict[str, int] = {}
+    for _, i in quick:
+        one = catalogue[i]
+        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT:
+            per[one.effect] = per.get(one.effect, 0) + 1
+            chosen.append(one)
+    found: Ranking = []
+    for one in (*chosen, *proposed):
+        score = search.screened(one.coefficients, 0.3)
+        left, start = score.loss, score.mean
+        if one.measured_gain is not None:
+            left = search.null.loss - one.measured_gain
+            start = np.array([*one.base_mean, *(c.center for c in one.coefficients)])
+        found.append((left, one, start))
+    found.sort(key=lambda f: f[0])
+    if found and found[0][0] > NONLINEAR_CHI2 * search.null.count:
+        tried = search.machine.nonlinear_trials(
+            [(one, start) for _, one, start in found], search.null
+        )
+        known_better = {id(one) for _, one, _ in tried}
+        rest = [f for f in found if id(f[1]) not in known_better]
+        found = [*tried, *(rest[:MIN_FITTED] if tried else rest)]
+    return search, found
+
+
+def fit_best(
+    search: Search, ranked: Ranking, most: int, per_effect: int
+) -> tuple[FittedExplanation, ...]:
+    """Fit the best hypotheses exactly, ``most`` in all and ``per_effect`` of an effect."""
+    fits: list[FittedExplanation] = []
+    per: dict[str, int] = {}
+    for _, one, start in ranked:
+        if len(fits) == most:
+            break
+        if per.get(one.effect, 0) < per_effect:
+            per[one.effect] = per.get(one.effect, 0) + 1
+            fits.append(_fitted(search, one, start))
+    return tuple(sorted(fits, key=lambda f: f.loss))
+
+
+def _fitted(search: Search, one: Hypothesis, start: Array) -> FittedExplanation:
+    """Fit one effect exactly from ``start`` (p,)."""
+    score = search.refined(one.coefficients, start)
+    return FittedExplanation((one,), search.settled(score))
+
+
+def with_unscreened(
+    search: Search, ranked: Ranking, singles: Sequence[FittedExplanation]
+) -> tuple[FittedExplanation, ...]:
+    """Add fits that the linear screen can't rank, best first.
+
+    These are the best place of each effect that is not linear, and other laws (options) of the
+    best effect at its place, from its tolerances.
+    """
+    fitted = {(f.hypotheses[0].effect, f.hypotheses[0].locus) for f in singles}
+    effects = {effect for effect, _ in fitted}
+    found = list(singles)
+    for _, one, start in ranked:
+        if one.effect not in effects and not one.is_linear:
+            effects.add(one.effect)
+            found.append(_fitted(search, one, start))
+    best = min(found, key=lambda f: f.loss)
+    own, n = best.hypotheses[0], len(search.base)
+    for _, one, start in ranked:
+        alike = (one.effect, one.locus) == (own.effect, own.locus)
+        if alike and one.is_linear and one.options != own.options:
+            from_best = np.concatenate([best.score.mean[:n], start[n:]])
+            found.append(_fitted(search, one, from_best))
+    return tuple(sorted(found, key=lambda f: f.loss))
+
+
+def fit_again(search: Search, found: FittedExplanation) -> FittedExplanation:
+    """Fit an explanation again from where it settled, if that leaves less.
+
+    States that were found under another one since may suit it too; without them it would seem to
+    leave what a wrong minimum does.
+    """
+    again = replace(found, score=search.settled(found.score))
+    return min(found, again, key=lambda f: f.loss)
+
+
+def fit_pairs(
+    search: Search, catalogue: Sequence[Hypothesis], first: FittedExplanation, least: float
+) -> tuple[FittedExplanation, ...]:
+    """Fit pairs: a single effect with each of the best other effects on its residual.
+
+    Args:
+        least: loss by which the linear screen must improve for a pair to be fitted; 0: no limit.
+    """
+    own = first.hypotheses[0]
+    others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
+    then, ranked = rank(search, others, first.score)
+    most = first.loss - least if least else np.inf
+    different = [r for r in ranked if r[1].effect != own.effect and r[0] < most]
+    fits = fit_best(then, different, MAX_FITTED_PAIRS, 1)
+    return tuple(FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
+
+
+def refit_first_alone(
+    search: Search, first: FittedExplanation, pair: FittedExplanation
+) -> FittedExplanation:
+    """Fit the first effect of a pair on its own again, from its values in the pair.
+
+    Alone it may have settled in a wrong minimum, and the pair got what that left.
+    """
+    every = first.score.coefficients
+    score = search.refined(every[len(search.base) :], pair.score.mean[: len(every)])
+    return FittedExplanation(first.hypotheses, search.settled(score))
+
+
+def refit_second_alone(
+    search: Search, singles: Sequence[FittedExplanation], pairs: Sequence[FittedExplanation]
+) -> FittedExplanation | None:
+    """Fit the second effect of the best pair on its own.
+
+    It may have been missed by the screen while the first effect was not in the model. None if
+    there is no pair, or if the effect was proposed from the residual of the first one, on which
+    its functions depend.
+    """
+    if not pairs:
+        return None
+    one = pairs[0].hypotheses[1]
+    if one.source is not None:
+        return None
+    key = one.effect, one.options, one.locus
+    for f in singles:
+        if (f.hypotheses[0].effect, f.hypotheses[0].options, f.hypotheses[0].locus) == key:
+            return f
+    start = np.concatenate([search.null.mean, pairs[0].score.mean[-len(one.coefficients) :]])
+    return FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))

@@ -1,0 +1,59 @@
+"""Parts that channels may lack in a recording: constants and lines, and the rigid swing."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from herringbone_sim.arrays import Array
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.body_motion import rigid_swing
+from herringbone_sim.gap.observations.window_channels import WindowChannels
+
+
+class Trends(NamedTuple):
+    """What channels lack: a constant and a line over the run, and the rigid swing.
+
+    An encoder that counts from an arbitrary mark lacks the wind-up under the load, and a line that
+    was taken off as the steady rotation takes a part of the motion with it; an accelerometer that
+    is AC-coupled lacks its mean. A simulator in relative coordinates leaves out the rigid
+    oscillation under the control, a rig does not: the amplitude is 1 or 0.
+
+    Attributes:
+        wave: (m, W, samples, k) of unit size, in all channels.
+        size: (m,) largest that they may be, in the unit of the channel; of the swing, 1.
+    """
+
+    wave: Array
+    size: Array
+
+
+def trends_of(
+    run: PreparedRun, channels: WindowChannels, motion: float, shape: tuple[int, int]
+) -> Trends:
+    """Trends of rotations without a mean and of accelerations, and the swing of rotations.
+
+    Args:
+        motion: RMS of the shafts' motion [m].
+        shape: windows and samples of each.
+    """
+    W, samples = shape
+    times = run.times[: W * samples].reshape(W, samples)
+    waves = (np.ones_like(times), 2.0 * times / run.times[-1] - 1.0)
+    largest = {
+        "u": float(np.max(run.model.half_backlash_m)),
+        "a": 2.0 * motion * run.omega_rad_per_s / (run.times[-1] - run.times[0]),
+    }
+    found, size = [], []
+    for one, name in zip(np.eye(len(channels.names)), channels.names, strict=True):
+        if name in run.detrended or name[0] == "a":
+            found += [wave[..., None] * one for wave in waves]
+            size += [largest[name[0]]] * len(waves)
+    if run.model.packed.K and np.any(channels.of_u):
+        swing = rigid_swing(run)[: W * samples] @ channels.of_u.T
+        found.append(-swing.reshape(W, samples, -1))
+        size.append(1.0)
+    return Trends(
+        np.array(found).reshape(-1, W, samples, len(channels.names)), np.array(size, dtype=float)
+    )
