@@ -44,6 +44,8 @@ N_WINDOWS, MORE_WINDOWS = 24, 72
 JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
 MAX_ROUNDS = 25
 RELATIVE_TOLERANCE = 1e-3  # decrease of the energy, as a share of it, that ends the fit
+# The same where the states themselves are wanted: hidden planets move on at nearly one energy.
+FINE_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -336,6 +338,7 @@ def fitted_windows(
     forcing: Forcing,
     rounds: int = MAX_ROUNDS,
     trends: Array | None = None,
+    tolerance: float = RELATIVE_TOLERANCE,
 ) -> WindowSolution:
     """Fit start states and trends by Levenberg-Marquardt, from ``trends`` (m,); None: zero."""
     solution, damping = evaluated(s, starts, forcing, trends), 1e-2
@@ -361,7 +364,7 @@ def fitted_windows(
         else:
             return solution
         gained, cost, solution, damping = cost - now, now, tried, damping / 6.0
-        if gained < RELATIVE_TOLERANCE * cost:
+        if gained < tolerance * cost:
             break
     return solution
 

@@ -26,6 +26,7 @@ from herringbone_sim.gap.observations.forced_windows import ForcedWindows
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
+    FINE_TOLERANCE,
     N_WINDOWS,
     WindowSolution,
     fitted_windows,
@@ -94,7 +95,10 @@ class Trajectory(ForcedWindows):
     Attributes:
         last_linearisation: states, law and motion of the block formed last.
         last_elimination: its elimination of states and encoder errors.
+        fine: whether states are fitted to ``FINE_TOLERANCE``.
     """
+
+    fine = False
 
     def __init__(self, run: PreparedRun, windows: int = N_WINDOWS) -> None:
         super().__init__(run, windows=windows)
@@ -163,6 +167,14 @@ class Trajectory(ForcedWindows):
             )
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_energies[key] = solution.cost
+        if self.fine:
+            solution = fitted_windows(
+                self.windows,
+                solution.starts,
+                forcing_at(solution),
+                trends=solution.trends,
+                tolerance=FINE_TOLERANCE,
+            )
         if not self._has_converged(solution):
             solution = self.nominal
         self._solutions[key], self._energies[key] = solution, solution.cost
