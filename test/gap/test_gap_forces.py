@@ -91,7 +91,7 @@ def test_a_gauge_narrows_the_band_of_its_mesh_and_tells_planets_apart(
 
 
 def test_the_band_is_how_far_a_coefficient_moves_the_forces(
-    machine: GearMachine, fit: FittedExplanation, forces: ReconstructedForces
+    machine: GearMachine, fit: FittedExplanation
 ) -> None:
     """States are fitted anew with other sun meshes; what noise alone leaves is taken off.
 
@@ -116,7 +116,7 @@ def test_the_band_is_how_far_a_coefficient_moves_the_forces(
         )
         for step, size in ((0.0 * off, off), (0.0 * off, 0.0 * off), (off, 0.0 * off))
     )
-    late = slice(len(forces.force) // 2, None)
+    late = slice(len(band.force) // 2, None)
     told = np.sqrt(np.maximum(band.half**2 - least.half**2, 0.0))[late] / HALF_90
     found = np.abs(moved.force - least.force)[late]
     assert np.corrcoef(told.ravel(), found.ravel())[0, 1] > 0.9
