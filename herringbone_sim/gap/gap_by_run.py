@@ -15,7 +15,7 @@ from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations import force_law
+from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
@@ -61,11 +61,13 @@ def gap_of(
         best: fit of the verdict's explanation.
         other: fit of the runner-up.
         noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
-        noise_known: whether the campaign gives the noise; otherwise that of the force law is an
-            upper bound, and so is the top of the spectrum of what the best explanation leaves.
+        noise_known: whether the campaign gives the noise; otherwise that of the force law and of
+            windows is an upper bound, and so is what the best explanation leaves; of the force
+            law, the top of the spectrum of that.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
-    bounded = metric == force_law.NAME and not noise_known
+    estimated = not noise_known or any(run.detrended for run in runs)
+    bounded = estimated and metric in (force_law.NAME, trajectory.NAME)
     row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
     found = {
         name: _residual_rms(machine, metric, fit, row_noise, bounded)
@@ -106,7 +108,7 @@ def _residual_rms(
         metric: name of the observation.
         fit: of an explanation.
         noise: (R,) actual over assumed noise of each row of the observation.
-        bounded: whether the noise is at most what is white in the residual.
+        bounded: whether the noise is at most what is left, or of the force law white in it.
     """
     extended, hypotheses = machine.transferred(() if fit is None else fit.hypotheses)
     fitted: Mapping[str, Mapping[str, Array]] = {}
@@ -124,6 +126,8 @@ def _residual_rms(
         factor = np.pad(noise, (0, len(known) - len(noise)), constant_values=rms(noise))
         left, floor = b.residual[:, known], rms((b.sigma * factor)[:, known])
         if bounded:
-            floor = min(floor, rms(left), rms(spectral_floor(left)))
+            floor = min(floor, rms(left))
+        if bounded and metric == force_law.NAME:
+            floor = min(floor, rms(spectral_floor(left)))
         result.append((rms(left), floor))
     return result

@@ -13,6 +13,7 @@ from gap_support import NOMINAL, POINTS, a_report, of_shafts, rig, sampled, with
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.reconstructed_forces import (
@@ -171,3 +172,17 @@ def test_forces_are_told_in_report_table_and_page(
     )
     assert "worked out from its recorded channels by the law of the calibrated gear" in page
     assert page.count("data:image/png;base64,") == 1
+
+
+def test_noise_that_is_not_told_is_at_most_what_is_left(
+    machine: GearMachine, fit: FittedExplanation
+) -> None:
+    """Taken three times too large, it would lie above what the explanation leaves."""
+    runs = [g.run for g in machine.gear.runs]
+    told, estimated = (
+        gap_of(machine, runs, "trajectory", fit, fit, None, 3.0, known).runs
+        for known in (True, False)
+    )
+    for one, other in zip(told, estimated, strict=True):
+        assert one.floor > 2.0 * one.augmented
+        assert other.floor == pytest.approx(other.augmented)
