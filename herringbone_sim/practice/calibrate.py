@@ -26,7 +26,8 @@ from herringbone_sim.practice.intervals import calibration_error
 FOLDS = 5
 DRAWS = 4  # of the folds, for the figures
 COVERAGE = 0.9  # wanted share of the sizes inside their 90 % intervals
-PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+SERIES = 5_000  # seeds farther apart are of two series; those between them were not used
 
 
 @dataclass(frozen=True)
@@ -255,11 +256,17 @@ def headline(chances: Array) -> dict[str, float]:
     }
 
 
+def _ranges(seeds: Sequence[int]) -> list[list[int]]:
+    """Ranges [first, last + 1) of seeds; those of one series lie closer than ``SERIES``."""
+    each = np.unique(seeds)
+    parts = np.split(each, np.flatnonzero(np.diff(each) > SERIES) + 1)
+    return [[int(part[0]), int(part[-1]) + 1] for part in parts]
+
+
 def write_weights(
     path: Path, calibration: Calibration, campaigns: Sequence[CaseEvidence], sources: str
 ) -> None:
     """Write the weights file of the judge: weights, seeds, sources and achieved figures."""
-    seeds = sorted({c.seed for c in campaigns})
     content = {
         "weights": {
             loss: dict(zip(judge.NAMES, map(float, w), strict=True))
@@ -268,7 +275,7 @@ def write_weights(
         "relative error of a size": calibration.relative,
         "coverage of 90 % intervals, left out": calibration.covered,
         "penalties": calibration.penalties,
-        "seeds": [[seeds[0], seeds[-1] + 1]],
+        "seeds": _ranges([c.seed for c in campaigns]),
         "sources": sources,
         "figures of campaigns left out": calibration.figures,
     }
