@@ -210,7 +210,7 @@ def test_the_script_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None
 
 def test_what_needs_no_first_effect_is_tried_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the wrong effect alone is fitted, the right one beside it explains all by itself."""
-    rank = examining._rank
+    rank = examining.rank
 
     def wrong_first(search, catalogue, taken):
         found, ranked = rank(search, catalogue, taken)
@@ -218,7 +218,7 @@ def test_what_needs_no_first_effect_is_tried_alone(monkeypatch: pytest.MonkeyPat
             ranked = [r for r in ranked if r[1].effect == "coulomb"]
         return found, ranked
 
-    monkeypatch.setattr(examining, "_rank", wrong_first)
+    monkeypatch.setattr(examining, "rank", wrong_first)
     found = examine(Damper(simulate("play", SEED)))
     assert [f.hypotheses[0].effect for f in found.singles] == ["play", "coulomb"]
     assert found.singles[0].loss == pytest.approx(examined("play").singles[0].loss, rel=1e-3)
@@ -228,13 +228,13 @@ def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An explanation that stood twice would be counted twice."""
-    refit, before = examining._refit_first_alone, examined("maxwell")
+    refit, before = examining.refit_first_alone, examined("maxwell")
 
     def better(search: Search, first: FittedExplanation, pair: FittedExplanation):
         again = refit(search, first, pair)
         return replace(again, score=replace(again.score, energy=0.999 * first.score.energy))
 
-    monkeypatch.setattr(examining, "_refit_first_alone", better)
+    monkeypatch.setattr(examining, "refit_first_alone", better)
     found = examine(Damper(simulate("maxwell", SEED)))
     (first,) = found.singles[0].hypotheses
     assert found.singles[0].loss < before.singles[0].loss
@@ -247,8 +247,8 @@ def test_an_explanation_is_fitted_again_where_that_leaves_less() -> None:
         FittedExplanation((), replace(search.null, energy=share * search.null.energy))
         for share in (1.1, 0.9)
     )
-    assert examining._fit_again(search, stuck).loss == pytest.approx(search.null.loss, rel=1e-3)
-    assert examining._fit_again(search, lucky) is lucky
+    assert examining.fit_again(search, stuck).loss == pytest.approx(search.null.loss, rel=1e-3)
+    assert examining.fit_again(search, lucky) is lucky
 
 
 class Stated(Damper):
@@ -269,14 +269,14 @@ class Stated(Damper):
 def test_where_little_is_left_more_values_are_used_and_densities_compared(
     effect: str, runs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole, fit_again = simulate(effect, SEED), examining._fit_again
+    whole, fit_again = simulate(effect, SEED), examining.fit_again
     repeated: list[FittedExplanation] = []
 
     def counted(search: Search, found: FittedExplanation) -> FittedExplanation:
         repeated.append(found)
         return fit_again(search, found)
 
-    monkeypatch.setattr(examining, "_fit_again", counted)
+    monkeypatch.setattr(examining, "fit_again", counted)
     found = examine(Stated(whole, 3))
     assert repeated[0].hypotheses == ()
     again = [f.hypotheses for f in repeated]
