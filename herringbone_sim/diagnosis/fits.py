@@ -125,23 +125,26 @@ def with_unscreened(
 ) -> tuple[FittedExplanation, ...]:
     """Add fits that the linear screen can't rank, best first.
 
-    These are the best place of each effect that is not linear, and other laws (options) of the
-    best effect at its place, from its tolerances.
+    These are the best place of each effect that is not linear, and the other law of the best
+    effect at its place, from its tolerances; in place of its fit by the screen, if it has one.
     """
-    fitted = {(f.hypotheses[0].effect, f.hypotheses[0].locus) for f in singles}
-    effects = {effect for effect, _ in fitted}
+    effects = {f.hypotheses[0].effect for f in singles}
     found = list(singles)
     for _, one, start in ranked:
         if one.effect not in effects and not one.is_linear:
             effects.add(one.effect)
             found.append(_fitted(search, one, start))
+    if not found:
+        return ()
     best = min(found, key=lambda f: f.loss)
     own, n = best.hypotheses[0], len(search.base)
     for _, one, start in ranked:
         alike = (one.effect, one.locus) == (own.effect, own.locus)
-        if alike and one.is_linear and one.options != own.options:
-            from_best = np.concatenate([best.score.mean[:n], start[n:]])
-            found.append(_fitted(search, one, from_best))
+        if alike and one.law != own.law:
+            again = _fitted(search, one, np.concatenate([best.score.mean[:n], start[n:]]))
+            before = next((f for f in found if f.hypotheses[0] is one), again)
+            found = [f for f in found if f is not before]
+            found.append(min(before, again, key=lambda f: f.loss))
     return tuple(sorted(found, key=lambda f: f.loss))
 
 

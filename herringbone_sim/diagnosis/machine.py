@@ -124,6 +124,11 @@ class Hypothesis:
     base_mean: tuple[float, ...] = ()
 
     @property
+    def law(self) -> object:
+        """Which of the effect's laws it has: its option ``law``; None if there is one only."""
+        return dict(self.options).get("law")
+
+    @property
     def is_linear(self) -> bool:
         """Whether its columns stay as they are when its coefficients change."""
         return all(c.scales_with_effect for c in self.coefficients)
