@@ -49,6 +49,34 @@ def test_columns_of_sensors_are_what_their_errors_add(
     assert np.linalg.norm((right - off) / step - column) < within * np.linalg.norm(column)
 
 
+@pytest.mark.parametrize("error", ["delay", "clock"])
+def test_a_channel_later_than_a_window_is_long_is_read_from_the_windows_before(
+    gear: Gear, error: str
+) -> None:
+    """By ten samples: it shows what it showed on time ten samples before, within the jumps."""
+    trajectory = gear.trajectories[1]
+    shot, s, name = trajectory.nominal, trajectory.recorded, "u_s_R"
+    drive = trajectory.forcing(LawChange(), np.ones(9), ())
+    at, steps = s.channels.names.index(name), 10 * s.steps_per_sample
+    late = steps * s.h
+    on_time, _ = s.channel_outputs(shot.states, drive)
+    if error == "clock":  # as late as that in the middle of the recording
+        late /= s.run.times[s.n_windows * s.samples // 2]
+    off, _ = with_sensor_errors(s, {f"{error} of {name}": late}).channel_outputs(
+        shot.states, drive
+    )
+    shown, before = off[:, :, at].ravel(), on_time[:, :, at].ravel()
+    inner = np.arange(30, len(shown) - 1)
+    size = np.sqrt(np.mean(before**2))
+    if error == "delay":
+        np.testing.assert_allclose(shown[inner], before[inner - 10], atol=0.02 * size)
+    else:
+        at_half = s.n_windows * s.samples // 2
+        assert shown[at_half] == pytest.approx(before[at_half - 10], abs=0.02 * size)
+    others = np.arange(off.shape[2]) != at
+    np.testing.assert_array_equal(off[:, :, others], on_time[:, :, others])
+
+
 @pytest.mark.parametrize(
     ("effect", "seed", "parameter", "unit", "share"),
     [("sensor_delay", 600113, "delay", 1.0, 0.03), ("clock_drift", 600107, "ppm", -1e-6, 0.25)],

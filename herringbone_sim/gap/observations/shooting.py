@@ -122,6 +122,7 @@ class Windows:
             states: (W, steps + 1, 18).
             first: (W,) index of the half step at which each window starts; None: as stored.
         """
+        alone = first is not None
         begin = self.first_half_step if first is None else first
         at = begin[:, None] + 2 * self.steps_per_sample * np.arange(self.samples)
         value, slope = channel_outputs(
@@ -131,37 +132,48 @@ class Windows:
         if len(late):
             slope = slope.copy()
         for i in late.tolist():
-            value[:, :, i], slope[:, :, i] = self._late_output(i, states, forcing, begin)
+            value[:, :, i], slope[:, :, i] = self._late_output(i, states, forcing, begin, alone)
         return value, slope
 
     def _late_output(
-        self, i: int, states: Array, forcing: Forcing, begin: NDArray[np.int64]
+        self, i: int, states: Array, forcing: Forcing, begin: NDArray[np.int64], alone: bool
     ) -> tuple[Array, Array]:
         """Late channel i (W, samples) between steps, and its derivatives (W, samples, 18).
 
-        Its derivative by the rate at the sample is that of a motion along the tangent.
+        For these, the state u, v at which it is read is that of its sample moved to u - late v.
         """
-        at = self.late_steps(i, begin)
-        window, one = np.arange(len(states))[:, None], self.channels.only(i)
+        at, one = self.late_steps(i, begin, alone), self.channels.only(i)
+        window, start = np.arange(len(states))[:, None], begin[:, None] // 2
+        run = None if alone else steps_of_run(states)
         value, slope = np.zeros(at.middle.shape), np.zeros((*at.middle.shape, STATES))
         for q, weight in zip((-1, 0, 1), at.weights, strict=True):
             n = at.middle + q
-            shown, by_state = channel_outputs(
-                one, states[window, n], forcing, begin[:, None] + 2 * n
-            )
+            there = states[window, n - start] if run is None else run[n]
+            shown, by_state = channel_outputs(one, there, forcing, 2 * n)
             value += weight * shown[..., 0]
             slope += weight[..., None] * by_state[..., 0, :]
         half = STATES // 2
         slope[..., half:] -= at.late[..., None] * slope[..., :half]
         return value, slope
 
-    def late_steps(self, i: int, begin: NDArray[np.int64]) -> LateSteps:
-        """Steps between which channel i is interpolated; windows start at half steps (W,)."""
+    def late_steps(self, i: int, begin: NDArray[np.int64], alone: bool = False) -> LateSteps:
+        """Steps between which channel i is interpolated; windows start at half steps (W,).
+
+        Args:
+            alone: whether no steps but those of the same window are known; beyond the last step
+                that is known, the channel goes on for three steps and stays there.
+        """
         sample = np.arange(self.samples)
         since = self.run.times[0] + 0.5 * self.h * begin[:, None] + self.run.step_s * sample
         late = self.delay[i] + self.clock[i] * since
-        at = self.steps_per_sample * sample - late / self.h
-        middle = np.clip(np.rint(at), 1, self.steps - 1).astype(np.int64)
+        start = begin[:, None] // 2
+        first, last = (
+            (start + 1, start + self.steps - 1)
+            if alone
+            else (np.int64(1), np.int64(self.n_windows * self.steps - 1))
+        )
+        at = np.clip(start + self.steps_per_sample * sample - late / self.h, first - 3, last + 3)
+        middle = np.clip(np.rint(at), first, last).astype(np.int64)
         d = at - middle
         return LateSteps(
             since,
@@ -178,7 +190,7 @@ class LateSteps(NamedTuple):
     Attributes:
         since: (W, samples) time since the start of the recording [s].
         late: (W, samples) by how much the channel is late [s].
-        middle: (W, samples) index in the window of the middle one of the three steps.
+        middle: (W, samples) index, among all steps of the run, of the middle one of the three.
         weights: (3, W, samples) of the steps.
         by_delay: (3, W, samples) their derivatives by the delay [1/s].
     """
@@ -214,13 +226,22 @@ class WindowSolution:
 
     @property
     def states_of_all(self) -> Array:
-        """States (n, 18) at every step of the run; where windows meet, that of the later one."""
-        return np.vstack([self.states[:, :-1].reshape(-1, STATES), self.states[-1, -1:]])
+        """States (n, 18) at every step of the run, see ``steps_of_run``."""
+        return steps_of_run(self.states)
 
     @property
     def cost(self) -> float:
         """Energy: sum of squared residuals and of jumps over ``JUMP_SD``."""
         return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / JUMP_SD**2)
+
+
+def steps_of_run(states: Array) -> Array:
+    """States (n, 18) at every step of all windows; where two meet, that of the later one.
+
+    Args:
+        states: (W, steps + 1, 18).
+    """
+    return np.vstack([states[:, :-1].reshape(-1, STATES), states[-1, -1:]])
 
 
 def window_samples(run: PreparedRun) -> int:

@@ -68,6 +68,7 @@ def _error_signal(
         off = solution.residuals[:, :, i] / np.maximum(s.weight[:, :, i], TINY)
         return s.measured[:, :, i] - off
     at = s.late_steps(i, s.first_half_step)
-    middle = s.first_half_step[:, None] // 2 + at.middle
-    by_delay = sum(w * exact[middle + q, i] for q, w in zip((-1, 0, 1), at.by_delay, strict=True))
+    by_delay = sum(
+        w * exact[at.middle + q, i] for q, w in zip((-1, 0, 1), at.by_delay, strict=True)
+    )
     return np.asarray(by_delay * (at.since if error == "clock" else 1.0))
