@@ -85,6 +85,8 @@ def diagnose(
         say(finding.text)
     _fit_runs(campaign, findings)
     campaign = calibrated_sensors(campaign)
+    if not nominal_mismatched(findings):
+        campaign = with_learned_noise(campaign)
     machine = machine_of(campaign, findings)
     if nominal_mismatched(findings) or not machine.observation_names:
         return _undiagnosed(campaign, findings, machine, senses)
@@ -147,10 +149,16 @@ def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
             campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
         )
     runs = drop_common_copies(campaign.runs)
-    runs = remove_common_delay(runs, _gain_tolerances(campaign))
-    if runs and Gear(deciding(runs), stride=STRIDE).uses_windows:
-        runs = with_noise_of_windows(runs, campaign.noise_known)
-    return replace(campaign, runs=runs)
+    return replace(campaign, runs=remove_common_delay(runs, _gain_tolerances(campaign)))
+
+
+def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:
+    """Learn noise that is not told from windows of the motion, where those are followed."""
+    runs = campaign.runs
+    told = campaign.noise_known and all(run.means_known for run in runs)
+    if told or not Gear(deciding(runs), stride=STRIDE).uses_windows:
+        return campaign
+    return replace(campaign, runs=with_noise_of_windows(runs, campaign.noise_known))
 
 
 def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearMachine:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.diagnose import calibrated_sensors
+from herringbone_sim.gap.diagnose import calibrated_sensors, with_learned_noise
 from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
+from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import PracticeCampaign, make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
@@ -45,7 +47,7 @@ def test_noise_of_encoders_is_that_of_their_steps(encoders: PracticeCampaign) ->
     at = model.layout.bodies.index("c")
     step = 2.0 * np.pi / counts * base_radius(model, "c")
     before = np.array([run.u.sigma[at] for run in campaign.of_role("fit")])
-    learned = calibrated_sensors(campaign)
+    learned = with_learned_noise(calibrated_sensors(campaign))
     after = np.array([run.u.sigma[at] for run in learned.of_role("fit")])
     assert before.min() < 0.6 * step / np.sqrt(12.0)
     np.testing.assert_allclose(after, step / np.sqrt(12.0), rtol=0.2)
@@ -54,7 +56,7 @@ def test_noise_of_encoders_is_that_of_their_steps(encoders: PracticeCampaign) ->
 def test_noise_of_gauges_is_not_taken_for_motion(encoders: PracticeCampaign) -> None:
     """A hundredth of the RMS; the spectrum of a force with contact says three times as much."""
     campaign = prepared(encoders)
-    learned = calibrated_sensors(campaign)
+    learned = with_learned_noise(calibrated_sensors(campaign))
     ratio = np.array(
         [
             [one.pin.sigma / np.sqrt(np.mean(one.pin.values**2, axis=0)) for one in of.runs]
@@ -67,16 +69,35 @@ def test_noise_of_gauges_is_not_taken_for_motion(encoders: PracticeCampaign) -> 
 
 
 def test_an_effect_makes_no_encoder_noisier_than_its_noisiest_run() -> None:
+    """Ten times the noise of a step is left of some runs; their noise is raised to that one's."""
     campaign = prepared(made(600003, "backlash_offset", "encoders", "few"))
-    most = np.max([run.u.sigma[:3] for run in campaign.of_role("fit")], axis=0)
-    for run in calibrated_sensors(campaign).of_role("fit"):
-        assert np.all(run.u.sigma[:3] <= 1.0001 * most)
+    before = np.array([run.u.sigma[:3] for run in campaign.of_role("fit")])
+    learned = with_learned_noise(calibrated_sensors(campaign))
+    after = np.array([run.u.sigma[:3] for run in learned.of_role("fit")])
+    assert np.all(after >= before)
+    assert np.any(after > 1.1 * before)
+    assert after.max(axis=0) == pytest.approx(before.max(axis=0))
 
 
 def test_noise_that_is_told_stays() -> None:
+    """Of the channels with a mean; raw angles lose theirs, and their noise is learned."""
     campaign = prepared(made(600001, "none", "white", "shafts_pins"))
     assert campaign.noise_known
-    for one, other in zip(
-        campaign.runs, with_noise_of_windows(campaign.runs, known=True), strict=True
-    ):
-        assert one is other
+    assert with_learned_noise(campaign) is campaign
+    run = campaign.of_role("fit")[1]
+    raw = replace(run, detrended=("u_c",), u=run.u.with_noise(0.1 * run.u.sigma))
+    other = replace(raw, name="noisy", u=run.u)
+    learned, _ = with_noise_of_windows([raw, other], known=True)
+    at = run.model.layout.bodies.index("u_c".removeprefix("u_"))
+    told = np.arange(len(run.u.sigma)) != at
+    np.testing.assert_array_equal(learned.u.sigma[told], raw.u.sigma[told])
+    assert learned.u.sigma[at] == pytest.approx(run.u.sigma[at], rel=0.2)
+    np.testing.assert_array_equal(learned.pin.sigma, raw.pin.sigma)
+
+
+def test_a_rotation_that_a_run_lacks_gets_no_noise() -> None:
+    """What has noise counts as recorded."""
+    run = prepared(made(600001, "none", "encoders", "rotations")).of_role("fit")[1]
+    lacking = without_channels(run, ("u_p1_L",))
+    for one in with_noise_of_windows([run, lacking], known=False):
+        np.testing.assert_array_equal(np.isfinite(one.u.sigma), one.u.recorded)

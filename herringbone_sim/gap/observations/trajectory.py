@@ -286,14 +286,20 @@ class Trajectory(ForcedWindows):
     def noise_left(self) -> dict[str, float]:
         """RMS that the nominal gear leaves of each channel, in its unit; 0 without readings.
 
-        The states take up a part of the noise, which is taken to be the same in all channels.
+        What is left has no eccentricity of encoders in it. The states take up a part of the noise,
+        which is taken to be the same in all channels. Empty where the nominal gear diverges.
         """
         s, solution = self.recorded, self.nominal
+        if not np.isfinite(solution.cost):
+            return {}
         states = StateElimination(
             window_jacobian(s, solution), *encoder_columns(s), STATE_PRECISION
         )
         there = s.weight > 0.0
-        left = np.divide(solution.residuals, s.weight, out=np.zeros_like(s.weight), where=there)
+        rows = states.clear(stacked_residual(solution)[:, None])[: there.size, 0]
+        left = np.divide(
+            rows.reshape(there.shape), s.weight, out=np.zeros_like(s.weight), where=there
+        )
         count = np.count_nonzero(there, axis=(0, 1))
         share = self._independent_readings(states) / np.count_nonzero(there)
         rms = np.sqrt(np.sum(left**2, axis=(0, 1)) / np.maximum(share * count, 1.0))

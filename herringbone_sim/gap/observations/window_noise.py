@@ -23,7 +23,8 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
     """Runs with the noise of rotations raised and that of forces lowered to what windows leave.
 
     That of a rotation is raised at most to that of its noisiest run of role ``fit``, as an effect
-    that is not in the model leaves more. Noise that the campaign tells stays.
+    that is not in the model leaves more. Noise that the campaign tells stays, and that of
+    accelerations, of which states may take up nearly all where a window has few samples.
 
     Args:
         runs: all runs of a campaign, to which windows are fitted.
@@ -34,10 +35,13 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
     def learned(run: PreparedRun) -> PreparedRun:
         rotations = tuple(f"u_{body}" for body in run.model.layout.bodies)
         told = np.array([known and name not in run.detrended for name in rotations])
-        if not run.shafts_known or (known and told[run.u.recorded].all()):
+        sought = bool(np.any(run.u.recorded & ~told))
+        if not known:
+            sought |= bool(run.F.recorded.any() or run.pin.recorded.any())
+        if not (sought and run.shafts_known):
             return run
         left = Trajectory(run).noise_left()
-        raised = np.fmax(run.u.sigma, np.fmin(_of(rotations, left), most))
+        raised = np.fmax(run.u.sigma, np.minimum(_of(rotations, left), most))
         run = replace(run, u=run.u.with_noise(np.where(told, run.u.sigma, raised)))
         if known:
             return run
