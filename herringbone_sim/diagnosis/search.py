@@ -188,13 +188,16 @@ class Search:
             energy = self.about(coefficients, (mean + off).T, used).energy
         in_sample = float(campaign.energy.sum())
         density = found.log_density + 0.5 * float((found.energy - energy).sum())
+        # Far from linear that goes astray, above what the fit to all runs allows: then without the
+        # variance of the coefficients.
+        if density > -0.5 * in_sample:
+            density = -0.5 * max(in_sample, float(energy.sum()))
         found = replace(
             found,
             mean=mean,
             leave_one_out_means=mean + off,
             energy=energy,
-            # Far from linear this goes astray; no run is predicted better than it is fitted.
-            log_density=min(density, -0.5 * in_sample),
+            log_density=density,
             in_sample=in_sample,
         )
         energy_by_row, count = _energy_by_row(campaign)

@@ -61,9 +61,9 @@ def gap_of(
         best: fit of the verdict's explanation.
         other: fit of the runner-up.
         noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
-        noise_known: whether the campaign gives the noise; otherwise that of the force law and of
-            windows is an upper bound, and so is what the best explanation leaves; of the force
-            law, the top of the spectrum of that.
+        noise_known: whether the campaign gives the noise. If not, or if rotations lack their
+            mean, the floor of force law and windows is at most what the best explanation leaves;
+            of the force law, at most the white part of that.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
     estimated = not noise_known or any(run.detrended for run in runs)

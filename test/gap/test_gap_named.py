@@ -197,3 +197,23 @@ def test_friction_can_turn_beside_the_pitch_point(pitch: float) -> None:
         left.append(float(np.sqrt(np.mean((turned - fitted) ** 2))))
     assert left[0] < 0.27
     assert left[1] > 0.33
+
+
+@pytest.mark.parametrize("slope_share", [-0.4, 0.0, 1.0])
+def test_the_depth_of_a_damping_law_is_where_it_is_c_v(gear: Gear, slope_share: float) -> None:
+    """Its curve is -share in the gap and crosses zero at the depth that is named."""
+    share = 0.3
+    h = next(
+        one
+        for one in hypotheses(CoefficientBuilder(gear))
+        if one.effect == "damping_law" and dict(one.options) == {"law": "load"}
+    )
+    mean = np.zeros(len(h.coefficients))
+    mean[[c.name for c in h.coefficients].index("share")] = share
+    mean[[c.name for c in h.coefficients].index("slope")] = slope_share * share
+    found = named(h, mean)
+    named_share, power, depth = found.active.theta
+    assert (named_share, power) == pytest.approx((share, 1.0))
+    assert depth == pytest.approx(1e-5 / (1.0 + slope_share))
+    assert found.law is not None
+    np.testing.assert_allclose(found.law.y, share * (found.law.x / depth - 1.0))

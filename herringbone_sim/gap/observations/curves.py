@@ -242,7 +242,7 @@ def _damping(gear: Gear) -> Iterator[Variant]:
     yield (("law", "contact"),), 0.3, [Term("share", {"gamma free": -1.0}, 1.0), *bend], 1
     slope: Weights = {f"gamma load {i}": float(f / 1e-5) for i, f in enumerate(LOADS_M)}
     by_load = {"gamma free": -1.0, **{name: w - 1.0 for name, w in slope.items()}}
-    # c v at another deflection: between 4 um and, with the slope zero, none.
+    # The deflection of c v itself, 10 um: its inverse within 3 times 0.5 of that.
     depth = Term("slope", slope, 0.5)
     yield (("law", "load"),), 0.3, [Term("share", by_load, 1.0), depth, *bend], 1
 

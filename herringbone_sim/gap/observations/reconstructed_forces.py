@@ -93,8 +93,8 @@ def reconstructed_forces(
     every = (*there.base, *(c for h in hypotheses for c in h.coefficients))
     made = amplitudes(every, fit.score.mean, there.runs, there.rows)
     gear, own = there.gear, there.gear.trajectory_under(0, made)
-    own.fine = True
-    block = there.blocks(made, functions_used(every), (trajectory.NAME,))[0][trajectory.NAME]
+    with own.to_the_end():
+        block = there.blocks(made, functions_used(every), (trajectory.NAME,))[0][trajectory.NAME]
     s, m = own.windows, own.last_linearisation[2]
     weights, root = _weights(every, block.functions), _root(fit.score.covariance_with_jackknife())
     left = own.last_linearisation[0].cost / (block.independent_share * len(block.residual))

@@ -8,7 +8,8 @@ windows. The column of a function is the linear response of the windows to its f
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from itertools import combinations
 
@@ -95,10 +96,9 @@ class Trajectory(ForcedWindows):
     Attributes:
         last_linearisation: states, law and motion of the block formed last.
         last_elimination: its elimination of states and encoder errors.
-        fine: whether states are fitted to ``FINE_TOLERANCE``.
     """
 
-    fine = False
+    _fine = False
 
     def __init__(self, run: PreparedRun, windows: int = N_WINDOWS) -> None:
         super().__init__(run, windows=windows)
@@ -167,7 +167,7 @@ class Trajectory(ForcedWindows):
             )
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_energies[key] = solution.cost
-        if self.fine:
+        if self._fine:
             solution = fitted_windows(
                 self.windows,
                 solution.starts,
@@ -182,6 +182,15 @@ class Trajectory(ForcedWindows):
         if comparable and (self._least is None or solution.cost < self._least.cost):
             self._least = solution
         return solution
+
+    @contextmanager
+    def to_the_end(self) -> Iterator[None]:
+        """Fit states to ``FINE_TOLERANCE`` meanwhile, as for the forces that they tell."""
+        self._fine = True
+        try:
+            yield
+        finally:
+            self._fine = False
 
     def _has_converged(self, solution: WindowSolution) -> bool:
         """Whether states leave less than the readings themselves; else a change made them diverge.
