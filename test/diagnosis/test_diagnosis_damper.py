@@ -251,6 +251,19 @@ def test_an_explanation_is_fitted_again_where_that_leaves_less() -> None:
     assert examining.fit_again(search, lucky) is lucky
 
 
+def test_no_density_is_better_than_the_fit_to_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that the linear correction makes so counts as what the left-out runs leave."""
+    scored = Search.scored
+
+    def astray(self: Search, *args):
+        return replace(scored(self, *args), log_density=1e6)
+
+    monkeypatch.setattr(Search, "scored", astray)
+    found = Search(Damper(simulate("maxwell", SEED))).null
+    assert found.energy.sum() > found.in_sample
+    assert found.log_density == pytest.approx(-0.5 * found.energy.sum())
+
+
 class Stated(Damper):
     """A damper that says that its states are estimated, and takes the first of its runs first."""
 

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from herringbone_sim.diagnosis import judge
+from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.calibrate import calibrate, counted, judged
 from herringbone_sim.practice.case_evidence import CaseEvidence, read_evidence, write_evidence
+from herringbone_sim.practice.seeds import check_seeds
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "evidence.jsonl"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "diagnosis.md"
@@ -33,6 +35,23 @@ def test_the_weights_of_the_package_come_out_of_the_evidence(
         assert found.weights[loss] == pytest.approx(frozen, rel=1e-3, abs=1e-3)
     for stratum, row in kept["figures of campaigns left out"].items():
         assert found.figures[stratum] == pytest.approx(row, abs=0.01)
+
+
+def test_seeds_of_the_evidence_are_told_by_series(campaigns: list[CaseEvidence]) -> None:
+    """Each campaign is in a range, and what lies between two series may be drawn."""
+    for one in campaigns:
+        with pytest.raises(AnalysisError, match="frozen on"):
+            check_seeds([one.seed], False)
+    assert check_seeds([305_000, 400_000, 900_000], False).seeds == ()
+
+
+def test_what_chance_adds_is_no_excess() -> None:
+    """Of 5,000 values 2 % is one standard deviation; of half a million, ten."""
+    at = judge.NAMES.index("log excess left")
+    for count, excess, is_noise in ((5e3, 0.03, True), (5e3, 0.08, False), (5e5, 0.03, False)):
+        none = Candidate((), (), count, count, 0, 0.0, 1.0 + excess)
+        _, table = judge.numbers(Evidence(count, (none,), {"none": 0.0}, {}))
+        assert (table[0, at] == np.log(judge.LEAST)) == is_noise
 
 
 def test_the_first_is_as_probable_as_it_is_right() -> None:
