@@ -64,7 +64,8 @@ def test_a_stiffer_rig_is_placed_beside_a_simulator_of_another_rate(
     picture = look_until(listener, lambda p: p.residual is not None and p.comparable)
     assert picture.residual is not None
     assert picture.residual.shares_by("kind")["sp"] > 0.95
-    wait_until(lambda: residuals and differences and len(places) > 1)
+    wait_until(lambda: residuals and differences and places)
+    wait_until(lambda: {"shares", "statistics"} <= json.loads(places[-1].data).keys())
     assert tuple(residuals[-1].name) == build(NOMINAL.changed({"model": "full"})).layout.meshes
     lengths = {len(getattr(residuals[-1], q)) for q in ("position", "velocity", "effort")}
     assert lengths == {12}
