@@ -115,9 +115,16 @@ def fit_best(
 
 
 def _fitted(search: Search, one: Hypothesis, start: Array) -> FittedExplanation:
-    """Fit one effect exactly from ``start`` (p,)."""
-    score = search.refined(one.coefficients, start)
-    return FittedExplanation((one,), search.settled(score))
+    """Fit one effect exactly from ``start`` (p,).
+
+    A fit that leaves more than its base went astray from there: it is made again from the base.
+    """
+    score = search.settled(search.refined(one.coefficients, start))
+    if score.in_sample > search.null.in_sample and one.measured_gain is None:
+        base = np.concatenate([search.null.mean, np.zeros(len(one.coefficients))])
+        again = search.settled(search.refined(one.coefficients, base))
+        score = min(score, again, key=lambda s: s.in_sample)
+    return FittedExplanation((one,), score)
 
 
 def with_unscreened(

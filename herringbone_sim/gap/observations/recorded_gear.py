@@ -162,12 +162,12 @@ class RecordedGear:
 
     @cached_property
     def rms_by_quantity(self) -> dict[str, float]:
-        """RMS of all channels over all runs, by quantity of x, v and u that is recorded."""
+        """RMS of all channels over all runs, by quantity that is recorded: x, v, u, F and pin."""
         return {
             q: float(
                 np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
             )
-            for q in "xvu"
+            for q in ("x", "v", "u", "F", "pin")
             if any(getattr(g.run, q).recorded.any() for g in self.runs)
         }
 

@@ -17,6 +17,8 @@ from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
 from herringbone_sim.gap.residuals.balance import inertia_parts
 from herringbone_sim.gap.sensors.groups import groups_of
 
+GAIN = 0.05  # moderate error of a gain; a moderate bias is this share of the RMS; chosen
+
 
 def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     """Gain, bias, delay, clock and swap of force channels; opposite signs in law and balance.
@@ -27,8 +29,8 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
     measured = np.flatnonzero(~gear.modelled)
     for effect, function, of, sign, unit in (
-        ("sensor_gain", "F gain", "F", -1.0, 0.05),
-        ("sensor_bias", "F bias", "constant", -1.0, 50.0),
+        ("sensor_gain", "F gain", "F", -1.0, GAIN),
+        ("sensor_bias", "F bias", "constant", -1.0, GAIN * gear.rms_by_quantity.get("F", 0.0)),
         ("sensor_delay", "F delay", "slope", 1.0, 2e-6),
         ("clock_drift", "F clock", "clock", 1.0, 1e-3),
     ):
@@ -68,8 +70,8 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             if group.quantity == "xvu" or group.quantity not in gear.rms_by_quantity:
                 continue
             scale = {
-                "gain": 0.05,
-                "bias": gear.rms_by_quantity[group.quantity] * 0.05,
+                "gain": GAIN,
+                "bias": GAIN * gear.rms_by_quantity[group.quantity],
                 "delay": 2e-6,
                 "clock": 1e-3,
             }[kind]
@@ -98,11 +100,10 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         quantity, _, place = name.partition("_")
         planet = next((p for p in layout.planets if p in place), "all")
         locus = Locus(_mesh_of(name), planet, _side_of(name))
-        units = {"gain": 0.05, "delay": 2e-6}
-        if quantity == "F":
-            units["bias"] = 50.0
-        elif quantity == "u" and name not in gear.runs[0].run.detrended:
-            units["bias"] = 0.05 * gear.rms_by_quantity["u"]
+        units = {"gain": GAIN, "delay": 2e-6}
+        if quantity == "F" or (quantity == "u" and name not in gear.runs[0].run.detrended):
+            alike = "pin" if name.startswith("F_pin") else quantity
+            units["bias"] = GAIN * gear.rms_by_quantity[alike]
         for error, unit in units.items():
             weights: Weights = {(trajectory.NAME, f"{error} of {name}"): 1.0}
             effect = f"sensor_{error}"

@@ -60,6 +60,7 @@ GENERIC_FUNCTIONS = {
     *(f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")),
     *(f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")),
 }
+DRIFTING = ("kappa", "gamma", "b_plus", "b_minus")  # of these, those that may change within a run
 MAX_FIT_CHI2 = 1.5  # energy per reading above which states may be in a wrong minimum; chosen
 # Energy over that at the last restart below which states are restarted: the motion has changed;
 # chosen.
@@ -315,13 +316,20 @@ class Trajectory(ForcedWindows):
         return dict(zip(s.channels.names, rms.tolist(), strict=True))
 
     def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
-        """Responses to ``GENERIC_FUNCTIONS`` in the block formed last, states eliminated."""
+        """Responses to ``GENERIC_FUNCTIONS`` in the block formed last, states eliminated.
+
+        Those of ``DRIFTING`` also in proportion to the time since the middle of the run: windows
+        are short against it, so their responses are those of constant laws times it.
+        """
         s = self.windows
         solution, now, m = self.last_linearisation
         some = [f for f in functions if f.name in GENERIC_FUNCTIONS]
         wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
         made = window_columns(s, solution, m, now, some, wanted)
-        left = self.last_elimination.clear(made) / block.sigma
+        cycles = self.cycles()[: len(made)]
+        drift = made[:, [name.split(" of ")[0] in DRIFTING for name in wanted]]
+        drift = drift * (cycles / cycles.max() - 0.5)[:, None]
+        left = self.last_elimination.clear(np.column_stack([made, drift])) / block.sigma
         nothing = np.zeros((len(left), 1, 1))
         return RegressionInputs(nothing, nothing[:, 0], nothing, left[:, None, :])
 
