@@ -60,7 +60,8 @@ def rank(
 ) -> tuple[Search, Ranking]:
     """Rank the catalogue and the machine's proposals by linear scores on top of a fit.
 
-    Where even the best linear fit leaves too much, nonlinear trials come first.
+    Where even the best linear fit leaves too much, nonlinear trials come first. Of an effect only
+    the best places go on, unless the linear screen sees nothing of them.
 
     Args:
         taken: fit that is kept as the base; None: the calibrated machine.
@@ -75,9 +76,9 @@ def rank(
     quick = sorted(((search.quick(one.coefficients), i) for i, one in enumerate(catalogue)))
     chosen: list[Hypothesis] = []
     per: dict[str, int] = {}
-    for _, i in quick:
+    for value, i in quick:
         one = catalogue[i]
-        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT:
+        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT or not value:
             per[one.effect] = per.get(one.effect, 0) + 1
             chosen.append(one)
     found: Ranking = []

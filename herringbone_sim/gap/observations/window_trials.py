@@ -84,8 +84,9 @@ def nonlinear_trials(
     used = list(zip(far, ROUNDS_BY_RUN, strict=False))
     share = np.ones(len(trials))
     swaps = [i for i, (one, _) in enumerate(trials) if _is_swap(one)]
-    for i in swaps if used else ():
-        share[i] = share_left(far[0], i, 0)
+    if used and swaps:
+        share[swaps] = parallel_map(partial(share_left, far[0], rounds=0), swaps)
+        i = min(swaps, key=lambda i: float(share[i]))
         if share[i] * left[far[0]] < MAX_FIT_CHI2:
             return [(float(known.in_sample * share[i]), *trials[i])]
     chosen = [i for i in range(len(trials)) if i not in swaps]
