@@ -123,7 +123,7 @@ def examine(
         if lacks_one or more_than_noise:
             say("pairs")
             least = 0.0 if lacks_one else MIN_GAIN_PER_VALUE * count
-            pairs = fit_pairs(search, catalogue, first, least)
+            pairs = fit_pairs(search, catalogue, first, least, singles)
             if pairs:
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
                 better = refit_first_alone(search, first, pairs[0])
@@ -142,7 +142,7 @@ def examine(
                 second is not None
                 and _predicted_energy(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
-                more = fit_pairs(search, catalogue, second, 0.0)
+                more = fit_pairs(search, catalogue, second, 0.0, singles)
                 pairs = tuple(sorted((*pairs, *more), key=lambda f: f.loss))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
     screened: dict[str, float] = {}

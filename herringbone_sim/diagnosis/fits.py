@@ -10,13 +10,14 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search, amplitudes
 
 # Limits of the search, chosen for run time:
 MAX_SCREENED_PER_EFFECT = 6  # places of an effect scored linearly by leave-one-run-out
 MAX_FITTED = 6  # single effects fitted exactly
 MAX_FITTED_PER_EFFECT = 2  # of them with the same effect
 MAX_FITTED_PAIRS = 3  # second effects fitted exactly
+MAX_PAIRS_OF_SINGLES = 2  # second effects fitted as they were alone
 MIN_FITTED = 2  # single effects fitted where nothing is worth explaining
 # Decisions, chosen, not fitted:
 EQUIVALENT_SHARE = 0.01  # share of the gap by which explanations may differ and count as equal
@@ -167,12 +168,20 @@ def fit_again(search: Search, found: FittedExplanation) -> FittedExplanation:
 
 
 def fit_pairs(
-    search: Search, catalogue: Sequence[Hypothesis], first: FittedExplanation, least: float
+    search: Search,
+    catalogue: Sequence[Hypothesis],
+    first: FittedExplanation,
+    least: float,
+    singles: Sequence[FittedExplanation],
 ) -> tuple[FittedExplanation, ...]:
     """Fit pairs: a single effect with each of the best other effects on its residual.
 
+    Where these leave more than noise, the first effect may have taken on what the second one does:
+    then also with others that were fitted alone, from there.
+
     Args:
         least: loss by which the linear screen must improve for a pair to be fitted; 0: no limit.
+        singles: effects fitted alone, best first.
     """
     own = first.hypotheses[0]
     others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
@@ -180,7 +189,33 @@ def fit_pairs(
     most = first.loss - least if least else np.inf
     different = [r for r in ranked if r[1].effect != own.effect and r[0] < most]
     fits = fit_best(then, different, MAX_FITTED_PAIRS, 1)
-    return tuple(FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
+    enough = (1.0 + MIN_GAIN_PER_VALUE) * first.score.count
+    if all(f.score.in_sample > enough for f in fits):
+        fits = (*fits, *_beside_singles(then, own, singles, fits))
+    found = (FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
+    return tuple(sorted(found, key=lambda f: f.loss))
+
+
+def _beside_singles(
+    search: Search,
+    own: Hypothesis,
+    singles: Sequence[FittedExplanation],
+    tried: Sequence[FittedExplanation],
+) -> list[FittedExplanation]:
+    """Fit effects that were fitted alone on top of ``own``, the base of ``search``."""
+    seen = {(f.hypotheses[0].effect, f.hypotheses[0].locus) for f in tried}
+    effects = {own.effect}
+    found: list[FittedExplanation] = []
+    for f in singles:
+        one = f.hypotheses[0]
+        if one.effect in effects or one.source is not None or (one.effect, one.locus) in seen:
+            continue
+        effects.add(one.effect)
+        alone = f.score.mean[-len(one.coefficients) :]
+        found.append(_fitted(search, one, np.concatenate([search.null.mean, alone])))
+        if len(found) == MAX_PAIRS_OF_SINGLES:
+            break
+    return found
 
 
 def refit_first_alone(

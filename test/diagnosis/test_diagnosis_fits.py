@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.diagnosis.fits import FittedExplanation, with_unscreened
+from herringbone_sim.diagnosis.fits import (
+    MAX_SCREENED_PER_EFFECT,
+    FittedExplanation,
+    fit_best,
+    fit_pairs,
+    rank,
+    with_unscreened,
+)
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import Coefficient
 
@@ -24,9 +31,10 @@ def screened(losses: list[tuple[Hypothesis, float]], fitted: int) -> list[Fitted
 
     def refined(coefficients: Any, start: np.ndarray) -> Any:
         loss = next(loss for h, loss in losses if h.coefficients is coefficients)
-        return SimpleNamespace(loss=loss, mean=start)
+        return SimpleNamespace(loss=loss, mean=start, in_sample=loss)
 
-    search: Any = SimpleNamespace(base=(), refined=refined, settled=lambda score: score)
+    null = SimpleNamespace(in_sample=np.inf)
+    search: Any = SimpleNamespace(base=(), refined=refined, settled=lambda score: score, null=null)
     ranked = [(float(i), h, np.zeros(1)) for i, (h, _) in enumerate(losses)]
     before = [
         FittedExplanation((h,), refined(h.coefficients, np.zeros(1))) for h, _ in losses[:fitted]
@@ -55,3 +63,71 @@ def test_the_other_law_of_the_best_effect_is_fitted_once() -> None:
 
 def test_nothing_to_fit_stays_nothing() -> None:
     assert screened([], 0) == []
+
+
+def test_a_fit_that_goes_astray_is_made_again_from_its_base() -> None:
+    """It leaves more than the fit it stands on, of which it is an extension."""
+
+    def refined(coefficients: Any, start: np.ndarray) -> Any:
+        left = 30.0 if start[-1] else 4.0  # from a linear step too long, and from nothing
+        return SimpleNamespace(loss=left, mean=start, in_sample=left)
+
+    null = SimpleNamespace(in_sample=10.0, mean=np.zeros(2))
+    search: Any = SimpleNamespace(refined=refined, settled=lambda score: score, null=null)
+    (fit,) = fit_best(search, [(0.0, one("stiffness"), np.array([0.0, 0.0, 9.0]))], 1, 1)
+    assert fit.loss == 4.0
+
+
+def ranking_of(catalogue: list[Hypothesis], gains: dict[int, float]) -> Any:
+    """A search that screens hypotheses by what they remove, by the identity of their coefficients.
+
+    It leaves noise, so that no nonlinear trial is made.
+    """
+
+    def score(coefficients: Any, *_: Any) -> Any:
+        left = 100.0 - gains[id(coefficients)]
+        return SimpleNamespace(loss=left, mean=np.zeros(1), in_sample=left, coefficients=())
+
+    null = SimpleNamespace(
+        coefficients=(), mean=np.zeros(0), count=100.0, loss=100.0, in_sample=100.0
+    )
+    machine = SimpleNamespace(proposals=lambda made, known: (None, []))
+    search: Any = SimpleNamespace(
+        null=null, machine=machine, runs=1, rows={}, screened=score, refined=score, base=()
+    )
+    search.quick = lambda coefficients: -gains[id(coefficients)]
+    search.settled = lambda score: score
+    search.onwards = lambda machine, taken: search
+    return search
+
+
+def test_what_the_screen_sees_nothing_of_goes_on_wherever_it_is() -> None:
+    """Any two of nine encoders may be exchanged, and the column of an exchange is zero."""
+    swaps = [one("swap", place=str(i)) for i in range(36)]
+    frictions = [one("friction", place=str(i)) for i in range(36)]
+    gains = {id(h.coefficients): 0.0 for h in swaps}
+    gains |= {id(h.coefficients): 1.0 + i for i, h in enumerate(frictions)}
+    _, ranked = rank(ranking_of([*swaps, *frictions], gains), [*swaps, *frictions], None)
+    effects = [h.effect for _, h, _ in ranked]
+    assert effects.count("swap") == 36
+    assert effects.count("friction") == MAX_SCREENED_PER_EFFECT
+
+
+def test_a_pair_of_effects_that_were_fitted_alone_is_tried() -> None:
+    """On the residual of the first, which took on much of it, the second is not among the best."""
+    first, pin = one("contact"), one("pin")
+    rest = [one(name) for name in ("friction", "crack", "ripple", "ring", "stagger")]
+    gains = {id(h.coefficients): 20.0 + i for i, h in enumerate(rest)}
+    gains |= {id(pin.coefficients): 1.0, id(first.coefficients): 5.0}
+    search = ranking_of([first, *rest, pin], gains)
+    known = (Coefficient("tolerance", 1.0, np.inf, {}),)
+    left = SimpleNamespace(
+        loss=95.0, in_sample=95.0, count=50.0, mean=np.zeros(1), coefficients=known
+    )
+    alone = [FittedExplanation((h,), left) for h in (first, pin)]  # type: ignore[arg-type]
+    pairs = fit_pairs(search, [first, *rest, pin], alone[0], 0.0, alone)
+    assert "pin" in [f.hypotheses[1].effect for f in pairs]
+    enough = SimpleNamespace(**{**vars(left), "count": 95.0})
+    alone = [FittedExplanation((h,), enough) for h in (first, pin)]  # type: ignore[arg-type]
+    pairs = fit_pairs(search, [first, *rest, pin], alone[0], 0.0, alone)
+    assert "pin" not in [f.hypotheses[1].effect for f in pairs]

@@ -158,3 +158,15 @@ def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> 
     (share, best, _), (other, *_), *_ = machine.nonlinear_trials(ranked, null)
     assert best.options == (("channels", names),)
     assert share < 0.1 * other
+
+
+def test_a_moderate_bias_of_a_pin_is_a_share_of_what_it_carries(gear: Gear) -> None:
+    """As that of a gain is: pins carry ten thousands of N."""
+    pins = [run.run.pin.values for run in gear.runs]
+    rms = np.sqrt(np.mean([np.mean(values**2) for values in pins]))
+    (unit,) = {
+        h.coefficients[0].sd
+        for h in GearMachine(gear).hypotheses()
+        if h.effect == "sensor_bias" and h.options[0][1][0].startswith("F_pin")
+    }
+    assert unit == pytest.approx(0.05 * rms, rel=1e-3)

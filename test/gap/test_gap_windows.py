@@ -195,6 +195,28 @@ def test_columns_of_the_law_are_differences(
     check(trajectory, gear, shot, f"{name} of 7", step, within, drive)
 
 
+def test_a_law_that_drifts_within_a_run_is_predicted(
+    gear: Gear, one: tuple[Trajectory, WindowSolution]
+) -> None:
+    """A stiffness that grows with time adds what one of the responses is, but for its size."""
+    trajectory, shot = one
+    m = trajectory._motion_at_half_steps(shot)
+    forcing = trajectory.forcing(LawChange(), np.ones(9), ())
+    k = forcing.k.copy()
+    k[:, 7] *= 1.0 + 1e-3 * ((m.times - m.times[0]) / np.ptp(m.times) - 0.5)
+    constant, drifting = (
+        rows(evaluated(trajectory.windows, shot.starts, f))
+        for f in (forcing, forcing._replace(k=k))
+    )
+    block = trajectory.block(shot, lambda m: LawChange(), gear.law_functions, ())
+    added = trajectory.last_elimination.clear((constant - drifting)[:, None])[:, 0]
+    responses = trajectory.regression_inputs(block, gear.law_functions).responses
+    assert responses is not None
+    made = responses[:, 0]
+    alike = (added @ made) / np.linalg.norm(added) / np.maximum(np.linalg.norm(made, axis=0), 1e-9)
+    assert np.max(alike) > 0.98
+
+
 @pytest.mark.parametrize(
     ("name", "step"),
     [("friction sin 1 of 2", 1e-4), ("friction lever of 8", 1e-4), ("ripple 3 cos", 0.1)]
