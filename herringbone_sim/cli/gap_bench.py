@@ -9,6 +9,7 @@ from herringbone_sim.cli.options import add_seeds, add_workers, workers_from
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.practice.bench import read_json, run_bench
 from herringbone_sim.practice.noise import NOISES
+from herringbone_sim.practice.overview import overview_markdown
 from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.record import CHANNEL_SETS
 from herringbone_sim.practice.score import write_table
@@ -38,7 +39,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add_seeds(parser)
     add("--out", type=Path, metavar="DIR", help="folder to write, or to continue in")
-    add("--table", type=Path, metavar="DIR", help="only print the table of a folder")
+    add(
+        "--table",
+        type=Path,
+        nargs="+",
+        metavar="DIR",
+        help="only print the table of a folder, or one of several folders, a row each",
+    )
     add_setting(parser)
     add("--again", action="store_true", help="repeat diagnoses made by another version")
     add(
@@ -85,7 +92,11 @@ def run(args: argparse.Namespace) -> int:
             args.again,
             lambda text: print(text, flush=True),
         )
-    write_results(args.table or args.out, args.calibration_family)
+    folders = args.table or [args.out]
+    if len(folders) > 1:
+        print(overview_markdown({folder.name: read_bench(folder) for folder in folders}))
+    else:
+        write_results(folders[0], args.calibration_family)
     return 0
 
 

@@ -140,6 +140,7 @@ def _ranked(values: dict[str, float], by_effect: dict[str, list[float]], head: s
 
 
 _REASONS: dict[str, Callable[[Sequence[Outcome]], list[str]]] = {
+    "healthy called none": _named_on_none,
     "false attribution on none": _named_on_none,
     "right effect first": _confused(lambda c: not c.right),
     "right or in the named class": _confused(lambda c: not c.in_class),

@@ -106,6 +106,7 @@ def _tenth(values: Array) -> Any:
 
 
 METRICS = (
+    Metric("healthy called none", _share("right", "none"), least=0.95),
     Metric("false attribution on none", _share("named", "none"), most=0.02),
     Metric("right effect first", _share("right", "single", "pair"), least=0.90),
     Metric("right or in the named class", _share("in_class", "single", "pair"), least=0.97),

@@ -40,7 +40,7 @@ OF_CELLS = (
     "coverage of 90 % intervals",
     "closure, median",
 )
-FIRST_AT_ONE = 0.75
+FIRST_AT_ONE = replace(next(m for m in METRICS if m.name == "right effect first"), least=0.75)
 
 
 def aimed(cases: Outcomes) -> list[Outcome]:
@@ -69,9 +69,8 @@ def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
 
 def bench_rows(bench: Bench) -> list[Row]:
     """All figures of the diagnosis and of the baselines, as rows of the CSV file."""
-    first = replace(METRICS[1], least=FIRST_AT_ONE)
     rows = rows_of(aimed(bench.cases), AIM)
-    rows += rows_of(at_one(bench.cases), AT_ONE, [first])
+    rows += rows_of(at_one(bench.cases), AT_ONE, [FIRST_AT_ONE])
     for name, cases in bench.rivals.items():
         rows += _untargeted(rows_of(aimed(cases), f"{AIM}; {name}"))
     for name, inside in [("all", list(bench.cases)), *strata(bench.cases), *cells(bench.cases)]:
@@ -130,13 +129,15 @@ def _aim_part(bench: Bench) -> str:
     """Section on the cases that the targets are for."""
     names = list(bench.rivals)
     inside = aimed(bench.cases)
+    if not inside:
+        return ""
     others = {name: rows_of(aimed(cases), AIM) for name, cases in bench.rivals.items()}
     head = ["figure", "value", "95 %", "n", "target", "", *names]
     lines = [
         [*_row_cells(row), *(_value(others[name][i].result) for name in names)]
         for i, row in enumerate(rows_of(inside, AIM))
     ]
-    return f"## {AIM} ({len(inside)} campaigns)\n\n" + _markdown(head, lines)
+    return f"## {AIM} ({len(inside)} campaigns)\n\n" + markdown(head, lines)
 
 
 def _one_part(cases: Outcomes) -> str:
@@ -144,9 +145,8 @@ def _one_part(cases: Outcomes) -> str:
     inside = at_one(cases)
     if not inside:
         return ""
-    metric = replace(METRICS[1], least=FIRST_AT_ONE)
-    lines = [_row_cells(row) for row in rows_of(inside, AT_ONE, [metric])]
-    return f"## {AT_ONE} ({len(inside)} campaigns)\n\n" + _markdown(
+    lines = [_row_cells(row) for row in rows_of(inside, AT_ONE, [FIRST_AT_ONE])]
+    return f"## {AT_ONE} ({len(inside)} campaigns)\n\n" + markdown(
         ["figure", "value", "95 %", "n", "target", ""], lines
     )
 
@@ -194,7 +194,7 @@ def _strata_part(cases: Outcomes) -> str:
             for i, metric in enumerate(METRICS)
         ]
         title = f"## All campaigns by {name}: value (n)\n\n"
-        parts.append(title + _markdown(["figure", *values], lines))
+        parts.append(title + markdown(["figure", *values], lines))
     return "\n\n".join(parts)
 
 
@@ -207,16 +207,16 @@ def _cell_part(cases: Outcomes) -> str:
         figures = [f"{_value(row.result)} ({row.result.n})" for row in rows]
         lines.append([name, str(len(inside)), *figures])
     head = [" x ".join(CELL), "n", *(metric.name for metric in metrics)]
-    return "## All campaigns by cell: value (n)\n\n" + _markdown(head, lines)
+    return "## All campaigns by cell: value (n)\n\n" + markdown(head, lines)
 
 
 def _cause_part(cases: Outcomes) -> str:
     """Table by cause."""
     head = ["cause", "n", "right first", "in class", "locus", "error", "closure", "else named"]
-    return "## All campaigns by cause\n\n" + _markdown(head, by_cause(cases))
+    return "## All campaigns by cause\n\n" + markdown(head, by_cause(cases))
 
 
-def _markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     """A Markdown table with aligned columns."""
     rows = [list(head), *(list(line) for line in lines)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
