@@ -109,19 +109,19 @@ def _with_undo(run: PreparedRun, name: str, undo: Undo, size: float) -> Prepared
 
 
 def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
-    """Exchange the values of two channels; a run that lacks one of them stays as it is."""
+    """Exchange two channels, noise included; a run that lacks one of them stays as it is."""
     if len(names) != 2:
         return run
     (one, i), (other, j) = (_column(run, name) for name in names)
     a, b = getattr(run, one), getattr(run, other)
     if not (a.recorded[i] and b.recorded[j]):
         return run
-    first, second = a.values[:, i].copy(), b.values[:, j].copy()
-    for quantity, column, values in ((one, i, second), (other, j, first)):
+    shown = (one, i, b.values[:, j], b.sigma[j]), (other, j, a.values[:, i], a.sigma[i])
+    for quantity, column, of_other, noise in shown:
         measured: Measured = getattr(run, quantity)
-        changed = measured.values.copy()
-        changed[:, column] = values
-        run = run.with_measured(quantity, replace(measured, values=changed))
+        values, sigma = measured.values.copy(), measured.sigma.copy()
+        values[:, column], sigma[column] = of_other, noise
+        run = run.with_measured(quantity, replace(measured, values=values, sigma=sigma))
     return run
 
 
