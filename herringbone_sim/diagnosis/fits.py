@@ -62,7 +62,7 @@ def rank(
     """Rank the catalogue and the machine's proposals by linear scores on top of a fit.
 
     Where even the best linear fit leaves too much, nonlinear trials come first. Of an effect only
-    the best places go on, unless the linear screen sees nothing of them.
+    the best places go on; of what is present or absent all, as it may be far from linear.
 
     Args:
         taken: fit that is kept as the base; None: the calibrated machine.
@@ -77,9 +77,10 @@ def rank(
     quick = sorted(((search.quick(one.coefficients), i) for i, one in enumerate(catalogue)))
     chosen: list[Hypothesis] = []
     per: dict[str, int] = {}
-    for value, i in quick:
+    for _, i in quick:
         one = catalogue[i]
-        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT or not value:
+        switch = any(c.center for c in one.coefficients)
+        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT or switch:
             per[one.effect] = per.get(one.effect, 0) + 1
             chosen.append(one)
     found: Ranking = []

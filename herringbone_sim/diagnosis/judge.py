@@ -39,6 +39,7 @@ from scipy.optimize import minimize
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
+from herringbone_sim.errors import AnalysisError
 
 HALF_90 = 1.645  # standard deviations of half a 90 % interval
 FILE = Path(__file__).with_name("calibration.json")
@@ -188,10 +189,19 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
 
 
 def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
-    """Explanations with probabilities, most probable first; they sum to 1."""
+    """Explanations with probabilities, most probable first; they sum to 1.
+
+    Raises:
+        AnalysisError: evidence that is not finite.
+    """
     w = frozen_weights(evidence.by_density) if weights is None else weights
     explanations, table = numbers(evidence)
     score = table @ w
+    if not np.isfinite(score).all():
+        raise AnalysisError(
+            f"evidence must be finite, got {float(score[~np.isfinite(score)][0])} as "
+            "weight of an explanation: report the campaign as a fault of the diagnosis"
+        )
     p = np.exp(score - score.max())
     found = [
         Chance(e.effects, e.candidate, float(q))

@@ -276,6 +276,12 @@ class CampaignProducts:
         self.count = np.array([sum(float(p.count.sum()) for p in r.values()) for r in runs])
         self._prepare_base()
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether no run diverged."""
+        every = (self.energy, *self._G.values(), *self._c.values())
+        return all(bool(np.isfinite(one).all()) for one in every)
+
     def _prepare_base(self) -> None:
         """Products of the base with all functions (runs, base, R, Q) and with the nuisances."""
         runs, p = len(self.runs), len(self.base)

@@ -137,6 +137,8 @@ class Search:
     ) -> Score:
         """Fit by Gauss-Newton, then score about the solution.
 
+        A start at which a run diverges explains nothing: the base of the search takes its place.
+
         Args:
             coefficients: of a hypothesis, beyond the base.
             start: (p,) start values, those of the base first.
@@ -152,7 +154,11 @@ class Search:
         refused = 0
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
-            now = float(campaign.energy.sum())
+            now = float(campaign.energy.sum()) if campaign.is_finite else np.inf
+            if best is None and coefficients and not np.isfinite(now):
+                mean = np.concatenate([self.null.mean, [c.center for c in coefficients]])
+                campaign = self.about((), self.null.mean, wanted)
+                now = float(campaign.energy.sum())
             if best is not None and not now < least:
                 refused += 1
                 if (
@@ -186,6 +192,8 @@ class Search:
         else:  # columns change with the amplitudes: evaluate exactly
             used = functions_used(self.base)
             energy = self.about(coefficients, (mean + off).T, used).energy
+            diverged = self.null.energy if coefficients else campaign.energy
+            energy = np.where(np.isfinite(energy), energy, diverged)
         in_sample = float(campaign.energy.sum())
         density = found.log_density + 0.5 * float((found.energy - energy).sum())
         # Far from linear that goes astray, above what the fit to all runs allows: then without the

@@ -26,6 +26,7 @@ from herringbone_sim.diagnosis.products import (
 )
 from herringbone_sim.diagnosis.regression import Normal, leave_one_out, solve
 from herringbone_sim.diagnosis.score import MAX_DEPARTURE_SD, compute_score
+from herringbone_sim.errors import AnalysisError
 
 
 def density(y, Phi, sd, mean=0.0):
@@ -406,6 +407,15 @@ def test_a_second_effect_that_takes_little_is_believed_less():
     shares = [pair_given(second) for second in (0.002, 0.02, 0.2)]
     assert shares == sorted(shares)
     assert shares[-1] > 2.0 * shares[0]
+
+
+def test_evidence_that_is_not_finite_gives_no_probabilities():
+    """A report with none of them would say nothing, and look like one."""
+    evidence = some_evidence(np.random.default_rng(0))
+    spoilt = replace(evidence.candidates[1], energy=np.nan)
+    evidence = replace(evidence, candidates=(evidence.candidates[0], spoilt))
+    with pytest.raises(AnalysisError, match="evidence must be finite, got nan"):
+        chances(evidence)
 
 
 def drawn(rng, evidence, weights):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from herringbone_sim.gap.observations.law import LawChange
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.shooting import evaluated, stacked_residual
 from herringbone_sim.gap.observations.trajectory import Trajectory
+from herringbone_sim.gap.observations.window_channels import window_channels
 from herringbone_sim.gap.observations.window_sensors import with_sensor_errors
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.practice.arrays import as_prepared
@@ -47,6 +49,53 @@ def test_columns_of_sensors_are_what_their_errors_add(
     right, off = (stacked_residual(evaluated(one, shot.starts, drive)) for one in (s, wrong))
     column = column_of(trajectory, gear, shot, name)
     assert np.linalg.norm((right - off) / step - column) < within * np.linalg.norm(column)
+
+
+@pytest.mark.parametrize("names", [("u_s_L", "u_c"), ("F_pin1", "F_pin3")])
+def test_the_column_of_an_exchange_is_what_it_takes_off(
+    gear: Gear, names: tuple[str, str]
+) -> None:
+    """At kept states, with the noise of each channel left where it is."""
+    trajectory = gear.trajectories[1]
+    shot, s = trajectory.nominal, trajectory.windows
+    i, j = (s.channels.names.index(name) for name in names)
+    drive = trajectory.forcing(LawChange(), np.ones(9), ())
+    measured = s.measured.copy()
+    measured[:, :, [i, j]] = measured[:, :, [j, i]]
+    right, off = (
+        stacked_residual(evaluated(one, shot.starts, drive))
+        for one in (s, replace(s, measured=measured))
+    )
+    column = column_of(trajectory, gear, shot, f"swap of {' and '.join(names)}")
+    np.testing.assert_allclose(right - off, column, atol=1e-9 * np.abs(column).max())
+
+
+@pytest.mark.parametrize("names", [("u_s_R", "u_c"), ("F_pin2", "F_pin3")])
+def test_the_noise_of_a_channel_is_exchanged_with_it(gear: Gear, names: tuple[str, str]) -> None:
+    """Twice exchanged is as it was; a rotation of the carrier is known better than a sun's."""
+    run = gear.trajectories[1].run
+    back = without_sensor_error(run, "swap", names, 1.0)
+    every = (run, back, without_sensor_error(back, "swap", names, 1.0))
+    before, after, again = (
+        dict(zip(c.names, c.sigma.tolist(), strict=True)) for c in map(window_channels, every)
+    )
+    one, other = names
+    assert (after[one], after[other]) == (before[other], before[one])
+    assert again == before
+
+
+def test_exchanged_accelerometers_are_named() -> None:
+    """Any two channels of one kind may be exchanged, not encoders alone."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        plan = draw_plan(656000, "channel_swap", channels="accelerometers")
+        made = make_campaign(plan)
+    machine = GearMachine(Gear(as_prepared(made).of_role("fit")[:3]))
+    null = no_effect(machine)
+    ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
+    ((_, best, _), *_) = machine.nonlinear_trials(ranked, null)
+    names = made.label["effects"][0]["locus"]["channels"]
+    assert set(dict(best.options)["channels"]) == set(names)
 
 
 @pytest.mark.parametrize("error", ["delay", "clock"])

@@ -151,7 +151,7 @@ class RecordedGear:
                 if key not in self._swapped_trajectories:
                     names = f.removeprefix(SWAP_PREFIX).split(" and ")
                     run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
-                    self._swapped_trajectories[key] = Trajectory(run, self.windows)
+                    self._swapped_trajectories[key] = Trajectory(run, self.windows, True)
                 return self._swapped_trajectories[key]
         return self.trajectory_of(r)
 

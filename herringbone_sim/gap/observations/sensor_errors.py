@@ -18,6 +18,7 @@ from herringbone_sim.gap.residuals.balance import inertia_parts
 from herringbone_sim.gap.sensors.groups import groups_of
 
 GAIN = 0.05  # moderate error of a gain; a moderate bias is this share of the RMS; chosen
+LARGEST_GAIN = 0.95  # a gain keeps its sign
 
 
 def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
@@ -107,7 +108,8 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         for error, unit in units.items():
             weights: Weights = {(trajectory.NAME, f"{error} of {name}"): 1.0}
             effect = f"sensor_{error}"
-            one = builder.coefficient(PARAMETER_NAMES[effect], weights, unit)
+            bound = LARGEST_GAIN if error == "gain" else np.inf
+            one = builder.coefficient(PARAMETER_NAMES[effect], weights, unit, bound)
             yield Hypothesis(effect, (("channels", (name,)),), locus, (one,), 1)
     for locus, names in _recorders(followed.names):
         one = builder.coefficient(

@@ -11,7 +11,6 @@ import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 
@@ -41,6 +40,7 @@ from herringbone_sim.gap.observations.window_columns import (
 from herringbone_sim.gap.observations.window_sensors import (
     ERRORS,
     SWAP_PREFIX,
+    exchangeable,
 )
 from herringbone_sim.gap.observations.window_starts import (
     filter_and_fit,
@@ -79,8 +79,7 @@ def function_names(
     """
     meshes = range(model.layout.n_mesh)
     names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
-    turning = [c for c in channels if c.startswith("u_")]
-    names += [f"{SWAP_PREFIX}{one} and {other}" for one, other in combinations(turning, 2)]
+    names += [f"{SWAP_PREFIX}{' and '.join(pair)}" for pair in exchangeable(channels)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
     of_meshes = [f for f in laws if f.slot != "body"]
@@ -93,6 +92,7 @@ class Trajectory(ForcedWindows):
 
     Args:
         run, windows: see ``ForcedWindows``.
+        exchanged: whether channels of the run were exchanged: then it has no columns of that.
 
     Attributes:
         last_linearisation: states, law and motion of the block formed last.
@@ -101,8 +101,11 @@ class Trajectory(ForcedWindows):
 
     _fine = False
 
-    def __init__(self, run: PreparedRun, windows: int = N_WINDOWS) -> None:
+    def __init__(
+        self, run: PreparedRun, windows: int = N_WINDOWS, exchanged: bool = False
+    ) -> None:
         super().__init__(run, windows=windows)
+        self._exchanged = exchanged
         self._solutions: dict[tuple[str, ...], WindowSolution] = {}
         self._restart_energies: dict[tuple[str, ...], float] = {}
         self._energies: dict[tuple[str, ...], float] = {}
@@ -269,6 +272,8 @@ class Trajectory(ForcedWindows):
             window_jacobian(s, solution), *encoder_columns(s), STATE_PRECISION
         )
         added = window_columns(s, solution, m, now, functions, wanted)
+        if self._exchanged:
+            added[:, [name.startswith(SWAP_PREFIX) for name in wanted]] = 0.0
         rows = states.clear(np.column_stack([stacked_residual(solution), added]))
         if self._independent is None:
             self._independent = self._independent_readings(states)

@@ -57,18 +57,18 @@ def window_channels(run: PreparedRun) -> WindowChannels:
     """All recorded rotations, forces and accelerations of a run."""
     layout = run.model.layout
     bodies, meshes = np.eye(len(layout.bodies)), np.eye(layout.n_mesh)
-    kinds: tuple[tuple[str, tuple[str, ...], Measured, Array], ...] = (
-        ("u", layout.bodies, run.u, bodies),
-        ("F", layout.meshes, run.F, meshes),
-        ("F", pin_names(layout), run.pin, pin_weights(layout)),
-        ("a", layout.bodies, run.a, bodies),
+    kinds: tuple[tuple[str, str, Measured, Array], ...] = (
+        ("u", "u", run.u, bodies),
+        ("F", "F", run.F, meshes),
+        ("F", "pin", run.pin, pin_weights(layout)),
+        ("a", "a", run.a, bodies),
     )
     names: list[str] = []
     parts: dict[str, list[Array]] = {"u": [], "F": [], "a": []}
     values, sigma = [], []
-    for kind, places, m, weights in kinds:
+    for kind, quantity, m, weights in kinds:
         for i in np.flatnonzero(m.recorded):
-            names.append(f"{kind}_{places[i]}")
+            names.append(layout.channels_of(quantity)[i])
             for q, of in parts.items():
                 of.append(
                     weights[i] if q == kind else np.zeros(len(meshes if q == "F" else bodies))
@@ -83,11 +83,6 @@ def window_channels(run: PreparedRun) -> WindowChannels:
         np.stack(values, axis=1),
         np.array(sigma),
     )
-
-
-def pin_names(layout: Layout) -> tuple[str, ...]:
-    """Names of pins in force channels, such as ``pin1``."""
-    return tuple(f"pin{planet}" for planet in layout.planets)
 
 
 def pin_weights(layout: Layout) -> Array:

@@ -16,7 +16,6 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun, deciding
 from herringbone_sim.gap.observations.trajectory import Trajectory
-from herringbone_sim.gap.observations.window_channels import pin_names
 
 
 def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[PreparedRun, ...]:
@@ -46,7 +45,7 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
         if known:
             return run
         meshes = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
-        pins = tuple(f"F_{pin}" for pin in pin_names(run.model.layout))
+        pins = run.model.layout.channels_of("pin")
         return replace(run, F=_lowered(run.F, meshes, left), pin=_lowered(run.pin, pins, left))
 
     return tuple(parallel_map(learned, runs))

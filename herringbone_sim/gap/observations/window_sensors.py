@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -11,8 +12,17 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.shooting import Windows, WindowSolution
 
 TINY = 1e-300  # avoids division by zero where there is no reading
-SWAP_PREFIX = "swap of "  # prefix of ``A and B``; present or absent, its column is zero
+SWAP_PREFIX = "swap of "  # prefix of ``A and B``; present or absent
 ERRORS = ("gain", "bias", "delay", "clock")
+
+
+def exchangeable(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Channels of one kind, two at a time: their cables may be exchanged."""
+
+    def kind(name: str) -> str:
+        return "pin" if name.startswith("F_pin") else name[0]
+
+    return [(one, other) for one, other in combinations(names, 2) if kind(one) == kind(other)]
 
 
 def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
@@ -55,6 +65,15 @@ def error_columns(
                 alone = np.zeros_like(s.weight)
                 alone[:, :, i] = s.weight[:, :, i] * _error_signal(s, solution, exact, i, error)
                 found[f"{error} of {name}"] = alone.ravel()
+    for pair in exchangeable(s.channels.names):
+        swap = f"{SWAP_PREFIX}{' and '.join(pair)}"
+        if swap in wanted:
+            i, j = (s.channels.names.index(name) for name in pair)
+            both = np.zeros_like(s.weight)
+            read = s.weight[:, :, (i, j)].all(axis=2)
+            apart = np.where(read, s.measured[:, :, i] - s.measured[:, :, j], 0.0)
+            both[:, :, i], both[:, :, j] = s.weight[:, :, i] * apart, -s.weight[:, :, j] * apart
+            found[swap] = both.ravel()
     return found
 
 

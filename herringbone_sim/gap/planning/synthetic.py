@@ -19,7 +19,7 @@ from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
-from herringbone_sim.gap.observations.window_channels import pin_names, pin_weights
+from herringbone_sim.gap.observations.window_channels import pin_weights
 from herringbone_sim.recording.importing.spec import recorded_name
 from herringbone_sim.recording.importing.turns import base_radius
 
@@ -64,7 +64,7 @@ def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
         raise ParameterError(
             "sensors are some of u_s_L, angle_s_L, a_c, x_sp1_L, v_rp2_R, F_sp1_L, F_pin1 and the "
             f"like, got {listed(foreign) or 'none'}: name bodies {', '.join(layout.bodies)}, "
-            f"meshes {', '.join(layout.meshes)} or pins {', '.join(pin_names(layout))}"
+            f"meshes {', '.join(layout.meshes)} or pins {', '.join(layout.channels_of('pin'))}"
         )
 
 

@@ -92,7 +92,9 @@ def _column(run: PreparedRun, name: str) -> tuple[str, int]:
     """Quantity of a channel and its column in the values of it."""
     quantity, _, rest = name.partition("_")
     layout = run.model.layout
-    return quantity, (layout.bodies if quantity == "u" else layout.meshes).index(rest)
+    if name in (pins := layout.channels_of("pin")):
+        return "pin", pins.index(name)
+    return quantity, (layout.bodies if quantity in "ua" else layout.meshes).index(rest)
 
 
 def _with_undo(run: PreparedRun, name: str, undo: Undo, size: float) -> PreparedRun:
