@@ -206,7 +206,7 @@ def test_a_diagnosis_that_fails_is_wrong_whatever_the_truth(monkeypatch):
 
 def stored(folder, pairs):
     """A bench folder of labels and reports."""
-    (folder / "labels").mkdir()
+    (folder / "labels").mkdir(parents=True)
     seals = {}
     for i, (label, report) in enumerate(pairs):
         name = name_of(i)
@@ -263,6 +263,26 @@ def test_table_with_targets_baselines_reasons_and_strata(tmp_path):
     assert [row["reached"] for row in table[:4]] == ["3.0", "3.0", "3.0", "10.0"]
     with pytest.raises(AnalysisError, match="finished campaigns"):
         read_bench(tmp_path / "none")
+
+
+def test_several_benches_are_told_side_by_side(tmp_path, capsys):
+    """A row each, of rigs of d >= 3: what is smaller counts in neither."""
+    right = a_report("runout", {"runout": 1.0})
+    small, large = an_effect("runout", 1.0), an_effect("runout", 3.0)
+    healthy = a_report("none", {"none": 1.0})
+    first = [(large, right), (an_effect("stagger", 3.0), right), (small, right)]
+    stored(tmp_path / "shafts", [*first, (a_label(), healthy)])
+    stored(tmp_path / "pins", [(a_label(), right), (a_label(), healthy)])
+    folders = [str(tmp_path / name) for name in ("shafts", "pins")]
+    assert main(["gap", "bench", "--table", *folders]) == 0
+    lines = [one.split("|") for one in capsys.readouterr().out.splitlines() if one[:1] == "|"]
+    head = [cell.strip() for cell in lines[0]]
+    rows = {line[1].strip(): dict(zip(head, line, strict=True)) for line in lines[2:]}
+    assert rows["shafts"]["campaigns"].strip() == "3"
+    assert rows["shafts"]["right or in the named class"].split()[0] == "0.500"
+    assert rows["shafts"]["healthy called none"].split()[0] == "1.000"
+    assert rows["pins"]["healthy called none"].split()[0] == "0.500"
+    assert rows["pins"]["right or in the named class"].strip() == "-"
 
 
 def candidate(energy, *effects, in_sample=None, size=0):
