@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,16 +113,23 @@ def examine(
     if singles:
         first = simplest_equivalent(none, singles)
         flexible["single"] = _predictable_remainder(search, singles[0], left)
+        if machine.estimates_states and not noise_known:
+            noise = _less_noise(search.noise, flexible["single"])
+            if noise is not None:
+                say("less noise")
+                search, none, singles = _with_noise(search, noise, none, singles)
+                first = simplest_equivalent(none, singles)
+                left = flexible["none"] = _predictable_remainder(search, none)
+                flexible["single"] = _predictable_remainder(search, singles[0], left)
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.
         in_sample = first.score.in_sample
         lacks_one = (
-            in_sample > NONLINEAR_CHI2 * count
-            or _predicted_energy(flexible["single"]) > MIN_GAIN_PER_VALUE * count
+            in_sample > NONLINEAR_CHI2 * count or _predicted_energy(flexible["single"]) > worth
         )
         more_than_noise = in_sample > (1.0 + MIN_GAIN_PER_VALUE) * count and not idle
         if lacks_one or more_than_noise:
             say("pairs")
-            least = 0.0 if lacks_one else MIN_GAIN_PER_VALUE * count
+            least = 0.0 if lacks_one else worth
             pairs = fit_pairs(search, catalogue, first, least, singles)
             if pairs:
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
@@ -185,6 +192,39 @@ def _noise_factors(found: Predictable) -> Array:
         if known.any():
             limit[0] = np.quantile(of_run[known], NOISE_QUANTILE)
     return np.asarray(np.sqrt(np.clip(share, 1.0, np.maximum(most, 1.0))))
+
+
+def _less_noise(
+    assumed: Mapping[str, Array], left: Mapping[str, Predictable]
+) -> dict[str, Array] | None:
+    """Factors on the machine's noise by what an effect leaves; None: those assumed will do.
+
+    Where an effect is there whose response can't be predicted, such as a tooth's, the calibrated
+    machine leaves more than noise.
+
+    Args:
+        assumed: (runs, R) factors by observation.
+        left: predictable part of what the effect leaves, for these factors.
+    """
+    found = {}
+    for o, p in left.items():
+        of_machine = p.with_noise_scaled(1.0 / assumed[o])
+        found[o] = np.minimum(_noise_factors(of_machine), assumed[o])
+    fallen = max(float(np.mean(1.0 - (found[o] / assumed[o]) ** 2)) for o in found)
+    return found if fallen > MIN_GAIN_PER_VALUE else None
+
+
+def _with_noise(
+    search: Search,
+    noise: Mapping[str, Array],
+    none: FittedExplanation,
+    singles: Sequence[FittedExplanation],
+) -> tuple[Search, FittedExplanation, tuple[FittedExplanation, ...]]:
+    """Search and fits with other factors on the machine's noise, best first."""
+    search = Search(search.machine, noise, none.score.mean)
+    none = FittedExplanation((), search.settled(search.null))
+    again = [replace(f, score=search.settled(f.score)) for f in singles]
+    return search, none, tuple(sorted(again, key=lambda f: f.loss))
 
 
 def _recorded_rows(energy: Array) -> NDArray[np.bool_]:

@@ -20,9 +20,13 @@ from herringbone_sim.diagnosis.products import Coefficient
 
 
 def one(
-    effect: str, law: str | None = None, linear: bool = True, place: str = "all"
+    effect: str,
+    law: str | None = None,
+    linear: bool = True,
+    place: str = "all",
+    center: float = 0.0,
 ) -> Hypothesis:
-    own = Coefficient("size", 1.0, np.inf, {}, scales_with_effect=linear)
+    own = Coefficient("size", 1.0, np.inf, {}, center, scales_with_effect=linear)
     return Hypothesis(effect, (("law", law),) if law else (), place, (own,), 1)
 
 
@@ -101,9 +105,9 @@ def ranking_of(catalogue: list[Hypothesis], gains: dict[int, float]) -> Any:
     return search
 
 
-def test_what_the_screen_sees_nothing_of_goes_on_wherever_it_is() -> None:
-    """Any two of nine encoders may be exchanged, and the column of an exchange is zero."""
-    swaps = [one("swap", place=str(i)) for i in range(36)]
+def test_all_that_is_present_or_absent_goes_on() -> None:
+    """Any two of nine encoders may be exchanged, and what that does is far from linear."""
+    swaps = [one("swap", place=str(i), center=1.0) for i in range(36)]
     frictions = [one("friction", place=str(i)) for i in range(36)]
     gains = {id(h.coefficients): 0.0 for h in swaps}
     gains |= {id(h.coefficients): 1.0 + i for i, h in enumerate(frictions)}

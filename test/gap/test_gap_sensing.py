@@ -214,8 +214,9 @@ def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements
     assert clean is not None
     assert wrong is not None
     column = wrong.columns[:, :, wrong.functions.index("swap")]
-    # Both are whitened by their own run; that differs by the error of the integral alone.
-    np.testing.assert_allclose(wrong.residual - column, clean.residual, atol=0.05)
+    # Both are whitened by their own run: exchanged noise, and another error of the integral.
+    left = wrong.residual - column - clean.residual
+    assert np.sqrt(np.mean(left**2)) < 0.01 * np.sqrt(np.mean(clean.residual**2))
     assert np.mean(wrong.residual**2) > 100.0 * np.mean(clean.residual**2)
     lacking = without_channels(swapped, names[:1])
     some = consistency.block(lacking, fuse(lacking), 0.5, names)

@@ -11,6 +11,7 @@ from gap_support import column_of, no_effect, of_shafts, practised, rig
 
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.diagnosis.examine import examine
+from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -207,6 +208,20 @@ def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> 
     (share, best, _), (other, *_), *_ = machine.nonlinear_trials(ranked, null)
     assert best.options == (("channels", names),)
     assert share < 0.1 * other
+
+
+def test_a_start_at_which_runs_diverge_explains_nothing(gear: Gear) -> None:
+    """With a gain of -1 nothing that a channel shows is left: its residual is not finite."""
+    search = Search(GearMachine(Gear([run.run for run in gear.runs[:2]])))
+    gain = next(
+        h
+        for h in search.machine.hypotheses()
+        if h.effect == "sensor_gain" and h.options == (("channels", ("u_s_R",)),)
+    )
+    with np.errstate(all="ignore"):
+        score = search.refined(gain.coefficients, np.append(search.null.mean, -1.0))
+    assert np.isfinite(score.log_density)
+    assert score.in_sample < 1.01 * search.null.in_sample
 
 
 def test_a_moderate_bias_of_a_pin_is_a_share_of_what_it_carries(gear: Gear) -> None:
