@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 
 from herringbone_sim.practice.intervals import IntervalEstimate, bootstrap
-from herringbone_sim.practice.score import METRICS, rows_of
+from herringbone_sim.practice.score import METRICS, Metric, Outcomes, rows_of
 from herringbone_sim.practice.stored import Bench
 from herringbone_sim.practice.table import REACHED, markdown
 
@@ -25,19 +26,24 @@ COLUMNS = (
 def overview_markdown(benches: Mapping[str, Bench]) -> str:
     """Table of benches by name: value, 95 % interval and number of each of ``COLUMNS``; time.
 
-    Of rigs whose effects all reach d = 3, and of healthy ones.
+    Of rigs whose effects all reach d = 3, and of healthy ones; the last row is of all benches.
     """
+    rows = {name: (list(bench.cases), bench.durations_s) for name, bench in benches.items()}
+    cases, durations = zip(*rows.values(), strict=True)
+    rows["all"] = [case for some in cases for case in some], tuple(chain(*durations))
     metrics = [metric for metric in METRICS if metric.name in COLUMNS]
-    lines = []
-    for name, bench in benches.items():
-        aimed = [case for case in bench.cases if case.reached >= REACHED]
-        figures = [row.result for row in rows_of(aimed, name, metrics)]
-        figures.append(bootstrap(np.array(bench.durations_s), np.median))
-        failed = sum(bool(case.failed) for case in aimed)
-        texts = [_cell(one, 3) for one in figures[:-1]] + [_cell(figures[-1], 0)]
-        lines.append([name, str(len(aimed)), str(failed), *texts])
+    lines = [[name, *_cells(*row, metrics)] for name, row in rows.items()]
     head = ["bench", "campaigns", "failed", *(m.name for m in metrics), "time, median [s]"]
     return "## Rigs of d >= 3: value (95 % interval; number)\n\n" + markdown(head, lines) + "\n"
+
+
+def _cells(cases: Outcomes, durations_s: Sequence[float], metrics: Sequence[Metric]) -> list[str]:
+    """Texts of a row: numbers of campaigns and of failed ones, figures, time."""
+    aimed = [case for case in cases if case.reached >= REACHED]
+    failed = sum(bool(case.failed) for case in aimed)
+    figures = [_cell(row.result, 3) for row in rows_of(aimed, "", metrics)]
+    time = _cell(bootstrap(np.array(durations_s), np.median), 0)
+    return [str(len(aimed)), str(failed), *figures, time]
 
 
 def _cell(figure: IntervalEstimate, digits: int) -> str:

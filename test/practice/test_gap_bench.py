@@ -283,6 +283,7 @@ def test_several_benches_are_told_side_by_side(tmp_path, capsys):
     assert rows["shafts"]["healthy called none"].split()[0] == "1.000"
     assert rows["pins"]["healthy called none"].split()[0] == "0.500"
     assert rows["pins"]["right or in the named class"].strip() == "-"
+    assert rows["all"]["healthy called none"].split()[0] == "0.667"
 
 
 def candidate(energy, *effects, in_sample=None, size=0):
