@@ -13,7 +13,7 @@ from herringbone_sim.practice.overview import overview_markdown
 from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.record import CHANNEL_SETS
 from herringbone_sim.practice.score import write_table
-from herringbone_sim.practice.seeds import check_seeds, parse_seeds
+from herringbone_sim.practice.seeds import SeedOverlap, check_seeds, parse_seeds
 from herringbone_sim.practice.stored import read_bench
 from herringbone_sim.practice.table import bench_rows, table_markdown, write_cases
 from herringbone_sim.practice.trial import Setting, plan_of
@@ -93,10 +93,15 @@ def run(args: argparse.Namespace) -> int:
             lambda text: print(text, flush=True),
         )
     folders = args.table or [args.out]
-    if len(folders) > 1:
-        print(overview_markdown({folder.name: read_bench(folder) for folder in folders}))
-    else:
+    if len(folders) == 1:
         write_results(folders[0], args.calibration_family)
+        return 0
+    benches = {}
+    for folder in folders:
+        marked = _seeds_of(folder, args.calibration_family).seeds
+        name = f"{folder}{' (SEEN WHILE CALIBRATING)' if marked else ''}"
+        benches[name] = read_bench(folder)
+    print(overview_markdown(benches))
     return 0
 
 
@@ -106,9 +111,7 @@ def write_results(folder: Path, calibration_family: bool) -> None:
     Args:
         calibration_family: allow seeds that the thresholds were frozen on.
     """
-    note = read_json(folder / "bench.json")
-    allowed = calibration_family or bool(note.get("calibration_family"))
-    seen = check_seeds(note.get("seeds", ()), allowed)
+    seen = _seeds_of(folder, calibration_family)
     results = read_bench(folder)
     text = table_markdown(results, seen)
     (folder / "table.md").write_text(text, encoding="utf-8")
@@ -116,6 +119,13 @@ def write_results(folder: Path, calibration_family: bool) -> None:
     write_cases(results.cases, folder / "cases.csv")
     print(text)
     print(f"written: {folder / 'table.md'}, {folder / 'table.csv'}, {folder / 'cases.csv'}")
+
+
+def _seeds_of(folder: Path, calibration_family: bool) -> SeedOverlap:
+    """Seeds of a bench folder that thresholds were frozen on; see ``check_seeds``."""
+    note = read_json(folder / "bench.json")
+    allowed = calibration_family or bool(note.get("calibration_family"))
+    return check_seeds(note.get("seeds", ()), allowed)
 
 
 def setting_from(args: argparse.Namespace) -> Setting:

@@ -77,7 +77,8 @@ def examine(
         machine: with its runs.
         say: called with the name of each stage.
         noise_known: whether the noise of the blocks is right; otherwise the unpredictable part of
-            the calibrated machine's residual is counted as noise too.
+            the calibrated machine's residual is counted as noise too, and where states are
+            estimated, no more of it than the best single effect leaves.
     """
     say("calibration")
     search, none, left = _calibrated(machine, noise_known)
@@ -117,7 +118,9 @@ def examine(
             noise = _less_noise(search.noise, flexible["single"])
             if noise is not None:
                 say("less noise")
+                before, idle = none.loss, False
                 search, none, singles = _with_noise(search, noise, none, singles)
+                ranked = [(v * none.loss / before, one, start) for v, one, start in ranked]
                 first = simplest_equivalent(none, singles)
                 left = flexible["none"] = _predictable_remainder(search, none)
                 flexible["single"] = _predictable_remainder(search, singles[0], left)

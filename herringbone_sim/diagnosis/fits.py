@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search, amplitudes
+from herringbone_sim.diagnosis.search import CHANCE_CHI2, MIN_GAIN_PER_VALUE, Search, amplitudes
 
 # Limits of the search, chosen for run time:
 MAX_SCREENED_PER_EFFECT = 6  # places of an effect scored linearly by leave-one-run-out
@@ -121,9 +122,11 @@ def _fitted(search: Search, one: Hypothesis, start: Array) -> FittedExplanation:
     """Fit one effect exactly from ``start`` (p,).
 
     A fit that leaves more than its base went astray from there: it is made again from the base.
+    Not so of an exchange, which is present or absent, and of a part, which has no base.
     """
     score = search.settled(search.refined(one.coefficients, start))
-    if score.in_sample > search.null.in_sample and one.measured_gain is None:
+    astray = score.in_sample > search.null.in_sample + CHANCE_CHI2
+    if astray and not any(c.center for c in one.coefficients):
         base = np.concatenate([search.null.mean, np.zeros(len(one.coefficients))])
         again = search.settled(search.refined(one.coefficients, base))
         score = min(score, again, key=lambda s: s.in_sample)
@@ -191,7 +194,7 @@ def fit_pairs(
     different = [r for r in ranked if r[1].effect != own.effect and r[0] < most]
     fits = fit_best(then, different, MAX_FITTED_PAIRS, 1)
     enough = (1.0 + MIN_GAIN_PER_VALUE) * first.score.count
-    if all(f.score.in_sample > enough for f in fits):
+    if fits and all(f.score.in_sample > enough for f in fits):
         fits = (*fits, *_beside_singles(then, own, singles, fits))
     found = (FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
     return tuple(sorted(found, key=lambda f: f.loss))
@@ -204,12 +207,12 @@ def _beside_singles(
     tried: Sequence[FittedExplanation],
 ) -> list[FittedExplanation]:
     """Fit effects that were fitted alone on top of ``own``, the base of ``search``."""
-    seen = {(f.hypotheses[0].effect, f.hypotheses[0].locus) for f in tried}
+    seen = {_key(f.hypotheses[0]) for f in tried}
     effects = {own.effect}
     found: list[FittedExplanation] = []
     for f in singles:
         one = f.hypotheses[0]
-        if one.effect in effects or one.source is not None or (one.effect, one.locus) in seen:
+        if one.effect in effects or one.source is not None or _key(one) in seen:
             continue
         effects.add(one.effect)
         alone = f.score.mean[-len(one.coefficients) :]
@@ -217,6 +220,11 @@ def _beside_singles(
         if len(found) == MAX_PAIRS_OF_SINGLES:
             break
     return found
+
+
+def _key(one: Hypothesis) -> tuple[str, Any, Any]:
+    """What tells hypotheses apart."""
+    return one.effect, one.options, one.locus
 
 
 def refit_first_alone(
@@ -245,9 +253,8 @@ def refit_second_alone(
     one = pairs[0].hypotheses[1]
     if one.source is not None:
         return None
-    key = one.effect, one.options, one.locus
     for f in singles:
-        if (f.hypotheses[0].effect, f.hypotheses[0].options, f.hypotheses[0].locus) == key:
+        if _key(f.hypotheses[0]) == _key(one):
             return f
     start = np.concatenate([search.null.mean, pairs[0].score.mean[-len(one.coefficients) :]])
     return FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))

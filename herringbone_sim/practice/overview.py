@@ -33,7 +33,7 @@ def overview_markdown(benches: Mapping[str, Bench]) -> str:
     rows["all"] = [case for some in cases for case in some], tuple(chain(*durations))
     metrics = [metric for metric in METRICS if metric.name in COLUMNS]
     lines = [[name, *_cells(*row, metrics)] for name, row in rows.items()]
-    head = ["bench", "campaigns", "failed", *(m.name for m in metrics), "time, median [s]"]
+    head = ["bench", "campaigns", "failed", *(m.name for m in metrics), "time of all, median [s]"]
     return "## Rigs of d >= 3: value (95 % interval; number)\n\n" + markdown(head, lines) + "\n"
 
 

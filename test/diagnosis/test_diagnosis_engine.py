@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.diagnosis.examine import _noise_factors
+from herringbone_sim.diagnosis.examine import _less_noise, _noise_factors
 from herringbone_sim.diagnosis.flexible import Predictable, RegressionInputs, predict_residuals
 from herringbone_sim.diagnosis.judge import NAMES, are_true, chances, fit, numbers
 from herringbone_sim.diagnosis.machine import Hypothesis
@@ -275,6 +275,22 @@ def test_noise_is_what_is_not_predictable_of_most_rows():
     np.testing.assert_allclose(found[0, :6], 2.0)
     assert found[0, 6] == pytest.approx(2.0)  # no more than rows of its kind
     assert found[0, 7] == 1.0
+
+
+def test_noise_is_no_more_than_what_an_effect_leaves():
+    """The calibrated machine left four times the noise, of which an effect takes three."""
+    assumed = {"windows": np.full((2, 1), 2.0)}
+
+    def left(energy, predicted):
+        values = np.full((2, 1), energy)
+        return {"windows": Predictable(values, values - predicted, np.full((2, 1), 1000.0))}
+
+    found = _less_noise(assumed, left(250.0, 0.0))
+    np.testing.assert_allclose(found["windows"], 1.0)
+    found = _less_noise(assumed, left(500.0, 0.0))
+    np.testing.assert_allclose(found["windows"], np.sqrt(2.0))
+    assert _less_noise(assumed, left(1000.0, 0.0)) is None  # it leaves as much
+    assert _less_noise(assumed, left(1500.0, 0.0)) is None  # noise is never more than assumed
 
 
 def test_a_departure_stays_near_the_curve_it_departs_from():

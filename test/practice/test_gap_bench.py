@@ -277,7 +277,7 @@ def test_several_benches_are_told_side_by_side(tmp_path, capsys):
     assert main(["gap", "bench", "--table", *folders]) == 0
     lines = [one.split("|") for one in capsys.readouterr().out.splitlines() if one[:1] == "|"]
     head = [cell.strip() for cell in lines[0]]
-    rows = {line[1].strip(): dict(zip(head, line, strict=True)) for line in lines[2:]}
+    rows = {Path(line[1].strip()).name: dict(zip(head, line, strict=True)) for line in lines[2:]}
     assert rows["shafts"]["campaigns"].strip() == "3"
     assert rows["shafts"]["right or in the named class"].split()[0] == "0.500"
     assert rows["shafts"]["healthy called none"].split()[0] == "1.000"

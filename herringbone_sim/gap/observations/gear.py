@@ -276,7 +276,7 @@ class Gear(RecordedGear):
             functions = [name for name in functions if name in used]
         change_of = self._windows_change(r, amplitudes, functions)[0]
         solution = self.states(r, amplitudes)
-        one = self.trajectory_under(r, amplitudes)
+        self._formed[r] = one = self.trajectory_under(r, amplitudes)
         every_one = (*self.law_functions, *self.body_functions)
         return one.block(solution, change_of, every_one, tuple(every))
 
@@ -346,7 +346,7 @@ class Gear(RecordedGear):
     def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
         """Inputs of the flexible regression for the rows of a block of run r."""
         if observation == trajectory.NAME:
-            return self.trajectory_of(r).regression_inputs(block, self.law_functions)
+            return self._formed[r].regression_inputs(block, self.law_functions)
         g = self.runs[r]
         cycles = (1.0, *force_law.cycles_per_member_turn(self.model).values())
         if observation == force_law.NAME:

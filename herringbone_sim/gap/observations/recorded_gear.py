@@ -13,7 +13,7 @@ from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.folds import slice_run
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations import consistency, force_law, trajectory
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.shooting import N_WINDOWS
@@ -64,6 +64,7 @@ class RecordedGear:
         self.windows = windows
         self._trajectories: dict[int, Trajectory] = {}  # shared by all copies
         self._swapped_trajectories: dict[tuple[int, str], Trajectory] = {}
+        self._formed: dict[int, Trajectory] = {}  # of which the latest block of a run was formed
 
     def take_observations(self, other: RecordedGear) -> None:
         """Form the observations of another gear of the rig: what is fitted to it holds here.
@@ -163,13 +164,13 @@ class RecordedGear:
     @cached_property
     def rms_by_quantity(self) -> dict[str, float]:
         """RMS of all channels over all runs, by quantity that is recorded: x, v, u, F and pin."""
-        return {
-            q: float(
-                np.sqrt(np.nanmean([np.nanmean(getattr(g.run, q).values ** 2) for g in self.runs]))
-            )
-            for q in ("x", "v", "u", "F", "pin")
-            if any(getattr(g.run, q).recorded.any() for g in self.runs)
-        }
+        found = {}
+        for q in ("x", "v", "u", "F", "pin"):
+            every: list[Measured] = [getattr(g.run, q) for g in self.runs]
+            squares = [np.nanmean(one.values**2) for one in every if one.recorded.any()]
+            if squares:
+                found[q] = float(np.sqrt(np.mean(squares)))
+        return found
 
     @cached_property
     def recorded_motion(self) -> NDArray[np.bool_]:

@@ -26,6 +26,7 @@ SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
 # Offsets of the logarithm of a part's stiffness or clearance; chosen.
 PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
 ROUNDS_BY_RUN = (3, 8)  # rounds on the nearest run and on the next one, for run time
+SURE_SHARE = 0.5  # of the energy, left by an exchange that is believed without other trials
 MAX_ON_SECOND_RUN = 24  # trials continued on the second run
 MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # trials returned, in all and with the same effect
 
@@ -87,7 +88,7 @@ def nonlinear_trials(
     if used and swaps:
         share[swaps] = parallel_map(partial(share_left, far[0], rounds=0), swaps)
         i = min(swaps, key=lambda i: float(share[i]))
-        if share[i] * left[far[0]] < MAX_FIT_CHI2:
+        if share[i] < SURE_SHARE and share[i] * left[far[0]] < MAX_FIT_CHI2:
             return [(float(known.in_sample * share[i]), *trials[i])]
     chosen = [i for i in range(len(trials)) if i not in swaps]
     for r, rounds in used:

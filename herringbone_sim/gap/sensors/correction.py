@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.core.layout import QUANTITIES
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import between, channels_of
 from herringbone_sim.effects.effect import Active
@@ -25,7 +26,7 @@ UNDO: Mapping[str, Undo] = {
 
 
 def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
-    """Remove sensor effects from x, v, u and the clock of a run.
+    """Remove sensor effects from x, v, u, a and the clock of a run.
 
     Forces are not changed: effects on force sensors are part of ``expected_forces``. Channels with
     an effect that can't be undone are marked as not recorded. A clock that names no channels is
@@ -82,8 +83,8 @@ def is_motion_sensor_effect(one: Active) -> bool:
 
 
 def _affected_channels(run: PreparedRun, one: Active) -> tuple[str, ...]:
-    """Names of the channels x, v and u that a sensor effect acts on."""
-    names = tuple(n for q in "xvFu" for n in run.model.layout.channels_of(q))
+    """Names of the channels x, v, u and a that a sensor effect acts on."""
+    names = tuple(n for q in QUANTITIES for n in run.model.layout.channels_of(q))
     empty = TimeSeries(run.times, np.zeros((len(run), len(names))), names)
     return tuple(n for n in channels_of(empty, one) if not n.startswith("F"))
 
