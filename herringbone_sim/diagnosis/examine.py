@@ -126,8 +126,8 @@ def examine(
                 flexible["single"] = _predictable_remainder(search, singles[0], left)
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.
         in_sample = first.score.in_sample
-        lacks_one = (
-            in_sample > NONLINEAR_CHI2 * count or _predicted_energy(flexible["single"]) > worth
+        lacks_one = in_sample > NONLINEAR_CHI2 * count or (
+            _predicted_energy(flexible["single"]) > worth and not idle
         )
         more_than_noise = in_sample > (1.0 + MIN_GAIN_PER_VALUE) * count and not idle
         if lacks_one or more_than_noise:
