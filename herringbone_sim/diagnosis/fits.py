@@ -80,8 +80,7 @@ def rank(
     per: dict[str, int] = {}
     for _, i in quick:
         one = catalogue[i]
-        switch = any(c.center for c in one.coefficients)
-        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT or switch:
+        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT or not one.vanishes_at_zero:
             per[one.effect] = per.get(one.effect, 0) + 1
             chosen.append(one)
     found: Ranking = []
@@ -126,7 +125,7 @@ def _fitted(search: Search, one: Hypothesis, start: Array) -> FittedExplanation:
     """
     score = search.settled(search.refined(one.coefficients, start))
     astray = score.in_sample > search.null.in_sample + CHANCE_CHI2
-    if astray and not any(c.center for c in one.coefficients):
+    if astray and one.vanishes_at_zero:
         base = np.concatenate([search.null.mean, np.zeros(len(one.coefficients))])
         again = search.settled(search.refined(one.coefficients, base))
         score = min(score, again, key=lambda s: s.in_sample)

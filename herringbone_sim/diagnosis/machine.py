@@ -133,6 +133,11 @@ class Hypothesis:
         """Whether its columns stay as they are when its coefficients change."""
         return all(c.scales_with_effect for c in self.coefficients)
 
+    @property
+    def vanishes_at_zero(self) -> bool:
+        """Whether it does nothing where its coefficients are zero: no exchange and no part."""
+        return not any(c.center for c in self.coefficients)
+
     def __post_init__(self) -> None:
         departures = [replace(c, departs_from=self.n_own) for c in self.coefficients[self.n_own :]]
         object.__setattr__(self, "coefficients", (*self.coefficients[: self.n_own], *departures))
