@@ -284,6 +284,12 @@ def test_several_benches_are_told_side_by_side(tmp_path, capsys):
     assert rows["pins"]["healthy called none"].split()[0] == "0.500"
     assert rows["pins"]["right or in the named class"].strip() == "-"
     assert rows["all"]["healthy called none"].split()[0] == "0.667"
+    note = {"setting": {}, "seeds": [300000], "calibration": None}  # the weights were fitted on it
+    (tmp_path / "pins" / "bench.json").write_text(json.dumps(note))
+    assert main(["gap", "bench", "--table", *folders]) == 2
+    assert main(["gap", "bench", "--calibration-family", "--table", *folders]) == 0
+    marked = [one for one in capsys.readouterr().out.splitlines() if "SEEN WHILE" in one]
+    assert [one.split()[1].endswith("pins") for one in marked] == [True]
 
 
 def candidate(energy, *effects, in_sample=None, size=0):
