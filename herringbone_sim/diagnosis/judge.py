@@ -200,7 +200,7 @@ def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
     if not np.isfinite(score).all():
         raise AnalysisError(
             f"evidence must be finite, got {float(score[~np.isfinite(score)][0])} as "
-            "weight of an explanation: report the campaign as a fault of the diagnosis"
+            "the score of an explanation: report the campaign as a fault of the diagnosis"
         )
     p = np.exp(score - score.max())
     found = [
