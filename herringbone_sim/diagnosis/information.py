@@ -15,8 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from herringbone_sim.arrays import Array, Flags
+from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient
 from herringbone_sim.diagnosis.machine import Hypothesis
-from herringbone_sim.diagnosis.products import CampaignProducts, Coefficient
 from herringbone_sim.diagnosis.regression import solve
 from herringbone_sim.diagnosis.score import DEPARTURE_ROUNDS, MAX_DEPARTURE_SD, PRIOR_SCALES
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.flexible import RegressionInputs
-from herringbone_sim.diagnosis.products import Block, Coefficient
+from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
 
 Amplitudes = Mapping[str, Mapping[str, Array]]

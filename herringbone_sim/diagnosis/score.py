@@ -13,7 +13,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.products import CampaignProducts, Coefficient
+from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient
 from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out
 
 # Chosen, not fitted: bound of a departure from the catalogue's curve, in its prior standard

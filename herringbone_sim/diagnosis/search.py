@@ -12,15 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient
 from herringbone_sim.diagnosis.machine import Amplitudes, Machine
-from herringbone_sim.diagnosis.products import (
-    Block,
-    CampaignProducts,
-    Coefficient,
-    Products,
-    products,
-    recentred,
-)
+from herringbone_sim.diagnosis.products import Block, Products, products, recentred
 from herringbone_sim.diagnosis.regression import within
 from herringbone_sim.diagnosis.score import PRIOR_SCALES, Score, compute_score, trust_region
 from herringbone_sim.diagnosis.threads import parallel_map

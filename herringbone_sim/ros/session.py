@@ -85,9 +85,7 @@ class Limits:
     span_s: float = 0.0
 
     def reached(self, writer: RunWriter, t_s: float) -> bool:
-        """Whether the sample at t_s [s] belongs in the next file; False in a file without
-        samples.
-        """
+        """Whether the sample at t_s [s] belongs in the next file; not while a file has none."""
         span_s = t_s - writer.file_first_s
         large = 0.0 < self.size_mb <= writer.file_bytes / 1e6
         return not math.isnan(span_s) and (large or 0.0 < self.span_s <= span_s)

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
+from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient, Placement
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.examine import _less_noise, _noise_factors
 from herringbone_sim.diagnosis.flexible import Predictable, RegressionInputs, predict_residuals
@@ -17,9 +18,6 @@ from herringbone_sim.diagnosis.judge import NAMES, are_true, chances, fit, numbe
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import (
     Block,
-    CampaignProducts,
-    Coefficient,
-    Placement,
     products,
     recentred,
     residual_without_nuisance,

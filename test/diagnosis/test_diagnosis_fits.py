@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.fits import (
     MAX_SCREENED_PER_EFFECT,
     FittedExplanation,
@@ -16,7 +17,6 @@ from herringbone_sim.diagnosis.fits import (
     with_unscreened,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
-from herringbone_sim.diagnosis.products import Coefficient
 
 
 def one(

@@ -11,8 +11,8 @@ from gap_support import NOMINAL, POINTS, prepared, sampled
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.model import build
 from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.machine import Hypothesis
-from herringbone_sim.diagnosis.products import Coefficient
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.gear import gear_table

@@ -15,7 +15,7 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.rotations import detrended_rotations, with_rotations
-from herringbone_sim.gap.observations import shooting, window_events
+from herringbone_sim.gap.observations import window_events, windows
 from herringbone_sim.gap.observations.body_motion import rigid_swing
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
@@ -24,7 +24,6 @@ from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.shooting import (
     JUMP_SD,
-    Windows,
     WindowSolution,
     evaluated,
     stacked_residual,
@@ -38,6 +37,7 @@ from herringbone_sim.gap.observations.window_columns import (
     encoder_columns,
 )
 from herringbone_sim.gap.observations.window_states import StateElimination
+from herringbone_sim.gap.observations.windows import Windows
 from herringbone_sim.gap.sensors.detrended import with_nominal_means
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -122,13 +122,13 @@ def test_steps_miss_no_more_than_is_counted_as_noise(
     """Against steps of an eighth; noise of less than that would make a healthy rig look sick."""
     trajectory, shot = one
     s = trajectory.recorded
-    monkeypatch.setattr(shooting, "STEP_RAD", shooting.STEP_RAD / 8.0)
+    monkeypatch.setattr(windows, "STEP_RAD", windows.STEP_RAD / 8.0)
     finely = Trajectory(trajectory.run)
     drive = finely.forcing(LawChange(), np.ones(9), ())
     off = evaluated(finely.recorded, shot.starts, drive).residuals - shot.residuals
     size = np.sqrt(np.nanmean(s.channels.values**2, axis=0))
     missed = np.sqrt(np.mean((off / s.weight) ** 2, axis=(0, 1))) / size
-    assert 1e-5 < missed.max() < shooting.INTEGRATION_ERROR
+    assert 1e-5 < missed.max() < windows.INTEGRATION_ERROR
 
 
 def dense_jacobian(s: Windows, shot: WindowSolution) -> np.ndarray:
@@ -337,7 +337,7 @@ def test_more_windows_tell_the_tolerances_more_closely(gear: Gear) -> None:
     """Three times the values: standard deviations fall by the root of 3 at most."""
     few = GearMachine(gear.for_runs([g.run for g in gear.runs[1:3]]))
     many = few.with_more_values()
-    assert many.gear.trajectory_of(0).recorded.n_windows == shooting.MORE_WINDOWS
+    assert many.gear.trajectory_of(0).recorded.n_windows == windows.MORE_WINDOWS
     assert many.with_more_values() is None
     known = [np.sqrt(np.diag(Search(one).null.covariance)) for one in (few, many)]
     ratio = known[1] / known[0]

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import Coefficient, Placement
 from herringbone_sim.diagnosis.machine import Hypothesis
-from herringbone_sim.diagnosis.products import Coefficient, Placement
 from herringbone_sim.examples.damper import simulate
 from herringbone_sim.examples.damper.simulate import SIGMA, STEP, Run
 

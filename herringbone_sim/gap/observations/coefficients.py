@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.products import Coefficient, Placement
+from herringbone_sim.diagnosis.coefficients import Coefficient, Placement
 from herringbone_sim.gap.observations import balance, force_law, trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.residuals.balance import inertia_parts

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.machine import Hypothesis
-from herringbone_sim.diagnosis.products import Coefficient
 from herringbone_sim.effects.effect import Effect, Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.site import is_ring, planet_angles

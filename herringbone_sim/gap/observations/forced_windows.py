@@ -16,17 +16,15 @@ from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, waves_of
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
-from herringbone_sim.gap.observations.shooting import (
+from herringbone_sim.gap.observations.shooting import WindowSolution, evaluated, symmetric_starts
+from herringbone_sim.gap.observations.window_columns import BodyForce, body_forces
+from herringbone_sim.gap.observations.window_sensors import with_sensor_errors
+from herringbone_sim.gap.observations.windows import (
     N_WINDOWS,
     Windows,
-    WindowSolution,
-    evaluated,
-    symmetric_starts,
     window_samples,
     windows_of_run,
 )
-from herringbone_sim.gap.observations.window_columns import BodyForce, body_forces
-from herringbone_sim.gap.observations.window_sensors import with_sensor_errors
 from herringbone_sim.gap.residuals.balance import hermite_interpolation
 
 # Windows at the start of a run, used by the filter alone; in nine it converged from all initial

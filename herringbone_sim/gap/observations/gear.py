@@ -1,6 +1,6 @@
 """All observations of a gear's runs, about any change of the force law.
 
-Longer than 300 lines: the observations share caches and copies of one object.
+Over 300 lines: the observations share caches and copies of one object.
 """
 
 from __future__ import annotations
@@ -18,7 +18,13 @@ from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
+from herringbone_sim.gap.observations import (
+    balance,
+    consistency,
+    force_law,
+    trajectory,
+    window_columns,
+)
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.block_columns import joined, linear_block_at
 from herringbone_sim.gap.observations.changes import LawChanges, MovingPart
@@ -80,7 +86,7 @@ class Gear(RecordedGear):
                 [f.name for f in self.body_functions],
             ),
             consistency.NAME: consistency.function_names(self.model.layout, self.swap),
-            trajectory.NAME: trajectory.function_names(
+            trajectory.NAME: window_columns.function_names(
                 self.model,
                 (*self.law_functions, *self.body_functions),
                 self.followed_channels.names,

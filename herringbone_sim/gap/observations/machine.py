@@ -29,8 +29,8 @@ from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
-from herringbone_sim.gap.observations.shooting import MORE_WINDOWS, window_samples
 from herringbone_sim.gap.observations.tolerances import tolerances
+from herringbone_sim.gap.observations.windows import MORE_WINDOWS, window_samples
 
 
 class GearMachine:
@@ -136,7 +136,7 @@ class GearMachine:
         return self.gear.uses_windows
 
     def with_more_values(self) -> GearMachine | None:
-        """With ``shooting.MORE_WINDOWS`` of a run, where fewer are fitted and there are more."""
+        """With ``windows.MORE_WINDOWS`` of a run, where fewer are fitted and there are more."""
         fitted = self.gear.windows
         longer = any(len(g.run) > (fitted + 1) * window_samples(g.run) for g in self.gear.runs)
         if not self.gear.uses_windows or fitted >= MORE_WINDOWS or not longer:

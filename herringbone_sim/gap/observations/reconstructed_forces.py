@@ -20,8 +20,9 @@ import numpy as np
 from scipy.stats import norm
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.fits import FittedExplanation
-from herringbone_sim.diagnosis.products import Block, Coefficient
+from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import amplitudes, functions_used
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
 from herringbone_sim.gap.attribution.hypothesis import fused_run
@@ -33,7 +34,6 @@ from herringbone_sim.gap.observations.law import Law, MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import (
-    Windows,
     WindowSolution,
     propagators,
     stacked_residual,
@@ -42,6 +42,7 @@ from herringbone_sim.gap.observations.shooting import (
 from herringbone_sim.gap.observations.trajectory import STATE_PRECISION, Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
 from herringbone_sim.gap.observations.window_columns import encoder_columns, window_columns
+from herringbone_sim.gap.observations.windows import Windows
 
 HALF_90 = float(norm.ppf(0.95))  # half-width of a 90 % interval, in standard deviations
 # Prior of the start of the first window over the RMS of the motion, as in the filter of

@@ -16,10 +16,10 @@ from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations import consistency, force_law, trajectory
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
-from herringbone_sim.gap.observations.shooting import N_WINDOWS
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
 from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
+from herringbone_sim.gap.observations.windows import N_WINDOWS
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.swaps import find_swap

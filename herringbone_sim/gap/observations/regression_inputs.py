@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.signal import lfilter
@@ -10,10 +10,20 @@ from scipy.signal import lfilter
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.gap.observations.basis import LOADS_M, Function
 from herringbone_sim.gap.observations.law import MeshMotion, law
 
 # Time constants of low-passed inputs [mesh cycles], for causes with memory; chosen.
 MEMORIES = (0.3, 3.0)
+
+# Functions of the law whose responses at every mesh are inputs of the flexible regression; chosen.
+GENERIC_FUNCTIONS = {
+    *("kappa", "gamma", "gamma free", "b_plus", "b_minus"),
+    *(f"kappa load {i}" for i in range(len(LOADS_M))),
+    *(f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")),
+    *(f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")),
+}
+DRIFTING = ("kappa", "gamma", "b_plus", "b_minus")  # of these, those that may change within a run
 
 
 def about_meshes(m: MeshMotion, cycles: Sequence[float], block: Block) -> RegressionInputs:
@@ -42,6 +52,30 @@ def about_rows(
         own: (n, R) each: signal of every row and its rate.
     """
     return _about(m, own, cycles, np.ones((*block.residual.shape, 1)), block)
+
+
+def about_windows(
+    responses: Callable[[Sequence[Function], Sequence[str]], Array],
+    functions: Sequence[Function],
+    n_mesh: int,
+    cycles: Array,
+) -> Array:
+    """Responses (rows, inputs) of windows to ``GENERIC_FUNCTIONS`` at every mesh.
+
+    Those to ``DRIFTING`` also in proportion to the time since the middle of the run: windows are
+    short against it, so their responses are those of constant laws times it.
+
+    Args:
+        responses: of windows to functions, in columns of the names given.
+        functions: of the force law.
+        cycles: mesh cycles since the start of the run, at least of every response.
+    """
+    some = [f for f in functions if f.name in GENERIC_FUNCTIONS]
+    wanted = [f"{f.name} of {j}" for f in some for j in range(n_mesh)]
+    made = responses(some, wanted)
+    since = cycles[: len(made)]
+    drift = made[:, [name.split(" of ")[0] in DRIFTING for name in wanted]]
+    return np.column_stack([made, drift * (since / since.max() - 0.5)[:, None]])
 
 
 def _about(

@@ -2,7 +2,7 @@
 
 Nine body rotations u and their rates: d2u/dt2 = M^-1 (tau - G' F), x = G u - e + d,
 F = k f(x) + c v + extra_force, Eqs. (12) to (16) with the rigid rotation included. Contact is not
-located; the error counts as noise, see ``shooting.INTEGRATION_ERROR``.
+located; the error counts as noise, see ``windows.INTEGRATION_ERROR``.
 """
 
 from __future__ import annotations

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import CampaignProducts
 from herringbone_sim.diagnosis.machine import Amplitudes
-from herringbone_sim.diagnosis.products import Block, CampaignProducts, products
+from herringbone_sim.diagnosis.products import Block, products
 from herringbone_sim.diagnosis.regression import solve
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import functions_used

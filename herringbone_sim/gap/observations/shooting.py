@@ -7,199 +7,26 @@ continuity constraint: jumps cost energy (H. G. Bock, Springer Series in Chemica
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
-from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.body_motion import (
-    inverse_masses,
     rigid_momentum,
     shaft_rotations,
 )
 from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
-from herringbone_sim.gap.observations.window_channels import (
-    WindowChannels,
-    channel_outputs,
-    window_channels,
-)
 from herringbone_sim.gap.observations.window_states import BlockTridiagonal, WindowJacobian
-from herringbone_sim.gap.observations.window_trends import Trends, trends_of
+from herringbone_sim.gap.observations.windows import Windows, steps_of_run
 
-# Chosen; times in units of 1 / omega_n:
-STEP_RAD = 0.08  # longest integration step
-# Integration error through contact at this step, as a share of a channel's RMS, counted as noise;
-# upper bound checked by test/gap/test_gap_windows.py.
-INTEGRATION_ERROR = 3e-4
-WINDOW_RAD = 6.0  # length of a window: two periods of the fastest mode at least
-# Windows of a run: where the calibrated machine leaves much, and where what is left is as small as
-# noise, so that more values are needed. Chosen for run time.
-N_WINDOWS, MORE_WINDOWS = 24, 72
 JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
 MAX_ROUNDS = 25
 RELATIVE_TOLERANCE = 1e-3  # decrease of the energy, as a share of it, that ends the fit
 # The same where the states themselves are wanted: hidden planets move on at nearly one energy.
 FINE_TOLERANCE = 1e-8
-
-
-@dataclass(frozen=True)
-class Windows:
-    """W windows of a run with k channels.
-
-    Attributes:
-        run: the run.
-        G, inverse_masses: see ``rollout.Forcing``.
-        channels: channels to fit.
-        measured: (W, samples, k) readings; 0 where there are none.
-        weight: (W, samples, k) 1 over the noise; 0 where there is no reading.
-        samples, steps: samples and integration steps per window.
-        h: integration step [s].
-        phase: (n,) mesh phase at every half step [rad].
-        first_half_step: (W,) index of the half step at which each window starts.
-        scale: (18,) RMS of rotations [m] and rates [m/s], for scaling.
-        trends: parts of channels that the recorder may have left out, see ``Trends``.
-        delay, clock: (k,) what each channel shows is y(t - delay - clock t): delay [s], and
-            relative error of a clock of its own, t from the start of the recording.
-    """
-
-    run: PreparedRun
-    G: Array
-    inverse_masses: Array
-    channels: WindowChannels
-    measured: Array
-    weight: Array
-    samples: int
-    steps: int
-    h: float
-    phase: Array
-    first_half_step: NDArray[np.int64]
-    scale: Array
-    trends: Trends
-    delay: Array
-    clock: Array
-
-    @property
-    def n_windows(self) -> int:
-        """Number of windows W."""
-        return len(self.first_half_step)
-
-    @property
-    def steps_per_sample(self) -> int:
-        """Integration steps per sample."""
-        return self.steps // self.samples
-
-    def in_windows(self, values: Array) -> Array:
-        """Reshape channels (n, k) to (W, samples, k), 0 for missing readings."""
-        W, samples, k = self.measured.shape
-        return np.nan_to_num(values[: W * samples].reshape(W, samples, k))
-
-    def trend_values(self, amplitudes: Array) -> Array:
-        """Trends (W, samples, k) of the channels by amplitudes (m,)."""
-        return np.asarray(np.tensordot(amplitudes, self.trends.wave, 1))
-
-    def trend_rows(self) -> Array:
-        """(rows, m) change of ``stacked_residual`` by a unit of each trend, its sign reversed."""
-        m, jumps = len(self.trends.size), (self.n_windows - 1) * STATES
-        rows = (self.trends.wave * self.weight).reshape(m, self.weight.size)
-        return np.asarray(np.pad(rows, ((0, 0), (0, jumps))).T)
-
-    def without_trends(self, amplitudes: Array) -> Windows:
-        """Copy with trends of known amplitudes (m,) taken off the readings."""
-        return replace(self, measured=self.measured - self.trend_values(amplitudes))
-
-    def channel_outputs(
-        self, states: Array, forcing: Forcing, first: NDArray[np.int64] | None = None
-    ) -> tuple[Array, Array]:
-        """Channels (W, samples, k) predicted from states, and derivatives (W, samples, k, 18).
-
-        Args:
-            states: (W, steps + 1, 18).
-            first: (W,) index of the half step at which each window starts; None: as stored.
-        """
-        alone = first is not None
-        begin = self.first_half_step if first is None else first
-        at = begin[:, None] + 2 * self.steps_per_sample * np.arange(self.samples)
-        value, slope = channel_outputs(
-            self.channels, states[:, : -1 : self.steps_per_sample], forcing, at
-        )
-        late = np.flatnonzero((self.delay != 0.0) | (self.clock != 0.0))
-        if len(late):
-            slope = slope.copy()
-        for i in late.tolist():
-            value[:, :, i], slope[:, :, i] = self._late_output(i, states, forcing, begin, alone)
-        return value, slope
-
-    def _late_output(
-        self, i: int, states: Array, forcing: Forcing, begin: NDArray[np.int64], alone: bool
-    ) -> tuple[Array, Array]:
-        """Late channel i (W, samples) between steps, and its derivatives (W, samples, 18).
-
-        For these, the state u, v at which it is read is that of its sample moved to u - late v.
-        """
-        at, one = self.late_steps(i, begin, alone), self.channels.only(i)
-        window, start = np.arange(len(states))[:, None], begin[:, None] // 2
-        run = None if alone else steps_of_run(states)
-        value, slope = np.zeros(at.middle.shape), np.zeros((*at.middle.shape, STATES))
-        for q, weight in zip((-1, 0, 1), at.weights, strict=True):
-            n = at.middle + q
-            there = states[window, n - start] if run is None else run[n]
-            shown, by_state = channel_outputs(one, there, forcing, 2 * n)
-            value += weight * shown[..., 0]
-            slope += weight[..., None] * by_state[..., 0, :]
-        half = STATES // 2
-        slope[..., half:] -= at.late[..., None] * slope[..., :half]
-        return value, slope
-
-    def late_steps(self, i: int, begin: NDArray[np.int64], alone: bool = False) -> LateSteps:
-        """Steps between which channel i is interpolated; windows start at half steps (W,).
-
-        Args:
-            alone: whether no steps but those of the same window are known; beyond the last step
-                that is known, the channel goes on for three steps and stays there.
-        """
-        sample = np.arange(self.samples)
-        since = self.run.times[0] + 0.5 * self.h * begin[:, None] + self.run.step_s * sample
-        late = self.delay[i] + self.clock[i] * since
-        start = begin[:, None] // 2
-        first, last = (
-            (start + 1, start + self.steps - 1)
-            if alone
-            else (np.int64(1), np.int64(self.n_windows * self.steps - 1))
-        )
-        at = np.clip(start + self.steps_per_sample * sample - late / self.h, first - 3, last + 3)
-        middle = np.clip(np.rint(at), first, last).astype(np.int64)
-        d = at - middle
-        return LateSteps(
-            since,
-            late,
-            middle,
-            np.stack([0.5 * d * (d - 1.0), 1.0 - d**2, 0.5 * d * (d + 1.0)]),
-            np.stack([0.5 - d, 2.0 * d, -0.5 - d]) / self.h,
-        )
-
-
-class LateSteps(NamedTuple):
-    """Interpolation of a late channel by the parabola through three steps.
-
-    Attributes:
-        since: (W, samples) time since the start of the recording [s].
-        late: (W, samples) by how much the channel is late [s].
-        middle: (W, samples) index, among all steps of the run, of the middle one of the three.
-        weights: (3, W, samples) of the steps.
-        by_delay: (3, W, samples) their derivatives by the delay [1/s].
-    """
-
-    since: Array
-    late: Array
-    middle: NDArray[np.int64]
-    weights: Array
-    by_delay: Array
 
 
 @dataclass(frozen=True)
@@ -233,53 +60,6 @@ class WindowSolution:
     def cost(self) -> float:
         """Energy: sum of squared residuals and of jumps over ``JUMP_SD``."""
         return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / JUMP_SD**2)
-
-
-def steps_of_run(states: Array) -> Array:
-    """States (n, 18) at every step of all windows; where two meet, that of the later one.
-
-    Args:
-        states: (W, steps + 1, 18).
-    """
-    return np.vstack([states[:, :-1].reshape(-1, STATES), states[-1, -1:]])
-
-
-def window_samples(run: PreparedRun) -> int:
-    """Samples per window."""
-    return max(3, round(WINDOW_RAD / (run.model.scales.omega_n * run.step_s)))
-
-
-def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
-    """Cut a run into at most ``windows`` windows, with readings, weights and steps."""
-    model, omega_n = run.model, run.model.scales.omega_n
-    samples = window_samples(run)
-    W = min(windows, (len(run) - 1) // samples)
-    each = max(1, int(np.ceil(run.step_s * omega_n / STEP_RAD)))
-    h = run.step_s / each
-    n = W * samples
-    at = np.arange(2 * each * n + 1) / (2 * each)
-    measured = window_channels(run)
-    values = measured.values[:n].reshape(W, samples, -1)
-    size = np.sqrt(np.nanmean(measured.values**2, axis=0))
-    motion = float(np.sqrt(np.mean(shaft_rotations(run)[:n] ** 2)))
-    inverse = inverse_masses(model)
-    return Windows(
-        run,
-        coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model),
-        inverse,
-        measured,
-        np.nan_to_num(values),
-        np.isfinite(values) / np.hypot(measured.sigma, INTEGRATION_ERROR * size),
-        samples,
-        samples * each,
-        h,
-        run.phase[0] + run.omega_rad_per_s * run.step_s * at,
-        2 * each * samples * np.arange(W),
-        motion * np.repeat([1.0, 2.0 * run.omega_rad_per_s], STATES // 2),
-        trends_of(run, measured, motion, (W, samples)),
-        np.zeros(len(measured.names)),
-        np.zeros(len(measured.names)),
-    )
 
 
 def symmetric_starts(s: Windows) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.diagnosis.products import Coefficient
+from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.effects.site import is_ring
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder, Weights

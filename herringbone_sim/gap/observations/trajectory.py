@@ -3,6 +3,8 @@
 Where neither force law nor balance can be formed, states of short windows are fitted to the
 recorded channels (``shooting``). Rows are the residuals of the channels and the jumps between
 windows. The column of a function is the linear response of the windows to its force.
+
+Over 300 lines: what is fitted, its block and what is left use the same cached states.
 """
 
 from __future__ import annotations
@@ -15,19 +17,17 @@ from functools import cached_property
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations import balance
-from herringbone_sim.gap.observations.basis import LOADS_M, Function
+from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.forced_windows import ForcedWindows
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
+from herringbone_sim.gap.observations.regression_inputs import about_windows
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
     FINE_TOLERANCE,
-    N_WINDOWS,
     WindowSolution,
     fitted_windows,
     stacked_residual,
@@ -38,9 +38,7 @@ from herringbone_sim.gap.observations.window_columns import (
     window_columns,
 )
 from herringbone_sim.gap.observations.window_sensors import (
-    ERRORS,
     SWAP_PREFIX,
-    exchangeable,
 )
 from herringbone_sim.gap.observations.window_starts import (
     filter_and_fit,
@@ -48,43 +46,17 @@ from herringbone_sim.gap.observations.window_starts import (
     initial_states,
 )
 from herringbone_sim.gap.observations.window_states import StateElimination
+from herringbone_sim.gap.observations.windows import N_WINDOWS
 
 NAME = "trajectory"
 # Levenberg-Marquardt rounds under a change for the first time, and later, from the last states;
 # chosen for run time.
 ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
-# Functions of the law whose responses at every mesh are inputs of the flexible regression; chosen.
-GENERIC_FUNCTIONS = {
-    *("kappa", "gamma", "gamma free", "b_plus", "b_minus"),
-    *(f"kappa load {i}" for i in range(len(LOADS_M))),
-    *(f"{q} {i} {trig}" for q in "ke" for i in (1, 2, 3) for trig in ("cos", "sin")),
-    *(f"{q} 1 {trig}" for q in ("sun", "planet", "ring") for trig in ("cos", "sin")),
-}
-DRIFTING = ("kappa", "gamma", "b_plus", "b_minus")  # of these, those that may change within a run
 MAX_FIT_CHI2 = 1.5  # energy per reading above which states may be in a wrong minimum; chosen
 # Energy over that at the last restart below which states are restarted: the motion has changed;
 # chosen.
 RESTART_SHARE = 0.75
 STATE_PRECISION = 1e-6  # of the prior of scaled start states, practically none
-
-
-def function_names(
-    model: Model, laws: Sequence[Function], channels: Sequence[str]
-) -> tuple[str, ...]:
-    """Columns: masses, channel errors and swaps, friction by mesh, ripple, the law by mesh.
-
-    Args:
-        laws: functions of the force law, and those on the carrier.
-        channels: names of channels.
-    """
-    meshes = range(model.layout.n_mesh)
-    names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
-    names += [f"{SWAP_PREFIX}{' and '.join(pair)}" for pair in exchangeable(channels)]
-    names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
-    names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
-    of_meshes = [f for f in laws if f.slot != "body"]
-    names += [f"{f.name} of {j}" for j in meshes for f in of_meshes if f.acts_on(j)]
-    return (*names, *(f.name for f in laws if f.slot == "body"))
 
 
 class Trajectory(ForcedWindows):
@@ -321,20 +293,15 @@ class Trajectory(ForcedWindows):
         return dict(zip(s.channels.names, rms.tolist(), strict=True))
 
     def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
-        """Responses to ``GENERIC_FUNCTIONS`` in the block formed last, states eliminated.
-
-        Those of ``DRIFTING`` also in proportion to the time since the middle of the run: windows
-        are short against it, so their responses are those of constant laws times it.
-        """
+        """Responses to general functions in the block formed last, states eliminated."""
         s = self.windows
         solution, now, m = self.last_linearisation
-        some = [f for f in functions if f.name in GENERIC_FUNCTIONS]
-        wanted = [f"{f.name} of {j}" for f in some for j in range(len(s.G))]
-        made = window_columns(s, solution, m, now, some, wanted)
-        cycles = self.cycles()[: len(made)]
-        drift = made[:, [name.split(" of ")[0] in DRIFTING for name in wanted]]
-        drift = drift * (cycles / cycles.max() - 0.5)[:, None]
-        left = self.last_elimination.clear(np.column_stack([made, drift])) / block.sigma
+
+        def responses(some: Sequence[Function], wanted: Sequence[str]) -> Array:
+            return window_columns(s, solution, m, now, some, wanted)
+
+        every = about_windows(responses, functions, len(s.G), self.cycles())
+        left = self.last_elimination.clear(every) / block.sigma
         nothing = np.zeros((len(left), 1, 1))
         return RegressionInputs(nothing, nothing[:, 0], nothing, left[:, None, :])
 

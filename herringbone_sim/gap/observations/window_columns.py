@@ -20,8 +20,33 @@ from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, cycles_per_shaft_turn
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
-from herringbone_sim.gap.observations.shooting import JUMP_SD, Windows, WindowSolution
-from herringbone_sim.gap.observations.window_sensors import error_columns
+from herringbone_sim.gap.observations.shooting import JUMP_SD, WindowSolution
+from herringbone_sim.gap.observations.window_sensors import (
+    ERRORS,
+    SWAP_PREFIX,
+    error_columns,
+    exchangeable,
+)
+from herringbone_sim.gap.observations.windows import Windows
+
+
+def function_names(
+    model: Model, laws: Sequence[Function], channels: Sequence[str]
+) -> tuple[str, ...]:
+    """Columns: masses, channel errors and swaps, friction by mesh, ripple, the law by mesh.
+
+    Args:
+        laws: functions of the force law, and those on the carrier.
+        channels: names of channels.
+    """
+    meshes = range(model.layout.n_mesh)
+    names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
+    names += [f"{SWAP_PREFIX}{' and '.join(pair)}" for pair in exchangeable(channels)]
+    names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
+    names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
+    of_meshes = [f for f in laws if f.slot != "body"]
+    names += [f"{f.name} of {j}" for j in meshes for f in of_meshes if f.acts_on(j)]
+    return (*names, *(f.name for f in laws if f.slot == "body"))
 
 
 @dataclass(frozen=True)

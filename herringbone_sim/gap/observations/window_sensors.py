@@ -9,7 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.observations.shooting import Windows, WindowSolution
+from herringbone_sim.gap.observations.shooting import WindowSolution
+from herringbone_sim.gap.observations.windows import Windows
 
 TINY = 1e-300  # avoids division by zero where there is no reading
 SWAP_PREFIX = "swap of "  # prefix of ``A and B``; present or absent

@@ -14,12 +14,12 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
 from herringbone_sim.gap.observations.shooting import (
     JUMP_SD,
-    Windows,
     WindowSolution,
     fitted_windows,
     propagators,
     symmetric_starts,
 )
+from herringbone_sim.gap.observations.windows import Windows
 
 OUT_OF_STEP = (0.1, 0.3, 0.6)  # initial differences between planets over the motion's RMS, chosen
 N_FITTED = 2  # initial states fitted to convergence

@@ -1,0 +1,179 @@
+"""Coefficients of hypotheses, and the normal equations of any set of them from products."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.products import Products
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a coefficient acts in one observation: on k functions, each in one row.
+
+    Attributes:
+        rows: (k,) indices of the rows.
+        functions: (k,) names of the functions.
+        weights: (runs, k) amplitude of each function for a coefficient of 1.
+    """
+
+    rows: tuple[int, ...]
+    functions: tuple[str, ...]
+    weights: Array
+
+    @cached_property
+    def entries(self) -> list[tuple[int, str, Array]]:
+        """Triples of row, function and weights (runs,)."""
+        return list(zip(self.rows, self.functions, self.weights.T, strict=True))
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One scalar unknown of a hypothesis.
+
+    Attributes:
+        name: as in reports.
+        sd: prior standard deviation, in the unit of the coefficient.
+        bound: largest deviation from ``center``.
+        placements: where it acts, by observation.
+        center: prior mean; 1 for an exchange of channels, which is present or absent.
+        departs_from: for a departure from the catalogue's curve: number of the effect's own
+            coefficients, which precede the first departure; its prior scales with their size. 0
+            for own coefficients and tolerances.
+        scales_with_effect: whether its prior is scaled by the effect's size (``PRIOR_SCALES``);
+            false where columns change with the amplitudes, as of a stiffness in series.
+    """
+
+    name: str
+    sd: float
+    bound: float
+    placements: dict[str, Placement]
+    center: float = 0.0
+    departs_from: int = 0
+    scales_with_effect: bool = True
+
+
+class CampaignProducts:
+    """Products of all runs, and the normal equations of any set of coefficients.
+
+    Args:
+        runs: products of each run, by observation. All runs have the same observations, rows and
+            functions; rows that a run has not recorded are zero.
+        base: coefficients contained in every hypothesis: the tolerances.
+    """
+
+    def __init__(self, runs: Sequence[dict[str, Products]], base: Sequence[Coefficient]) -> None:
+        self.runs = tuple(runs)
+        self.base = tuple(base)
+        self.observations = tuple(runs[0])
+        self._function_index = {
+            o: {name: i for i, name in enumerate(p.functions)} for o, p in runs[0].items()
+        }
+        self._G = {o: np.stack([r[o].G for r in runs]) for o in self.observations}
+        self._c = {o: np.stack([r[o].c for r in runs]) for o in self.observations}
+        self._x = {o: np.stack([r[o].cross for r in runs]) for o in self.observations}
+        self._y = {o: np.stack([r[o].cross_y for r in runs]) for o in self.observations}
+        self.energy = np.array(
+            [sum(float(p.energy_without_nuisance.sum()) for p in r.values()) for r in runs]
+        )
+        self.count = np.array([sum(float(p.count.sum()) for p in r.values()) for r in runs])
+        self._prepare_base()
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether no run diverged."""
+        every = (self.energy, *self._G.values(), *self._c.values())
+        return all(bool(np.isfinite(one).all()) for one in every)
+
+    def _prepare_base(self) -> None:
+        """Products of the base with all functions (runs, base, R, Q) and with the nuisances."""
+        runs, p = len(self.runs), len(self.base)
+        self._base_G, self._base_x = {}, {}
+        self.base_A, self.base_b = np.zeros((runs, p, p)), np.zeros((runs, p))
+        for o in self.observations:
+            G, c = self._G[o], self._c[o]
+            products = np.zeros((runs, p, *c.shape[1:]))
+            nuisances = np.zeros((runs, p, self._x[o].shape[1]))
+            for i, one in enumerate(self.base):
+                for row, f, w in self._entries(one, o):
+                    products[:, i, row] += w[:, None] * G[:, row, f]
+                    nuisances[:, i] += w[:, None] * self._x[o][:, :, row, f]
+            self._base_G[o], self._base_x[o] = products, nuisances
+            self._accumulate_base(o, self.base, products, nuisances, self.base_A, self.base_b)
+            self.base_A -= nuisances @ nuisances.transpose(0, 2, 1)
+
+    def _accumulate_base(
+        self,
+        o: str,
+        coefficients: Sequence[Coefficient],
+        products: Array,
+        nuisances: Array,
+        A: Array,
+        b: Array,
+    ) -> None:
+        """Add products (runs, p, R, Q) with coefficients to A (runs, p, q) and b (runs, q)."""
+        for i, one in enumerate(coefficients):
+            for row, f, w in self._entries(one, o):
+                A[:, :, i] += products[:, :, row, f] * w[:, None]
+                b[:, i] += self._c[o][:, row, f] * w
+                b[:, i] -= np.einsum("rt,rt->r", self._x[o][:, :, row, f], self._y[o]) * w
+
+    def normal_equations(self, coefficients: Sequence[Coefficient]) -> tuple[Array, Array]:
+        """Normal equations A (runs, p, p), b (runs, p) of the base and these coefficients."""
+        n, p, runs = len(self.base), len(self.base) + len(coefficients), len(self.runs)
+        A, b = np.zeros((runs, p, p)), np.zeros((runs, p))
+        A[:, :n, :n], b[:, :n] = self.base_A, self.base_b
+        for o in self.observations:
+            used: dict[int, dict[int, int]] = {}
+            for one in coefficients:
+                for row, f, _ in self._entries(one, o):
+                    at = used.setdefault(row, {})
+                    at.setdefault(f, len(at))
+            if used:
+                self._accumulate(o, coefficients, used, A, b)
+        A[:, n:, :n] = A[:, :n, n:].transpose(0, 2, 1)
+        return A, b
+
+    def _accumulate(
+        self,
+        o: str,
+        coefficients: Sequence[Coefficient],
+        used: Mapping[int, Mapping[int, int]],
+        A: Array,
+        b: Array,
+    ) -> None:
+        """Add one observation to A (runs, p, p) and b (runs, p).
+
+        Args:
+            used: position of each function used, by row and function.
+        """
+        n, runs, q = len(self.base), len(self.runs), len(coefficients)
+        X = np.zeros((runs, q, self._x[o].shape[1]))
+        for row, places in used.items():
+            index = np.array(list(places))
+            W = np.zeros((runs, q, len(index)))
+            for i, one in enumerate(coefficients):
+                for at_row, f, w in self._entries(one, o):
+                    if at_row == row:
+                        W[:, i, places[f]] += w
+            T = W.transpose(0, 2, 1)
+            A[:, n:, n:] += W @ self._G[o][:, row][:, index[:, None], index[None, :]] @ T
+            A[:, :n, n:] += self._base_G[o][:, :, row, index] @ T
+            b[:, n:] += (W @ self._c[o][:, row, index][:, :, None])[:, :, 0]
+            X += W @ self._x[o][:, :, row, index].transpose(0, 2, 1)
+        A[:, n:, n:] -= X @ X.transpose(0, 2, 1)
+        A[:, :n, n:] -= self._base_x[o] @ X.transpose(0, 2, 1)
+        b[:, n:] -= (X @ self._y[o][:, :, None])[:, :, 0]
+
+    def _entries(self, coefficient: Coefficient, o: str) -> list[tuple[int, int, Array]]:
+        """Triples of row, index of the function and weights (runs,) of a coefficient."""
+        placement = coefficient.placements.get(o)
+        if placement is None:
+            return []
+        index = self._function_index[o]
+        return [(row, index[f], w) for row, f, w in placement.entries]
