@@ -56,6 +56,7 @@ setup(
     package_data={
         f"{NAME}.diagnosis": ["calibration.json"],
         f"{NAME}.examples.damper": ["weights.json"],
+        f"{NAME}.views.pages": ["templates/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -45,7 +45,7 @@ from herringbone_sim.views.pages.compare import (
     headline,
     way_words,
 )
-from herringbone_sim.views.pages.html import Picture
+from herringbone_sim.views.picture import Picture
 from herringbone_sim.views.tables.csv_file import write_csv
 
 Gear = tuple[Parameters, tuple[Active, ...]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -218,9 +219,7 @@ def test_what_cannot_be_compared_is_said(
 
 def test_a_diagnosis_tells_the_command() -> None:
     command = compare_command(Path("my rig/rig.yaml"), Path("found"))
-    page = gap_page(a_report(), (), command)
-    assert (
-        "compare &#x27;my rig/rig.yaml&#x27; found/augmented.yaml --over delta_T=0:100:400" in page
-    )
+    page = unescape(gap_page(a_report(), (), command))
+    assert "compare 'my rig/rig.yaml' found/augmented.yaml --over delta_T=0:100:400" in page
     assert "What the real gear will do" in page
     assert "What the real gear will do" not in gap_page(a_report())

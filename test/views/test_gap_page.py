@@ -123,7 +123,7 @@ class Balance(HTMLParser):
             assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if self.open[-1] != "style":
+        if self.open and self.open[-1] != "style":
             self.text.append(data)
 
 

@@ -18,7 +18,7 @@ from herringbone_sim.views.figures.gap_forces import forces_caption, forces_figu
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
 from herringbone_sim.views.pages.gear_drawing import MESHES, PLANETS
-from herringbone_sim.views.pages.html import Picture
+from herringbone_sim.views.picture import Picture
 
 STATES = (("driving flank", BLUE), ("apart", "#dde1e6"), ("back flank", ORANGE))
 

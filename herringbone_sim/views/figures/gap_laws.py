@@ -12,7 +12,7 @@ from herringbone_sim.gap.learned_law import LearnedLaw
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
-from herringbone_sim.views.pages.html import Picture
+from herringbone_sim.views.picture import Picture
 
 LOG_RATIO = 30.0  # of largest and smallest value, above which the axis is logarithmic
 

@@ -5,28 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 
 from herringbone_sim.sweeps.compare import Boundary, BoundaryShift, Stretch
-from herringbone_sim.views.pages.html import (
-    Picture,
-    bullets,
-    html_page,
-    number,
-    picture_html,
-    table,
-)
+from herringbone_sim.views.pages.html import Table, number, render
+from herringbone_sim.views.picture import Picture
 
 WAYS = {
     "fixed": "from the initial state",
     "up": "continued upwards",
     "down": "continued downwards",
 }
-STYLE = """
-td { vertical-align: top; } td.moved { color: #D55E00; font-weight: 600; }
-h3 { font-size: 15px; margin: 22px 0 6px; } code { font-size: 12px; }
-figure { margin-top: 14px; }
-"""
 
 
 @dataclass(frozen=True)
@@ -89,48 +77,40 @@ def compare_page(comparison: Comparison) -> str:
     """The complete page, pictures included."""
     name, moves_by_way = comparison.name, comparison.moves
     first_way, first = next(iter(moves_by_way.items()))
-    body = [
-        "<h1>Nominal and augmented gear</h1>",
-        f'<p class="lead">{escape(headline(first))}</p>',
-        bullets(comparison.facts),
-        *map(picture_html, comparison.pictures[:1]),
-        "<h2>Boundaries that move</h2>",
-        *(_moves(name, way, moves) for way, moves in moves_by_way.items()),
-        "<h2>Motions</h2>",
-        _shares(comparison.shares, way_words(first_way)),
-        "<h2>Coexisting motions</h2>",
-        *(_coexisting(name, *entry) for entry in comparison.coexisting.items()),
-        *map(picture_html, comparison.pictures[1:]),
-        "<footer>Beside this page: compare.json, boundaries.csv, values.csv, figures/, and the "
-        "sweeps themselves in nominal/ and augmented/. Stretches shorter than 2 % of the values "
-        "make no boundary.</footer>",
-    ]
-    return html_page("Compare", body, STYLE)
+    return render(
+        "compare.html",
+        title="Compare",
+        headline=headline(first),
+        facts=comparison.facts,
+        pictures=comparison.pictures,
+        boundaries=[(way_words(way), _moves(name, moves)) for way, moves in moves_by_way.items()],
+        shares=_shares(comparison.shares, way_words(first_way)),
+        coexisting=[
+            (gear, _coexisting(name, stretches))
+            for gear, stretches in comparison.coexisting.items()
+        ],
+    )
 
 
-def _moves(name: str, way: str, moves: Sequence[BoundaryShift]) -> str:
-    title = f"<h3>{escape(way_words(way))}</h3>"
+def _moves(name: str, moves: Sequence[BoundaryShift]) -> Table | None:
+    """Table of boundaries; None without any."""
     if not moves:
-        return f"{title}<p>Neither gear has a boundary.</p>"
-    rows = [[escape(cell) for cell in (move.boundary.kind, *cells(move))] for move in moves]
+        return None
     moved = {
         (i, 4): "moved" for i, move in enumerate(moves) if not abs(move.shift) <= move.uncertainty
     }
     head = ["", "boundary", f"nominal, {name}", f"augmented, {name}", "moves by"]
-    return title + table(head, rows, (2, 3, 4), moved)
+    return Table(head, [[m.boundary.kind, *cells(m)] for m in moves], (2, 3, 4), moved)
 
 
-def _shares(shares: Mapping[str, tuple[float, float]], way: str) -> str:
-    rows = [[escape(name), *(f"{share:.1%}" for share in pair)] for name, pair in shares.items()]
-    head = [f"share of the values, {escape(way)}", "nominal", "augmented"]
-    return table(head, rows, (1, 2))
+def _shares(shares: Mapping[str, tuple[float, float]], way: str) -> Table:
+    rows = [[name, *(f"{share:.1%}" for share in pair)] for name, pair in shares.items()]
+    return Table([f"share of the values, {way}", "nominal", "augmented"], rows, (1, 2))
 
 
-def _coexisting(name: str, gear: str, stretches: Sequence[Stretch]) -> str:
-    title = f"<h3>{escape(gear)}</h3>"
+def _coexisting(name: str, stretches: Sequence[Stretch]) -> Table | None:
+    """Table of intervals with several motions; None without any."""
     if not stretches:
-        return f"{title}<p>All starts end in one motion, except at single values.</p>"
-    rows = [
-        [number(s.low, 5), number(s.high, 5), escape(" and ".join(s.motions))] for s in stretches
-    ]
-    return title + table([f"{name} from", "to", "side by side"], rows, (0, 1))
+        return None
+    rows = [[number(s.low, 5), number(s.high, 5), " and ".join(s.motions)] for s in stretches]
+    return Table([f"{name} from", "to", "side by side"], rows, (0, 1))

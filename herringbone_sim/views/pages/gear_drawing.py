@@ -6,6 +6,8 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from html import escape
 
+from markupsafe import Markup
+
 from herringbone_sim.core.layout import KINDS, SIDES
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.views.pages.gap.words import NOT_KNOWN, percent
@@ -54,7 +56,7 @@ def gear_svg(
     shares: Mapping[str, tuple[float | None, bool]],
     marked: Collection[str] = (),
     bodies: Collection[str] = (),
-) -> str:
+) -> Markup:
     """SVG of both halves of the gear, seen along the shaft, with the colour scale.
 
     Args:
@@ -65,7 +67,7 @@ def gear_svg(
     top = max([SATURATED, *(share for share, _ in shares.values() if share is not None)])
     halves = "".join(_half(side, shares, top, marked, bodies) for side in SIDES)
     width, height = 2 * HALF, HALF + 64
-    return (
+    return Markup(
         f'<svg class="gear" viewBox="0 0 {width:.0f} {height:.0f}" role="img" '
         f'aria-label="share of the residual by mesh">{halves}{_scale(top, bool(marked))}</svg>'
     )

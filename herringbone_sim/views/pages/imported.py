@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from pathlib import Path
 
 import matplotlib
@@ -17,14 +16,8 @@ from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import DPI, GREY, STYLE
-from herringbone_sim.views.pages.html import (
-    Picture,
-    bullets,
-    html_page,
-    number,
-    picture_html,
-    table,
-)
+from herringbone_sim.views.pages.html import Table, number, render
+from herringbone_sim.views.picture import Picture
 
 DETAIL_CYCLES = 4  # mesh cycles drawn at full resolution, beside the whole run
 # Constrained layout takes seconds here; Agg draws lines of a million samples only in parts.
@@ -52,33 +45,25 @@ def write_import_page(folder: Path, rig: str, runs: Sequence[ImportedRun]) -> Pa
     for run in runs:
         path = folder / "figures" / f"{run.name}.png"
         run_figure(read_recording(folder / run.name).samples).savefig(path)
-        parts.append(
-            _run_section(run, Picture(path, f"{run.name}: the whole run, and its first cycles"))
-        )
-    title = f"Import of {rig}"
-    lead = f'<p class="lead">{len(runs)} runs, in SI, each on one clock.</p>'
+        picture = Picture(path, f"{run.name}: the whole run, and its first cycles")
+        parts.append(_run_values(run, picture))
     page = folder / "import.html"
-    html = html_page(title, [f"<h1>{escape(title)}</h1>", lead, *parts])
-    page.write_text(html, encoding="utf-8")
+    page.write_text(render("import.html", title=f"Import of {rig}", runs=parts), encoding="utf-8")
     return page
 
 
-def _run_section(run: ImportedRun, picture: Picture) -> str:
-    rows = [
-        [escape(c) for c in (t.channel, t.source, *_numbers(t.rate_hz, t.low, t.high), t.unit)]
-        for t in run.taken
-    ]
-    facts = (
-        f"{run.role}, {run.samples} samples, {run.rate_hz:.6g} Hz, {run.cycles:.1f} mesh cycles"
-    )
-    remarks, unused = bullets(run.remarks), bullets(unused_texts(run.left))
-    return (
-        f'<h2>{escape(run.name)}</h2><p class="lead">{escape(facts)}</p>'
-        + (f"<p>To look at:</p>{remarks}" if remarks else "")
-        + picture_html(picture)
-        + table(HEAD, rows, (2, 3, 4))
-        + (f"<p>Not used:</p>{unused}" if unused else "")
-    )
+def _run_values(run: ImportedRun, picture: Picture) -> dict[str, object]:
+    """Values of the template for one run."""
+    rows = [(t.channel, t.source, *_numbers(t.rate_hz, t.low, t.high), t.unit) for t in run.taken]
+    return {
+        "name": run.name,
+        "facts": f"{run.role}, {run.samples} samples, {run.rate_hz:.6g} Hz, "
+        f"{run.cycles:.1f} mesh cycles",
+        "remarks": run.remarks,
+        "picture": picture,
+        "channels": Table(HEAD, rows, (2, 3, 4)),
+        "unused": list(unused_texts(run.left)),
+    }
 
 
 def _numbers(*values: float) -> tuple[str, ...]:

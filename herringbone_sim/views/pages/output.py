@@ -13,8 +13,8 @@ from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures import motion as figures
 from herringbone_sim.views.figures import style
 from herringbone_sim.views.figures.style import Scale
-from herringbone_sim.views.pages.html import Picture
 from herringbone_sim.views.pages.report import Report, report_html
+from herringbone_sim.views.picture import Picture
 from herringbone_sim.views.tables import runs as tables
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 
 import matplotlib
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from herringbone_sim.gap.planning.plan import NAMED, SIZES, Plan
@@ -23,7 +23,8 @@ from herringbone_sim.gap.planning.summary import (
 from herringbone_sim.recording.campaign import POINT
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, DPI, GREEN, GREY, INK, ORANGE, STYLE
-from herringbone_sim.views.pages.html import Picture, html_page, number, picture_html, table
+from herringbone_sim.views.pages.html import Table, number, render
+from herringbone_sim.views.picture import Picture
 
 COLOURS = (ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
 HEAD = [
@@ -37,6 +38,13 @@ HEAD = [
     "which leaves",
     "run that tells most",
 ]
+RUNS_HEAD = [
+    *("run", "ΔT [K]", "K", Markup("T<sub>1</sub> [N m]"), "Ω", "told of every effect"),
+]
+CAPTION = (
+    "Sizes over a moderate one; line: from the best to the worst place, dot: half of the places; "
+    "an arrow: never named."
+)
 LEAD = (
     "Sizes from which on a diagnosis of runs at these operating points would name the effect with "
     f"a probability of {NAMED:.0%}, linear about the nominal gear; the probability is that of the "
@@ -68,35 +76,22 @@ def write_plan_page(
     make_folder(folder)
     picture = folder / "plan.png"
     plan_figure(plan, also).savefig(picture)
-    title = f"What {sensors_text(plan)} would tell"
     named = f"{named_effects(plan)} of {len(plan.effects)} effects are named at a moderate size"
     facts = f"{', '.join(plan.observations)}, {plan.count:.0f} values, noise {noise}"
-    body = [
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="lead">{escape(f"{named}; {facts}.")}</p><p>{escape(LEAD)}</p>',
-        picture_html(
-            Picture(
-                picture,
-                "Sizes over a moderate one; line: from the best to the "
-                "worst place, dot: half of the places; an arrow: never named.",
-            )
-        ),
-        "<h2>Effects</h2>",
-        table(HEAD, effect_rows(plan), (1, 3, 4, 5, 7)),
-        _others(plan),
-        _also(plan, also),
-        "<h2>Runs, the most telling first</h2>",
-        table(
-            ["run", "ΔT [K]", "K", "T<sub>1</sub> [N m]", "Ω", "told of every effect"],
-            point_rows(plan, points),
-            (1, 2, 3, 4, 5),
-        ),
-        "<p>The last column is the share of what all runs tell, with this run and those above it, "
-        "of the effect that they tell least of.</p>",
-        _length(plan),
-    ]
+    html = render(
+        "plan.html",
+        title=f"What {sensors_text(plan)} would tell",
+        named=f"{named}; {facts}.",
+        lead=LEAD,
+        drawing=Picture(picture, CAPTION),
+        effects=Table(HEAD, effect_rows(plan), (1, 3, 4, 5, 7)),
+        others=_others(plan),
+        sensors=_sensors(plan, also),
+        runs=Table(RUNS_HEAD, point_rows(plan, points), (1, 2, 3, 4, 5)),
+        length=_length(plan),
+    )
     page = folder / "plan.html"
-    page.write_text(html_page(title, body), encoding="utf-8")
+    page.write_text(html, encoding="utf-8")
     return page
 
 
@@ -112,12 +107,13 @@ def effect_rows(plan: Plan) -> list[list[str]]:
     """Rows of the table of effects, columns as in ``HEAD``."""
     return [
         [
-            escape(row.effect),
-            *(escape(cell) for cell in (size(row.best, row.unit), place_text(row.best_place))),
+            row.effect,
+            size(row.best, row.unit),
+            place_text(row.best_place),
             size(row.median, row.unit),
             size(row.worst, row.unit),
             f"{row.placed_share:.0%}",
-            escape(row.rival),
+            row.rival,
             f"{row.rival_leaves:.1%}",
             f"run {row.best_run + 1}",
         ]
@@ -137,7 +133,7 @@ def point_rows(plan: Plan, points: Sequence[Mapping[str, float]]) -> list[list[s
     ]
 
 
-def _others(plan: Plan) -> str:
+def _others(plan: Plan) -> list[str]:
     lines = []
     if plan.not_sought:
         names = ", ".join(plan.not_sought)
@@ -145,33 +141,34 @@ def _others(plan: Plan) -> str:
     if plan.not_planned:
         names = ", ".join(plan.not_planned)
         lines.append(f"Sought in a diagnosis, but not linear, so not planned: {names}.")
-    return "".join(f"<p>{escape(line)}</p>" for line in lines)
+    return lines
 
 
-def _also(plan: Plan, also: Mapping[str, Plan]) -> str:
+def _sensors(plan: Plan, also: Mapping[str, Plan]) -> Table | None:
+    """Table of further sensors, the most useful first; None without any."""
     if not also:
-        return ""
+        return None
     ordered = sorted(also, key=lambda n: (-named_effects(also[n]), -size_reduction(plan, also[n])))
-    cells = [
+    rows = [
         [
-            escape(name),
+            name,
             f"{named_effects(also[name])} of {len(also[name].effects)}",
             number(size_reduction(plan, also[name]), 3),
-            escape(", ".join(also[name].observations)),
+            ", ".join(also[name].observations),
         ]
         for name in ordered
     ]
     head = ["one sensor more", "named at a moderate size", "sizes fall by a factor of", "rests on"]
-    return "<h2>Which sensor to add first</h2>" + table(head, cells, (1, 2))
+    return Table(head, rows, (1, 2))
 
 
 def _length(plan: Plan) -> str:
     if plan.observations == ("trajectory",):
         return (
-            "<p>A diagnosis of these sensors follows the motion over a few windows of each run: "
-            "further runs at other points tell more, longer runs do not.</p>"
+            "A diagnosis of these sensors follows the motion over a few windows of each run: "
+            "further runs at other points tell more, longer runs do not."
         )
-    return "<p>Sizes fall with the root of the length of the runs.</p>"
+    return "Sizes fall with the root of the length of the runs."
 
 
 def plan_figure(plan: Plan, also: Mapping[str, Plan]) -> Figure:

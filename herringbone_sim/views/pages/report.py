@@ -5,29 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from itertools import groupby
+
+from markupsafe import Markup
 
 from herringbone_sim.analysis.pipeline import SegmentResult
 from herringbone_sim.analysis.segments import FREQUENCY
-from herringbone_sim.views.pages.html import (
-    Picture,
-    bullets,
-    html_page,
-    number,
-    picture_html,
-    section,
-    table,
-)
+from herringbone_sim.views.pages.html import Table, number, render
+from herringbone_sim.views.picture import Picture
 
 SYMBOLS = {
-    "K": "<i>K</i>",
-    "delta_T": "Δ<i>T</i> [K]",
-    "T_1": "<i>T</i><sub>1</sub> [N m]",
-    "xi": "<i>ξ</i>",
+    "K": Markup("<i>K</i>"),
+    "delta_T": Markup("Δ<i>T</i> [K]"),
+    "T_1": Markup("<i>T</i><sub>1</sub> [N m]"),
+    "xi": Markup("<i>ξ</i>"),
     "control_phase": "control phase [rad]",
     FREQUENCY: "mesh frequency [Hz]",
 }
+EXPONENT = Markup("<i>λ</i><sub>1</sub> per cycle, ")
 
 
 @dataclass(frozen=True)
@@ -50,25 +45,30 @@ class Report:
 def report_html(report: Report, pictures: Sequence[Picture], files: Sequence[str]) -> str:
     """The page of a run, with the names of the files beside it."""
     results = report.results
-    body = [
-        f"<h1>{escape(report.name)}</h1>",
-        f'<p class="lead">{escape("  ·  ".join(report.facts))}</p>',
-        section("Segments", _segments(results) + _reasons(results)),
-        section("Figures", "".join(map(picture_html, pictures))),
-        section("Contact, share of time", _contact(results)),
-        section("Notes", _notes(report.notes, results)),
-        f"<footer>Beside this page: {escape(', '.join(files))}.</footer>",
-    ]
-    return html_page(report.name, body)
-
-
-def _segments(results: Sequence[SegmentResult]) -> str:
-    """Table of the segments, a ramp as one row; constant parameters stand above it."""
     names = changing(results)
+    return render(
+        "report.html",
+        title=report.name,
+        facts=report.facts,
+        constants=[
+            Markup("{} = {}").format(_symbol(name), number(value))
+            for name, value in results[0].segment.point.items()
+            if name not in names
+        ],
+        segments=_segments(results, names),
+        reasons=_reasons(results),
+        pictures=pictures,
+        contact=_contact(results),
+        notes=_notes(report.notes, results),
+        files=files,
+    )
+
+
+def _segments(results: Sequence[SegmentResult], names: Sequence[str]) -> Table:
+    """Table of the segments, a ramp as one row; ``names`` of the parameters that differ."""
     header = [
         *("#", "start [s]", "cycles", "dropped", *(_symbol(name) for name in names)),
-        *("motion", "<i>λ</i><sub>1</sub> per cycle, data", "90 % interval"),
-        *("<i>λ</i><sub>1</sub> per cycle, model", "off the lines"),
+        *("motion", EXPONENT + "data", "90 % interval", EXPONENT + "model", "off the lines"),
     ]
     numeric = {i for i, title in enumerate(header) if title != "motion"}
     groups = [list(group) for _, group in groupby(results, lambda r: r.segment.ramp or r.number)]
@@ -76,12 +76,7 @@ def _segments(results: Sequence[SegmentResult]) -> str:
         _segment_cells(group[0], names) if len(group) == 1 else _ramp_cells(group, names)
         for group in groups
     ]
-    fixed = [
-        f"{_symbol(name)} = {number(value)}"
-        for name, value in results[0].segment.point.items()
-        if name not in names
-    ]
-    return f"<p>{',&ensp; '.join(fixed)}</p>{table(header, rows, numeric)}"
+    return Table(header, rows, numeric)
 
 
 def changing(results: Sequence[SegmentResult]) -> list[str]:
@@ -91,7 +86,7 @@ def changing(results: Sequence[SegmentResult]) -> list[str]:
 
 
 def _symbol(name: str) -> str:
-    return SYMBOLS.get(name, escape(name))
+    return SYMBOLS.get(name, name)
 
 
 def _ramp_cells(run: Sequence[SegmentResult], names: Sequence[str]) -> list[str]:
@@ -101,7 +96,7 @@ def _ramp_cells(run: Sequence[SegmentResult], names: Sequence[str]) -> list[str]
     cycles = sum(result.segment.cycles for result in run)
     values = [spans.get(name, number(run[0].segment.point[name])) for name in names]
     head = [f"{run[0].number}–{run[-1].number}", number(run[0].span_s[0]), f"{cycles:.0f}", "0"]
-    return [*head, *values, "<b>ramp</b>", *["–"] * 4]
+    return [*head, *values, Markup("<b>ramp</b>"), *["–"] * 4]
 
 
 def _segment_cells(result: SegmentResult, names: Sequence[str]) -> list[str]:
@@ -114,7 +109,7 @@ def _segment_cells(result: SegmentResult, names: Sequence[str]) -> list[str]:
         f"{result.segment.cycles:.0f}",
         str(result.dropped_cycles),
         *(number(result.segment.point[name]) for name in names),
-        f'<b class="{kind}">{result.label}</b>',
+        Markup('<b class="{}">{}</b>').format(kind, result.label),
         number(e.value, 3),
         f"{number(e.low, 3)} … {number(e.high, 3)}" if math.isfinite(e.value) else "–",
         f"{number(model, 3)} ± {number(error, 2)}" if math.isfinite(model) else "–",
@@ -122,7 +117,7 @@ def _segment_cells(result: SegmentResult, names: Sequence[str]) -> list[str]:
     ]
 
 
-def _reasons(results: Sequence[SegmentResult]) -> str:
+def _reasons(results: Sequence[SegmentResult]) -> list[str]:
     reasons = {
         f"{r.number}: {reason}"
         for r in results
@@ -130,28 +125,29 @@ def _reasons(results: Sequence[SegmentResult]) -> str:
         if reason and not r.segment.ramp and not r.period.value
     }
     ordered = sorted(reasons, key=lambda text: int(text.split(":")[0]))
-    return bullets(f"Segment {text}" for text in ordered[:12])
+    return [f"Segment {text}" for text in ordered[:12]]
 
 
-def _contact(results: Sequence[SegmentResult]) -> str:
+def _contact(results: Sequence[SegmentResult]) -> Table | None:
+    """Table of contact; None if it is not known."""
     known = [r for r in results if r.contact and math.isfinite(r.contact[0].drive)]
     if not known:
-        return "<p>Unknown: the half-backlash is not in the recording (give --parameters).</p>"
-    header = ["#", *(f"{escape(c.mesh)} drive / apart / back" for c in known[0].contact)]
-    rows = (
+        return None
+    header = ["#", *(f"{c.mesh} drive / apart / back" for c in known[0].contact)]
+    rows = [
         [str(r.number), *(f"{c.drive:.0%} / {c.separated:.0%} / {c.back:.0%}" for c in r.contact)]
         for r in known
-    )
-    return table(header, rows, range(len(header)))
+    ]
+    return Table(header, rows, range(len(header)))
 
 
-def _notes(notes: Sequence[str], results: Sequence[SegmentResult]) -> str:
+def _notes(notes: Sequence[str], results: Sequence[SegmentResult]) -> list[str]:
     by_note: dict[str, list[int]] = {}
     for result in results:
         for note in result.notes:
             by_note.setdefault(note, []).append(result.number)
     by_segment = [f"{note} (segment {_spans(numbers)})" for note, numbers in by_note.items()]
-    return bullets([*notes, *by_segment])
+    return [*notes, *by_segment]
 
 
 def _spans(numbers: Sequence[int]) -> str:

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 
 from herringbone_sim.gap.data.screen import finding_texts
 from herringbone_sim.gap.report import Cause, Report
-from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap import GapArrays, write_gap_figures
 from herringbone_sim.views.figures.gap_laws import write_law_figures
 from herringbone_sim.views.pages.gap import words
-from herringbone_sim.views.pages.gap.senses import distances_table, senses_table
-from herringbone_sim.views.pages.gap.style import STYLE
-from herringbone_sim.views.pages.gap.tables import noise_table, runs_table
+from herringbone_sim.views.pages.gap.senses import distances_values, senses_values
+from herringbone_sim.views.pages.gap.tables import noise_table, runs_values
 from herringbone_sim.views.pages.gap.verdict import OUTSIDE, answers, headline, kind, named_effects
-from herringbone_sim.views.pages.gap.where import where_section
+from herringbone_sim.views.pages.gap.where import where_values
 from herringbone_sim.views.pages.gap.words import percent
-from herringbone_sim.views.pages.html import Picture, bullets, html_page, picture_html, section
+from herringbone_sim.views.pages.html import render
+from herringbone_sim.views.picture import Picture
 
 POINT = (
     ("delta_T", "temperature rise", "K"),
@@ -28,7 +26,6 @@ POINT = (
     ("Omega", "speed Ω", ""),
     ("K", "control K", ""),
 )
-NOTHING_OPEN = "<p>Nothing that these data leave open was found.</p>"
 TOP_CAUSES, LEAST_PROBABILITY = 6, 0.005  # causes listed with a bar
 FURTHER = ("a_c", "F_pin1", "F_rp1_L", "u_p1_L")  # one sensor of each kind that may be added
 
@@ -82,89 +79,66 @@ def gap_page(
     report: Report, pictures: Sequence[Picture] = (), command: str = "", planned: str = ""
 ) -> str:
     """The complete page; ``command`` of ``compare_command``, ``planned`` of ``plan_command``."""
-    name = report.campaign
     # A limit that is a fault too is said above.
     said = {finding.text for finding in report.findings}
-    undecidable = bullets(text for text in report.undecidable if text not in said)
-    following = _next(report.next_experiment)
-    senses = senses_table(report.senses, report.runner_up_effects)
-    body = [
-        f'<p class="kicker">Gap diagnosis &nbsp;·&nbsp; {escape(name)}</p>',
-        f"<h1>{escape(headline(report.verdict))}</h1>",
-        answers(report),
-        section("What is wrong with the recording", bullets(finding_texts(report.findings))),
-        f"<h2>Where</h2>{where_section(report)}",
-        f"<h2>Which</h2>{_which(report)}",
-        f"<h2>How much</h2>{runs_table(report.gap, kind(report.verdict))}",
-        section("In three senses, on held-out runs", senses),
-        f'<div class="two"><div><h2>What is not decidable</h2>{undecidable or NOTHING_OPEN}</div>',
-        f"<div><h2>What to measure next</h2>{following}{_planned(planned)}</div></div>",
-        section("What the real gear will do", _compared(command)),
-        section("Noise, as the recording shows it", noise_table(report.noise)),
-        section("Attractor", distances_table(report.senses)),
-        section("Figures", "".join(picture_html(picture) for picture in pictures)),
-        "<footer>The same in numbers: report.json, beside this page.</footer>",
-    ]
-    return html_page(f"Gap: {name}", body, STYLE)
+    drawing, remarks = where_values(report)
+    experiment = report.next_experiment
+    causes, rest = _which(report)
+    return render(
+        "gap.html",
+        title=f"Gap: {report.campaign}",
+        campaign=report.campaign,
+        headline=headline(report.verdict),
+        answers=answers(report),
+        faults=finding_texts(report.findings),
+        drawing=drawing,
+        remarks=remarks,
+        causes=causes,
+        rest=rest,
+        runs=runs_values(report.gap, kind(report.verdict)),
+        senses=senses_values(report.senses, report.runner_up_effects),
+        undecidable=[text for text in report.undecidable if text not in said],
+        next_point=[
+            (f"{words.figure(experiment.point[key], 4)} {unit}".strip(), title)
+            for key, title, unit in POINT
+        ],
+        next_why=words.capital(experiment.why),
+        plan_command=planned,
+        compare_command=command,
+        noise=noise_table(report.noise),
+        attractor=distances_values(report.senses),
+        pictures=pictures,
+    )
 
 
-def _which(report: Report) -> str:
+def _which(report: Report) -> tuple[list[dict[str, object]], list[tuple[str, str]]]:
+    """Values of the causes with a bar, and name and probability of the others."""
     verdict = named_effects(report.verdict)
     listed = [
         cause
         for i, cause in enumerate(report.causes)
         if cause.effect in verdict or (i < TOP_CAUSES and cause.probability >= LEAST_PROBABILITY)
     ]
-    rows = "".join(_cause(cause, cause.effect in verdict) for cause in listed)
-    small = "".join(
-        f"<li><span>{escape(cause.effect)}</span>"
-        f"<span>{escape(percent(cause.probability))}</span></li>"
+    shown = {cause.effect for cause in listed}
+    return [_cause(cause, cause.effect in verdict) for cause in listed], [
+        (cause.effect, percent(cause.probability))
         for cause in report.causes
-        if cause.effect not in {one.effect for one in listed}
-    )
-    return rows + (f'<ul class="rest">{small}</ul>' if small else "")
+        if cause.effect not in shown
+    ]
 
 
-def _cause(cause: Cause, named: bool) -> str:
-    texts = [] if cause.effect in OUTSIDE else [words.place_words(cause)]
-    texts += [
+def _cause(cause: Cause, named: bool) -> dict[str, object]:
+    details = [] if cause.effect in OUTSIDE else [words.place_words(cause)]
+    details += [
         words.parameter_words(name, value)
         for name, value in cause.parameters.items()
         if name != "member"
     ]
-    more = escape("; ".join(texts)) + (" &nbsp;·&nbsp; " if texts else "")
-    return (
-        f'<div class="cause{" said" if named else ""}">'
-        f"<b>{escape(words.capital(words.effect_words(cause.effect)))}</b>"
-        f'<div class="bar"><span style="width:{100 * cause.probability:.1f}%"></span></div>'
-        f'<i class="p">{escape(percent(cause.probability))}</i>'
-        f"<small>{more}<code>{escape(cause.effect)}</code></small></div>"
-    )
-
-
-def _next(experiment: NextExperiment) -> str:
-    cells = "".join(
-        f"<div><b>{escape(words.figure(experiment.point[key], 4))} {unit}</b>"
-        f"<span>{title}</span></div>"
-        for key, title, unit in POINT
-    )
-    why = escape(words.capital(experiment.why))
-    return f'<div class="point">{cells}</div><p>{why}</p>'
-
-
-def _planned(command: str) -> str:
-    if not command:
-        return ""
-    return (
-        "<p>What one further sensor would tell, before it is bought:</p>"
-        f"<pre><code>{escape(command)}</code></pre>"
-    )
-
-
-def _compared(command: str) -> str:
-    if not command:
-        return ""
-    return (
-        "<p>Both gears over one another, bifurcations, exponents, contact and coexisting motions, "
-        f"are drawn by</p><pre><code>{escape(command)}</code></pre>"
-    )
+    return {
+        "named": named,
+        "effect": cause.effect,
+        "title": words.capital(words.effect_words(cause.effect)),
+        "width": f"{100 * cause.probability:.1f}%",
+        "probability": percent(cause.probability),
+        "details": details,
+    }

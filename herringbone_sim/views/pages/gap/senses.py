@@ -1,21 +1,21 @@
-"""Tables of the gap by residual, prediction and attractor, and ``verify.html``."""
+"""Values for pages: the gap by residual, prediction and attractor, and ``verify.html``."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
+
+from markupsafe import Markup
 
 from herringbone_sim.gap.repeat import Repetition
 from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.verify import GapNumbers
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.gap import words
-from herringbone_sim.views.pages.gap.style import STYLE
 from herringbone_sim.views.pages.gap.words import figure, percent
-from herringbone_sim.views.pages.html import bullets, folded, html_page, section, table
+from herringbone_sim.views.pages.html import Table, render
 
 NAMES = {
     "residual": "Residual",
@@ -50,24 +50,25 @@ MODELS = (
 )
 
 
-def senses_table(senses: Senses | None, runner_up: Sequence[str] = ()) -> str:
-    """Table of a gap on held-out runs: before, after, floor and runner-up by sense.
+def senses_values(
+    senses: Senses | None, runner_up: Sequence[str] = ()
+) -> dict[str, object] | None:
+    """Values of the template for a gap on held-out runs by sense; None without any.
 
     Args:
-        senses: of the gap; the table is empty for None.
+        senses: of the gap.
         runner_up: ids of the effects of the runner-up.
     """
     if senses is None:
-        return ""
+        return None
     numbers = {name: gap.numbers() for name, gap in senses.gaps.items()}
-    content = numbers_table(numbers, _horizon(senses))
-    others = " and ".join(runner_up)
-    if not others or not _has_runner_up(numbers):
-        return content
-    return content + f"<p><small>The runner-up: {escape(others)}.</small></p>"
+    return {
+        "table": numbers_table(numbers, _horizon(senses)),
+        "runner_up": " and ".join(runner_up) if _has_runner_up(numbers) else "",
+    }
 
 
-def numbers_table(senses: Mapping[str, GapNumbers], horizon: str = "") -> str:
+def numbers_table(senses: Mapping[str, GapNumbers], horizon: str = "") -> Table:
     """Table of numbers by sense, with a text on the horizon of the prediction."""
     control = _has_runner_up(senses)
     columns = [c for c in COLUMNS if control or "runner_up" not in c[0]]
@@ -77,7 +78,7 @@ def numbers_table(senses: Mapping[str, GapNumbers], horizon: str = "") -> str:
         if name in senses
     ]
     head = ["in the sense of", "unit", *(title for _, title in columns)]
-    return table(head, rows, numeric=range(1, len(head)))
+    return Table(head, rows, numeric=range(1, len(head)))
 
 
 def _has_runner_up(senses: Mapping[str, GapNumbers]) -> bool:
@@ -91,7 +92,7 @@ def _row(name: str, text: str, one: GapNumbers, columns: Sequence[tuple[str, str
         value = getattr(one, key)
         shown = percent(value) if "closure" in key else figure(factor * value)
         cells.append(shown if math.isfinite(value) else "–")
-    return [f"{name}<br><small>{escape(text)}</small>", *map(escape, cells)]
+    return [Markup("{}<br><small>{}</small>").format(name, text), *cells]
 
 
 def _horizon(senses: Senses) -> str:
@@ -102,25 +103,22 @@ def _horizon(senses: Senses) -> str:
     return f", {' … '.join(ends)} mesh cycles ahead, at most half a Lyapunov time"
 
 
-def distances_table(senses: Senses | None) -> str:
-    """Table: distance of each model's motion from that of the rig, by run; empty without any."""
+def distances_values(senses: Senses | None) -> dict[str, object] | None:
+    """Values of the template: distance of each model's motion from the rig's, by run; None
+    without any.
+    """
     runs = list(senses.numbers.get("floor", {})) if senses else []
     if senses is None or not runs:
-        return ""
+        return None
     models = [(senses.numbers[key], title) for key, title in MODELS if key in senses.numbers]
     rows = [
-        [escape(run) if i == 0 else "", title, *map(escape, _distances(numbers[run]))]
+        [run if i == 0 else "", title, *_distances(numbers[run])]
         for run in runs
         for i, (numbers, title) in enumerate(models)
     ]
     head = ["run", "", *(f"{title} [{unit}]" for _, title, unit in DISTANCES)]
     head.append("largest exponent [1/cycle]")
-    lead = (
-        "Distance of each model's motion from the rig's, over as many cycles as were recorded; "
-        "the floor is one half of the recording against the other."
-    )
-    content = table(head, rows, numeric=range(2, len(head)))
-    return folded(f"{len(runs)} runs", f"<p>{lead}</p>{content}")
+    return {"title": f"{len(runs)} runs", "table": Table(head, rows, numeric=range(2, len(head)))}
 
 
 def _distances(motion: Mapping[str, Any]) -> list[str]:
@@ -152,16 +150,15 @@ def verify_page(result: Repetition) -> str:
         closes.append(f"{before} in the report")
     title = words.capital(effects or earlier.verdict)
     numbers = {name: gap.numbers(None) for name, gap in result.senses.gaps.items()}
-    body = [
-        '<p class="kicker">Gap verdict on further runs &nbsp;·&nbsp; '
-        f"{escape(result.campaign)}</p>",
-        f"<h1>{escape(title)}: {escape(', '.join(closes))}</h1>",
-        f"<p>Verdict of the diagnosis of {escape(earlier.campaign)}; all "
-        f"{len(gap.runs)} runs count here, nothing was fitted to them.</p>",
-        f"<h2>On these runs</h2>{numbers_table(numbers, _horizon(result.senses))}",
-        f"<h2>As reported</h2>{numbers_table(earlier.numbers)}",
-        f"<h2>Attractor</h2>{distances_table(result.senses)}",
-        section("What is not decidable", bullets(result.undecidable)),
-        "<footer>The same in numbers: verify.json, beside this page.</footer>",
-    ]
-    return html_page(f"Gap: {result.campaign}", body, STYLE)
+    return render(
+        "verify.html",
+        title=f"Gap: {result.campaign}",
+        campaign=result.campaign,
+        headline=f"{title}: {', '.join(closes)}",
+        diagnosed=earlier.campaign,
+        runs=len(gap.runs),
+        here=numbers_table(numbers, _horizon(result.senses)),
+        reported=numbers_table(earlier.numbers),
+        attractor=distances_values(result.senses),
+        undecidable=result.undecidable,
+    )

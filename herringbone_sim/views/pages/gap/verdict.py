@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from html import escape
 
 from herringbone_sim.gap.report import Cause, Report
 from herringbone_sim.gap.verdict.decide import Verdict
@@ -52,14 +51,9 @@ def kind(verdict: Verdict) -> str:
     return "pair" if len(named_effects(verdict)) > 1 else "one"
 
 
-def answers(report: Report) -> str:
-    """HTML of three boxes: where, which, how much."""
-    boxes = (("Where", *_place(report)), ("Which", *_name(report)), ("How much", *_size(report)))
-    parts = (
-        f"<div><span>{escape(title)}</span><b>{escape(main)}</b><span>{escape(more)}</span></div>"
-        for title, main, more in boxes
-    )
-    return f'<div class="answers">{"".join(parts)}</div>'
+def answers(report: Report) -> list[tuple[str, str, str]]:
+    """Title, answer and remark of three boxes: where, which, how much."""
+    return [("Where", *_place(report)), ("Which", *_name(report)), ("How much", *_size(report))]
 
 
 def _place(report: Report) -> tuple[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from html import escape
+from markupsafe import Markup
 
 from herringbone_sim.core.layout import SIDES
 from herringbone_sim.gap.report import Cause, Report
@@ -13,15 +13,15 @@ from herringbone_sim.views.pages.gear_drawing import PLANETS, covered, gear_svg,
 ON_PLANETS = ("bearing_clearance", "pin_position", "planet_phase")
 
 
-def where_section(report: Report) -> str:
-    """HTML of the drawing, with remarks on what it leaves open."""
+def where_values(report: Report) -> tuple[Markup, list[str]]:
+    """The drawing, and remarks on what it leaves open."""
     shares = mesh_shares(report.where)
     causes = located_causes(report)
     sites = [covered(cause.locus) for cause in causes]
     # Rims around all twelve meshes mark no place.
     rims = {mesh for site in sites if len(site) < len(shares) for mesh in site}
     drawing = gear_svg(shares, rims, {body for cause in causes for body in bodies(cause)})
-    return f'{drawing}<p class="lead">{escape(" ".join(_remarks(report, shares)))}</p>'
+    return drawing, _remarks(report, shares)
 
 
 def _remarks(report: Report, shares: dict[str, tuple[float | None, bool]]) -> list[str]:

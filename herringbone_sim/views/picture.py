@@ -1,0 +1,20 @@
+"""A picture with its caption, for a page."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG file and its caption."""
+
+    path: Path
+    caption: str
+
+    @property
+    def source(self) -> str:
+        """The file as a URL, so that the picture is part of the page."""
+        return f"data:image/png;base64,{base64.b64encode(self.path.read_bytes()).decode()}"
