@@ -68,6 +68,29 @@ def test_a_pair_names_both_and_is_not_its_own_rival() -> None:
     assert ids(found.runner_up) == ("stagger",)
 
 
+def test_both_effects_of_a_sure_pair_are_named_and_no_class() -> None:
+    """Each has half of the probability of the pair, so that neither is likelier than the other."""
+    found = verdict_of((("stagger", "runout"), 0.99), (("unknown",), 0.01))
+    assert (found.verdict, found.effects) == ("stagger", ("stagger", "runout"))
+    assert found.ambiguous_with == ()
+    made = a_report(found).to_dict()
+    assert check_report(made) == []
+    assert [cause["effect"] for cause in made["causes"][:2]] == ["stagger", "runout"]
+
+
+def test_an_effect_of_all_likely_pairs_is_named() -> None:
+    pairs = ((("runout", "stagger"), 0.45), (("runout", "tooth_crack"), 0.4))
+    found = verdict_of(*pairs, (("unknown",), 0.15))
+    assert (found.verdict, found.effects) == ("runout", ("runout", "stagger"))
+
+
+def test_pairs_with_nothing_in_common_are_ambiguous() -> None:
+    pairs = ((("runout", "stagger"), 0.45), (("tooth_crack", "pin_position"), 0.4))
+    found = verdict_of(*pairs, (("unknown",), 0.15))
+    assert found.verdict == "ambiguous"
+    assert set(found.ambiguous_with) == {"runout", "stagger", "tooth_crack", "pin_position"}
+
+
 def test_unknown_keeps_what_comes_nearest() -> None:
     found = verdict_of((("unknown",), 0.7), (("runout",), 0.2), ((), 0.1))
     assert (found.verdict, found.effects) == ("unknown", ())

@@ -12,7 +12,7 @@ from herringbone_sim.gap.learned_law import LearnedLaw
 from herringbone_sim.gap.named import NamedEffect
 
 MOST_NAMED = 4  # effects of an ambiguous class, contract of the report
-HALF = 0.5  # probability above which an effect is more probable than all others together
+HALF = 0.5  # probability above which an effect is rather there than not
 SAME_CHI2 = 4.0  # difference of chi2 below which two explanations fit equally well: 2 sigma
 CLASS_PROBABILITY = 0.9  # least probability of an ambiguous class, among all effects
 
@@ -76,18 +76,23 @@ def decide(
 ) -> Verdict:
     """Decide the verdict from the probabilities of all explanations.
 
-    An effect with something unknown beside it gives half to each, as a pair does.
+    An effect with something unknown beside it gives half to each, as a pair does. Of two with the
+    same probability, the verdict is the one that the likeliest explanation names first.
 
     Args:
         chances: probabilities of all explanations, best first.
         explanations: complete ones with effects, by their index in ``chances``.
         metric: observation in which the gap is measured.
     """
-    probabilities = {name: 0.0 for name in (*known_effects(), "none", "unknown")}
+    named_first = dict.fromkeys(name for c in chances for name in c.effects or ("none",))
+    every = dict.fromkeys((*named_first, *known_effects(), "none", "unknown"))
+    probabilities = {name: 0.0 for name in every}
+    present = dict(probabilities)  # alone or beside another
     best: dict[str, tuple[NamedExplanation, int]] = {}
     for i, one in enumerate(chances):
         for j, name in enumerate(one.effects or ("none",)):
             probabilities[name] += one.probability / max(len(one.effects), 1)
+            present[name] += one.probability
             if i in explanations:
                 best.setdefault(name, (explanations[i], j))
     top = max(probabilities, key=lambda name: probabilities[name])
@@ -98,7 +103,9 @@ def decide(
         chosen = next((explanations[i] for i in sorted(explanations)), None)
     named = () if chosen is None else tuple(a.effect.id for a in chosen.actives)
     effects = () if top in ("none", "unknown") else tuple(dict.fromkeys((top, *named)))[:2]
-    alike = _ambiguous_class(probabilities, top) or _equal_fits(chances, first)
+    certain = top in ("none", "unknown") or present[top] > HALF
+    alike = () if certain else _ambiguous_class(probabilities)
+    alike = alike or _equal_fits(chances, first)
     runner = next(
         (
             explanations[i]
@@ -140,13 +147,8 @@ def _equal_fits(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
     return found if len(found) > 1 else ()
 
 
-def _ambiguous_class(probabilities: Mapping[str, float], top: str) -> tuple[str, ...]:
-    """The most probable effects that together have ``CLASS_PROBABILITY`` of that of all effects.
-
-    Empty if ``top``, the most probable of all, is no effect or exceeds ``HALF``.
-    """
-    if top in ("none", "unknown") or probabilities[top] > HALF:
-        return ()
+def _ambiguous_class(probabilities: Mapping[str, float]) -> tuple[str, ...]:
+    """Most probable effects that together have ``CLASS_PROBABILITY`` of that of all effects."""
     ranked = sorted(
         (n for n in probabilities if n not in ("none", "unknown")),
         key=lambda n: -probabilities[n],
