@@ -14,7 +14,12 @@ from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.effects.channels import between
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import (
+    bodies_to_coordinates,
+    bodies_to_meshes,
+    coordinates_to_meshes,
+)
+from herringbone_sim.gap.data.noise import resolution
 from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
@@ -32,6 +37,7 @@ from herringbone_sim.gap.residuals.fusion import (
     quadrature_covariance,
     velocity,
 )
+from herringbone_sim.gap.residuals.misfit import geometry_scales
 from herringbone_sim.gap.sensors.consistency import error_signals
 from herringbone_sim.gap.sensors.correction import without_channels, without_sensor_error
 from herringbone_sim.gap.sensors.filter_delay import longest_delay
@@ -40,6 +46,7 @@ from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 from herringbone_sim.practice.trial import Setting, plan_of
+from herringbone_sim.recording.importing.turns import base_radius
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -322,6 +329,37 @@ def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:
     gain = made.label["effects"][0]["parameters"]["gain"]["value"]
     # One rate beside displacements with other sensors' noise: a sixth of the size is missed.
     assert cause["parameters"]["gain"]["value"] - 1.0 == pytest.approx(gain - 1.0, rel=0.2)
+
+
+def test_steps_of_an_encoder_are_seen_through_the_steady_rotation() -> None:
+    """Counts less a rotation lie on no grid, their second differences do; without steps on none."""
+    t = np.linspace(0.0, 1.0, 3000)
+    angle = np.stack(
+        [3.0 * t + 1e-3 * np.sin(40.0 * t), 3.0 * t + 1e-3 * np.cos(63.0 * t)], axis=1
+    )
+    step = 2e-5
+    counted = np.round(angle / step) * step - 3.0 * t[:, None]
+    np.testing.assert_allclose(resolution(counted), step, rtol=1e-6)
+    assert np.all(resolution(angle - 3.0 * t[:, None]) < 1e-3 * step)
+
+
+def test_a_second_set_of_encoders_is_no_other_gear_and_as_noisy_as_it_is() -> None:
+    """A healthy rig: gratings off centre, whose lines are no motion, and x with steps of its own,
+    of which the spectrum tells half."""
+    made = make_campaign(draw_plan(660013, "none", noise=RequestedNoise("encoders_two")))
+    campaign = as_prepared(made)
+    for run in campaign.runs:
+        of_u, of_e = geometry_scales(run)
+        assert of_u == pytest.approx(1.0, abs=0.1)
+        assert of_e == pytest.approx(0.0, abs=0.1)
+    step = 2.0 * np.pi / made.label["noise"]["encoders"]["counts"] / np.sqrt(12.0)
+    for run in campaign.of_role("fit"):
+        model = run.model
+        of_u = step * np.array([base_radius(model, body) for body in model.layout.bodies])
+        of_x = np.sqrt(bodies_to_meshes(model) ** 2 @ of_u**2)
+        found = with_estimated_noise(run)
+        np.testing.assert_allclose(found.u.sigma, of_u, rtol=0.3)
+        assert np.all((found.x.sigma / of_x > 0.6) & (found.x.sigma / of_x < 1.3))
 
 
 def test_the_error_of_the_integral_of_rates_is_told_by_their_spectrum() -> None:

@@ -36,3 +36,13 @@ def bodies_to_coordinates(model: Model) -> Array:
 def bodies_to_meshes(model: Model) -> Array:
     """G = D B (n_mesh, n_bodies) of x = G u - e."""
     return np.asarray(coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model))
+
+
+def cycles_per_shaft_turn(model: Model) -> dict[str, float]:
+    """Mesh cycles per absolute revolution of suns, carrier and planets; the ring is fixed."""
+    p = model.parameters
+    return {
+        "s": p.z_s * p.z_r / (p.z_s + p.z_r),
+        "c": float(p.z_r),
+        "p": 1.0 / abs(1.0 / p.z_p - 1.0 / p.z_r),
+    }

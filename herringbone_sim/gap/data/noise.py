@@ -39,11 +39,13 @@ def _longest_finite(values: Array) -> Array:
 
 
 def resolution(values: Array) -> Array:
-    """Step (k,) of the converter of channels (n, k): the smallest difference between two values.
+    """Step (k,) of the converter or encoder of channels (n, k), sampled evenly; 0 without any.
 
-    Of continuous values it is close to zero.
+    The smallest difference between two second differences: these lie on the grid of the steps even
+    where a steady rotation was taken off an encoder's counts. Of continuous values it is close to
+    zero.
     """
-    steps = np.diff(np.sort(values, axis=0), axis=0)
     least = 1e-9 * (np.fmax.reduce(values) - np.fmin.reduce(values))
+    steps = np.diff(np.sort(np.diff(values, 2, axis=0), axis=0), axis=0)
     step: Array = np.where(steps > least, steps, np.inf).min(axis=0, initial=np.inf)
     return np.where(np.isfinite(step), step, 0.0)

@@ -257,7 +257,7 @@ def _measured(
         values[:, j] = series[names[j]]
     of_step = resolution(values) ** 2 / 12.0
     if noise_share is None:
-        sigma = spectral_floor(values)
+        sigma = np.fmax(spectral_floor(values), np.sqrt(of_step))
     else:
         known = np.maximum(np.isfinite(values).sum(axis=0), 1)
         power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)

@@ -15,7 +15,11 @@ from scipy.interpolate import CubicSpline
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import (
+    bodies_to_coordinates,
+    coordinates_to_meshes,
+    cycles_per_shaft_turn,
+)
 from herringbone_sim.gap.observations.basis import (
     ORDERS,
     TURNS,
@@ -89,16 +93,6 @@ def cycles_per_member_turn(model: Model) -> dict[str, float]:
     """Mesh cycles per revolution of each member relative to the carrier."""
     p = model.parameters
     return {"sun": float(p.z_s), "planet": float(p.z_p), "ring": float(p.z_r)}
-
-
-def cycles_per_shaft_turn(model: Model) -> dict[str, float]:
-    """Mesh cycles per absolute revolution of suns, carrier and planets; the ring is fixed."""
-    p = model.parameters
-    return {
-        "s": p.z_s * p.z_r / (p.z_s + p.z_r),
-        "c": float(p.z_r),
-        "p": 1.0 / abs(1.0 / p.z_p - 1.0 / p.z_r),
-    }
 
 
 def law_functions(model: Model) -> list[Function]:

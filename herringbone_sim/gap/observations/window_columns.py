@@ -14,10 +14,11 @@ from numba import njit
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
+from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, force_column
 from herringbone_sim.gap.observations.body_motion import body_loads
-from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, cycles_per_shaft_turn
+from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import JUMP_SD, WindowSolution

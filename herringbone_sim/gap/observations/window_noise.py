@@ -1,8 +1,9 @@
 """Noise of the channels to which windows are fitted, where the campaign does not tell it.
 
 The top of a channel's spectrum says it badly there. The steps of an encoder may repeat with the
-motion, so that their error lies in a few lines and hardly at the top; the force of a mesh that
-loses contact has motion up to the top. What windows of the nominal gear leave bounds both.
+motion, so that their error lies in a few lines and hardly at the top; forces and accelerations
+of a gear that loses contact have motion up to the top. What windows of the nominal gear leave
+bounds both.
 """
 
 from __future__ import annotations
@@ -15,15 +16,16 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun, deciding
+from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.trajectory import Trajectory
 
 
 def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[PreparedRun, ...]:
-    """Runs with the noise of rotations raised and that of forces lowered to what windows leave.
+    """Runs with the noise of rotations raised, and of all else lowered, to what windows leave.
 
     That of a rotation is raised at most to that of its noisiest run of role ``fit``, as an effect
     that is not in the model leaves more. Noise that the campaign tells stays, and that of
-    accelerations, of which states may take up nearly all where a window has few samples.
+    accelerations where a window has no more readings than states, which then take up nearly all.
 
     Args:
         runs: all runs of a campaign, to which windows are fitted.
@@ -36,24 +38,31 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
         told = np.array([known and name not in run.detrended for name in rotations])
         sought = bool(np.any(run.u.recorded & ~told))
         if not known:
-            sought |= bool(run.F.recorded.any() or run.pin.recorded.any())
+            measured = (run.F, run.pin, run.a)
+            sought |= any(bool(one.recorded.any()) for one in measured)
         if not (sought and run.shafts_known):
             return run
-        left = Trajectory(run).noise_left()
+        trajectory = Trajectory(run)
+        left = trajectory.noise_left()
         raised = np.fmax(run.u.sigma, np.minimum(_of(rotations, left), most))
         run = replace(run, u=run.u.with_noise(np.where(told, run.u.sigma, raised)))
         if known:
             return run
         meshes = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
         pins = run.model.layout.channels_of("pin")
-        return replace(run, F=_lowered(run.F, meshes, left), pin=_lowered(run.pin, pins, left))
+        run = replace(run, F=_lowered(run.F, meshes, left), pin=_lowered(run.pin, pins, left))
+        _, samples, k = trajectory.recorded.measured.shape
+        if samples * k <= STATES:
+            return run
+        accelerations = tuple(f"a_{body}" for body in run.model.layout.bodies)
+        return replace(run, a=_lowered(run.a, accelerations, left))
 
     return tuple(parallel_map(learned, runs))
 
 
-def _lowered(forces: Measured, names: Sequence[str], left: Mapping[str, float]) -> Measured:
-    """Forces with their noise lowered to what is left of each."""
-    return forces.with_noise(np.fmin(forces.sigma, _of(names, left)))
+def _lowered(channels: Measured, names: Sequence[str], left: Mapping[str, float]) -> Measured:
+    """Channels with their noise lowered to what is left of each."""
+    return channels.with_noise(np.fmin(channels.sigma, _of(names, left)))
 
 
 def _of(names: Sequence[str], left: Mapping[str, float]) -> Array:

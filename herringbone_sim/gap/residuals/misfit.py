@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.residuals.fusion import Fused
@@ -83,19 +83,21 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
 def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     """Median (g, h) over the meshes of x + e = g G u + h e, with G = D B; ideally (1, 0).
 
-    A delay between x and u is fitted too. The noise of u is subtracted from the normal equations,
-    as it would bias g. NaN where u is incomplete, or its motion too small or collinear with e.
+    A delay between x and u is fitted too, and lines once a turn of each body, as gratings off
+    centre show. The noise of u is subtracted from the normal equations, as it would bias g. NaN
+    where u is incomplete, or its motion too small or collinear with e.
     """
     if not (run.u.complete and run.x.recorded.any()):
         return np.nan, np.nan
     G = bodies_to_meshes(run.model)
     given = run.u.values @ G.T
     noise = (G**2) @ run.u.sigma**2
+    lines = _once_a_turn(run)
     pairs = []
     for j in np.flatnonzero(run.x.recorded):
         s, e, late = given[:, j], run.waves.e[:, j], run.waves.e_rate[:, j]
         J = np.stack([s, e, late * run.cycle_s, np.gradient(s)], axis=1)
-        J = J - J.mean(axis=0)
+        J = J - lines @ (lines.T @ J)
         square = J.T @ J
         whole, slope, cross = square[0, 0], square[3, 3], abs(square[0, 1])
         square[0, 0] -= len(s) * noise[j]
@@ -108,6 +110,13 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
         return np.nan, np.nan
     of_u, of_e = np.median(pairs, axis=0)
     return float(of_u), float(of_e)
+
+
+def _once_a_turn(run: PreparedRun) -> Array:
+    """Orthonormal columns (n, 7): a constant, and lines once a turn of suns, carrier, planets."""
+    angles = [run.phase / cycles for cycles in cycles_per_shaft_turn(run.model).values()]
+    waves = [wave(angle) for angle in angles for wave in (np.cos, np.sin)]
+    return np.linalg.qr(np.stack([np.ones(len(run)), *waves], axis=1))[0]
 
 
 def unexplained_force_shares(run: PreparedRun, fused: Fused) -> Array:

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.data.noise import spectral_floor
+from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.noise import resolution, spectral_floor
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
@@ -23,12 +24,17 @@ LEAST = 0.3  # least noise of a force over that from its spectrum
 
 
 def with_estimated_noise(run: PreparedRun) -> PreparedRun:
-    """Lower the noise of each quantity to that of its residual; it is never raised.
+    """Lower the noise of each quantity to that of its residual; that of x may be raised to it.
 
-    That of a channel of which it is told stays.
+    That of x alone, as that of u is at least that of its steps, which x has where it is computed
+    from them. What is told of a channel stays, and no noise falls below that of its steps.
     """
     motion, rate = (_noise_ratio(residual) for residual, _ in geometric_residuals(run))
-    run = replace(run, x=_scaled(run.x, motion), u=_scaled(run.u, motion), v=_scaled(run.v, rate))
+    if motion > 1.0:
+        run = replace(run, x=_scaled(run.x, _ratio_of_x(run, motion)))
+    lower = min(motion, 1.0)
+    run = replace(run, x=_scaled(run.x, lower), u=_scaled(run.u, lower))
+    run = replace(run, v=_scaled(run.v, min(rate, 1.0)))
     fused = fuse(run)
     law = force_law(run, fused, np.ones(6))
     known = np.isfinite(law.residual_n).all(axis=0)
@@ -43,12 +49,36 @@ def with_estimated_noise(run: PreparedRun) -> PreparedRun:
 
 
 def _noise_ratio(residual: Array) -> float:
-    """Noise of whitened residuals (n, d) over the assumed one, at most 1; 1 where unknown."""
+    """Noise of whitened residuals (n, d) over the assumed one; 1 where unknown.
+
+    Over the upper half of the band, where no error of a grating lies, and over the combinations
+    that are not zero: errors of steps lie in lines where the motion is periodic, and of channels
+    that were computed from others in fewer combinations than there are.
+    """
     if not residual.size or not np.isfinite(residual).all():
         return 1.0
-    ratio = float(np.sqrt(np.mean(spectral_floor(residual) ** 2)))
-    return 1.0 if ratio < COPY else min(1.0, ratio)
+    window = np.hanning(len(residual))[:, None]
+    spectrum = np.fft.rfft(residual * window, axis=0)
+    upper = spectrum[len(spectrum) // 2 : -1]
+    power = np.real(upper.conj().T @ upper) / (len(upper) * np.sum(window**2))
+    of_combinations = np.linalg.eigvalsh(power)
+    noisy = of_combinations[of_combinations > COPY**2]
+    return float(np.sqrt(np.mean(noisy))) if len(noisy) else 1.0
+
+
+def _ratio_of_x(run: PreparedRun, ratio: float) -> float:
+    """Factor on the noise of x where the residual of x and u is ``ratio`` times as assumed."""
+    both = run.x.recorded.any() and run.u.recorded.any()
+    if not both:
+        return ratio
+    rows = coordinates_to_meshes(run.model.layout) @ bodies_to_coordinates(run.model)
+    there = run.x.recorded
+    of_x = float(np.mean(run.x.sigma[there] ** 2))
+    of_u = float(np.mean((rows[there] ** 2) @ np.nan_to_num(run.u.sigma) ** 2))
+    return float(np.sqrt(1.0 + (ratio**2 - 1.0) * (1.0 + of_u / of_x)))
 
 
 def _scaled(measured: Measured, scale: float) -> Measured:
-    return measured.with_noise(scale * measured.sigma)
+    """Channels with their noise scaled, but not below that of their steps."""
+    of_steps = resolution(measured.values) / np.sqrt(12.0)
+    return measured.with_noise(np.fmax(scale * measured.sigma, of_steps))
