@@ -1,4 +1,7 @@
-"""Examine a campaign: score none, single effects and pairs; test what they leave unexplained."""
+"""Examine a campaign: score none, single effects and pairs; test what they leave unexplained.
+
+Over 300 lines: the order of the search stands in one function, with what it alone calls.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,7 @@ from herringbone_sim.diagnosis.fits import (
     fit_again,
     fit_best,
     fit_pairs,
+    fit_rivals_of_first,
     rank,
     refit_first_alone,
     refit_second_alone,
@@ -143,6 +147,9 @@ def examine(
                     singles = tuple(sorted((first, *others), key=lambda f: f.loss))
                     flexible["single"] = _predictable_remainder(search, singles[0], left)
             second = refit_second_alone(search, singles, pairs)
+            if second is not None:
+                pairs = _ranked(pairs, fit_rivals_of_first(search, second, singles, pairs))
+                flexible["pair"] = _predictable_remainder(search, pairs[0], left)
             if second is not None and second.loss < singles[0].loss:
                 singles = (second, *singles)
                 flexible["single"] = _predictable_remainder(search, second, left)
@@ -153,7 +160,7 @@ def examine(
                 and _predicted_energy(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
                 more = fit_pairs(search, catalogue, second, 0.0, singles)
-                pairs = tuple(sorted((*pairs, *more), key=lambda f: f.loss))
+                pairs = _ranked(pairs, more)
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
     screened: dict[str, float] = {}
     for value, one, _ in ranked:
@@ -228,6 +235,13 @@ def _with_noise(
     none = FittedExplanation((), search.settled(search.null))
     again = [replace(f, score=search.settled(f.score)) for f in singles]
     return search, none, tuple(sorted(again, key=lambda f: f.loss))
+
+
+def _ranked(
+    some: Sequence[FittedExplanation], more: Sequence[FittedExplanation]
+) -> tuple[FittedExplanation, ...]:
+    """Both, best first."""
+    return tuple(sorted((*some, *more), key=lambda f: f.loss))
 
 
 def _recorded_rows(energy: Array) -> NDArray[np.bool_]:

@@ -43,6 +43,11 @@ class FittedExplanation:
     search: Search | None = None
 
     @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids of the effects."""
+        return tuple(h.effect for h in self.hypotheses)
+
+    @property
     def loss(self) -> float:
         """What is left of all runs, each predicted from the others, see ``Score.loss``."""
         return self.score.loss
@@ -105,14 +110,19 @@ def rank(
 def fit_best(
     search: Search, ranked: Ranking, most: int, per_effect: int
 ) -> tuple[FittedExplanation, ...]:
-    """Fit the best hypotheses exactly, ``most`` in all and ``per_effect`` of an effect."""
+    """Fit the best hypotheses exactly, ``most`` in all and ``per_effect`` of an effect.
+
+    Of an effect that the screen sees in other observations, as an error of gauges and one of
+    encoders, each counts by itself: what the others would gain is not screened.
+    """
     fits: list[FittedExplanation] = []
-    per: dict[str, int] = {}
+    per: dict[tuple[str, frozenset[str]], int] = {}
     for _, one, start in ranked:
         if len(fits) == most:
             break
-        if per.get(one.effect, 0) < per_effect:
-            per[one.effect] = per.get(one.effect, 0) + 1
+        family = (one.effect, one.screened_in)
+        if per.get(family, 0) < per_effect:
+            per[family] = per.get(family, 0) + 1
             fits.append(_fitted(search, one, start))
     return tuple(sorted(fits, key=lambda f: f.loss))
 
@@ -243,17 +253,34 @@ def refit_second_alone(
 ) -> FittedExplanation | None:
     """Fit the second effect of the best pair on its own.
 
-    It may have been missed by the screen while the first effect was not in the model. None if
-    there is no pair, or if the effect was proposed from the residual of the first one, on which
-    its functions depend.
+    It may have been missed by the screen while the first effect was not in the model. Not one that
+    was proposed from the residual of the first, on which its functions depend: then that of the
+    next best pair. None if there is none.
     """
-    if not pairs:
+    pair = next((f for f in pairs if f.hypotheses[1].source is None), None)
+    if pair is None:
         return None
-    one = pairs[0].hypotheses[1]
-    if one.source is not None:
-        return None
+    one = pair.hypotheses[1]
     for f in singles:
         if _key(f.hypotheses[0]) == _key(one):
             return f
-    start = np.concatenate([search.null.mean, pairs[0].score.mean[-len(one.coefficients) :]])
+    start = np.concatenate([search.null.mean, pair.score.mean[-len(one.coefficients) :]])
     return FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))
+
+
+def fit_rivals_of_first(
+    search: Search,
+    second: FittedExplanation,
+    singles: Sequence[FittedExplanation],
+    pairs: Sequence[FittedExplanation],
+) -> tuple[FittedExplanation, ...]:
+    """Fit pairs of the second effect of a pair with others that were fitted alone.
+
+    The first effect was the best one alone, while the second was not in the model.
+    """
+    own = second.hypotheses[0]
+    tried = {h.effect for f in pairs for h in f.hypotheses if own.effect in f.effects}
+    others = [f for f in singles if f.hypotheses[0].effect not in tried]
+    then = search.onwards(search.machine, second.score)
+    fits = _beside_singles(then, own, others, ())
+    return tuple(FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)

@@ -130,6 +130,11 @@ class Hypothesis:
         return dict(self.options).get("law")
 
     @property
+    def screened_in(self) -> frozenset[str]:
+        """Observations in which a linear screen sees it."""
+        return frozenset(o for c in self.coefficients for o in c.placements)
+
+    @property
     def is_linear(self) -> bool:
         """Whether its columns stay as they are when its coefficients change."""
         return all(c.scales_with_effect for c in self.coefficients)
