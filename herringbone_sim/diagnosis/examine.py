@@ -147,7 +147,7 @@ def examine(
                     singles = tuple(sorted((first, *others), key=lambda f: f.loss))
                     flexible["single"] = _predictable_remainder(search, singles[0], left)
             second = refit_second_alone(search, singles, pairs)
-            if second is not None:
+            if second is not None and not machine.estimates_states:  # for run time
                 pairs = _ranked(pairs, fit_rivals_of_first(search, second, singles, pairs))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
             if second is not None and second.loss < singles[0].loss:

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from herringbone_sim.arrays import rms
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
-from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search, amplitudes
 from herringbone_sim.effects.channels import between
 from herringbone_sim.gap.data.geometry import (
     bodies_to_coordinates,
@@ -329,6 +329,22 @@ def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:
     gain = made.label["effects"][0]["parameters"]["gain"]["value"]
     # One rate beside displacements with other sensors' noise: a sixth of the size is missed.
     assert cause["parameters"]["gain"]["value"] - 1.0 == pytest.approx(gain - 1.0, rel=0.2)
+
+
+def test_an_exchange_is_whole_or_none() -> None:
+    """Two sensors of a healthy rig that move alike: a share of an exchange would average their
+    noise, and leave less than none."""
+    made = make_campaign(draw_plan(640500, "none", noise=RequestedNoise("coloured")))
+    campaign = calibrated_sensors(with_few_runs(as_prepared(made)))
+    names = ("x_sp1_L", "x_sp3_L")
+    machine = GearMachine(Gear(campaign.of_role("fit"), stride=2, swap=names))
+    search = Search(machine)
+    none = search.settled(search.null)
+    (exchange,) = [h for h in machine.hypotheses() if dict(h.options).get("channels") == names]
+    start = np.append(none.mean, 1.0)
+    found = search.settled(search.refined(exchange.coefficients, start))
+    assert found.mean[-1] == pytest.approx(1.0, abs=2e-3)
+    assert found.in_sample > none.in_sample - CHANCE_CHI2
 
 
 def test_steps_of_an_encoder_are_seen_through_the_steady_rotation() -> None:

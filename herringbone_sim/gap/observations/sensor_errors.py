@@ -19,6 +19,9 @@ from herringbone_sim.gap.sensors.groups import groups_of
 
 GAIN = 0.05  # moderate error of a gain; a moderate bias is this share of the RMS; chosen
 LARGEST_GAIN = 0.95  # a gain keeps its sign
+# Largest departure from 1 of an exchange, which is present or absent: a share of it would average
+# the noise of both channels where they move alike.
+EXCHANGE = 1e-3
 
 
 def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
@@ -56,7 +59,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         weights[balance.NAME, f"F of {i}"] = apart
         weights[balance.NAME, f"F of {j}"] = -apart
         names = (f"F_{layout.meshes[i]}", f"F_{layout.meshes[j]}")
-        one = builder.coefficient("swap", weights, 1e-3, center=1.0)
+        one = builder.coefficient("swap", weights, EXCHANGE, EXCHANGE, 1.0)
         yield Hypothesis("channel_swap", (("channels", names),), Locus(), (one,), 1)
 
 
@@ -83,7 +86,9 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             )
             yield Hypothesis(effect, (("channels", group.names),), locus, (one,), 1)
     if gear.swap is not None:
-        one = builder.coefficient("swap", {(consistency.NAME, "swap"): 1.0}, 1e-3, center=1.0)
+        one = builder.coefficient(
+            "swap", {(consistency.NAME, "swap"): 1.0}, EXCHANGE, EXCHANGE, 1.0
+        )
         yield Hypothesis("channel_swap", (("channels", gear.swap),), Locus(), (one,), 1)
 
 
@@ -119,7 +124,7 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     for f in gear.functions[trajectory.NAME]:
         if f.startswith(SWAP_PREFIX):
             pair = tuple(f.removeprefix(SWAP_PREFIX).split(" and "))
-            one = builder.coefficient("swap", {(trajectory.NAME, f): 1.0}, 1e-3, center=1.0)
+            one = builder.coefficient("swap", {(trajectory.NAME, f): 1.0}, EXCHANGE, EXCHANGE, 1.0)
             yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (one,), 1)
 
 
