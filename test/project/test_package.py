@@ -189,10 +189,12 @@ def test_an_sdist_holds_what_setup_py_reads_and_what_the_tests_need(tmp_path: Pa
     found = distribution()
     shared = {name for _, names in found.data_files for name in names}
     data = {
-        f"{package.replace('.', '/')}/{name}"
+        str(path.relative_to(ROOT))
         for package, names in found.package_data.items()
         for name in names
+        for path in ROOT.joinpath(*package.split(".")).glob(name)
     }
+    assert "herringbone_sim/views/pages/templates/gap.html" in data
     wanted = {str(path.relative_to(ROOT)) for path in ROOT.glob("requirements*.txt")}
     wanted |= {"README.md", "LICENSE", "CHANGELOG.rst", "CITATION.cff", "CONTRIBUTING.md"}
     wanted |= {"herringbone_sim/version.py", "test/data/evidence.jsonl", "scripts/setup.sh"}
